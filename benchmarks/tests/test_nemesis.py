@@ -14,7 +14,7 @@ from paper.cells import nemesis as module
 from paper.cells.history import History
 from paper.cells.nemesis import DRAINED, FAULTS, TAKES_A_CELL, Context, Fault, Nemesis, Target
 
-Deeds = list[tuple[str, str]]
+Actions = list[tuple[str, str]]
 
 
 def context(seed: int = 1, cells: str = "abc") -> Context:
@@ -22,16 +22,16 @@ def context(seed: int = 1, cells: str = "abc") -> Context:
     return Context(site, cast(Any, {"robots-1": None, "robots-2": None}), Random(seed))
 
 
-def noting(deeds: Deeds, *, failing: str = "") -> dict[str, Fault]:
+def noting(actions: Actions, *, failing: str = "") -> dict[str, Fault]:
     """Faults that only note what is done."""
 
     def fault(name: str) -> Fault:
         def mend(_: Context, __: Target) -> None:
-            deeds.append(("mend", name))
+            actions.append(("mend", name))
             if name == failing:
                 raise RuntimeError("it is on fire")
 
-        return replace(FAULTS[name], do=lambda _, __: deeds.append(("do", name)), mend=mend)
+        return replace(FAULTS[name], do=lambda _, __: actions.append(("do", name)), mend=mend)
 
     return {name: fault(name) for name in FAULTS}
 
@@ -49,8 +49,8 @@ def history(tmp_path: Path) -> Iterator[History]:
     item.close()
 
 
-def open_nemesis(history: History, deeds: Deeds, **how: Any) -> Nemesis:
-    return Nemesis(context(), history, noting(deeds, **how))
+def open_nemesis(history: History, actions: Actions, **how: Any) -> Nemesis:
+    return Nemesis(context(), history, noting(actions, **how))
 
 
 def test_the_seed_decides(history: History) -> None:
@@ -63,9 +63,9 @@ def test_the_seed_decides(history: History) -> None:
 
 
 async def test_one_cell_stays_whole(history: History, quick: None) -> None:
-    deeds: Deeds = []
-    await open_nemesis(history, deeds).run(1.0)
-    takers = [what for what, name in deeds if name in TAKES_A_CELL - {DRAINED}]
+    actions: Actions = []
+    await open_nemesis(history, actions).run(1.0)
+    takers = [what for what, name in actions if name in TAKES_A_CELL - {DRAINED}]
     # One of them is mended before the next is done; a drain may be beside it.
     assert takers[::2] == ["do"] * len(takers[::2])
     assert takers[1::2] == ["mend"] * len(takers[1::2])

@@ -171,10 +171,11 @@ def test_no_identifier_has_a_banned_word() -> None:
     assert sorted(set(ALLOWED) - {key for _, key in allowed}) == []
 
 
-def test_no_test_calls_its_subject_one() -> None:
-    """What a loop or a lambda of the tests and benchmarks has in hand has the noun of the thing."""
+def test_no_loop_calls_its_subject_one() -> None:
+    """What a loop of a template, or a loop or a lambda of the tests, has in hand has the noun of the thing."""
     pronoun = re.compile(r"\b(?:for|lambda) (?:\w+, )*one\b(?= in|[:,])")
     files = [path for name in ("tests", "benchmarks") for path in (ROOT / name).rglob("*.py")]
+    files += PACKAGES["server"].rglob("*.html")
     assert [str(path) for path in files if pronoun.search(path.read_text("utf-8"))] == []
 
 

@@ -99,7 +99,7 @@ class Camera:
         """Go to a page."""
         open_page(self.page, self.site, path)
 
-    def do_deed(self, path: str) -> None:
+    def confirm_action(self, path: str) -> None:
         """Say yes on a page that asks."""
         self.open(path)
         self.page.get_by_test_id("deed-do").click()
@@ -277,7 +277,7 @@ def a_stranger(site: Site, browser: Browser) -> Iterator[None]:
     finally:
         page = browser.new_page(ignore_https_errors=True)
         log_in(page, site)
-        Camera(page, site, "").do_deed(f"/admin/robots/{STRANGERS_NAME}/remove")
+        Camera(page, site, "").confirm_action(f"/admin/robots/{STRANGERS_NAME}/remove")
         page.close()
 
 

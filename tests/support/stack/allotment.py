@@ -29,7 +29,7 @@ def shell_owners(admin_database: Database) -> dict[int, int]:
 
 
 def at_once(
-    database: Database, count: int, deed: Callable[[Transaction, int], object]
+    database: Database, count: int, action: Callable[[Transaction, int], object]
 ) -> list[str]:
     """Do something in as many threads, all inside their transactions at the same time; return what failed."""
     together = threading.Barrier(count)
@@ -39,7 +39,7 @@ def at_once(
         try:
             with database.transaction() as tx:
                 together.wait(20)
-                deed(tx, number)
+                action(tx, number)
         except (LookupError, RobotetherError, threading.BrokenBarrierError) as error:
             failures.append(f"{type(error).__name__}: {error.__cause__ or error}")
 

@@ -43,7 +43,7 @@ def ask(relay, http, people):
 
 
 async def test_everybody_who_sees_a_robot_may_stop_it_and_drivers_release_it(relay, guarded, ask):
-    """Each deed is answered with the control object; a release of a robot that is free is none."""
+    """Each request is answered with the control object; a release of a robot that is free is none."""
     assert (await ask("POST", f"{SIM1}/stop", "eve"))[0] == 404
     status, body = await ask("POST", f"{SIM1}/stop", "bob", {"reason": "smoke"})
     assert status == 200

@@ -69,7 +69,7 @@ async def test_two_may_release_a_robot_at_once(relay, guarded, sim1):
 
 @pytest.mark.parametrize("name", ["ben", "b" * 63, "somebody at the robot (ben)"])
 async def test_a_name_that_only_a_robot_tells_is_shown_as_such(relay, guarded, sim1, name):
-    """Nobody's deed is made up by a robot; a name that went to it and came back stays as it was."""
+    """Nobody's action is made up by a robot; a name that went to it and came back stays as it was."""
     stops = relay.relay.control.stops
     guarded.session.stopped, guarded.session.stopped_by = True, name
     guarded.session.send_guard_status()

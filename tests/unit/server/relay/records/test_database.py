@@ -341,7 +341,7 @@ def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "deed", "ends"),
+    ("kind", "action", "ends"),
     [
         ("login", log_out, True),
         ("login", change_password, True),
@@ -352,7 +352,7 @@ def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
     ],
 )
 async def test_what_ends_a_credential_ends_what_it_opened(
-    *, patient, database, ann, http, kind, deed, ends
+    *, patient, database, ann, http, kind, action, ends
 ):
     """In the real database: logins end with log-out and new password, tokens when deleted."""
     with database.transaction() as tx:
@@ -369,7 +369,7 @@ async def test_what_ends_a_credential_ends_what_it_opened(
             answer = asyncio.create_task(socket.receive())
             await relay.relay.fleet.poll()
             with database.transaction() as tx:
-                deed(tx, user, text)
+                action(tx, user, text)
             await relay.relay.fleet.poll()
             if ends:
                 with Stopwatch() as stopwatch:

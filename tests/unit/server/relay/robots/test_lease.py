@@ -144,19 +144,19 @@ def test_the_control_is_handed_to_the_one_who_is_named():
     assert (lease.driver, lease.reserved(at(4)).user) == (None, CARL)
 
 
-def test_wrong_deeds_have_names():
+def test_wrong_actions_have_names():
     lease = Lease()
-    for deed in (lease.ask, lease.take, lease.refuse, lease.hand_over):
+    for action in (lease.ask, lease.take, lease.refuse, lease.hand_over):
         with pytest.raises(LeaseFreeError):
-            deed(BEN, at(0))
+            action(BEN, at(0))
     driven_by(ANN, lease)
     with pytest.raises(LeaseFreeError):
         lease.ask(ANN, at(0))
-    for deed in (lease.refuse, lease.hand_over):
+    for action in (lease.refuse, lease.hand_over):
         with pytest.raises(NobodyAsksError):
-            deed(ANN, at(0))
+            action(ANN, at(0))
         with pytest.raises(LeaseNotYoursError):
-            deed(BEN, at(0))
+            action(BEN, at(0))
     assert lease.ask(BEN, at(0))
     assert not lease.ask(BEN, at(1))
     with pytest.raises(AlreadyAskedError):
@@ -293,11 +293,11 @@ class LeaseMachine(RuleBasedStateMachine):
             self.open.discard(holder)
             self.lease.end(holder, self.now)
 
-    @rule(user=users, deed=st.sampled_from(["ask", "refuse", "hand_over", "take"]))
-    def act(self, user, deed):
+    @rule(user=users, action=st.sampled_from(["ask", "refuse", "hand_over", "take"]))
+    def act(self, user, action):
         with contextlib.suppress(RobotetherError):
-            result = getattr(self.lease, deed)(user, self.now)
-            if deed in {"hand_over", "take"} and result is not None and result.driver is not None:
+            result = getattr(self.lease, action)(user, self.now)
+            if action in {"hand_over", "take"} and result is not None and result.driver is not None:
                 self.open.discard(result.driver.holder)
 
     @rule()
