@@ -28,24 +28,6 @@ from robotether_agent.guard.topics import (
 from sim_client import until
 
 
-async def test_a_command_goes_on_without_its_stamp(world: World) -> None:
-    """Written anew, with the client's id."""
-    await world.drive(0.5, id="c1", latch=True, queue_size=1)
-    assert world.publisher.sent == [
-        {
-            "op": "publish",
-            "topic": "/cmd_vel",
-            "id": "c1",
-            "msg": {
-                "linear": {"x": 0.5, "y": 0.0, "z": 0.0},
-                "angular": {"x": 0.0, "y": 0.0, "z": 0.0},
-            },
-        }
-    ]
-    assert world.source.refused == []
-    assert world.controller.moving
-
-
 async def test_zeros_follow_when_commands_stop(world: World) -> None:
     """Ten, and then the guard is silent and its mark gone."""
     await world.drive(0.5)
@@ -116,14 +98,6 @@ async def test_a_command_without_a_time_is_refused(world: World, t_ms: object) -
     await world.drive(0.5, robotether=3)
     assert world.publisher.sent == []
     assert world.source.kinds == ["old", "fence"]
-
-
-async def test_a_direct_connection_needs_no_time(world: World) -> None:
-    world.authorizer.lease(13, held=False)
-    world.authorizer.direct = True
-    direct = FakeSource(Authorization("direct"))
-    await world.send(direct, op="publish", msg={"linear": {"x": 1}})
-    assert world.publisher.speeds == [1.0]
 
 
 def seen(world: World, *frames: int) -> dict[str, object]:
@@ -214,17 +188,21 @@ async def test_a_command_that_waits_too_long_is_dropped(
     assert world.source.kinds == ["old"]
 
 
-async def test_a_direct_command_that_waits_too_long_is_dropped(world: World) -> None:
+async def test_a_direct_command_needs_no_time_and_is_dropped_when_it_waits_too_long(
+    world: World,
+) -> None:
     world.authorizer.lease(13, held=False)
     world.authorizer.direct = True
-    world.publisher.full = True
     direct = FakeSource(Authorization("direct"))
+    world.publisher.full = True
     await world.send(direct, op="publish", msg={"linear": {"x": 1}})
     await world.pass_time(0.51)
     world.publisher.full = False
     await world.pass_time(1)
     assert world.publisher.sent == []
     assert direct.kinds == ["old"]
+    await world.send(direct, op="publish", msg={"linear": {"x": 1}})
+    assert world.publisher.speeds == [1.0]
 
 
 @pytest.mark.parametrize("reason", ["old", "held"])

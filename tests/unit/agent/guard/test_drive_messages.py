@@ -210,11 +210,6 @@ def test_each_shape_comes_out_as_it_went_in(message: dict[str, Any]) -> None:
     assert write_command(read_command(message, None)) == message
 
 
-def test_what_is_left_out_is_zero() -> None:
-    command = read_command({"linear": {"x": 1}}, None)
-    assert (command.linear, command.angular) == ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
 def test_the_advertised_type_decides_only_when_the_message_says_nothing() -> None:
     assert read_command({}, "ackermann").shape == "ackermann"
     assert read_command({"header": {}}, "twist_stamped").shape == "twist_stamped"
@@ -347,12 +342,6 @@ def test_braking_is_never_delayed(
 @given(commands, step, limits)
 def test_a_stop_is_a_stop(before: CheckedCommand, step_s: float, within: DriveLimits) -> None:
     assert not limited(CheckedCommand("twist"), before, step_s, within).moves
-
-
-def test_speed_grows_by_the_acceleration() -> None:
-    """From 1 m/s with 2 m/s2, 50 ms later: 1.1 m/s."""
-    got = limited(driven(5), driven(1), 0.05, DriveLimits(max_acceleration_m_s2=2))
-    assert math.isclose(got.linear[0], 1.1)
 
 
 def test_a_pause_is_not_made_up_for() -> None:

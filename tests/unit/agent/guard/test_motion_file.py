@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 from robotether_agent.guard.topics import REMOVED_AFTER_S, Driven, MotionFile, MotionTracker
-from robotether_agent.problems import StateUnusableError
 
 DRIVEN = [
     Driven("/cmd_vel", "twist"),
@@ -36,12 +35,6 @@ def test_motion_is_kept_for_the_next_guard(tmp_path: Path) -> None:
 def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None:
     (tmp_path / "motion.json").write_text(text)
     assert MotionFile(tmp_path).read() == []
-
-
-def test_a_directory_that_is_gone_is_a_problem(tmp_path: Path) -> None:
-    gone = tmp_path / "gone"
-    with pytest.raises(StateUnusableError):
-        MotionFile(gone).write(DRIVEN)
 
 
 def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from robotether_agent.guard.drive_messages import (
     CheckedCommand,
     DriveMessageRefusedError,
-    MessageId,
 )
 from robotether_agent.guard.topics import (
     MAX_TOPICS,
@@ -21,19 +20,6 @@ from robotether_agent.guard.topics import (
     Topic,
     Topics,
 )
-from robotether_common.guard import RefusedKind
-
-
-class Nobody:
-    """A source that hears nothing."""
-
-    authorization = Authorization("observe")
-
-    def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
-        """Drop it."""
-
-    def notify(self, data: bytes) -> None:
-        """Drop it."""
 
 
 def stays(_: Topic) -> bool:
@@ -129,7 +115,7 @@ def test_topics_that_moved_keep_their_places_for_a_new_driver() -> None:
 
 def test_what_a_source_sent_goes_with_it() -> None:
     """What waits is forgotten, and no reference to it stays."""
-    topics, on_disconnected, other = Topics(), Nobody(), Nobody()
+    topics, on_disconnected, other = Topics(), FakeSource(), FakeSource()
     for name, source in (("/a", on_disconnected), ("/b", other)):
         topic = topics.add(name)
         topic.source, topic.waiting = (
