@@ -13,10 +13,6 @@ from robotether_agent.status import Status, read_status
 from robotether_agent.upgrade import Layout
 
 SYSTEMCTL = Path(__file__).with_name("fake_systemctl")
-# What a version's command does, by its name; the broken ones are doubles of bad releases.
-GOOD = "exec {python} -m robotether_agent $@"
-DIES = "echo broken >&2; exit 1"
-DEAF = "export ROBOTETHER_SSH_HOST=127.0.0.1 ROBOTETHER_SSH_PORTS=1; exec {python} -m robotether_agent $@"
 
 
 class InstalledAgent:
@@ -41,20 +37,16 @@ class InstalledAgent:
             "FAKE_SYSTEMD": str(self._systemd),
         }
 
-    def add(self, name: str, command: str = GOOD, unit: str = "a unit file\n") -> Path:
+    def add(self, name: str, unit: str = "a unit file\n") -> Path:
         """Install a version beside the others."""
         version = self.layout.base / "versions" / name
         (version / "bin").mkdir(parents=True)
         (version / "share/robotether-agent").mkdir(parents=True)
         script = version / "bin/robotether-agent"
-        script.write_text(f"#!/bin/sh\n{command.format(python=sys.executable)}\n")
+        script.write_text(f"#!/bin/sh\nexec {sys.executable} -m robotether_agent $@\n")
         script.chmod(0o755)
         (version / "share/robotether-agent/robotether-agent.service").write_text(unit)
         return version
-
-    def use(self, version: Path) -> None:
-        """Put a version in use as an installer does."""
-        self.layout.use(version)
 
     @property
     def calls(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""One version takes the other's place, or gives it back, with real agents under a double of systemctl."""
+"""One version takes the other's place, or gives it back, and tells how it ended."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ import json
 import os
 import shutil
 import subprocess
-from collections.abc import AsyncIterator
+import time
+from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 from fake_cloud import eventually
-from installed_agent import DEAF, DIES, GOOD, InstalledAgent
-from robotether_agent import systemd
-from robotether_agent.files import only_one
+from installed_agent import InstalledAgent
+from robotether_agent import systemd, upgrade
+from robotether_agent.files import only_one, write_atomic
 from robotether_agent.problems import AlreadyRunningError, StateUnusableError, UpgradeFailedError
+from robotether_agent.status import FILE, Status, read_status
 from robotether_agent.upgrade import (
     BOOT,
     COMMAND,
@@ -31,29 +34,84 @@ WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
 WAIT_S = 12.0
 
 
+def version(layout: Layout, name: str) -> Path:
+    return layout.base / "versions" / name
+
+
+class Robot:
+    """A robot with versions, whose boot service is in the state that the version in use is named after at once."""
+
+    def __init__(self, place: Path) -> None:
+        self.layout = Layout(place / "opt", place / "unit")
+        self.run_dir = place / "run"
+        self.run_dir.mkdir()
+        self.calls: list[str] = []
+        self.state = "active"
+        self.pid = 1000
+        self.layout.use(self.add("1"))
+        self.restart()
+
+    def add(self, name: str, reaches: str = "connected") -> Path:
+        """Install a version whose agent gets as far as it says; `dies` does not start."""
+        path = version(self.layout, name)
+        for file, text in ((COMMAND, reaches), (NEW_UNIT, f"unit of {name}")):
+            (path / file).parent.mkdir(parents=True)
+            (path / file).write_text(text)
+        (path / COMMAND).chmod(0o755)
+        return path
+
+    def restart(self) -> None:
+        self.calls.append("restart")
+        reaches = (self.layout.in_use() / COMMAND).read_text()
+        if reaches == "dies":
+            self.become("inactive")
+            raise UpgradeFailedError("cannot do systemctl restart")
+        self.pid += 1
+        status = Status(state=reaches, pid=self.pid, written_at=time.time())
+        write_atomic(self.run_dir / FILE, json.dumps(asdict(status)), 0o644)
+
+    def become(self, state: str) -> None:
+        """End the agent, with this word of systemd's."""
+        self.state = state
+        (self.run_dir / FILE).unlink(missing_ok=True)
+
+    def status(self) -> Status:
+        found = read_status(self.run_dir)
+        assert found is not None
+        return found
+
+    def change(self, wait_s: float = 5.0) -> Upgrade:
+        return Upgrade(self.layout, self.run_dir, wait_s, stable_s=0)
+
+    def switch(self, target: Path, wait_s: float = 5.0) -> UpgradeReport:
+        return self.change(wait_s).to(target)
+
+    @property
+    def in_use(self) -> str:
+        return self.layout.in_use().name
+
+    @property
+    def written(self) -> dict[str, object]:
+        return json.loads((self.layout.base / "last-switch.json").read_text())
+
+    @property
+    def installed(self) -> list[str]:
+        return sorted(path.name for path in (self.layout.base / "versions").iterdir())
+
+
 @pytest.fixture
 def layout(tmp_path) -> Layout:
     """A folder with two versions, the first in use."""
-    made = Layout(tmp_path / "opt", tmp_path / "unit")
-    for name in ("1", "2"):
-        for file in (COMMAND, NEW_UNIT):
-            path = version(made, name) / file
-            path.parent.mkdir(parents=True)
-            path.write_text(f"of {name}\n")
-        (version(made, name) / COMMAND).chmod(0o755)
-    made.use(version(made, "1"))
-    return made
-
-
-def version(layout: Layout, name: str) -> Path:
-    return layout.base / "versions" / name
+    made = Robot(tmp_path)
+    made.add("2")
+    return made.layout
 
 
 def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
     """A link within the folder, so that a copied disk or a chroot leads to its own version."""
     assert (layout.base / "current").readlink() == Path("versions/1")
     assert layout.in_use() == version(layout, "1")
-    assert (layout.base / "current" / COMMAND).read_text() == "of 1\n"
+    assert (layout.base / "current" / COMMAND).read_text() == "connected"
 
 
 def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
@@ -127,146 +185,125 @@ class PowerCut(BaseException):
         raise PowerCut
 
 
-class Robot(InstalledAgent):
-    """An installed agent whose versions change."""
-
-    async def switch(self, target, wait_s: float = WAIT_S) -> UpgradeReport:
-        change = Upgrade(self.layout, self.run_dir, wait_s, stable_s=0.3)
-        return await asyncio.to_thread(change.to, target)
-
-    async def start(self) -> None:
-        await asyncio.to_thread(systemd.restart)
-
-    async def until(self, state: str) -> None:
-        def reached() -> bool:
-            status = self.status()
-            return status is not None and status.state == state
-
-        await eventually(reached, lambda: f"{state}: {self.status()}")
-
-    @property
-    def in_use(self) -> str:
-        return self.layout.in_use().name
-
-    @property
-    def written(self) -> dict[str, object]:
-        return json.loads((self.layout.base / "last-switch.json").read_text())
-
-    @property
-    def installed(self) -> list[str]:
-        return sorted(path.name for path in (self.layout.base / "versions").iterdir())
-
-
 @pytest.fixture
-async def robot(place, make_cloud, monkeypatch) -> AsyncIterator[Robot]:
-    """A robot whose version 1 is connected."""
-    cloud = await make_cloud()
-    made = Robot(place, cloud)
-    made.cloud = cloud
+def installed(place, cloud, monkeypatch) -> Iterator[InstalledAgent]:
+    """A real agent under a double of systemctl."""
+    made = InstalledAgent(place, cloud)
     for name, value in made.environ.items():
         monkeypatch.setitem(os.environ, name, value)
-    made.use(made.add("1"))
-    await made.start()
-    await made.until("connected")
     yield made
     made.stop()
 
 
-async def test_a_good_version_takes_over(robot):
+async def test_a_good_version_takes_over(installed):
     """The robot is connected with it before anybody is told that it is done, and systemd read its unit."""
-    report = await robot.switch(robot.add("2", unit="another unit file\n"))
-    assert (report.result, robot.in_use) == ("done", "2")
-    assert robot.status().state == "connected"
-    assert robot.layout.unit.read_text() == "another unit file\n"
-    assert robot.calls[1:] == ["daemon-reload", "restart robotether-agent.service"]
-    assert robot.written == {
-        **robot.written,
-        "result": "done",
-        "was": "1",
-        "wanted": "2",
-        "detail": "2 is in use",
-    }
+    layout = installed.layout
+    layout.use(installed.add("1"))
+    await asyncio.to_thread(systemd.restart)
+
+    def state() -> str:
+        status = installed.status()
+        return "" if status is None else status.state
+
+    await eventually(lambda: state() == "connected", state)
+    target = installed.add("2", unit="another unit file\n")
+    change = Upgrade(layout, installed.run_dir, WAIT_S, stable_s=0.3)
+    report = await asyncio.to_thread(change.to, target)
+    assert (report.result, layout.in_use().name, state()) == ("done", "2", "connected")
+    assert layout.unit.read_text() == "another unit file\n"
+    assert installed.calls[1:] == ["daemon-reload", "restart robotether-agent.service"]
+    told = json.loads((layout.base / "last-switch.json").read_text())
+    assert told == {**told, "result": "done", "was": "1", "wanted": "2", "detail": "2 is in use"}
 
 
-async def test_a_version_that_does_not_start_is_taken_back(robot):
-    """The old version and its unit file are in use again, the robot is connected, and the reason is written."""
-    report = await robot.switch(robot.add("2", DIES, unit="another unit file\n"))
+@pytest.fixture
+def robot(tmp_path, monkeypatch) -> Robot:
+    """A robot whose version 1 is connected, and whose time for a poll is short."""
+    made = Robot(tmp_path)
+    monkeypatch.setattr(upgrade, "POLL_S", 0.01)
+    monkeypatch.setattr(upgrade, "_runs", lambda pid: pid == made.pid)
+    monkeypatch.setattr(systemd, "restart", made.restart)
+    monkeypatch.setattr(systemd, "reload_units", lambda: made.calls.append("reload"))
+    monkeypatch.setattr(systemd, "state", lambda: made.state)
+    return made
+
+
+@pytest.mark.parametrize(
+    ("reaches", "why"),
+    [
+        ("dies", "cannot do systemctl restart"),
+        ("waiting", "2 was not connected within 0.1 s: it is waiting"),
+    ],
+)
+def test_a_version_that_does_not_connect_is_taken_back(robot, reaches, why):
+    """Running is not enough where the robot was connected before; the reason is written."""
+    report = robot.switch(robot.add("2", reaches), wait_s=0.1)
     assert (report.result, robot.in_use) == ("rolled_back", "1")
-    assert robot.layout.unit.read_text() == "a unit file\n"
+    assert robot.layout.unit.read_text() == "unit of 1"
     assert robot.status().state == "connected"
-    assert "cannot do systemctl restart" in robot.written["detail"]
+    assert why in robot.written["detail"]
     assert robot.written["detail"].endswith("1 is in use again, as before")
 
 
-async def test_a_version_that_does_not_connect_is_taken_back(robot):
-    """Running is not enough where the robot was connected before."""
-    report = await robot.switch(robot.add("2", DEAF), wait_s=3)
-    assert (report.result, robot.in_use) == ("rolled_back", "1")
-    assert "2 was not connected within 3 s: it is waiting (cannot reach SSH" in report.detail
-    assert robot.status().state == "connected"
-
-
-async def test_a_robot_that_waited_may_go_on_waiting(robot):
+def test_a_robot_that_waited_may_go_on_waiting(robot):
     """A server that is down for days must not keep a robot from its update."""
-    robot.cloud.ssh.stop()
-    await robot.until("waiting")
-    report = await robot.switch(robot.add("2"))
+    version(robot.layout, "1").joinpath(COMMAND).write_text("waiting")
+    robot.restart()
+    report = robot.switch(robot.add("2", "waiting"))
     assert (report.result, robot.in_use) == ("done", "2")
 
 
-async def test_a_service_that_somebody_stopped_stays_stopped(robot):
+def test_a_service_that_somebody_stopped_stays_stopped(robot):
     """An image that is prepared for cloning must not join by an update."""
-    robot.stop()
-    calls = robot.calls
-    report = await robot.switch(robot.add("2"))
+    robot.become("inactive")
+    report = robot.switch(robot.add("2"))
     assert (report.result, robot.in_use) == ("done", "2")
+    assert robot.calls == ["restart", "reload"]
+
+
+def test_the_version_in_use_is_left_alone(robot):
+    """A second run of an installer changes nothing."""
+    calls = list(robot.calls)
+    report = robot.switch(robot.layout.in_use())
+    assert report.result == "done"
     assert robot.calls == calls
 
 
-async def test_the_version_in_use_is_left_alone(robot):
-    """A second run of an installer changes nothing."""
-    calls, status = robot.calls, robot.status()
-    report = await robot.switch(robot.layout.in_use())
-    assert report.result == "done"
-    assert (robot.calls, robot.status().pid) == (calls, status.pid)
-
-
-async def test_two_versions_are_kept(robot):
+def test_two_versions_are_kept(robot):
     """A robot's disk is small; the one before stays for a way back."""
     for name in ("2", "3"):
-        await robot.switch(robot.add(name))
+        robot.switch(robot.add(name))
     assert robot.installed == ["2", "3"]
-    await robot.switch(robot.add("4", DIES))
+    robot.switch(robot.add("4", "dies"))
     assert robot.installed == ["3", "4"]
 
 
 @pytest.mark.parametrize(
-    ("command", "result", "in_use"), [(GOOD, "done", "2"), (DEAF, "rolled_back", "1")]
+    ("reaches", "result", "in_use"), [("connected", "done", "2"), ("waiting", "rolled_back", "1")]
 )
-async def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
-    robot, monkeypatch, command, result, in_use
+def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
+    robot, monkeypatch, reaches, result, in_use
 ):
     """The old version does it again as its unit says, and judges by how the robot was before."""
-    target = robot.add("2", command, unit="another unit file\n")
+    target = robot.add("2", reaches)
     with monkeypatch.context() as cut:
         cut.setattr(systemd, "reload_units", PowerCut.now)
         with pytest.raises(PowerCut):
-            await robot.switch(target)
+            robot.switch(target)
     assert (robot.in_use, robot.written["result"]) == ("2", "running")
-    robot.stop()
+    robot.become("inactive")
     at_boot = robot.layout.unit.parent / "multi-user.target.wants" / PENDING_NAME
     line = at_boot.read_text().partition("ExecStart=")[2]
     assert line.startswith(f"{robot.layout.base}/versions/1/bin/robotether-agent finish-switch ")
     *_, was, wanted, state = line.split()
-    change = Upgrade(robot.layout, robot.run_dir, 4, stable_s=0.3)
-    report = await asyncio.to_thread(change.finish, Path(was), Path(wanted), state)
+    report = robot.change(0.1).finish(Path(was), Path(wanted), state)
     assert (report.result, robot.in_use, robot.written["result"]) == (result, in_use, result)
     assert robot.status().state == "connected"
     assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
 
 
 @pytest.mark.parametrize(("full_from", "in_use"), [("running", "1"), ("done", "2")])
-async def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
+def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
     robot, monkeypatch, full_from, in_use
 ):
     """Weeks later it would do the switch again, and roll it back where there is no network yet."""
@@ -279,12 +316,12 @@ async def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
 
     monkeypatch.setattr(Layout, "write", write_until_full)
     with pytest.raises(StateUnusableError, match="full"):
-        await robot.switch(robot.add("2"))
+        robot.switch(robot.add("2"))
     assert (robot.in_use, robot.status().state) == (in_use, "connected")
     assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []
 
 
-async def test_one_switch_at_a_time(robot):
+def test_one_switch_at_a_time(robot):
     """A second one would take the first one's new version for the old one."""
     with only_one(robot.layout.lock), pytest.raises(AlreadyRunningError, match="another switch"):
-        await robot.switch(robot.add("2"))
+        robot.switch(robot.add("2"))
