@@ -218,7 +218,8 @@ class Bridge(OperatorConnection):
 
     def _may_wait(self, robot: RobotSocket, message: WSMessageNoDecodeText) -> bool:
         waiting = robot.waiting_bytes() or self._operator.waiting_bytes()
-        return bool(waiting) or len(message.data) >= SEND_BUFFER_BYTES
+        is_full = bool(waiting) or self._topics.held.is_full
+        return is_full or len(message.data) >= SEND_BUFFER_BYTES
 
     async def _reading_ahead(
         self, work: Coroutine[Any, Any, CloseReason | None]
@@ -295,6 +296,8 @@ class Bridge(OperatorConnection):
 
     async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
         if checked.drive is None or self._drive is None:
+            if checked.topic is not None:
+                await self._topics.held.room()
             if checked.topic is None or not self._topics.held.add(checked.topic, checked.data):
                 await self._send_as_it_is(robot, checked.data)
             return

@@ -8,8 +8,12 @@ from __future__ import annotations
 
 import asyncio
 
-# Maximum size of what waits for one subscription.
+from robotether_server.relay.robots.demand import OPENS_WITHIN_S
+
+# Maximum size of what waits of one client, and then again of what the robot has not taken yet.
 MAX_HELD_BYTES = 1024 * 1024
+# Time limit for waiting: an old message must not reach the robot long after newer ones to other topics.
+HELD_FOR_S = OPENS_WITHIN_S
 
 
 class HeldMessages:
@@ -17,30 +21,57 @@ class HeldMessages:
 
     def __init__(self) -> None:
         self._held: dict[str, list[bytes]] = {}
+        self._held_bytes = 0
+        self._timers: dict[str, asyncio.TimerHandle] = {}
         self._released: asyncio.Queue[bytes] = asyncio.Queue()
+        self._released_bytes = 0
+
+    @property
+    def is_full(self) -> bool:
+        """Whether the robot has too much to take before more is added."""
+        return self._released_bytes > MAX_HELD_BYTES
+
+    async def room(self) -> None:
+        """Wait until there is room for another message."""
+        if self.is_full:
+            await self._released.join()
 
     def begin(self, topic: str) -> None:
-        """Hold what is published to a topic from now on."""
-        self._held.setdefault(topic, [])
+        """Hold what is published to a topic from now on, for HELD_FOR_S at most."""
+        if topic not in self._held:
+            loop = asyncio.get_running_loop()
+            self._held[topic] = []
+            self._timers[topic] = loop.call_later(HELD_FOR_S, self.release, topic)
 
     def add(self, topic: str, message: bytes) -> bool:
         """Keep a message until `next` returns it; False: it need not wait."""
         held = self._held.get(topic)
         if held is not None:
             held.append(message)
-            if sum(map(len, held)) > MAX_HELD_BYTES:
+            self._held_bytes += len(message)
+            if self._held_bytes > MAX_HELD_BYTES:
                 self.release(topic)
         elif not self._released.empty():
-            self._released.put_nowait(message)
+            self._put(message)
         else:
             return False
         return True
 
     def release(self, topic: str) -> None:
         """Let go what waits for a subscription, and hold no more."""
-        for message in self._held.pop(topic, ()):
-            self._released.put_nowait(message)
+        if topic in self._held:
+            self._timers.pop(topic).cancel()
+            for message in self._held.pop(topic):
+                self._held_bytes -= len(message)
+                self._put(message)
 
     async def next(self) -> bytes:
         """Return what goes to the robot now."""
-        return await self._released.get()
+        message = await self._released.get()
+        self._released.task_done()
+        self._released_bytes -= len(message)
+        return message
+
+    def _put(self, message: bytes) -> None:
+        self._released_bytes += len(message)
+        self._released.put_nowait(message)

@@ -10,8 +10,10 @@ from typing import Any
 
 import aiohttp
 import pytest_asyncio
+from relay_clients import closing
 from relay_server import until
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
+from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopic,
     TopicRequest,
@@ -104,7 +106,7 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
 
 async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     slow, quick = await observe(ODOM), await observe(ODOM)
-    await until(lambda: robot.topics, "the robot has a subscription")
+    await until(lambda: subscribed(robot), "the robot has a subscription")
     [topic] = relay.relay.shared_topics._tasks
     await until(lambda: len(topic.users) == 2, "both share it")
     # Either may have come too late for the echo of the subscription.
@@ -248,6 +250,38 @@ async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1
         topics.leave(topic, client, linger_s)
     await asyncio.sleep(0.3)
     assert topics.count() == 1
+
+
+async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
+    """A robot that never answers the ping delays what its driver publishes, and no older message follows much later."""
+    monkeypatch.setattr(held_messages, "HELD_FOR_S", 0.05)
+    held = HeldMessages()
+    held.begin("/echo")
+    assert held.add("/echo", b"1")
+    assert await asyncio.wait_for(held.next(), 5) == b"1"
+    assert not held.add("/echo", b"2")
+
+
+async def test_what_the_robot_does_not_take_is_not_read(wide, relay, robot, http, monkeypatch):
+    """Also behind what waited for a subscription; a stop is read all the same."""
+    opened: list[HeldMessages] = []
+
+    async def next_never(held: HeldMessages) -> bytes:
+        opened.append(held)
+        await asyncio.Event().wait()
+        raise AssertionError
+
+    monkeypatch.setattr(held_messages, "MAX_HELD_BYTES", 1000)
+    monkeypatch.setattr(HeldMessages, "next", next_never)
+    async with http.ws_connect(relay.ros_url(wide)) as driver:
+        await driver.send_json(ODOM)
+        for _ in range(20):
+            message = {"op": "publish", "topic": "/odom", "msg": {"data": "x" * 500}}
+            await driver.send_json(message)
+        await driver.send_json({"op": "robotether.stop"})
+        await closing(driver)
+    [held] = opened
+    assert sum(len(held._released.get_nowait()) for _ in range(held._released.qsize())) < 2500
 
 
 async def test_a_topic_of_a_robot_that_was_dropped_is_no_others(relay, sim1):
