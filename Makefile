@@ -111,7 +111,7 @@ test-running: venv images ## the tests of images and end to end in one go, with 
 # Nice: an installation can wait for the drives that are tested beside it, which end when the machine is late.
 test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 600 -m "not release" tests/ansible $(SERVERS:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(ENDS_AFTER) 600 -m "not release" tests/ansible $(SERVERS:%=--ignore %)
 
 test-server: venv images robot-host-image ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
 	@tools/ensure_test_hosts

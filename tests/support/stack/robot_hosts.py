@@ -47,8 +47,8 @@ SYSTEMD: dict[str, Any] = {
     "tmpfs": {"/run": "", "/run/lock": ""},
     "cgroupns": "host",
     "tty": True,
-    # An eighth of Docker's default: what is installed can wait for the drives that are tested beside it.
-    "cpu_shares": 128,
+    # Half of Docker's default: what is installed can wait for the drives that are tested beside it.
+    "cpu_shares": 512,
 }
 # What of this machine a host sees.
 VOLUMES = {
