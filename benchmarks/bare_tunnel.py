@@ -23,21 +23,6 @@ OPTIONS = (
 )
 
 
-def ssh_command(
-    sshd: OpenSshServer,
-    key: Path,
-    forwards: Mapping[int, str],
-    host: str,
-    *,
-    bind: str = LOCALHOST,
-) -> list[str]:
-    """One connection to sshd at `host`, whose ports at `bind` lead to an ADDRESS:PORT of the client's side each."""
-    words = ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port)]
-    words += [word for option in OPTIONS for word in ("-o", option)]
-    words += [word for port, to in forwards.items() for word in ("-R", f"{bind}:{port}:{to}")]
-    return [*words, f"{sshd.user}@{host}"]
-
-
 @contextmanager
 def bare_forward(
     sshd: OpenSshServer,
@@ -48,11 +33,17 @@ def bare_forward(
     inside: Namespace | None = None,
     bind: str = LOCALHOST,
 ) -> Iterator[None]:
-    """A connection as of `ssh_command`, with a key of its own, from this network or a namespace; all forwards stand."""
+    """A connection to sshd at `host`, with a key of its own, from this network or a namespace; all forwards stand.
+
+    Ports at `bind` lead to an ADDRESS:PORT of the client's side each.
+    """
     with tempfile.TemporaryDirectory(prefix="rt-bare-") as name:
         key = Path(name) / "key"
         sshd.authorize_too(make_key(key), tuple(forwards), robot_id)
-        command = ssh_command(sshd, key, forwards, host, bind=bind)
+        command = ["ssh", "-F", "none", "-N", "-i", str(key), "-p", str(sshd.port)]
+        command += [word for option in OPTIONS for word in ("-o", option)]
+        command += [word for port, to in forwards.items() for word in ("-R", f"{bind}:{port}:{to}")]
+        command.append(f"{sshd.user}@{host}")
         log = Path(name) / "ssh.log"
         # Its last word, that the server has gone, is for nobody.
         with (

@@ -9,31 +9,25 @@ from __future__ import annotations
 
 import asyncio
 import json
-import os
-import shutil
 import socket
-import subprocess
-import sys
-import tempfile
 import time
-from collections.abc import Callable, Coroutine, Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import aiohttp
-from bare_tunnel import ssh_command
-from demo import ROOT
+from bare_tunnel import bare_forward
 from link import Link, why_not_here
 from link_queue import Shape
 from local_network import free_port
 from openssh_server import OpenSshServer, listens, make_key, wait_until
+from paper.programs import LineProgram
 from report import Row, Section, quantiles
 from video_robot import FRAMES_HZ, LENGTH, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
 
-VIDEO_ROBOT = [sys.executable, str(Path(__file__).with_name("video_robot.py"))]
-AGENT = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
 UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
 UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
 DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
@@ -43,8 +37,6 @@ SECONDS = 30.0
 # Until the video fills what it fills.
 SETTLE_S = 5.0
 LAST_S = 10.0
-# ssh -N does not end with its stdin.
-END_S = 3.0
 
 
 @dataclass
@@ -73,19 +65,18 @@ class Site:
     """Both ends of the link, with sshd at one and the robot's services at the other."""
 
     def __init__(self, link: Link, folder: Path) -> None:
-        self.link = link
         self.folder = folder
         self.ros_port, self.video_port = free_port(), free_port()
+        self._link = link
         self._relay = socket.create_server(("127.0.0.1", 0))
         self._sshd = OpenSshServer(self._relay.getsockname()[1], address=link.server.address)
 
     def __enter__(self) -> Site:
         """Start sshd; this thread must be in the server's namespace."""
-        self._key = self.folder / "key"
-        self._sshd.authorize(make_key(self._key), (self.ros_port, self.video_port))
-        # The agent knows the server by an alias, a bare ssh by its address.
-        names = f"[{self._sshd.address}]:{self._sshd.port},robotether-server"
-        (self.folder / "known_hosts").write_text(f"{names} {self._sshd.host_keys[0]}\n")
+        ports = (self.ros_port, self.video_port)
+        self._sshd.authorize(make_key(self.folder / "key"), ports)
+        known_host = f"robotether-server {self._sshd.host_keys[0]}\n"
+        (self.folder / "known_hosts").write_text(known_host)
         self._sshd.start()
         return self
 
@@ -96,58 +87,38 @@ class Site:
     @contextmanager
     def connected(self, connections: str) -> Iterator[None]:
         """Make the robot's connections of this kind, and wait until both forwards stand."""
+        ros = {self.ros_port: f"127.0.0.1:{ROS_PORT}"}
+        video = {self.video_port: f"127.0.0.1:{VIDEO_PORT}"}
+        bare = {"one": [ros | video], "two": [ros, video], "agent": []}[connections]
+        where = {"host": self._sshd.address, "inside": self._link.robot, "bind": "0.0.0.0"}
         with ExitStack() as stack:
-            for command in self._commands(connections):
-                stack.enter_context(running(self.link.robot.command(*command)))
+            for robot_id, forwards in enumerate(bare, 1):
+                stack.enter_context(bare_forward(self._sshd, robot_id, forwards, **where))
             if connections == "agent":
-                for _ in ("session", "media"):
-                    stack.enter_context(self._session())
-            for port in (self.ros_port, self.video_port):
-                wait_until(
-                    lambda port=port: listens(port),
-                    lambda: f"the forward stands; sshd: {self._sshd.log_text()}",
-                )
+                self._connect_agent(stack)
             yield
         ports = (self.ros_port, self.video_port)
         wait_until(lambda: not any(map(listens, ports)), lambda: "sshd has let go of the ports")
 
-    @contextmanager
-    def _session(self) -> Iterator[None]:
-        """Answer one session command, as the relay's first line would."""
+    def _connect_agent(self, stack: ExitStack) -> None:
+        """Have the agent's connections, and answer their session commands as the relay's first line would."""
+        ssh = {"host": self._sshd.address, "port": self._sshd.port}
+        ports = {"ros_port": self.ros_port, "video_port": self.video_port}
+        program = video_robot(self._link, self.folder, {"folder": str(self.folder), **ssh, **ports})
+        stack.enter_context(program)
         self._relay.settimeout(LAST_S)
-        session, _ = self._relay.accept()
-        with session:
-            session.sendall(b"{}\n")
-            yield
-
-    def _commands(self, connections: str) -> list[list[str]]:
-        ros = {self.ros_port: f"127.0.0.1:{ROS_PORT}"}
-        video = {self.video_port: f"127.0.0.1:{VIDEO_PORT}"}
-        if connections != "agent":
-            several = [ros | video] if connections == "one" else [ros, video]
-            return [
-                ssh_command(self._sshd, self._key, forwards, self._sshd.address, bind="0.0.0.0")
-                for forwards in several
-            ]
-        sshd = [self._sshd.address, str(self._sshd.port)]
-        ports = [str(self.ros_port), str(self.video_port)]
-        return [[*VIDEO_ROBOT, "tunnels", str(self.folder), *sshd, *ports]]
+        for _ in ("session", "media"):
+            session, _ = self._relay.accept()
+            stack.enter_context(session).sendall(b"{}\n")
+        program.receive("that it is connected", LAST_S)
 
 
-@contextmanager
-def running(command: list[str]) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a program, which ends when its stdin does, or else by a signal."""
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    environ = {**os.environ, "PYTHONPATH": AGENT}
-    with subprocess.Popen(command, env=environ, **pipes) as process:
-        try:
-            yield process
-        finally:
-            assert process.stdin is not None
-            process.stdin.close()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(END_S)
-            process.terminate()
+def video_robot(link: Link, folder: Path, order: Mapping[str, object]) -> LineProgram:
+    """What video_robot.py is told to be, in the robot's namespace."""
+    log = folder / f"{'tunnels' if order else 'services'}.log"
+    program = LineProgram("video_robot", log, link.robot.command())
+    program.send(order)
+    return program
 
 
 async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
@@ -227,20 +198,14 @@ def measure_each(
     """Do the work for each setup, over a link with that uplink."""
     if why := why_not_here():
         raise RuntimeError(f"cannot measure behind video: {why}")
-    folder = Path(tempfile.mkdtemp(prefix="rt-video-"))
-    try:
-        with Link(up=up, down=DOWN) as link:
-            link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-            command = link.robot.command(*VIDEO_ROBOT, "services")
-            with link.server.entered(), running(command) as services:
-                assert services.stdout is not None
-                services.stdout.readline()
-                with Site(link, folder) as site:
-                    for setup in measured:
-                        with site.connected(setup.connections):
-                            asyncio.run(work(site, setup))
-    finally:
-        shutil.rmtree(folder)
+    with TemporaryDirectory(prefix="rt-video-") as name, Link(up=up, down=DOWN) as link:
+        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
+        with link.server.entered(), video_robot(link, Path(name), {}) as services:
+            services.receive("that it serves", LAST_S)
+            with Site(link, Path(name)) as site:
+                for setup in measured:
+                    with site.connected(setup.connections):
+                        asyncio.run(work(site, setup))
 
 
 def section(measured: list[Setup]) -> Section:

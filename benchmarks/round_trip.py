@@ -107,7 +107,7 @@ def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
         [uplink] = stack.enter_context(world.uplinks(1))
         [enrolled] = world.enrol(world.names("round-trip", 1))
         stack.callback(world.remove, [enrolled])
-        robot = stack.enter_context(WholeRobot(world, enrolled, uplink, "simulator"))
+        robot = stack.enter_context(WholeRobot(world, enrolled, uplink))
         wait_all_online([robot])
         yield robot
 

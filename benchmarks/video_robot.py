@@ -1,17 +1,16 @@
 """What runs on the robot in behind_video, started in the robot's namespace; ends with its stdin.
 
-`video_robot.py services`: an echoing WebSocket that has a large map, and a camera that offers more than the uplink
-takes. It treats a viewer as web_video_server does: one frame is under way to the kernel, those that come meanwhile are
-dropped.
-`video_robot.py tunnels FOLDER HOST PORT ROS_PORT VIDEO_PORT`: the two SSH connections as the agent makes them, with the
-video proxy and the topics service, to sshd at HOST and PORT, with the forwards' ports and a folder that has `key` and
-`known_hosts`.
+The first line of its input says what. `{}`: an echoing WebSocket that has a large map, and a camera that offers more
+than the uplink takes. It treats a viewer as web_video_server does: one frame is under way to the kernel, those that
+come meanwhile are dropped. Otherwise the two SSH connections as the agent makes them, with the video proxy and the
+topics service; the line has the arguments of `tunnels`, whose folder has `key` and `known_hosts`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import getpass
+import json
 import logging
 import os
 import socket
@@ -20,6 +19,7 @@ import time
 from pathlib import Path
 
 from aiohttp import web
+from paper.programs import write_line
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.topics_service import TopicsService
@@ -91,9 +91,8 @@ async def services() -> None:
 
 
 async def until_stdin_ends() -> None:
-    sys.stdout.write("ready\n")
-    sys.stdout.flush()
-    await asyncio.to_thread(os.read, 0, 1)
+    write_line({"ready": True})
+    await asyncio.to_thread(sys.stdin.read)
 
 
 async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
@@ -105,8 +104,8 @@ async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
     return tunnel
 
 
-async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: str) -> None:
-    target = SshAddress(host, int(port), getpass.getuser())
+async def tunnels(folder: str, host: str, port: int, ros_port: int, video_port: int) -> None:
+    target = SshAddress(host, port, getpass.getuser())
     rosbridge, camera = f"ws://127.0.0.1:{ROS_PORT}", f"http://127.0.0.1:{VIDEO_PORT}"
     topics = TopicsService(rosbridge)
     source_settings = SourceSettings(camera, rosbridge, "web_video_server")
@@ -116,12 +115,12 @@ async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: 
     proxy = VideoProxy(camera, LocalService(await media_service.start()))
     proxy_port = await proxy.start()
     session = await opened(Path(folder), target, "session")
-    await session.add(Forward(int(ros_port), "127.0.0.1", ROS_PORT))
+    await session.add(Forward(ros_port, "127.0.0.1", ROS_PORT))
     media = await opened(Path(folder), target, "media")
     if media.socket is not None:
         media.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_CONGESTION, CONGESTION_CONTROL)
     proxy.use(media.socket)
-    await media.add(Forward(int(video_port), "127.0.0.1", proxy_port))
+    await media.add(Forward(video_port, "127.0.0.1", proxy_port))
     await until_stdin_ends()
     await proxy.close()
     await media_service.close()
@@ -131,5 +130,5 @@ async def tunnels(folder: str, host: str, port: str, ros_port: str, video_port: 
 
 if __name__ == "__main__":
     logging.basicConfig(level=os.environ.get("LOG_LEVEL", "WARNING"))
-    what, *given = sys.argv[1:]
-    asyncio.run({"services": services, "tunnels": tunnels}[what](*given))
+    order = json.loads(sys.stdin.readline())
+    asyncio.run(tunnels(**order) if order else services())

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from demo import ROOT
 from namespaces import Namespace
@@ -127,6 +127,12 @@ class LineProgram:
         self._lines: queue.SimpleQueue[Any] = queue.SimpleQueue()
         self._reading = threading.Thread(target=self._read, daemon=True)
         self._reading.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end(ENDS_WITHIN_S)
 
     def send(self, value: object) -> None:
         assert self._process.stdin is not None

@@ -1,6 +1,6 @@
 """Whole robots, the ROS side and the real agent with its guard behind one uplink, and their operators behind others.
 
-    with WholeRobot(world, enrolled, uplink, "simulator") as robot:
+    with WholeRobot(world, enrolled, uplink) as robot:
         wait_all_online([robot])
     async with new_http(**made_in(uplink.inside)) as http:
         socket = await Client(http, world.address, world.token).connect(robot.name)
@@ -18,7 +18,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Literal
 
 from openssh_server import descendants
 
@@ -26,12 +25,11 @@ from paper.networks import Uplink
 from paper.programs import Program, our_environment
 from paper.world import Enrolled, World, environment
 
-Ros = Literal["bus", "simulator"]
 # Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
 # both have to share here, what is measured would be how that is decided; so the server comes first while they start.
 ASIDE = ("nice", "-n", "19")
 PROC = Path("/proc")
-ROSBRIDGE_PORT, VIDEO_PORT = 9090, 8080
+ROSBRIDGE_PORT = 9090
 # Each look costs the server a list of all its robots.
 POLL_EVERY_S = 0.25
 
@@ -49,12 +47,11 @@ def no_longer_aside(pids: Sequence[int]) -> None:
 class WholeRobot:
     """One robot that runs inside `with`."""
 
-    def __init__(self, world: World, enrolled: Enrolled, uplink: Uplink, ros: Ros) -> None:
+    def __init__(self, world: World, enrolled: Enrolled, uplink: Uplink) -> None:
         self.name = enrolled.name
         self.uplink = uplink
         self.enrolled = enrolled
         self.world = world
-        self._ros_kind = ros
         # Each its own, as several robots may be behind one uplink.
         self.address = loopback(enrolled.number)
         self._agent: Program
@@ -64,11 +61,6 @@ class WholeRobot:
     @property
     def ros_url(self) -> str:
         return f"ws://{self.address}:{ROSBRIDGE_PORT}"
-
-    @property
-    def video_url(self) -> str:
-        """The simulator's own video server, from inside the uplink."""
-        return f"http://{self.address}:{VIDEO_PORT}"
 
     @property
     def agent_pid(self) -> int:
@@ -83,7 +75,8 @@ class WholeRobot:
             run_dir = made.enter_context(
                 TemporaryDirectory(prefix="rt-", ignore_cleanup_errors=True)
             )
-            self._ros = self._start("ros", *self._ros_program())
+            bus_robot = ("paper.bus_robot", self.address, str(ROSBRIDGE_PORT))
+            self._ros = self._start("ros", bus_robot, {})
             made.callback(self._ros.end)
             self._agent = self._start("agent", ("robotether_agent", "run"), self._settings(run_dir))
             made.callback(self._agent.end)
@@ -106,27 +99,13 @@ class WholeRobot:
     def logs(self) -> str:
         return "\n".join(f"--- {self.name}\n{item.tail()}" for item in (self._ros, self._agent))
 
-    def _ros_program(self) -> tuple[Sequence[str], Mapping[str, str]]:
-        if self._ros_kind == "bus":
-            return ("paper.bus_robot", self.address, str(ROSBRIDGE_PORT)), {}
-        settings = {
-            "name": self.name,
-            "bind_address": self.address,
-            "rosbridge_port": ROSBRIDGE_PORT,
-            "video_port": VIDEO_PORT,
-        }
-        return ("sim_robot",), {
-            f"SIM_{name.upper()}": str(value) for name, value in settings.items()
-        }
-
     def _settings(self, run_dir: str) -> Mapping[str, str]:
         settings = {
             **self.enrolled.settings,
             "run_dir": run_dir,
             "rosbridge_url": self.ros_url,
-            "video_url": self.video_url,
             # A bus has no frames; so nobody looks for them every 2 s.
-            "video_source": "rosbridge" if self._ros_kind == "bus" else "auto",
+            "video_source": "rosbridge",
             "shell_address": "none",
         }
         return environment(settings)

@@ -126,8 +126,7 @@ async def _drive(
             {"robot": name, "kind": kind, "token": token}
             for (name, kind), token in zip(chosen, given, strict=True)
         ]
-        drivers = LineProgram("paper.density.drivers", place / "log")
-        stack.callback(drivers.close)
+        drivers = stack.enter_context(LineProgram("paper.density.drivers", place / "log"))
         order = {"site": world.address, "rate_hz": RATE_HZ, "seconds": seconds, "drives": drives}
         drivers.send(order)
         await asyncio.to_thread(drivers.receive, "it has all leases", READY_WITHIN_S)

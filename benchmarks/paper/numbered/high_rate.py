@@ -100,7 +100,7 @@ def measure(runs: Sequence[Run], world: World) -> Values:
         operators, robots = stack.enter_context(world.uplinks(2))
         enrolled = world.enrol(world.names("rate", how_many))
         stack.callback(world.remove, enrolled)
-        whole = [stack.enter_context(WholeRobot(world, item, robots, "bus")) for item in enrolled]
+        whole = [stack.enter_context(WholeRobot(world, item, robots)) for item in enrolled]
         wait_all_online(whole, ONLINE_WITHIN_S + ONLINE_S_A_ROBOT * len(whole))
         return {
             "runs": {

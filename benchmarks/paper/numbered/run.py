@@ -120,16 +120,10 @@ def _end(number: int, plan: Plan, **where: Any) -> End:
     return End(pair=number, count=plan.count, rate_hz=plan.rate_hz, **where)
 
 
-@contextmanager
-def _generator(
-    world: World, name: str, uplink: Uplink, ends: Sequence[End]
-) -> Iterator[LineProgram]:
-    item = LineProgram("paper.numbered.worker", world.folder / f"{name}.log")
-    try:
-        item.send({"namespace": uplink.inside.name, "ends": [asdict(end) for end in ends]})
-        yield item
-    finally:
-        item.close()
+def _generator(world: World, name: str, uplink: Uplink, ends: Sequence[End]) -> LineProgram:
+    program = LineProgram("paper.numbered.worker", world.folder / f"{name}.log")
+    program.send({"namespace": uplink.inside.name, "ends": [asdict(end) for end in ends]})
+    return program
 
 
 def _used(world: World, robots: Sequence[WholeRobot]) -> dict[str, float]:
