@@ -9,6 +9,7 @@ import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from http import HTTPStatus
+from inspect import cleandoc
 from typing import Annotated, Any, get_type_hints
 
 import msgspec
@@ -157,6 +158,7 @@ def document() -> Object:
         types.values(), ref_template=REF.format(kind="schemas", name="{name}")
     )
     for component in components.values():
+        component["description"] = cleandoc(component["description"])
         _without_defaults(component)
     # A cell may leave members out, the stream does not.
     components["RobotObject"]["required"] = sorted(components["RobotObject"]["properties"])

@@ -39,7 +39,11 @@ _places = threading.BoundedSemaphore(MAX_AT_ONCE)
 
 
 class GivenPreviousKey(Struct):
-    """The robot's previous key, when it rotates its key."""
+    """The robot's previous key, when it rotates its key.
+
+    `signature`: `ssh-keygen -Y sign -n robotether-rotation` with it over "MAC NEW_PUBLIC_KEY" and a newline.
+    Connections of the previous key stay; new log-ins need the new one.
+    """
 
     fingerprint: Annotated[str, Meta(extra={"longest": 64})]
     signature: Signature
@@ -48,10 +52,15 @@ class GivenPreviousKey(Struct):
 class RobotJoin(Struct):
     """A robot's request. Unknown members are ignored, as an agent may be newer than this server.
 
-    `token`: a join token, or an API token of an admin; it approves at once. `name` counts only with a token.
-    `mac_present` false: no interface has this MAC any more. `host_key_refused`: SSH here shows another host key than
-    the robot has pinned, so it does not connect. `signature`: only a robot that is active with this key, or rotates it,
-    needs none.
+    `token`: a join token, or an API token of an admin. It activates the robot and replaces a key that waits, never an
+    active robot's. A robot that is active with this key needs none, and none is checked. A join token admits each key
+    once: a robot removed or rekeyed since waits as if without token (token_used_up if the server requires tokens).
+    `signature`: `ssh-keygen -Y sign -n robotether-join` with the key over "TOKEN MAC PUBLIC_KEY" and a newline (`-`
+    without token; the key as `ssh-ed25519 AAAA...`). Only a robot that is active with this key, or rotates it, needs
+    none. `name` counts only with a token and for a new MAC, if it is free and valid. `mac_present` false: no interface
+    has this MAC any more; if its robot is online, this is a copied disk (409 mac_elsewhere), else the same robot.
+    `host_key_refused`: SSH here shows another host key than the robot has pinned, so it does not connect; pages say so
+    until the robot joins or connects again.
     """
 
     mac: Mac
@@ -95,7 +104,11 @@ class JoinedRobot(Struct):
 
 
 class WaitingRobot(Struct):
-    """The robot waits for approval."""
+    """The robot waits for approval.
+
+    `mac_in_use`: the MAC's robot has another key, and an admin decides about this one; `robot` is the name that the MAC
+    alone would give.
+    """
 
     state: Literal["pending"]
     robot: RobotName

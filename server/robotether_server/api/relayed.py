@@ -65,8 +65,11 @@ RELAYED = (
         path="/robots/<robot>/lease",
         name="changeLease",
         summary="Ask for control, answer a request for it, or take it",
-        details="`ask`, `withdraw`: level drive; 429 throttled after three requests in a row, with Retry-After. "
-        "`hand_over`, `refuse`: the driver. `take`: level manage.",
+        details="`ask` while another user drives, and `withdraw`: level drive. `hand_over`, `refuse`: the driver. "
+        "`take`: level manage; it ends a lease or reservation at once. Control passes on when the driver leaves, hands "
+        "over, or neither replies nor publishes to a drive topic for 20 s; it is then reserved for the new user's "
+        "drive connection for 10 s. After three requests in a row a user may send one every 30 s, until they get "
+        "control; others are 429 throttled, with Retry-After. Repeating one that waits does not count.",
         who="user",
         tag="control",
         body=LeaseAction,
@@ -78,8 +81,10 @@ RELAYED = (
         path="/robots/<robot>/stop",
         name="stopRobot",
         summary="Stop the robot; for everybody who may see it",
-        details="Ends the lease, and replaces another user's stop. The robot stays stopped until a driver releases it. "
-        "This is no safety-rated emergency stop.",
+        details="It goes to the robot first, ends the lease, and holds until a driver releases it. An offline robot is "
+        "stopped when it returns. The answer waits up to 1 s for `confirmed`: the guard has the stop on disk, or its "
+        "disk failed and the robot is stopped. Another user's stop replaces an earlier one; the same user's within 1 s "
+        "does not. This is no safety-rated emergency stop.",
         who="user",
         tag="control",
         body=StopReason,
@@ -92,8 +97,9 @@ RELAYED = (
         path="/robots/<robot>/release",
         name="releaseRobot",
         summary="Release a stopped robot; level drive",
-        details="With `by` and `at`, as the control object shows them, it does so only if no stop came since, else "
-        "409 not_possible names that one.",
+        details="Ends all stops of the robot if the guard confirms it within 2 s; else the robot stays stopped. 409 "
+        "not_possible: it was stopped again, or the newest stop is not the one that `by` and `at` name, as the control "
+        "object shows them. Without a guard (`off`, `unknown`) it is the server's alone, as a stop is, unconfirmed.",
         who="user",
         tag="control",
         body=ShownStop,
@@ -118,8 +124,9 @@ RELAYED = (
         path="/robots/<robot>/topics/<topic>",
         name="readTopic",
         summary="Get the newest message of a topic",
-        details="What an observing connection may subscribe to. 204: none came within wait_s, or none newer than "
-        "`since`. The age counts from the arrival at the server; the message's own stamp is of another clock.",
+        details="What an observing connection may subscribe to. 204: none came within `wait_s`, or none but that of "
+        "`since`. Programs that poll within 5 s share one subscription on the robot; after a longer pause a latched "
+        "message comes again, with a new `sequence`. 502 topic_down says why a topic brings nothing.",
         who="user",
         tag="ros",
         query=TopicQuery,
@@ -132,8 +139,9 @@ RELAYED = (
         name="callService",
         summary="Call a service of the robot's ROS; the body has the members of its request",
         details="What the robot's policy lets the user call. Beyond rosapi's look-ups it needs level drive and the "
-        "lease: that of the user's own drive, or one that lasts for the call. Else 409 lease_held, robot_stopped, "
-        "lease_lost or superseded; one that ends while it waits may have run, as may one of 504 service_timeout.",
+        "lease: that of the user's own drive, or one that lasts for the call and that the user's other calls share. "
+        "Else 409: lease_held, robot_stopped, lease_lost, or superseded (a page of the same user drives). One that "
+        "ends while it waits may have run, as may one of 504 service_timeout. The audit log has these calls.",
         who="user",
         tag="ros",
         body=ServiceArgs,

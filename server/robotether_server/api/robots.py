@@ -99,7 +99,11 @@ class RobotList(Struct):
 
 
 class NewRegistration(Struct, forbid_unknown_fields=True):
-    """A robot to enrol, with its key."""
+    """A robot to enrol, with its key.
+
+    `signature`, needed with a join token: as in RobotJoin, with `-` in place of the token. A key that the token has
+    admitted before is refused (token_used_up).
+    """
 
     mac: Mac
     public_key: PublicKeyLine

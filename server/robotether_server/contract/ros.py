@@ -52,7 +52,10 @@ class TopicQuery(Struct, forbid_unknown_fields=True):
 
 
 class TopicAnswer(Struct, frozen=True):
-    """The newest message. `received_age_s`: since when the server has it, by the server's clock alone."""
+    """The newest message. `received_age_s`: since when the server has it, by the server's clock alone.
+
+    A latched message, or one on a slow line, is older than that. Its own stamp is of another clock.
+    """
 
     topic: str
     received_age_s: Annotated[float, Meta(ge=0)]

@@ -105,6 +105,7 @@ def test_every_schema_is_one(document: Document) -> None:
     for name, schema in document["components"]["schemas"].items():
         Draft202012Validator.check_schema(schema)
         assert set(schema.get("required", [])) <= set(schema.get("properties", {})), name
+        assert "\n " not in schema["description"], name
 
 
 def test_every_other_method_is_refused_with_those_that_there_are(
