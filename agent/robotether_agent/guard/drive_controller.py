@@ -50,6 +50,8 @@ AHEAD_MS = 100.0
 DRIVEN_FOR_S = 10.0
 # Time after a command without another one, after which it is slowed as what its driver saw grows old.
 SLOWED_EVERY_S = 0.1
+# Number of the event loop's turns in which a line of the agent that has come is read.
+TURNS_TO_READ = 5
 # Time within which rosbridge and ROS register a topic that was advertised.
 REGISTERED_WITHIN_S = 2.0
 # Time after which rosbridge registers an unadvertised topic again; its unregister_timeout is 10 s.
@@ -272,8 +274,10 @@ class DriveController:
         await self._announce(topic)
 
     async def _publish(self, source: CommandSource, message: DriveMessage) -> None:
-        now, raw_stamp = self._clock(), message.fields.get(STAMP)
+        raw_stamp = message.fields.get(STAMP)
         stamp: Mapping[str, object] = raw_stamp if isinstance(raw_stamp, dict) else {}
+        await self._read_frames(stamp.get("seen"))
+        now = self._clock()
         self._authorizer.check(source.authorization, stamp.get("fence"), now)
         seen = self._seen_frames(source, stamp, now)
         topic = self._topics.find(message.topic)
@@ -299,6 +303,13 @@ class DriveController:
         await self._send_waiting(topic)
         if topic.waiting is not None:
             self._wake.set()
+
+    async def _read_frames(self, seen: object) -> None:
+        """Let the agent's lines be read that came before a command on another connection, and report its frames."""
+        for _ in range(TURNS_TO_READ):
+            if not self.frame_times.may_follow(seen, self._clock()):
+                return
+            await asyncio.sleep(0)
 
     def _seen_frames(
         self, source: CommandSource, stamp: Mapping[str, object], now: float

@@ -48,6 +48,13 @@ class FrameTimes:
         times = [self._taken_s(view, now) for view in seen]
         return None if None in times else min(taken_s for taken_s in times if taken_s is not None)
 
+    def may_follow(self, seen: object, now: float) -> bool:
+        """Return whether the agent's next line may report what is unknown in a stamp's `seen`."""
+        if not isinstance(seen, list) or not seen or self.oldest_s(seen, now) is not None:
+            return False
+        # The server names what it did not send as null.
+        return all(isinstance(view, dict) and type(view.get("frame")) is int for view in seen)
+
     def _taken_s(self, view: object, now: float) -> float | None:
         if not isinstance(view, dict):
             return None

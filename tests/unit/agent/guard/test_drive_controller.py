@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -133,6 +134,29 @@ async def test_a_client_that_names_no_frame_any_more_sees_nothing(world: World) 
     await world.drive(0.5, FakeSource())
     await world.drive(0.5, **seen(world, 1))
     assert world.controller.seen_ages.ages_ms == [None] * 4 + [100.0]
+
+
+async def test_a_frame_that_is_reported_with_its_command_is_known(world: World) -> None:
+    """The agent's line came first, on a pipe that the guard has not read yet: so many turns it takes to be handled."""
+    lines, loop = asyncio.StreamReader(), asyncio.get_running_loop()
+    reading, writing = os.pipe()
+    with os.fdopen(writing, "wb", 0) as pipe:
+        protocol = asyncio.StreamReaderProtocol(lines)
+        transport, _ = await loop.connect_read_pipe(lambda: protocol, os.fdopen(reading, "rb", 0))
+
+        async def read() -> None:
+            while await lines.readline():
+                world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
+
+        task = asyncio.create_task(read())
+        for _ in range(10):
+            await asyncio.sleep(0)
+        pipe.write(b"frame\n")
+        await world.drive(0.5, **seen(world, 1))
+        assert world.controller.seen_ages.ages_ms == [100.0]
+        transport.close()
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: World) -> None:

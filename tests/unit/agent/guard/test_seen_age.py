@@ -60,6 +60,26 @@ def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: obje
     assert times.oldest_s(forged, NOW) is None
 
 
+@pytest.mark.parametrize(
+    ("seen", "may_follow"),
+    [
+        ([view("/a", 3)], True),
+        ([view("/a", 2), view("/c", 1)], True),
+        ([view("/a", 2)], False),
+        ([view("/a", None)], False),
+        ([view("/a", 3), view("/b", None)], False),
+        ([2], False),
+        ([], False),
+        (None, False),
+    ],
+)
+def test_only_a_frame_with_a_number_may_be_reported_yet(
+    times: FrameTimes, seen: object, may_follow: bool
+) -> None:
+    """What the server does not know is not waited for."""
+    assert times.may_follow(seen, NOW) is may_follow
+
+
 def test_a_guard_that_was_told_nothing_knows_nothing() -> None:
     assert FrameTimes().oldest_s([view("/a", 1)], NOW) is None
 
