@@ -35,6 +35,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
@@ -148,7 +149,9 @@ async def _subscription(socket: OperatorSocket) -> TopicRequest | None:
 
 async def _listen(socket: OperatorSocket) -> None:
     """Answer pings until the other cell is gone."""
+    count = 0
     while True:
+        count = await next_turn(count)
         try:
             message = await socket.receive(SILENT_AFTER_S)
         except TimeoutError:

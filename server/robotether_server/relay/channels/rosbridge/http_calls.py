@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from aiohttp import web
@@ -41,6 +41,7 @@ TAKEN_WITHIN_S = 10.0
 HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 Work = Callable[[Connection], Coroutine[Any, Any, Struct | None]]
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,19 @@ def check_message(
         return validator.check(write_json(fields))
     except MessageRefusedError as refused:
         raise _problem(refused) from refused
+
+
+def read_raw(data: bytes, type_: type[T]) -> T | None:
+    """Read JSON that a robot sent, whose `Raw` parts may go into an answer; None when it is no such JSON.
+
+    msgspec leaves what is inside of `Raw` unread: it may nest deeper than it counts, and be no UTF-8.
+    """
+    try:
+        value = msgspec.json.decode(data, type=type_)
+        data.decode()
+    except (ValueError, RecursionError):
+        return None
+    return value
 
 
 def _problem(refused: MessageRefusedError) -> RobotetherError:

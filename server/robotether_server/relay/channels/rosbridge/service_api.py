@@ -8,10 +8,8 @@ user drives or the robot is stopped.
 from __future__ import annotations
 
 import asyncio
-from contextlib import suppress
 from dataclasses import dataclass
 
-import msgspec
 from aiohttp import WebSocketError, WSMsgType, web
 from msgspec import Raw, Struct
 from robotether_common.ros import full_name
@@ -24,11 +22,16 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     LINK_GRACE_S,
     close_reason_of_broken,
 )
-from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls, check_message
+from robotether_server.relay.channels.rosbridge.http_calls import (
+    HttpCalls,
+    check_message,
+    read_raw,
+)
 from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.connection import Connection, Use
 from robotether_server.relay.robots.robot_dialer import RobotDialer
@@ -127,7 +130,9 @@ class ServiceApi:
             socket.drop()
 
     async def _response(self, socket: RobotSocket, robot: str) -> ServiceAnswer:
+        count = 0
         while True:
+            count = await next_turn(count)
             message = await socket.receive()
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 if (answer := _answer(message.data)) is not None:
@@ -182,11 +187,8 @@ async def _args(request: web.Request) -> ServiceArgs:
 
 def _answer(data: bytes) -> ServiceAnswer | None:
     """Return the answer to the call; None for any other message."""
-    try:
-        response = msgspec.json.decode(data, type=ServiceResponse)
-    except (msgspec.DecodeError, UnicodeDecodeError):
-        return None
-    if response.id != CALL_ID:
+    response = read_raw(data, ServiceResponse)
+    if response is None or response.id != CALL_ID:
         return None
     if response.op == "status" and response.level == "error":
         return ServiceAnswer(False, reason=response.msg)
@@ -199,6 +201,5 @@ def _answer(data: bytes) -> ServiceAnswer | None:
 
 def _reason(values: Raw) -> str:
     """Return rosbridge's reason, which it puts in the place of values."""
-    with suppress(msgspec.DecodeError):
-        return msgspec.json.decode(values, type=str)
-    return bytes(values).decode(errors="replace")
+    reason = read_raw(bytes(values), str)
+    return bytes(values).decode() if reason is None else reason

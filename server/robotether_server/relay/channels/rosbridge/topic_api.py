@@ -12,7 +12,6 @@ from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
 
-import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import UNSET, Raw, Struct, UnsetType
 
@@ -20,7 +19,11 @@ from robotether_server import schemas
 from robotether_server.contract.ros import TopicAnswer, TopicQuery
 from robotether_server.problems import TooManyConnectionsError, TopicDownError
 from robotether_server.relay.auth.access import request_of
-from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls, check_message
+from robotether_server.relay.channels.rosbridge.http_calls import (
+    HttpCalls,
+    check_message,
+    read_raw,
+)
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     ReceivedMessage,
     SharedTopic,
@@ -143,10 +146,9 @@ def _content(topic: str, topic_message: ReceivedMessage) -> Raw | None:
     """Return the ROS message in one of rosbridge's; None when it is no message of a topic."""
     if (content := _contents.get(topic_message)) is not None:
         return content
-    try:
-        message = msgspec.json.decode(topic_message.data, type=RosbridgeMessage)
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise TopicDownError(f"cannot read {topic}: the robot sends what is no JSON") from error
+    message = read_raw(topic_message.data, RosbridgeMessage)
+    if message is None:
+        raise TopicDownError(f"cannot read {topic}: the robot sends what is no JSON")
     if message.op == "publish" and message.msg is not UNSET:
         _contents[topic_message] = message.msg
         return message.msg

@@ -20,6 +20,7 @@ from robotether_common.ros import Globs
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.rosbridge import http_calls, topic_api
+from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
 from robotether_server.settings.robot import LevelPolicy, Policy
@@ -134,6 +135,43 @@ async def test_what_rosbridge_reports_is_no_message(robot, ask):
     status, body = await asking
     assert (status, body["code"]) == (502, "topic_down")
     assert "rosbridge reports 'no such type'" in body["detail"]
+
+
+BROKEN_VALUES = [b"[" * 100_000 + b"]" * 100_000, b'"\xff"', b"{]"]
+
+
+@pytest.mark.parametrize("value", BROKEN_VALUES, ids=["nested", "no UTF-8", "no JSON"])
+async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, serving, value):
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
+    await until(lambda: of_operation(guarded, "subscribe"), "the robot has a subscription")
+    await guarded.send_to_topics(b'{"op": "publish", "topic": "/odom", "msg": %b}' % value)
+    status, body = await asking
+    assert (status, body["code"]) == (502, "topic_down")
+    assert body["detail"] == "cannot read /odom: the robot sends what is no JSON"
+    calling = asyncio.create_task(ask("POST", f"{SERVICES}/rosapi/topics"))
+    await until(lambda: of_operation(guarded, "call_service"), "the call has come")
+    await guarded.send_to_clients(b'{"op": "service_response", "id": "call", "values": %b}' % value)
+    await serving(values={})
+    assert await calling == (200, {"result": True, "values": {}})
+
+
+class FloodingSocket:
+    """A robot's end with a message at any time; until somebody else has had a turn, none is the answer."""
+
+    def __init__(self) -> None:
+        self.read = 0
+        self.others = asyncio.create_task(asyncio.sleep(0))
+
+    async def receive(self) -> aiohttp.WSMessage:
+        self.read += 1
+        assert self.read < 1000, "nobody else has had a turn"
+        data = b'{"op": "service_response", "id": "call"}' if self.others.done() else b"{}"
+        return aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, data, None)
+
+
+async def test_a_robot_that_floods_a_call_delays_nobody():
+    answer = await ServiceApi(None, None, None, 0)._response(FloodingSocket(), "sim1")
+    assert answer.result
 
 
 async def test_the_policy_for_observers_counts(relay, robot, sim1, ask, memory_database):
