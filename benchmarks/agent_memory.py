@@ -32,7 +32,6 @@ PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
 
 
 def memory_of(pid: int) -> Row:
-    """One process."""
     lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]
     kb = {name: int(value.split()[0]) for name, value in (line.split(":", 1) for line in lines)}
     command = " ".join(Path(word).name for word in command_line(pid).split()[:4])

@@ -60,7 +60,6 @@ async def measure_setup(site: Site, setup: BulkSetup, seconds: float) -> None:
 
 
 async def take_map(http: aiohttp.ClientSession, site: Site, setup: BulkSetup) -> None:
-    """Subscribe to the map, and take it whole."""
     where = f"{site.video_port}{PATH}" if setup.on_media else f"{site.ros_port}/"
     started = time.perf_counter()
     async with http.ws_connect(f"ws://127.0.0.1:{where}", compress=0, max_msg_size=0) as observer:

@@ -259,7 +259,6 @@ async def _measure_all(demo: Demo, faults: Sequence[Fault]) -> list[Row]:
 
 
 def measure(demo: Demo, programs: Sequence[Program] = PROGRAMS) -> Section:
-    """Kill and stop each program in turn."""
     faults = [
         Fault(program, number)
         for program in programs

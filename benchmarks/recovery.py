@@ -186,7 +186,6 @@ async def frozen(subject: Subject) -> float:
 
 
 async def rebooted(subject: Subject) -> float:
-    """Kill all that runs, and start the agent."""
     await asyncio.to_thread(subject.kill_agent)
     at_s = time.monotonic()
     subject.start_agent()

@@ -126,7 +126,6 @@ def bullets(lines: Iterable[str]) -> str:
 
 
 def page(template: str, **values: Any) -> str:
-    """A template of templates/ with these values."""
     environment = Environment(
         loader=FileSystemLoader(Path(__file__).with_name("templates")),
         undefined=StrictUndefined,
@@ -153,7 +152,6 @@ class Figure:
 
 
 def draw(figure: Figure, path: Path) -> None:
-    """Write the picture as SVG."""
     with mpl.rc_context(STYLE):
         drawing = Drawing(figsize=(8.0, 4.5), layout="constrained")
         points = pd.concat(figure.lines)

@@ -150,7 +150,6 @@ def press_stop(demo: Demo, robot: str, _: ProgramDriver, undo: ExitStack) -> Non
 
 
 def end_program(_: Demo, __: str, driver: ProgramDriver, ___: ExitStack) -> None:
-    """The program's connection ends without a goodbye."""
     driver.cut()
 
 
@@ -263,7 +262,6 @@ def row(cause: str, outcome: Outcome) -> Row:
 
 
 def measure(demo: Demo, repeat: int) -> Section:
-    """Lose the driver by each cause, `repeat` times."""
     rows = [row(cause, outcome_of(demo, ROBOT, cause, repeat)) for cause in CAUSES]
     wait_drivable(demo, ROBOT)
     return Section(

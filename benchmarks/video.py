@@ -183,7 +183,6 @@ def plain(port: int, quality: int) -> View:
 async def ours_viewed(
     where: str, url: Callable[[str], str], seconds: float, **how: Any
 ) -> list[Row]:
-    """Both of Robotether's protocols."""
     views: Mapping[str, View] = {
         "Robotether, frames protocol": lambda http, on_frame: view_frames(
             http, url("frames"), on_frame, **how
@@ -289,7 +288,6 @@ class Usage:
         return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
 
     def uplink_bytes(self) -> int:
-        """What has left the robot by its network."""
         lines = Path(f"/proc/{self._robot_pid}/net/dev").read_text().splitlines()
         [counts] = [
             line.split(":")[1].split() for line in lines if line.strip().startswith("eth0:")

@@ -96,7 +96,6 @@ async def until_stdin_ends() -> None:
 
 
 async def opened(folder: Path, target: SshAddress, kind: Kind) -> Tunnel:
-    """A connection of `kind` that is logged in."""
     files = SshFiles((folder / "key",), folder / "known_hosts", folder / f"{kind}.sock")
     tunnel = await Tunnel.open(target, files, kind)
     # The session command's line.

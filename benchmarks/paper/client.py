@@ -70,7 +70,6 @@ class Client:
     async def post(
         self, path: str, body: Mapping[str, Any], within_s: float | None = None
     ) -> tuple[int, Any]:
-        """Status and parsed answer of the API."""
         timeout = aiohttp.ClientTimeout(total=within_s or self._request_s)
         url = f"https://{self.address}/api/v1{path}"
         async with self._http.post(
@@ -105,7 +104,6 @@ class Client:
     async def open(
         self, robot: str, path: str, ticket: Mapping[str, Any], *, straight: bool = False
     ) -> aiohttp.ClientWebSocketResponse:
-        """Open a WebSocket with this ticket."""
         there = ticket.get("cell") if straight else None
         address = f"{there['host']}:{there['port']}" if there else self.address
         mark = "&" if "?" in path else "?"

@@ -119,7 +119,6 @@ def write_page(folder: Path, item: Chapter, scale: Scale, store: ResultStore) ->
 
 
 def markdown(item: Chapter, scale: Scale, store: ResultStore, *, has_picture: bool) -> str:
-    """The whole page."""
     outcomes = list(item.outcomes.values())
     values = {
         "one": item,

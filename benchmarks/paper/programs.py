@@ -75,7 +75,6 @@ class Program:
             raise RuntimeError(f"{ended}; its last words:\n{self.tail()}")
 
     def tail(self) -> str:
-        """Its last words."""
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-LOG_LINES:])
 
     def end(self) -> None:
@@ -158,7 +157,6 @@ class LineProgram:
         return line
 
     def tail(self) -> str:
-        """The end of what it wrote as errors."""
         return self._log.read_text(errors="replace")[-2000:]
 
     def end(self, within_s: float) -> None:

@@ -114,7 +114,6 @@ def in_order(events: Iterable[Event]) -> list[Event]:
 
 
 def by_robot(events: Sequence[Event]) -> dict[str, list[Event]]:
-    """Those that are about a robot."""
     found: dict[str, list[Event]] = {}
     for event in events:
         if event.robot:

@@ -242,7 +242,6 @@ class Nemesis:
         return others if len(others) > 1 else []
 
     async def begin(self, name: str, target: Target) -> None:
-        """Do one fault."""
         lasts_s = self.context.rng.uniform(*LASTS_S)
         self._add("fault", name, target)
         self._open.append(_Open(name, target, time.monotonic() + lasts_s))

@@ -96,7 +96,6 @@ class Person(Client):
         self._at = number % len(self._cells)
 
     def go_on(self) -> None:
-        """Go to the next cell."""
         self._at = (self._at + 1) % len(self._cells)
 
     def meet(self, error: BaseException) -> str:

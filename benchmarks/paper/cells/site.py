@@ -116,7 +116,6 @@ class Cell:
             file.write(offset_bytes(seconds))
 
     def wait_live(self) -> None:
-        """Wait until pages and relay answer."""
         end = time.monotonic() + HEALTHY_WITHIN_S
         while not self.is_live():
             if time.monotonic() > end:
@@ -226,7 +225,6 @@ class Site:
             cell.wait_live()
 
     def sql(self, query: str) -> list[list[str]]:
-        """Rows of the database, as text."""
         return self.cells[0].stack.sql(query)
 
 

@@ -68,7 +68,6 @@ class Watch:
         self._epoch = 0
 
     def on_arrived(self, message: DriveMessage) -> None:
-        """A drive message came to the guard."""
         if message.operation != "publish":
             return
         stamp, sent = message.fields.get(STAMP), origin(message.fields["msg"])  # type: ignore[arg-type] # as sent
@@ -77,7 +76,6 @@ class Watch:
             self._add("arrived", connection=connection, number=number, fence=stamp["fence"])
 
     def on_command(self, message: TopicMessage) -> None:
-        """The rosbridge got a command."""
         sent = origin(message.values)
         if sent is None:
             self._add("zeroed")

@@ -172,7 +172,6 @@ class Fleet:
         return round(time.monotonic() - began, 3)
 
     async def _all(self, order: str, within_s: float) -> None:
-        """Give an order to all workers at once."""
         for side in self._sides:
             side.send({"do": order})
         for side in self._sides:

@@ -119,7 +119,6 @@ class FleetEvents:
         self.on_fleet: Callable[[int], None] = lambda _at_ns: None
 
     async def follow(self) -> None:
-        """Follow the fleet without end."""
         while True:
             with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
                 # Whoever ends this while it hears ends the connection, too.

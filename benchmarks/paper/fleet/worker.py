@@ -152,18 +152,15 @@ class Robot(ABC):
         """Have all that needs no server."""
 
     def start(self) -> None:
-        """Connect, and stay connected."""
         self._running = asyncio.create_task(self._run())
 
     async def end(self) -> None:
-        """Disconnect."""
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
             self._running = None
 
     async def close(self) -> None:
-        """Leave nothing."""
         await self.end()
 
     @abstractmethod

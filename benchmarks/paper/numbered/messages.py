@@ -49,7 +49,6 @@ class Histogram:
 
     @property
     def times_ms(self) -> NDArray[np.float64]:
-        """All times, in no order."""
         return np.repeat(np.array(list(self._counts), dtype=float), list(self._counts.values()))
 
     def quantile_ms(self, part: float) -> float | None:

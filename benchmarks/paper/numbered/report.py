@@ -114,7 +114,6 @@ def _shortfalls(run: Values) -> Iterable[str]:
 
 
 def latency_figure(runs: Iterable[Values]) -> Figure:
-    """A line a run."""
     lines = [
         tail(run["title"], Histogram(run["latency"]).times_ms) for run in runs if run["latency"]
     ]

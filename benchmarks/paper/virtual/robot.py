@@ -201,7 +201,6 @@ class Connection(asyncssh.SSHClientSession[bytes]):
             raise ForwardFailedError(f"cannot open port {port} on the server: {error}") from error
 
     def send(self, message: Line) -> None:
-        """Send one line, if the connection still is."""
         if self._channel is not None and not self._channel.is_closing():
             self._channel.write(line_of(message))
 
@@ -217,7 +216,6 @@ class Connection(asyncssh.SSHClientSession[bytes]):
             self.ended.set_exception(problem)
 
     async def close(self) -> None:
-        """Leave nothing of it."""
         if self._timer is not None:
             self._timer.cancel()
         for task in self._tasks:

@@ -83,7 +83,6 @@ class Services:
 
     @property
     def guard(self) -> Mapping[str, Any]:
-        """What a guard says of itself."""
         return {
             "state": "ready",
             "stopped": self._authorizer.stopped,

@@ -20,7 +20,6 @@ def fingerprint(number: int) -> str:
 def join(
     program: Browser, mac: str, key: int, hostname: str = "turtle", **more: str
 ) -> TestResponse:
-    """A machine asks to be let in."""
     body = RobotSigner(key).join(mac, hostname=hostname, **more)
     return program.ask("POST", "/api/v1/join", json=body)
 

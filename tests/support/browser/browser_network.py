@@ -35,13 +35,11 @@ class BrowserNetwork:
 
     @property
     def environment(self) -> dict[str, str | float | bool]:
-        """What the launcher is told."""
         return {**os.environ, "BROWSER_NAMESPACE": self.name}
 
 
 @functools.cache
 def browser_network() -> BrowserNetwork:
-    """Return this process's network for browsers."""
     namespaces.sweep()
     made = ExitStack()
     atexit.register(made.close)

@@ -52,7 +52,6 @@ def kept(database: Database, member: str) -> Any:
 
 
 def names(database: Database) -> list[str]:
-    """The names of sim1's buttons, in their order."""
     return [button["name"] for button in kept(database, "buttons") or []]
 
 

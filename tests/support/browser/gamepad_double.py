@@ -71,7 +71,6 @@ class GamepadDouble:
         self._page.evaluate("(way) => gamepadDouble.unplug(way)", way)
 
     def press(self, *buttons: int) -> None:
-        """Hold these buttons too."""
         self._pressed.update(buttons)
         self._set()
 
@@ -81,7 +80,6 @@ class GamepadDouble:
         self._set()
 
     def push(self, axis: int, value: float) -> None:
-        """Move an axis there and hold it."""
         self._axes[axis] = value
         self._set()
 

@@ -58,7 +58,6 @@ class PageUsers:
         open_live(page, self.stack, robot)
 
     def close(self) -> None:
-        """Close all browsers."""
         self._open.close()
         self._open = ExitStack()
 

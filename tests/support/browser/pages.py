@@ -108,7 +108,6 @@ def drive_live(page: Page, site: Site, robot: str) -> None:
 
 
 def take_control(page: Page) -> None:
-    """Press Drive, and wait until the page drives."""
     page.get_by_test_id("control-drive").click()
     expect_mode(page, "drive")
 

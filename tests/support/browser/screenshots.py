@@ -96,7 +96,6 @@ class Camera:
         )
 
     def open(self, path: str) -> None:
-        """Go to a page."""
         open_page(self.page, self.site, path)
 
     def confirm_action(self, path: str) -> None:
@@ -204,7 +203,6 @@ def shoot_summary(camera: Camera) -> None:
 
 
 def hold(page: Page, test_id: str, ms: float) -> None:
-    """Hold a button with the mouse."""
     page.get_by_test_id(test_id).hover()
     page.mouse.down()
     page.wait_for_timeout(ms)
@@ -340,7 +338,6 @@ def shoot_all(
 
 
 def keep_for_documents() -> None:
-    """Copy what README and documents show."""
     documents = ROOT / "docs" / "screenshots"
     shutil.copy2(FOLDER / README_SHOWS, documents)
     for name in STATES:
@@ -349,7 +346,6 @@ def keep_for_documents() -> None:
 
 
 def main() -> None:
-    """Take all pictures and say where they are."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     demo = Demo()
     with sync_playwright() as playwright:

@@ -26,7 +26,6 @@ class Browser:
     address: str = "198.51.100.7"
 
     def ask(self, method: str, path: str, **options: Any) -> TestResponse:
-        """Send one request as nginx passes it on."""
         headers = {"X-Forwarded-For": self.address, "X-Forwarded-Proto": "https"}
         headers |= options.pop("headers", {})
         return self.client.open(path, method=method, base_url=SITE, headers=headers, **options)
@@ -43,13 +42,11 @@ class Browser:
         return found[1]
 
     def log_in(self, name: str, password: str = PASSWORD, onward: str = "") -> TestResponse:
-        """Fill the form in."""
         form = {"csrf_token": self.csrf(), "name": name, "password": password, "next": onward}
         return self.ask("POST", "/login", data=form)
 
 
 def bearer(database: Database, user: str) -> dict[str, str]:
-    """The header of a new API token."""
     with database.transaction() as tx:
         text = credentials.create_token(tx, users.get(tx, user), "test", None)
     return {"Authorization": f"Bearer {text}"}

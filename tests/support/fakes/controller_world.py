@@ -30,11 +30,9 @@ class FakePublisher:
 
     @property
     def can_send(self) -> bool:
-        """Whether a command may be sent now."""
         return self.up and not self.full
 
     async def send(self, data: bytes) -> bool:
-        """Keep what would go to rosbridge."""
         if self.breaks:
             return False
         self.sent.append(json.loads(data))
@@ -42,7 +40,6 @@ class FakePublisher:
 
     @property
     def speeds(self) -> list[float]:
-        """The speeds that were commanded, in their order."""
         return [m["msg"]["linear"]["x"] for m in self.sent if m["op"] == "publish"]
 
 
@@ -56,16 +53,13 @@ class FakeSource:
         self.notified: list[bytes] = []
 
     def refuse(self, kind: RefusedKind, text: str, message_id: str | int | None) -> None:
-        """Keep why a message did not go on."""
         self.refused.append((kind, text))
 
     def notify(self, data: bytes) -> None:
-        """Keep what rosbridge says to this connection."""
         self.notified.append(data)
 
     @property
     def kinds(self) -> list[str]:
-        """The kinds of what was refused."""
         return [kind for kind, _ in self.refused]
 
 
@@ -77,15 +71,12 @@ class MemoryMotionFile(MotionFile):
         self.driven: list[Driven] | None = None
 
     def read(self) -> list[Driven] | None:
-        """What the last guard left."""
         return self.driven
 
     def write(self, driven: Any) -> None:
-        """Note a motion."""
         self.driven = list(driven)
 
     def remove(self) -> None:
-        """Note that the robot stands."""
         self.driven = None
 
 
@@ -124,13 +115,11 @@ class World:
     async def drive(
         self, speed: float, source: FakeSource | None = None, age_ms: float = 0, **fields: Any
     ) -> None:
-        """Let a command come that is so old."""
         stamp = {"t_ms": self.now * 1000 - age_ms, "fence": 13}
         message = {"robotether": stamp, "msg": {"linear": {"x": speed}}, **fields}
         await self.send(source, op="publish", **message)
 
     async def pass_time(self, seconds: float, step_s: float = 0.01) -> None:
-        """Let time pass with an agent that lives."""
         end = self.now + seconds
         while self.now < end - 1e-9:
             self.now += step_s

@@ -30,7 +30,6 @@ def fake_jpeg(number: int, *, size: tuple[int, int] = (640, 480), length: int = 
 
 
 def number_of(jpeg: bytes) -> int:
-    """Return the number in such a picture."""
     number: int = struct.unpack_from("!I", jpeg, 6)[0]
     return number
 
@@ -57,12 +56,10 @@ class FakeVideoServer(WebService):
         self.open_most = 0
 
     async def start(self) -> None:
-        """Listen, the second time on the same port."""
         await super().start()
         self._clock = asyncio.ensure_future(self._count())
 
     async def stop(self) -> None:
-        """End all streams."""
         self._clock.cancel()
         await asyncio.gather(self._clock, return_exceptions=True)
         await super().stop()
@@ -142,16 +139,13 @@ class TopicRosbridge(WebService):
 
     @property
     def open(self) -> int:
-        """How many connections there are."""
         return len(self._sockets)
 
     async def start(self) -> None:
-        """Listen, the second time on the same port."""
         self._stopped.clear()
         await super().start()
 
     async def stop(self) -> None:
-        """End all connections."""
         self._stopped.set()
         for socket in tuple(self._sockets):
             await socket.close()
@@ -161,11 +155,9 @@ class TopicRosbridge(WebService):
         return {"/": self._serve}
 
     def subscribed(self, topic: str) -> list[dict[str, Any]]:
-        """The wishes for a topic, in order."""
         return [m for m in self.got if m["op"] == "subscribe" and m["topic"] == topic]
 
     async def publish(self, topic: str, message: dict[str, Any]) -> None:
-        """Send a message to everybody."""
         for socket in tuple(self._sockets):
             await socket.send_json({"op": "publish", "topic": topic, "msg": message})
 

@@ -73,16 +73,13 @@ class Link:
         self._writer = writer
 
     def send(self, message: dict[str, Any]) -> None:
-        """Send one message to the agent."""
         if not self._writer.is_closing():
             self._writer.write(json.dumps(message).encode() + b"\n")
 
     def drop(self) -> None:
-        """End the connection without a word."""
         self._writer.close()
 
     def of_type(self, kind: str) -> list[dict[str, Any]]:
-        """Return the messages of one type that came."""
         return [message for message in self.received if message["type"] == kind]
 
 
@@ -114,7 +111,6 @@ class FakeCloud:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def start(self) -> None:
-        """Open all three ends."""
         self._relay = await asyncio.start_server(self._serve, "127.0.0.1", 0)
         self.ssh = OpenSshServer(self._relay.sockets[0].getsockname()[1])
         await asyncio.to_thread(self.ssh.start)
@@ -130,11 +126,9 @@ class FakeCloud:
         self.server = f"127.0.0.1:{self._web.addresses[0][1]}"
 
     async def stop_web(self) -> None:
-        """Close the join endpoint only."""
         await self._web.cleanup()
 
     async def close(self) -> None:
-        """Close all ends, and leave nothing behind."""
         await self._web.cleanup()
         await asyncio.to_thread(self.ssh.close)
         self._relay.close()
@@ -143,7 +137,6 @@ class FakeCloud:
         await asyncio.gather(*self._tasks, return_exceptions=True)
 
     def approve(self) -> None:
-        """Let the key of the last join in."""
         self._approved = True
         if self.joins:
             self.authorize(self.joins[-1]["public_key"])
@@ -155,7 +148,6 @@ class FakeCloud:
 
     @property
     def cell(self) -> dict[str, Any]:
-        """This machine, as a member of `cells`."""
         return {"host": "127.0.0.1", "ports": [self.ssh.port]}
 
     async def be_of_site(self, first: FakeCloud) -> None:
@@ -179,7 +171,6 @@ class FakeCloud:
         self.ssh.authorize(public_key, self.ports + self.other_ports + shell)
 
     def active(self) -> web.Response:
-        """The answer for an active robot."""
         return web.json_response({"state": "active", "robot": "sim1", "ssh": self._access()})
 
     def where(self) -> web.Response:

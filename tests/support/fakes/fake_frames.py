@@ -42,7 +42,6 @@ class FakeFrames:
         self._changed = asyncio.Event()
 
     async def serve(self, request: web.Request) -> web.StreamResponse:
-        """Answer one request for /robotether/frames."""
         if self.mode in STATUSES:
             return web.Response(status=STATUSES[self.mode])
         socket = web.WebSocketResponse(compress=False, max_msg_size=4096, timeout=0.1)
@@ -71,11 +70,9 @@ class FakeFrames:
         return self.sequence
 
     async def send_status(self, **status: object) -> None:
-        """Send a status."""
         await self.send_text({"op": "status", "detail": "", **status})
 
     async def send_text(self, message: object) -> None:
-        """Send a text to all."""
         for socket in list(self.connections):
             await socket.send_str(json.dumps(message))
 
@@ -95,7 +92,6 @@ class FakeFrames:
                 await self._changed.wait()
 
     def of(self, op: str) -> list[dict[str, Any]]:
-        """The texts of this kind, in order."""
         return [text for text in self.texts if text["op"] == op]
 
     async def cut(self) -> None:

@@ -60,11 +60,9 @@ class FakeOperator:
         return time.monotonic() * 1000 - 5e6
 
     async def send(self, **message: object) -> None:
-        """Send one operation."""
         await self._socket.send_str(json.dumps(message))
 
     async def clock_sync(self) -> None:
-        """Send a clock sync."""
         await self.send(op="robotether.clock_sync", t_ms=self.clock_ms())
 
     async def drive(
@@ -76,7 +74,6 @@ class FakeOperator:
         await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
 
     async def late_sender(self, speed: float) -> None:
-        """Send a command of two seconds ago."""
         await self.drive(speed, age_ms=2000)
 
     async def floods(self, count: int) -> None:
@@ -93,7 +90,6 @@ class FakeOperator:
         """Do nothing but what the browser does by itself: `_read` answers pings."""
 
     async def until(self, what: str) -> dict[str, Any]:
-        """Wait for a message of this operation."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 for message in self.messages:
@@ -103,7 +99,6 @@ class FakeOperator:
                 await asyncio.sleep(0.005)
 
     async def close_reason(self) -> tuple[int | None, str]:
-        """Wait until the relay closes."""
         async with asyncio.timeout(WAIT_S):
             await self._ended.wait()
         assert self.closed is not None

@@ -16,13 +16,10 @@ class FakePipe(asyncio.WriteTransport):
         self.waiting = 0
 
     def write(self, data: Any) -> None:
-        """Keep a line."""
         self.lines.append(json.loads(data))
 
     def is_closing(self) -> bool:
-        """Tell that it stays open."""
         return False
 
     def get_write_buffer_size(self) -> int:
-        """Tell what the agent has not read."""
         return self.waiting

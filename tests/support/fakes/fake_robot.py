@@ -105,7 +105,6 @@ class RobotSession:
         self._heartbeat: asyncio.Task[None] | None = None
 
     async def connect(self, port: int) -> None:
-        """Open the connection and write the preface."""
         self._reader, self._writer = await asyncio.open_connection(HOST, port)
         self.send(
             type="preface",
@@ -129,11 +128,9 @@ class RobotSession:
             ) from error
 
     def send(self, **fields: object) -> None:
-        """Write one line."""
         self.send_raw(json.dumps(fields).encode() + b"\n")
 
     def send_raw(self, data: bytes) -> None:
-        """Write bytes as they are."""
         self._writer.write(data)
 
     async def _read(self) -> None:
@@ -204,7 +201,6 @@ class RobotSession:
 
     @staticmethod
     def clock_ms() -> float:
-        """What the robot's clock shows."""
         return time.monotonic() * 1000 + AHEAD_MS
 
     async def close(self) -> None:
@@ -285,7 +281,6 @@ class FakeRobot:
         return self.handshakes
 
     async def stop(self) -> None:
-        """Cut everything."""
         for session in (self.session, self.media):
             if hasattr(session, "_task"):
                 await session.close()

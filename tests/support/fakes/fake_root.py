@@ -42,11 +42,9 @@ class FakeRoot:
             file.write_text(f"{value}\n")
 
     def remove(self, name: str) -> None:
-        """Take an interface away."""
         shutil.rmtree(self.path / "sys/class/net" / name)
 
     def route(self, *routes: tuple[str, int]) -> None:
-        """Set the default routes: interface and metric."""
         lines = [
             f"{name} 00000000 0101A8C0 0003 0 0 {metric} 00000000 0 0 0" for name, metric in routes
         ]

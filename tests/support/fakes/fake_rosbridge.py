@@ -48,7 +48,6 @@ class FakeRosbridge(WebService):
         await super().stop()
 
     def read_on(self) -> None:
-        """End the fit of a slow reader."""
         self.mode = "good"
         self._reads.set()
 

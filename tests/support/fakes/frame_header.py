@@ -10,6 +10,5 @@ SIZE = HEADER.size
 
 
 def unpacked(message: bytes) -> Header:
-    """Return the header at the start of `message`."""
     codec, flags, quality, sequence, timestamp_ms = HEADER.unpack_from(message)
     return Header(sequence, timestamp_ms, quality, bool(flags & STAMPED), CODECS[codec])

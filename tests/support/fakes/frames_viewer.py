@@ -37,7 +37,6 @@ class FramesViewer:
         self.taken: int | None = None
 
     async def ask(self, **members: object) -> None:
-        """Send a stream request."""
         await self.socket.send_json({"op": "stream_request", **members})
 
     async def credit(self, frames: int = 1, **members: object) -> None:

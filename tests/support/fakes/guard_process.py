@@ -76,7 +76,6 @@ class GuardEnd(ABC):
         """Write to its input."""
 
     def tell(self, **line: Any) -> None:
-        """Send a line as the agent does."""
         self.write(json.dumps(line).encode() + b"\n")
 
     def reconfigure(self, **config: Any) -> None:
@@ -110,7 +109,6 @@ class GuardEnd(ABC):
 
     @property
     def state(self) -> dict[str, Any]:
-        """The newest line on the guard's state."""
         return [line for line in self.lines if line["type"] == "guard"][-1]
 
     async def until(
@@ -145,7 +143,6 @@ class GuardHere(GuardEnd):
         await self._http.close()
 
     def write(self, data: bytes) -> None:
-        """Write to its input."""
         self._lines.feed_data(data)
 
 
@@ -179,7 +176,6 @@ class GuardProcess(GuardEnd):
         self.process._transport.close()  # type: ignore[attr-defined]
 
     def write(self, data: bytes) -> None:
-        """Write to its input, unless that is closed."""
         assert self.process.stdin is not None
         if not self.process.stdin.is_closing():
             self.process.stdin.write(data)
@@ -225,7 +221,6 @@ class GuardClient:
         await self._http.close()
 
     async def send(self, **operation: Any) -> None:
-        """Send one operation."""
         await self.socket.send_str(json.dumps(operation))
 
     async def drive(
@@ -238,7 +233,6 @@ class GuardClient:
         await self.send(op="publish", **({"msg": message} | fields))
 
     async def receive(self) -> dict[str, Any]:
-        """Wait for the next message."""
         message: dict[str, Any] = await self.socket.receive_json(timeout=WAIT_S)
         return message
 

@@ -38,7 +38,6 @@ class InstalledAgent:
         }
 
     def add(self, name: str, unit: str = "a unit file\n") -> Path:
-        """Install a version beside the others."""
         version = self.layout.base / "versions" / name
         (version / "bin").mkdir(parents=True)
         (version / "share/robotether-agent").mkdir(parents=True)
@@ -56,11 +55,9 @@ class InstalledAgent:
         return [line for line in lines if not line.startswith("is-active")]
 
     def status(self) -> Status | None:
-        """What the running agent says."""
         return read_status(self.run_dir)
 
     def stop(self) -> None:
-        """Kill what runs."""
         path = self._systemd / "pid"
         if path.exists():
             pid = int(path.read_text())

@@ -28,7 +28,6 @@ class RobotKey:
 
     @property
     def fingerprint(self) -> str:
-        """SHA256:... as OpenSSH prints it."""
         done = subprocess.run(
             ["ssh-keygen", "-lf", str(self.file)], check=True, capture_output=True, text=True
         )
@@ -80,7 +79,6 @@ class RobotKey:
     def ssh(
         self, *arguments: str, port: int | None = None, timeout: float = 2 * ANSWER_S
     ) -> subprocess.CompletedProcess[str]:
-        """Run the client to its end."""
         return subprocess.run(
             self.command(*arguments, port=port),
             capture_output=True,

@@ -28,7 +28,6 @@ class RobotSigner:
 
     @property
     def key(self) -> PublicKey:
-        """The public half."""
         return identity.parse_robots_key(self.line)
 
     def sign(self, namespace: str, message: str) -> str:
@@ -44,7 +43,6 @@ class RobotSigner:
         return "\n".join((next(edges), *lines, next(edges), ""))
 
     def proof(self, mac: str, token: str | None = None) -> str:
-        """What a join has as its signature."""
         message = join_message(token, normalise_mac(mac), self.key.line)
         return self.sign(JOIN_NAMESPACE, message)
 

@@ -34,7 +34,6 @@ class Collector:
 
 
 def main(port: int) -> None:
-    """Look around, echo, drive, call services."""
     ros = roslibpy.Ros("127.0.0.1", port)
     ros.run(WAIT_S)
     try:
@@ -44,7 +43,6 @@ def main(port: int) -> None:
 
 
 def look_around(ros: roslibpy.Ros) -> dict:
-    """Ask rosapi."""
     return {
         "topics": ros.get_topics(),
         "odom_type": ros.get_topic_type("/odom"),

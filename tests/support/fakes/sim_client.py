@@ -34,11 +34,9 @@ class SocketClient:
         await self._http.close()
 
     async def send(self, **operation: Any) -> None:
-        """Send one operation."""
         await self.socket.send_str(json.dumps(operation))
 
     async def receive(self) -> dict[str, Any]:
-        """Wait for the next message."""
         message: dict[str, Any] = await self.socket.receive_json(timeout=WAIT_S)
         return message
 

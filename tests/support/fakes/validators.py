@@ -89,13 +89,11 @@ def validator(
 
 
 def check(message: object, at: MessageValidator) -> ValidatedMessage:
-    """What the validator makes of the message."""
     data = message if isinstance(message, bytes) else json.dumps(message).encode()
     return at.check(data)
 
 
 def sent(message: object, at: MessageValidator) -> object:
-    """What reaches the robot."""
     return json.loads(check(message, at).data)
 
 
@@ -108,5 +106,4 @@ def refused(message: object, at: MessageValidator) -> tuple[str, dict[str, objec
 
 
 def name_of(message: dict[str, object]) -> str:
-    """What a test with this message is called."""
     return str(message["op"])

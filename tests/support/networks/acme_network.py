@@ -63,13 +63,11 @@ class AcmeNetwork:
         return self._folder / "own"
 
     def folder(self, name: str) -> Path:
-        """A folder of this network for more files."""
         made = self._folder / name
         made.mkdir(exist_ok=True)
         return made
 
     def start_nginx(self) -> Container:
-        """Start nginx under the host name."""
         return self._run(
             "nginx",
             "nginx",
@@ -84,7 +82,6 @@ class AcmeNetwork:
         )
 
     def start_acme(self, domain: str = DOMAIN, authority: str = AUTHORITY) -> Container:
-        """Start the client."""
         return self._run(
             "acme",
             f"acme-of-{authority}",
@@ -111,7 +108,6 @@ class AcmeNetwork:
         container.remove(force=True, v=True)
 
     def revoke(self, acme: Container) -> None:
-        """Revoke the certificate that the client has."""
         settings = dict(entry.split("=", 1) for entry in acme.attrs["Config"]["Env"])
         command = ["lego", "--email", settings["ACME_EMAIL"], "--server", settings["ACME_SERVER"]]
         command += ["--domains", settings["DOMAIN"], "--path", "/var/lib/acme", "revoke", "--keep"]
@@ -239,7 +235,6 @@ def make_certificate(folder: Path, name: str, *more: str) -> None:
 
 
 def issuer_of(pem: str) -> str:
-    """The issuer's name of a certificate."""
     command = ["openssl", "x509", "-noout", "-issuer", "-nameopt", "multiline"]
     done = subprocess.run(command, input=pem, capture_output=True, text=True, check=True)
     return done.stdout.partition("commonName")[2].strip(" =\n")

@@ -52,5 +52,4 @@ def der_of(file: Path) -> bytes:
 
 
 def fingerprint_of(file: Path) -> str:
-    """Return the SHA-256 of the certificate in `file`."""
     return hashlib.sha256(der_of(file)).hexdigest()

@@ -48,7 +48,6 @@ class Link:
         self._made = ExitStack()
 
     def __enter__(self) -> Link:
-        """Make the namespaces and join them."""
         namespaces.sweep()
         with ExitStack() as made:
             self.robot = namespaces.make(made, "robot", ROBOT_ADDRESS)
@@ -60,7 +59,6 @@ class Link:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove everything."""
         self._made.close()
 
     def _start_worker(self, made: ExitStack) -> None:

@@ -49,7 +49,6 @@ class Direction:
             yield self._flying.popleft()[1]
 
     def next_at(self) -> float | None:
-        """Return when something happens next, if anything does."""
         times = [self._flying[0][0]] if self._flying else []
         return min([*times, self._sent_at] if self._waiting else times, default=None)
 

@@ -57,7 +57,6 @@ class Worker:
         self._ways = ((Direction(up), robot, server), (Direction(down), server, robot))
 
     def run(self) -> None:
-        """Move packets until stdin ends."""
         waiting = [0, *(entry for _, entry, _ in self._ways)]
         while True:
             ready, _, _ = select.select(waiting, [], [], self._pause_s())
@@ -93,7 +92,6 @@ def put(way_out: int, packet: bytes) -> None:
 
 
 def main() -> None:
-    """Serve one link."""
     robot, server, *shapes = sys.argv[1:]
     up, down = (Shape(**json.loads(shape)) for shape in shapes)
     try:

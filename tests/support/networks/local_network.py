@@ -35,7 +35,6 @@ def free_port() -> int:
 
 
 def free_ports(count: int) -> range:
-    """Return `count` free ports with consecutive numbers."""
     while True:
         first = _rng.choice(PORTS[: 1 - count])
         ports = range(first, first + count)

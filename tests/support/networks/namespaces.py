@@ -38,7 +38,6 @@ class Namespace:
 
     @property
     def path(self) -> Path:
-        """The file that stands for it."""
         return PLACE / self.name
 
     def command(self, *words: str) -> list[str]:
@@ -69,7 +68,6 @@ class Namespace:
 
 
 def enter(name: str) -> None:
-    """Move this thread into the namespace `name`."""
     descriptor = os.open(PLACE / name, os.O_RDONLY)
     try:
         _set_namespace(descriptor)
@@ -136,7 +134,6 @@ def sweep() -> None:
 
 
 def ip(*words: str) -> None:
-    """Run iproute2."""
     done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
     if done.returncode != 0:
         raise RuntimeError(f"cannot run ip {' '.join(words)}: {done.stderr.strip()}")

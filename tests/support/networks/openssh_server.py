@@ -112,7 +112,6 @@ class OpenSshServer:
         self._authorized.write_text(self._line(public_key, ports, robot_id))
 
     def authorize_too(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> None:
-        """Let one more robot's key in."""
         with self._authorized.open("a") as lines:
             lines.write(self._line(public_key, ports, robot_id))
 
@@ -124,11 +123,9 @@ class OpenSshServer:
         return f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
 
     def refuse_all(self) -> None:
-        """Let no key in."""
         self._authorized.write_text("")
 
     def start(self) -> None:
-        """Start sshd and wait until it listens."""
         self._process = start_sshd(self._place, self._config())
         wait_until(self._listens, lambda: f"sshd listens; its log:\n{self.log_text()}")
 
@@ -145,7 +142,6 @@ class OpenSshServer:
             kill(pid)
 
     def close(self) -> None:
-        """Stop, and remove all files."""
         self.stop()
         shutil.rmtree(self._place)
 
@@ -155,7 +151,6 @@ class OpenSshServer:
         return [] if own is None else [own.pid, *descendants(own.pid)]
 
     def log_text(self) -> str:
-        """What sshd said."""
         path = self._place / "log"
         return path.read_text(errors="replace") if path.exists() else ""
 

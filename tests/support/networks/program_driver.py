@@ -30,7 +30,6 @@ class ProgramDriver(LoopThread):
         self.close_code: int | None = None
 
     def cut(self) -> None:
-        """End the connection without a goodbye."""
         assert self._socket is not None
         self._socket.shutdown(socket.SHUT_RDWR)
 

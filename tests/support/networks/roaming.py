@@ -45,11 +45,9 @@ class RoamingNetwork:
         self._route()
 
     def cut(self) -> None:
-        """Drop every packet from now on."""
         self._rule("add", *FIRST_RULE, "blackhole")
 
     def mend(self) -> None:
-        """Let packets pass again."""
         self._rule("del", *FIRST_RULE)
 
     def readdress(self) -> None:

@@ -40,7 +40,6 @@ class ShellHost:
         wait_until(lambda: listens(self.port), lambda: f"sshd listens:\n{self.log()}", within_s=10)
 
     def log(self) -> str:
-        """What sshd said."""
         return (self.folder / "log").read_text(errors="replace")
 
     def new_host_key(self) -> None:
@@ -51,7 +50,6 @@ class ShellHost:
         self.start()
 
     def stop(self) -> None:
-        """End sshd and all its connections."""
         if self._process is not None:
             stop_sshd(self._process)
             self._process = None
@@ -116,7 +114,6 @@ class ShellNetwork:
         self.jump.authorized.write_text(f"restrict,port-forwarding{opens} {self.public_key}\n")
 
     def trust(self) -> None:
-        """Know every host's present key."""
         lines = [f"{self.jump_address} {self.jump.host_key}"]
         lines += [f"robotether-{name} {robot.host_key}" for name, robot in self.robots.items()]
         self.known_hosts.write_text("\n".join(lines) + "\n")
@@ -141,6 +138,5 @@ Host *
         self.config.write_text("\n".join(entries) + own)
 
     def stop(self) -> None:
-        """End everything."""
         for host in (self.jump, *self.robots.values()):
             host.stop()

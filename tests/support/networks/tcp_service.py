@@ -55,7 +55,6 @@ class WebService:
 
     @property
     def url(self) -> str:
-        """The server's own URL."""
         return f"{self.scheme}://127.0.0.1:{self.port}"
 
     async def __aenter__(self) -> Self:
@@ -81,7 +80,6 @@ class WebService:
         self.port = self._runner.addresses[0][1]
 
     async def stop(self) -> None:
-        """End all connections."""
         await self._runner.cleanup()
 
     def _routes(self) -> Mapping[str, Any]:

@@ -18,5 +18,4 @@ class TimedWebSocket(aiohttp.ClientWebSocketResponse):
 
 
 def timed_session(**options: Any) -> aiohttp.ClientSession:
-    """Make a session with such WebSockets."""
     return aiohttp.ClientSession(ws_response_class=TimedWebSocket, **options)

@@ -24,7 +24,6 @@ class TlsFront:
 
 
 def openssl(*arguments: str, stdin: bytes = b"") -> bytes:
-    """Run openssl and return what it wrote."""
     done = subprocess.run(["openssl", *arguments], input=stdin, check=True, capture_output=True)
     return done.stdout
 

@@ -31,13 +31,11 @@ Run = Callable[..., Done]
 
 
 def show_key(database: Database, key: PublicKey = KEY) -> None:
-    """Let sim1 join with a key."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.get(tx, "sim1").id, key, REPORT)
 
 
 def activate(database: Database) -> None:
-    """Let sim1 in with its key."""
     show_key(database)
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "sim1").id, "active")
@@ -50,7 +48,6 @@ def claim(database: Database, key: PublicKey = OTHER_KEY) -> None:
 
 
 def robot(database: Database, name: str = "sim1") -> RobotRow:
-    """The robot's record."""
     with database.transaction() as tx:
         return robots.get(tx, name)
 
@@ -63,12 +60,10 @@ def events(database: Database) -> list[tuple[str, str, str]]:
 
 
 def kinds(database: Database) -> list[str]:
-    """What was done, the oldest first."""
     return [kind for _, kind, _ in events(database)]
 
 
 def details_of(database: Database, kind: str) -> list[dict[str, object]]:
-    """The details of all events of a kind."""
     with database.transaction() as tx:
         rows = tx.rows("SELECT details FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
     return [json.loads(row["details"]) for row in rows]

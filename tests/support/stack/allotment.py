@@ -10,7 +10,6 @@ from robotether_server.problems import RobotetherError
 
 
 def mac(number: int) -> str:
-    """A MAC for the robot of that number."""
     return f"02:00:00:00:{number >> 8:02x}:{number & 255:02x}"
 
 

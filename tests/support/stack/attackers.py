@@ -114,11 +114,9 @@ class Person:
         return self._cookie
 
     def ticket(self, robot: str, mode: str = "observe") -> str:
-        """A new ticket, asked for with the token."""
         return self.program.ticket(robot, mode)
 
     def ask(self, method: str, path: str, body: object = None) -> Answer:
-        """One request with the token."""
         return raw(self.stack, method, path, headers=self.bearer, body=body)
 
     def _wait_until_known(self, robot: str) -> None:

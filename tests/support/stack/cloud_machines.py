@@ -22,7 +22,6 @@ RECAP = re.compile(r"changed=(\d+)\s+unreachable=(\d+)\s+failed=(\d+)")
 
 
 def image_tag() -> str:
-    """The tag of the images, for TAG."""
     return IMAGES[0].partition(":")[2]
 
 
@@ -41,7 +40,6 @@ def clone_sources(folder: Path) -> Path:
 
 
 def boot_machine(hosts: RobotHosts, name: str) -> RobotHost:
-    """A bare machine in which Docker can run."""
     host = hosts.boot(
         name,
         # overlay2 needs another file system than the container's own; runc needs to look into what it started.
@@ -54,7 +52,6 @@ def boot_machine(hosts: RobotHosts, name: str) -> RobotHost:
 
 
 def compose(host: RobotHost, arguments: str) -> str:
-    """`tools/compose` on a machine."""
     return host.run(f"cd {FOLDER} && tools/compose {arguments}")
 
 

@@ -42,16 +42,13 @@ class Demo:
         return service in self.compose("ps", "--services", "--status", "running").split()
 
     def robotether(self, *arguments: str) -> str:
-        """The admin's command."""
         return self.compose("exec", "-T", "web", "robotether", *arguments)
 
     @cached_property
     def project(self) -> str:
-        """The compose project's name."""
         return str(json.loads(self.compose("config", "--format", "json"))["name"])
 
     def container(self, service: str) -> Container:
-        """The container of a service."""
         return container_of(self.engine, self.project, service)
 
     def address_of(self, service: str) -> str:
@@ -65,7 +62,6 @@ class Demo:
 
     @cached_property
     def https_port(self) -> int:
-        """The published port of https."""
         return int(self.compose("port", "nginx", "8443").rsplit(":", 1)[1])
 
     @property
@@ -96,5 +92,4 @@ class Demo:
         return answer
 
     def ticket(self, robot: str, mode: str) -> str:
-        """A ticket for one connection."""
         return str(self.ask("POST", "/api/v1/tickets", {"robot": robot, "mode": mode})["ticket"])

@@ -13,7 +13,6 @@ def give(tx: Transaction, user_id: int, robot_id: int, level: Level) -> None:
 
 
 def take(tx: Transaction, user_id: int, robot_id: int) -> None:
-    """Remove it again."""
     found = grants.find(tx, Pair(user_id=user_id, robot_id=robot_id))
     assert found is not None
     grants.remove(tx, found.id)

@@ -65,11 +65,9 @@ class Site:
 
     @property
     def rules(self) -> JoinSettings:
-        """What is set."""
         return JoinSettings(self.policy, self.limit, None, (2222,), Path(), self.local)
 
     def unknown_robot(self, number: int, address: str = "192.0.2.1") -> Answer:
-        """An unknown robot's join."""
         report = Report("turtle", "0.1.0", address)
         return self.ask(f"00:1b:44:01:00:{number:02x}", key(number), report=report)
 
@@ -79,23 +77,19 @@ class Site:
             robots.add(tx, mac, name)
 
     def robot(self, name: str) -> RobotRow:
-        """A robot's record as it is now."""
         with self.database.transaction() as tx:
             return robots.get(tx, name)
 
     def set_state(self, name: str, state: str) -> None:
-        """As an admin who deals with the robot."""
         with self.database.transaction() as tx:
             robots.set_state(tx, robots.get(tx, name).id, state)  # type: ignore[arg-type] # tests choose states
 
     def admins_token(self) -> str:
-        """The API token of a new admin."""
         with self.database.transaction() as tx:
             users.add(tx, "root", "x", "admin")
             return credentials.create_token(tx, users.get(tx, "root"), "test", None)
 
     def join_token(self, uses: int, hours: float = 1) -> str:
-        """The text of a new join token."""
         ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
         with self.database.transaction() as tx:
             return join_tokens.create(tx, "lab", uses, ends_at, "root")
@@ -106,12 +100,10 @@ class Site:
             return join_tokens.list_all(tx)[0].used
 
     def claimed(self) -> list[str]:
-        """The fingerprints of the keys that are claims."""
         with self.database.transaction() as tx:
             return [claim.key.fingerprint for claim in robots.list_claims(tx)]
 
     def names(self) -> list[str]:
-        """All robots."""
         with self.database.transaction() as tx:
             return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
@@ -122,11 +114,9 @@ class Site:
 
 
 def key(number: int) -> PublicKey:
-    """A key of its own for each number."""
     return PublicKey(f"ssh-ed25519 {number}", f"SHA256:{number}")
 
 
 def age(tx: Transaction, hours: int) -> None:
-    """Let all joins be that much longer ago."""
     tx.change("UPDATE robots SET joined_at = joined_at - INTERVAL %s HOUR", (hours,))
     tx.change("UPDATE key_claims SET claimed_at = claimed_at - INTERVAL %s HOUR", (hours,))

@@ -67,7 +67,6 @@ class ShellRobot:
         self.insert()
 
     def insert(self) -> None:
-        """Write the row (anew)."""
         key = " ".join(self.key.public.split()[:2])
         self.stack.sql(
             "INSERT INTO robots (mac, name, state, public_key, fingerprint, shell) "
@@ -75,16 +74,13 @@ class ShellRobot:
         )
 
     def change(self, change: str) -> None:
-        """UPDATE its row."""
         self.stack.sql(f"UPDATE robots SET {change} WHERE name = '{self.name}'")
 
     def remove(self) -> None:
-        """DELETE its row."""
         self.stack.sql(f"DELETE FROM robots WHERE name = '{self.name}'")
 
     @property
     def shell_port(self) -> int:
-        """Where its shell is on the server."""
         [[port]] = self.stack.sql(f"SELECT shell_port FROM robots WHERE name = '{self.name}'")
         return int(port)
 
@@ -141,7 +137,6 @@ class Person:
         self.add_key()
 
     def add_key(self) -> None:
-        """Put the public key into the profile."""
         key = " ".join(self.key.public.split()[:2])
         self.stack.sql(
             "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) "
@@ -149,19 +144,16 @@ class Person:
         )
 
     def grant(self, robot: ShellRobot, level: str) -> None:
-        """Give or change a grant."""
         self.stack.sql(
             "REPLACE INTO grants (user_id, robot_id, level) SELECT u.id, r.id, "
             f"'{level}' FROM users u, robots r WHERE u.name = '{self.name}' AND r.name = '{robot.name}'"
         )
 
     def lose_grants(self) -> None:
-        """Take all grants away."""
         mine = f"u.name = '{self.name}'"
         self.stack.sql(f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE {mine}")
 
     def remove(self) -> None:
-        """DELETE the user, with keys and grants."""
         self.stack.sql(f"DELETE FROM users WHERE name = '{self.name}'")
 
     def reach(self, port: int, host: str = "127.0.0.1") -> subprocess.CompletedProcess[str]:
@@ -170,7 +162,6 @@ class Person:
 
     @contextmanager
     def connected(self, port: int) -> Iterator[subprocess.Popen[str]]:
-        """Be connected to a robot's shell port."""
         running = self.key.start("-W", f"127.0.0.1:{port}", JUMP)
         try:
             assert first_line(running).encode() == BANNER.replace(b"\r\n", b"\n")

@@ -20,7 +20,6 @@ class Containers:
         running.callback(self._engine.close)
 
     def network(self) -> Any:
-        """A new network."""
         made = self._engine.networks.create(f"robotether-nginx-{uuid.uuid4().hex[:8]}")
         self._running.callback(made.remove)
         made.reload()
@@ -39,6 +38,5 @@ class Containers:
 
 
 def address_in(network: Any, container: Container) -> str:
-    """Where others on the network reach a container."""
     container.reload()
     return str(container.attrs["NetworkSettings"]["Networks"][network.name]["IPAddress"])

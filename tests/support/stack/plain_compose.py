@@ -48,16 +48,13 @@ class PlainCompose:
 
     @property
     def compose_folder(self) -> Path:
-        """Where `docker compose` is run."""
         return self._folder / "compose"
 
     @property
     def url(self) -> str:
-        """The address that web prints."""
         return f"https://localhost:{self.settings['HTTPS_PORT']}/"
 
     def run(self, *arguments: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
-        """Run docker compose with these arguments."""
         environment = {name: str(value) for name, value in self.settings.items()}
         return subprocess.run(
             ["docker", "compose", *arguments],
@@ -100,11 +97,9 @@ class PlainCompose:
         }
 
     def log(self, service: str) -> str:
-        """The log of a service's container."""
         return self.compose("logs", "--no-log-prefix", service)
 
     def robots(self) -> dict[str, dict[str, Any]]:
-        """The robots that the server knows."""
         listed = self.compose("exec", "-T", "web", "robotether", "robot", "list", "--json")
         return {row["name"]: row for row in json.loads(listed)}
 

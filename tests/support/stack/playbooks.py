@@ -77,7 +77,6 @@ class Played:
 
     @property
     def recaps(self) -> dict[str, Recap]:
-        """The recap of each host that was played."""
         return {
             found["host"]: Recap(
                 **{name: int(text) for name, text in found.groupdict().items() if name != "host"}

@@ -37,7 +37,6 @@ class Program:
     async def connect(
         self, robot: str, mode: str = "drive", ticket: str | None = None, **options: Any
     ) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
-        """An open WebSocket to the robot's rosbridge."""
         ticket = ticket or await asyncio.to_thread(self.ticket, robot, mode)
         url = f"{self.stack.url}/robots/{robot}/ros?ticket={ticket}"
         async with (

@@ -51,7 +51,6 @@ async def misbehaving(relay: RelayServer, robot: RelayRobot, mode: Mode) -> Fake
 
 
 def audit_lines(memory_database: MemoryDatabase) -> list[AuditEntry]:
-    """Lines of the audit log that were written."""
     return [entry for entry in memory_database.written if isinstance(entry, AuditEntry)]
 
 

@@ -91,7 +91,6 @@ class MemoryDatabase(RelayDatabase):
         return text
 
     def sessions(self) -> list[SessionEntry]:
-        """The sessions that were written."""
         return [entry for entry in self.written if isinstance(entry, SessionEntry)]
 
     async def changes(self) -> Changes:
@@ -167,12 +166,10 @@ class RelayServer:
 
     @property
     def url(self) -> str:
-        """Where it answers HTTP."""
         return f"http://{HOST}:{self.relay.http_port}"
 
     @property
     def inside_url(self) -> str:
-        """Where it answers health checks."""
         return f"http://{HOST}:{self.relay.inside_port}"
 
     def ticket(
@@ -238,7 +235,6 @@ async def running_relay(
     peer_keys: PeerKeys | None = None,
     journal: Journal | None = None,
 ) -> AsyncIterator[RelayServer]:
-    """Run the relay inside the block."""
     listen = Listen(host=HOST, http_port=0, session_port=0, peer_port=0, inside_port=0)
     settings = relay_settings(cell=cell)
     relay = Relay(
@@ -265,5 +261,4 @@ async def until(condition: Callable[[], object], what: str, within_s: float = WA
 
 
 def utc(*parts: int) -> datetime:
-    """Shorten a moment in UTC."""
     return datetime(*parts, tzinfo=timezone.utc)  # type: ignore[misc,arg-type]  # date and time

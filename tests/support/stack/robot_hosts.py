@@ -136,11 +136,9 @@ class RobotHost:
         self.container.restart(timeout=30)
 
     def switch_off(self) -> None:
-        """Cut the power."""
         self.container.kill()
 
     def switch_on(self) -> None:
-        """Give it power again."""
         self.container.start()
 
     def wait_booted(self) -> None:
@@ -175,7 +173,6 @@ class RobotHost:
         ]
 
     def inventory_line(self, **variables: Any) -> str:
-        """Return this host's line of an Ansible inventory."""
         ours = {
             "ansible_host": "127.0.0.1",
             "ansible_port": str(self.ssh_port),
@@ -258,7 +255,6 @@ class RobotHosts:
             return list(pool.map(lambda name: self.boot(name, **given.get(name, {})), names))
 
     def remove(self, host: RobotHost) -> None:
-        """Throw a host away."""
         self.booted.remove(host)
         host.container.remove(force=True, v=True)
 

@@ -59,12 +59,10 @@ class PeerListener:
         self.port = 0
 
     async def start(self) -> None:
-        """Listen."""
         self._server = await asyncio.start_server(self._accept, HOST, 0, ssl=self._context)
         self.port = self._server.sockets[0].getsockname()[1]
 
     async def stop(self) -> None:
-        """Listen no more."""
         self._server.close()
         await self._break_all()
 
@@ -129,7 +127,6 @@ class SiteCell:
 
     @property
     def relay(self) -> Relay:
-        """Its relay."""
         return self.server.relay
 
     def owner(self, robot: RelayRobot) -> str | None:
@@ -176,11 +173,9 @@ class Site:
         return cell
 
     async def connected(self) -> None:
-        """Wait until all cells follow each other."""
         cells = self.cells.values()
         others = len(cells) - 1
         await until(lambda: all(each.relay.peers.count() == others for each in cells), "connected")
 
     async def stop(self) -> None:
-        """Stop all cells, the newest first."""
         await self._stack.aclose()

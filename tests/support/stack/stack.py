@@ -63,7 +63,6 @@ class Stack:
 
     @property
     def env_file(self) -> Path:
-        """The settings of this project."""
         return self.folder / "test.env"
 
     @property
@@ -104,7 +103,6 @@ class Stack:
         self.env_file.write_text("\n".join(lines) + "\n")
 
     def down(self) -> None:
-        """Remove containers, networks and volumes of this project."""
         self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", timeout=120)
 
     def tool(self, *command: str, timeout: float = 60) -> str:
@@ -127,7 +125,6 @@ class Stack:
         return done.stdout
 
     def compose(self, *arguments: str, timeout: float = 60) -> str:
-        """`docker compose` for this project."""
         return self.tool("tools/compose", *arguments, timeout=timeout)
 
     def exec(self, service: str, *command: str, user: str = "") -> str:
@@ -141,7 +138,6 @@ class Stack:
         return done.stdout
 
     def robotether(self, *arguments: str) -> str:
-        """The admin's command."""
         return self.exec("web", "robotether", *arguments)
 
     def sql(self, query: str) -> list[list[str]]:
@@ -267,7 +263,6 @@ class Stack:
 
     @cached_property
     def admin(self) -> Admin:
-        """The admin, for what tests change."""
         return Admin(self.request, self.token)
 
 

@@ -46,7 +46,6 @@ class Admin:
         return answer
 
     def users(self) -> set[str]:
-        """Return the names of all users."""
         return {user["name"] for user in self.ask("GET", "/users")["users"]}
 
     def add_user(self, name: str, password: str | None = None) -> str:

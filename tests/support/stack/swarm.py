@@ -103,7 +103,6 @@ class Swarm:
         archive.unlink()
 
     def deploy(self, stack: str, *files: str, **settings: str) -> None:
-        """Start a stack from files of deploy/swarm."""
         tag = image("server").partition(":")[2]
         named = " ".join(f"--compose-file /deploy/swarm/{file}" for file in files)
         # The engines would look for newer images in a registry.

@@ -37,7 +37,6 @@ class TlsWeb:
         return self._programs[user]
 
     def token(self, user: str) -> str:
-        """The API token of that program."""
         return self.program(user).headers["Authorization"].removeprefix("Bearer ")
 
     def as_nginx_asks(
