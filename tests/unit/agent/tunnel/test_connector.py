@@ -194,23 +194,10 @@ async def test_a_robot_whose_machine_dies_goes_to_the_next_one(site, start_agent
     assert len(first.joins) == 1
 
 
-async def test_video_follows_a_session_that_moved(site, start_agent):
-    """Also when its own connection to the machine before still works."""
-    first, second = await site()
-    agent = start_agent(first)
-    await agent.until_connected()
-    first.cells = [second.cell]
-    link = await first.link("session")
-    link.send(first._config(first.ports))
-    link.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
-    await at(second, "media")
-    await eventually(lambda: not first.of_kind("media"), lambda: "the old one has ended")
-
-
 async def test_a_machine_out_of_service_hands_over_its_robot_by_its_newest_list(
     site, start_agent, place
 ):
-    """The list arrives right before the bye, and lasts over a restart of the agent."""
+    """The list arrives right before the bye, and lasts over a restart of the agent; the video follows."""
     first, second = await site()
     agent = start_agent(first)
     await agent.until_connected()
@@ -219,6 +206,9 @@ async def test_a_machine_out_of_service_hands_over_its_robot_by_its_newest_list(
     link = await first.link("session")
     link.send({"type": "bye", "code": "cell_draining", "detail": "connect to the next"})
     await at(second)
+    await at(second, "media")
+    # Also when its own connection to the machine before still works.
+    await eventually(lambda: not first.of_kind("media"), lambda: "the old one has ended")
     await agent.stop()
     assert kept(place) == [second.cell]
     sessions = len(first.of_kind("session", live=False))
@@ -267,25 +257,21 @@ async def test_a_key_that_is_refused_is_refused_by_the_server(site, start_agent)
     assert "Accepted publickey" not in second.ssh.log_text()
 
 
-async def test_a_machine_that_lets_in_and_has_no_relay_comes_last(site, start_agent):
-    """It answers, and is of no use; the video goes where the session is, whatever the list says."""
+@pytest.mark.parametrize("relay", ["hangs", "is away"])
+async def test_a_machine_whose_relay_does_not_answer_comes_last(
+    site, start_agent, monkeypatch, relay
+):
+    """It lets in, and is of no use; the video goes where the session is, whatever the list says."""
+    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 1.0)
     first, second = await site()
     second.cells = first.cells
-    first._relay.close()
-    agent = start_agent(first)
-    status = await agent.until_connected()
-    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
-    assert first.links == []
-
-
-async def test_a_relay_that_never_answers_is_left(site, start_agent, monkeypatch):
-    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 2.0)
-    first, second = await site()
-    second.cells = first.cells
-    first.mode = "hangs"
+    if relay == "hangs":
+        first.mode = "hangs"
+    else:
+        first._relay.close()
     status = await start_agent(first).until_connected()
     assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
-    assert len(first.of_kind("session", live=False)) == 1
+    assert len(first.of_kind("session", live=False)) == (relay == "hangs")
 
 
 async def test_the_only_relay_is_waited_for(site, start_agent, monkeypatch):

@@ -32,7 +32,7 @@ def test_one_request_for_a_key_is_one_key():
 
 
 async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, services):
-    """It comes with its port and goes with shell_off; session and video never notice, nor does another start."""
+    """It comes with its port, comes back by itself when it drops, and goes with shell_off; the others never notice."""
     cloud = await make_cloud()
     agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
     await agent.until_connected()
@@ -41,13 +41,15 @@ async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, servi
     await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
     assert await echo(cloud.shell_port, "shell") == "shell"
     port = cloud.shell_port
-    shell = await cloud.link("shell")
+    (await cloud.link("shell")).drop()
+    shell = await cloud.link("shell", number=2)
+    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is back")
     cloud.configure(shell_port=None)
     shell.send({"type": "bye", "code": "shell_off", "detail": "an admin switched it off"})
     await agent.until(lambda status: status.shell_tunnel == "off", "the shell tunnel is off")
     await eventually(lambda: not listens(port), lambda: "the shell's port is closed")
     cloud.configure(shell_port=free_port())
-    await cloud.link("shell", number=2)
+    await cloud.link("shell", number=3)
     await agent.until(
         lambda status: status.shell_tunnel == "open", "the shell tunnel is open again"
     )
@@ -73,10 +75,11 @@ async def test_shell_that_is_on_again_before_it_has_ended_comes_back(
 
 
 async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_agent):
-    """It opens on request, and goes with unwatched; that is no problem, and the session never notices."""
+    """It opens on request, and goes with unwatched, which is no problem; a shell that the robot forbids never opens."""
     cloud = await make_cloud()
     cloud.media = False
-    agent = start_agent(cloud)
+    cloud.shell_port = free_port()
+    agent = start_agent(cloud, shell_address="none")
     await agent.until(lambda status: status.video_tunnel == "unwatched", "nobody watches")
     assert agent.status().state == "connected"
     assert cloud.of_kind("media", live=False) == []
@@ -91,28 +94,6 @@ async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_a
     cloud.configure(media=True)
     await cloud.link("media", number=2)
     assert len(cloud.of_kind("session", live=False)) == 1
-
-
-async def test_a_shell_that_fails_leaves_the_others_alone(make_cloud, start_agent, services):
-    """When the shell's connection drops it comes back by itself, and until then that is a problem."""
-    cloud = await make_cloud()
-    cloud.shell_port = free_port()
-    agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
-    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
-    (await cloud.link("shell")).drop()
-    await cloud.link("shell", number=2)
-    await agent.until(
-        lambda status: status.shell_tunnel == "open", "the shell tunnel is open again"
-    )
-    assert len(cloud.of_kind("session", live=False)) == 1
-
-
-async def test_a_robot_that_allows_no_shell_opens_none(make_cloud, start_agent):
-    """Its own setting has the last word."""
-    cloud = await make_cloud()
-    cloud.shell_port = free_port()
-    agent = start_agent(cloud, shell_address="none")
-    await agent.until_connected()
     assert agent.status().shell_tunnel == "off"
     assert cloud.of_kind("shell", live=False) == []
 
@@ -134,7 +115,7 @@ async def test_a_new_key_on_request_without_losing_a_tunnel(make_cloud, start_ag
 
 
 async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_agent):
-    """The robot stays connected with the old one meanwhile."""
+    """The robot stays connected with the old one meanwhile; a request that is taken back is no problem."""
     cloud = await make_cloud()
     agent = start_agent(cloud)
     old = (await agent.until_connected()).fingerprint
@@ -143,23 +124,14 @@ async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_ag
     cloud.configure(rotate_key=True)
     await agent.until(lambda status: "it is disabled" in status.new_key, "the reason is there")
     assert agent.status().state == "connected"
+    cloud.configure(rotate_key=False)
+    await agent.until(lambda status: not status.new_key, "the reason is gone")
+    cloud.configure(rotate_key=True)
+    await agent.until(lambda status: "it is disabled" in status.new_key, "the reason is there")
     cloud.refuses_rotation = None
     await agent.until(
         lambda status: status.fingerprint != old and not status.new_key, "the new key"
     )
-
-
-async def test_a_new_key_that_is_requested_no_more_is_no_problem(make_cloud, start_agent):
-    """Somebody took the request back, or the join of a new connection brought the key."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    refusal = {"code": "robot_disabled", "detail": "it is disabled"}
-    cloud.refuses_rotation = lambda: web.json_response(refusal, status=403)
-    cloud.configure(rotate_key=True)
-    await agent.until(lambda status: "it is disabled" in status.new_key, "the reason is there")
-    cloud.configure(rotate_key=False)
-    await agent.until(lambda status: not status.new_key, "the reason is gone")
 
 
 async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(
