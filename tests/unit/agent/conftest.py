@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import inspect
 import os
 import shutil
 import socket
+import sys
 import tempfile
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import suppress
@@ -30,21 +32,43 @@ class Hasty(Random):
         return 0.05 + 0 * (a + b)
 
 
+# How a process of Python's begins another one, as audit events.
+STARTS = frozenset({"subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "os.system"})
+# Once a test begins a process: those that were below this one before. To look at all of a machine takes time.
+processes_before: list[set[int]] = []
+
+
+def note_start(event: str, _: object) -> None:
+    if event in STARTS and not processes_before:
+        processes_before.append(set(descendants(os.getpid())))
+
+
+sys.addaudithook(note_start)
+
+
 @pytest.fixture(autouse=True)
 def no_processes_left() -> Iterator[None]:
     """Fails a test that leaves a process behind."""
-    before = set(descendants(os.getpid()))
+    processes_before.clear()
     yield
 
     def left() -> list[int]:
-        return [pid for pid in descendants(os.getpid()) if pid not in before]
+        return [pid for pid in descendants(os.getpid()) if pid not in processes_before[0]]
 
-    wait_until(lambda: not left(), lambda: f"left behind: {list(map(command_line, left()))}", 5)
+    if processes_before:
+        wait_until(lambda: not left(), lambda: f"left behind: {list(map(command_line, left()))}", 5)
 
 
 @pytest.fixture(autouse=True)
-async def no_tasks_left() -> AsyncIterator[None]:
-    """Fails a test that leaves a task of the event loop behind."""
+def no_tasks_left(request: pytest.FixtureRequest) -> None:
+    """Fails a test that leaves a task of the event loop behind; one without a loop gets none for it."""
+    if inspect.iscoroutinefunction(request.function):
+        request.getfixturevalue("tasks_that_end")
+
+
+@pytest.fixture
+async def tasks_that_end() -> AsyncIterator[None]:
+    """Waits at the end for the tasks that have begun meanwhile."""
     before = asyncio.all_tasks()
     yield
 
