@@ -31,7 +31,6 @@ from robotether_agent.problems import (
     JoinRefusedError,
     KeyUnusableError,
     NotEnrolledError,
-    Retry,
     ServerUnreachableError,
     StateUnusableError,
 )
@@ -154,14 +153,6 @@ async def test_a_disk_that_takes_no_list_costs_nothing_but_the_file(
     assert "state_unusable" in caplog.text
     assert (await enroller.enrolment()).ssh.cells == newest
     assert (await Enroller(settings).enrolment()).ssh.cells == ()
-
-
-async def test_a_fresh_robot_needs_the_server(cloud, settings):
-    """Without an enrolment and without the web there is nothing to connect to."""
-    await cloud.stop_web()
-    enroller = Enroller(settings)
-    with pytest.raises(ServerUnreachableError):
-        await enroller.enrolment()
 
 
 async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
@@ -354,16 +345,6 @@ async def test_a_robot_without_its_mac_asks_first_and_says_so_once(
     assert [said.get("mac_present", True) for said in cloud.joins] == [True, False]
     assert {said["mac"] for said in cloud.joins} == {CARD}
     assert caplog.text.count(f"no interface of this machine has the MAC {CARD} (eth0 had it)") == 1
-
-
-async def test_a_copy_does_not_connect_in_the_robots_place(cloud, settings, machine):
-    """While the robot itself is online the copy is told how to become a robot of its own."""
-    enroller = await without_its_card(replace(settings, mac=None), machine)
-    refusal = {"code": "mac_elsewhere", "detail": "robot sim1 is online on another machine"}
-    cloud.answer = lambda: web.json_response(refusal, status=409)
-    with pytest.raises(JoinRefusedError, match="sudo robotether-agent forget") as error:
-        await enroller.enrolment()
-    assert error.value.retry is Retry.SLOWLY
 
 
 async def test_a_robot_without_its_mac_does_not_guess(cloud, settings, machine):

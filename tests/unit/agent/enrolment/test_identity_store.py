@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 from fake_root import FakeRoot
 from robotether_agent.enrolment.identity import Identity, IdentityStore
-from robotether_agent.problems import InterfaceMissingError
 from robotether_agent.settings import Settings
 
 WIRED, WIFI, USB = "00:1b:44:00:00:01", "b8:27:eb:00:00:02", "00:1b:44:00:00:03"
@@ -118,15 +117,6 @@ def test_a_broken_file_is_found_anew(machine):
     """A file that a power cut spoilt is as good as none."""
     (machine.state / "identity.json").write_text('{"mac": "rubb')
     assert machine.is_now() == Identity(WIFI, "wlan0")
-
-
-def test_a_machine_without_hardware_is_told_so(tmp_path):
-    """A container has no physical interface: a sentence, and nothing is kept."""
-    machine = Machine(tmp_path)
-    machine.remove("wlan0")
-    with pytest.raises(InterfaceMissingError, match="no physical network interface"):
-        machine.is_now()
-    assert list(machine.state.iterdir()) == []
 
 
 def test_looking_keeps_nothing(tmp_path):

@@ -9,7 +9,7 @@ from datetime import datetime, timedelta, timezone
 import pytest
 from aiohttp import web
 from dated_certificate import fingerprint_of, make_certificate
-from fake_cloud import FakeCloud, certificate, fingerprint
+from fake_cloud import FakeCloud, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.enrolment.join import JoinRequest, join, join_token, read_answer
@@ -48,13 +48,6 @@ async def test_pinned_certificate_is_enough(make_cloud):
     assert joined.robot == "sim1"
     assert joined.ssh.ports == (cloud.ssh.port,)
     assert cloud.joins == [REQUEST.body()]
-
-
-async def test_own_authority_is_enough(make_cloud):
-    """With the certificate as a CA file the server is trusted, too."""
-    cloud = await make_cloud()
-    settings = Settings(server=cloud.server, ca_file=certificate())
-    assert (await join(settings, REQUEST)).robot == "sim1"
 
 
 async def test_other_certificate_is_not_trusted(make_cloud):

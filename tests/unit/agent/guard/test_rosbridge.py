@@ -21,16 +21,6 @@ from robotether_agent.rosbridge_socket import (
 from sim_client import until
 
 
-async def test_text_stays_bytes() -> None:
-    async with FakeRosbridge() as rosbridge, new_http() as http:
-        socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
-        await socket.send_frame(b'{"op":"publish","topic":"/echo"}', WSMsgType.TEXT)
-        message = await socket.receive(timeout=5)
-        assert (message.type, message.data) == (WSMsgType.TEXT, b'{"op":"publish","topic":"/echo"}')
-        await socket.leave()
-        assert socket.closed
-
-
 async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
     """What waits is counted, and a goodbye that it does not take is cut short."""
     async with FakeRosbridge("slow_reader") as rosbridge, new_http() as http:
