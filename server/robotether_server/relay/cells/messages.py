@@ -23,7 +23,10 @@ class PeerHello(Struct, frozen=True, tag="hello"):
 
 
 class PeerRobot(Struct, frozen=True, tag="robot"):
-    """A robot that has, or had, its session at the cell; `object` is the part of its robot object that no row has."""
+    """A robot that has its session at the cell, or had it (`online` false).
+
+    `object` is the part of its robot object that no row has.
+    """
 
     robot_id: int
     epoch: int

@@ -75,7 +75,11 @@ class PongLine(Struct, tag="pong"):
 
 
 class HelloLine(Struct, tag="hello"):
-    """What the robot is."""
+    """What the robot is.
+
+    `epoch` is the Unix time of the session's start in ms by the robot's clock, and more than that of the session
+    before; 0: an older agent.
+    """
 
     hostname: Annotated[str, Meta(max_length=253)]
     agent_version: Annotated[str, Meta(max_length=32)]
@@ -87,7 +91,7 @@ class HelloLine(Struct, tag="hello"):
 
 
 class GuardLine(Struct, tag="guard"):
-    """What a guard reports of itself, and the id of the message that it answers."""
+    """What a guard reports of itself, and the id of the message that it answers; `refused` counts since its start."""
 
     state: GuardState
     stopped: bool
@@ -133,7 +137,7 @@ class SeenLine(Struct, tag="seen"):
 
 
 class HealthLine(Struct, tag="health"):
-    """Whether the robot's own services answer, and whether its rosbridge is open to others."""
+    """Whether the robot's own services answer, and whether its rosbridge is open beyond loopback."""
 
     ros: ServiceState
     video: ServiceState
@@ -141,14 +145,14 @@ class HealthLine(Struct, tag="health"):
 
 
 class BatteryState(Struct):
-    """How full a robot's battery is (None: unknown), and whether it is being charged."""
+    """How full a robot's battery is (None: unknown or in doubt), and whether it is being charged."""
 
     percent: Annotated[float, Meta(ge=0, le=100)] | None
     charging: bool
 
 
 class VitalsLine(Struct, tag="vitals"):
-    """What a robot reports of its battery; None: it has none, or it is silent."""
+    """What a robot reports of its battery; None: it has none, or the battery was silent for 60 s."""
 
     battery: BatteryState | None = None
 
