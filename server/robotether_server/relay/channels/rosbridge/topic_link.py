@@ -15,7 +15,7 @@ from typing import Protocol
 
 from aiohttp import ClientError, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
-from robotether_common.topics import KNOWN, KNOWN_OP, PATH
+from robotether_common.topics import KNOWN, KNOWN_OP, MAX_KNOWN, PATH
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
@@ -82,18 +82,21 @@ class TopicLinks:
 
     async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
         """Return the digests of those messages that rosbridge repeats to a newcomer."""
-        repeated: list[str] = []
+        repeated: dict[str, None] = {}
         try:
             async with asyncio.timeout(REPEATED_WITHIN_S):
                 socket = await self._open(topic, {KNOWN: ",".join(digests)})
                 try:
-                    while (name := _name_in(await socket.receive())) in digests:
-                        repeated.append(str(name))
+                    # A robot may name one again and again.
+                    for _ in range(MAX_KNOWN):
+                        if (name := _name_in(await socket.receive())) not in digests:
+                            break
+                        repeated[str(name)] = None
                 finally:
                     socket.drop()
         except (ConnectionClosedError, ClientError, OSError) as error:
             log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
-        return repeated
+        return list(repeated)
 
     async def _bring(self, topic: SharedTopic) -> None:
         socket = await self._open(topic, {})

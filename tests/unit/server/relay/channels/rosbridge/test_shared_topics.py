@@ -20,6 +20,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     combined,
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 Observe = Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]]
@@ -102,6 +103,34 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
     await robot.send_to_topics(b"news")
     assert await third.receive_str(timeout=5) == "news"
     assert len(subscribed(robot)) == 1
+
+
+class RepeatingSocket:
+    """A robot's end that names one message that it repeats, without end."""
+
+    def __init__(self) -> None:
+        self.read = 0
+
+    async def send_frame(self, data: bytes, kind: aiohttp.WSMsgType) -> None: ...
+
+    async def receive(self) -> aiohttp.WSMessage:
+        self.read += 1
+        assert self.read < 1000, "it is read without end"
+        named = b'{"op": "robotether.known", "digest": "1"}'
+        return aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, named, None)
+
+    def drop(self) -> None: ...
+
+
+async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
+    """Else the relay keeps a name for each, and gives the message to the newcomer as often."""
+
+    class Dialer:
+        async def open(self, *_args: object) -> RepeatingSocket:
+            return RepeatingSocket()
+
+    topic = SharedTopic(sim1, TopicRequest("/odom"))
+    assert await TopicLinks(Dialer(), 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
 
 
 async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
