@@ -169,8 +169,8 @@ async def run_behind(link: Link, seconds: float) -> list[Seen]:
 
 def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
     """What was measured: how old the frames were, and how much more the guard measured."""
-    errors = [one.error_ms(delay_ms) for one in seen]
-    (age_ms,) = quantiles([one.sent_ms for one in seen], 0.5, unit="ms").values()
+    errors = [command.error_ms(delay_ms) for command in seen]
+    (age_ms,) = quantiles([command.sent_ms for command in seen], 0.5, unit="ms").values()
     named = quantiles(errors, 0, 0.5, 0.99, 1, unit="ms")
     return {
         "where": where,
