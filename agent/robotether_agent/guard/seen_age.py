@@ -101,8 +101,8 @@ class SeenAges:
 
     @property
     def has_news(self) -> bool:
-        """Whether there is something to report."""
-        return bool(self.ages_ms) or self.slowed_s > 0
+        """Whether there is something to report: the relay takes nothing of what moves without a lease."""
+        return self.fence > 0 and (bool(self.ages_ms) or self.slowed_s > 0)
 
     def report(self) -> dict[str, object]:
         """Return the members of the report."""

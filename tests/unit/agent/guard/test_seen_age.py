@@ -130,6 +130,16 @@ def test_ages_are_of_one_drive() -> None:
     assert (ages.fence, ages.ages_ms, ages.slowed_s, ages.limits) == (14, [200.0], 0.0, None)
 
 
+def test_nothing_is_reported_of_a_program_on_the_robot() -> None:
+    """A report without a lease's number ends the session, also of a driver whose topic is slowed beside the program."""
+    ages = SeenAges()
+    ages.begin(13)
+    ages.add(0.14)
+    ages.begin(0)
+    ages.slowed_s += 0.05
+    assert not ages.has_news
+
+
 @pytest.mark.parametrize("first", [0.0, 0.1])
 @pytest.mark.parametrize("worst", [9.0, None])
 def test_the_worst_age_is_never_lost(worst: float | None, first: float) -> None:
