@@ -104,8 +104,9 @@ class ControlApi:
             raise RobotOfflineError(
                 close_reasons.offline_sentence(robot.name, presence.since, utc_now())
             )
+        uplink = registry.ensure_robot(robot.id).uplink
         streams, line_rate = await asyncio.gather(
-            registry.ensure_robot(robot.id).uplink.measured(user.id), self._media.line_rate(robot)
+            uplink.measured(user.id), uplink.line_rate(partial(self._media.line_rate, robot))
         )
         return _answer(UplinkObject(streams, line_rate))
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Awaitable, Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -20,6 +20,8 @@ from robotether_server.contract.uplink import UplinkKind, UplinkStream
 MAX_SPAN_S = 5.0
 MIN_SPAN_S = 1.0
 SAMPLE_EVERY_S = 0.25
+# Time for which the robot is not asked again what its line carries.
+LINE_RATE_KEPT_S = 1.0
 
 # Returns the bytes that came so far, None when that is not known.
 ReceivedBytes = Callable[[], int | None]
@@ -88,6 +90,9 @@ class Uplink:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._counters: dict[tuple[UplinkKind, str], RateCounter] = {}
+        self._asking = asyncio.Lock()
+        self._line_rate: int | None = None
+        self._line_rate_until_s = 0.0
 
     @contextmanager
     def counted(
@@ -109,6 +114,14 @@ class Uplink:
         if any(stream.bytes_per_s is None for stream in self._streams(user_id)):
             await asyncio.sleep(MIN_SPAN_S)
         return sorted(self._streams(user_id), key=lambda stream: -(stream.bytes_per_s or 0))
+
+    async def line_rate(self, ask: Callable[[], Awaitable[int | None]]) -> int | None:
+        """Return what the robot answers to `ask`, in bytes a second; whoever wants it shares one question a second."""
+        async with self._asking:
+            if self._clock() >= self._line_rate_until_s:
+                self._line_rate = await ask()
+                self._line_rate_until_s = self._clock() + LINE_RATE_KEPT_S
+            return self._line_rate
 
     def _streams(self, user_id: int) -> list[UplinkStream]:
         streams = []

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 import struct
 from typing import Any
 
 import pytest
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.robots.uplink import Uplink
+from robotether_server.relay.robots.uplink import LINE_RATE_KEPT_S, Uplink
 
 ANN, BOB, EVE = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(5, "eve")
 UPLINK = "/api/v1/robots/sim1/uplink"
@@ -126,3 +127,19 @@ async def test_a_connection_that_opens_again_goes_on_with_its_count():
         now_s += 1
         [stream] = await uplink.measured(1)
     assert stream.bytes_per_s == 2000
+
+
+async def test_all_who_ask_lately_share_what_the_robot_says_of_its_line():
+    """Each question crosses the line, and whoever sees the robot may ask as often as nginx lets through."""
+    now_s, questions = 100.0, 0
+
+    async def ask() -> int:
+        nonlocal questions
+        questions += 1
+        await asyncio.sleep(0)
+        return questions
+
+    uplink = Uplink(lambda: now_s)
+    assert await asyncio.gather(*(uplink.line_rate(ask) for _ in range(3))) == [1, 1, 1]
+    now_s += LINE_RATE_KEPT_S
+    assert await uplink.line_rate(ask) == 2
