@@ -2,22 +2,16 @@
 
 Unit tests of the relay start it. Its misbehaviours have names:
 
-    silent             answers no heartbeat
-    wrong_key          shows another session key than the relay's
-    drops_mid_message  its rosbridge breaks off in the middle of a frame
-    port_taken         keeps its ports when its session ends
-    slow_reader        its rosbridge reads nothing
-    floods             its rosbridge sends as fast as it can
-    no_rosbridge       its ports accept and close, as a tunnel to nothing does
+    port_taken     keeps its ports when its session ends
+    slow_reader    its rosbridge reads nothing
+    no_rosbridge   its ports accept and close, as a tunnel to nothing does
 
 These have the guard switched off, as `guard_off` does, which behaves. With a guard in front:
 
-    guarded            behaves
-    guard_silent       never answers an order to stop or to release
-    guard_refuses      answers 409 to every driver
-    comes_back_stopped says from the beginning that it is stopped
-    guard_quiet        reports nothing by itself
-    disk_full          answers 507 to every driver
+    guarded        behaves
+    guard_refuses  answers 409 to every driver
+    guard_quiet    reports nothing by itself
+    disk_full      answers 507 to every driver
 """
 
 from __future__ import annotations
@@ -26,35 +20,15 @@ import asyncio
 import contextlib
 import json
 import time
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from aiohttp import WSMsgType, web
 from fake_frames import FakeFrames
 
-Mode = Literal[
-    "guard_off",
-    "silent",
-    "wrong_key",
-    "drops_mid_message",
-    "port_taken",
-    "slow_reader",
-    "floods",
-    "no_rosbridge",
-    "guarded",
-    "guard_silent",
-    "guard_refuses",
-    "comes_back_stopped",
-    "guard_quiet",
-    "disk_full",
-]
-GUARDED = {
-    "guarded",
-    "guard_silent",
-    "guard_refuses",
-    "comes_back_stopped",
-    "guard_quiet",
-    "disk_full",
-}
+Unguarded = Literal["guard_off", "port_taken", "slow_reader", "no_rosbridge"]
+Guarded = Literal["guarded", "guard_refuses", "guard_quiet", "disk_full"]
+Mode = Unguarded | Guarded
+GUARDED = get_args(Guarded)
 # How far the robot's clock is from this machine's.
 AHEAD_MS = 1e6
 
@@ -214,10 +188,8 @@ class FakeRobot:
 
     def __init__(self, robot_id: int, session_key: str, mode: Mode = "guard_off") -> None:
         self.mode = mode
-        key = "another key" if mode == "wrong_key" else session_key
-        silent = mode == "silent"
-        self.session = RobotSession(robot_id, kind="session", session_key=key, silent=silent)
-        self.media = RobotSession(robot_id, kind="media", session_key=key)
+        self.session = RobotSession(robot_id, kind="session", session_key=session_key)
+        self.media = RobotSession(robot_id, kind="media", session_key=session_key)
         # 0: its agent is older than cells.
         self.epoch = 0
         self.received: list[str | bytes] = []
@@ -257,8 +229,6 @@ class FakeRobot:
         if self.epoch:
             hello["epoch"] = self.epoch
         if self.mode in GUARDED:
-            session.answers_orders = self.mode != "guard_silent"
-            session.stopped = session.stopped or self.mode == "comes_back_stopped"
             session.send(type="hello", guard="on", **hello)
             session.send(type="ping", seq=0, t_ms=session.clock_ms())
             if self.mode != "guard_quiet":
@@ -328,16 +298,9 @@ class FakeRobot:
         self.clients.add(client)
         self.clients_ever += 1
         try:
-            if self.mode == "floods":
-                await self._flood(client)
-            elif self.mode == "slow_reader":
+            if self.mode == "slow_reader":
                 request.transport.pause_reading()
                 await asyncio.Event().wait()
-            elif self.mode == "drops_mid_message":
-                # A header that announces 100 bytes, and three of them.
-                request.transport.write(b"\x81\x64abc")
-                await asyncio.sleep(0.05)
-                request.transport.abort()
             else:
                 await self._echo(client)
         finally:
@@ -355,11 +318,6 @@ class FakeRobot:
         newest = max(session.leases[-1]["fence"], session.fence)
         refused = self.mode == "guard_refuses" or session.stopped
         return 409 if refused or int(headers["Robotether-Fence"]) < newest else None
-
-    async def _flood(self, client: web.WebSocketResponse) -> None:
-        with contextlib.suppress(ConnectionError):
-            while True:
-                await client.send_bytes(FLOOD_MESSAGE)
 
     async def _echo(self, client: web.WebSocketResponse) -> None:
         async for message in client:
