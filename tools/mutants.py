@@ -44,30 +44,42 @@ class Subject:
     modules: tuple[str, ...]
     tests: tuple[str, ...]
 
+    def test_files(self) -> list[str]:
+        """Name the files that the patterns in `tests` match."""
+        return [
+            str(path.relative_to(ROOT)) for name in self.tests for path in sorted(ROOT.glob(name))
+        ]
 
-RELAY = "robotether_server/relay/"
-RELAY_TESTS = ("tests/unit/server/relay",)
 
-# mutmut runs of these tests those that execute the changed function.
+RELAY = "robotether_server/relay"
+RELAY_TESTS = "tests/unit/server/relay"
+ROSBRIDGE = "channels/rosbridge"
+
+# mutmut runs of these tests those that execute the changed function. The files are those whose subject the modules
+# are: nearly every other test of the relay executes them, too, and takes longer.
 SUBJECTS = {
     "guard": Subject(("robotether_agent/guard/*.py",), ("tests/unit/agent/guard",)),
-    "leases": Subject((f"{RELAY}robots/lease.py", f"{RELAY}control/leasing.py"), RELAY_TESTS),
-    "access": Subject((f"{RELAY}auth/access.py",), RELAY_TESTS),
+    "leases": Subject(
+        (f"{RELAY}/robots/lease.py", f"{RELAY}/control/leasing.py"),
+        (f"{RELAY_TESTS}/robots/test_lease.py", f"{RELAY_TESTS}/control/test_leas*.py"),
+    ),
+    "access": Subject((f"{RELAY}/auth/access.py",), (f"{RELAY_TESTS}/auth/test_access.py",)),
     "policy": Subject(
         # The table itself is data, which is not changed; these apply it.
         (
-            f"{RELAY}channels/rosbridge/message_validator.py",
-            f"{RELAY}channels/rosbridge/operations.py",
+            f"{RELAY}/{ROSBRIDGE}/message_validator.py",
+            f"{RELAY}/{ROSBRIDGE}/operations.py",
             "robotether_common/ros.py",
         ),
-        (*RELAY_TESTS, "tests/unit/common/test_ros.py"),
+        (
+            f"{RELAY_TESTS}/{ROSBRIDGE}/test_*operations.py",
+            f"{RELAY_TESTS}/{ROSBRIDGE}/test_message_*.py",
+            "tests/unit/common/test_ros.py",
+        ),
     ),
     "stops": Subject(
-        (
-            f"{RELAY}control/stops.py",
-            f"{RELAY}robots/robot_stops.py",
-        ),
-        RELAY_TESTS,
+        (f"{RELAY}/control/stops.py", f"{RELAY}/robots/robot_stops.py"),
+        (f"{RELAY_TESTS}/control/test_stop*.py",),
     ),
     "tickets": Subject(("robotether_server/tickets.py",), ("tests/unit/server/test_tickets.py",)),
 }
@@ -136,7 +148,7 @@ def write_settings(tree: Path, subject: Subject) -> None:
         "only_mutate": subject.modules,
         "also_copy": others,
         "do_not_mutate_patterns": TEXTS,
-        "pytest_add_cli_args_test_selection": subject.tests,
+        "pytest_add_cli_args_test_selection": subject.test_files(),
         "pytest_add_cli_args": [
             *("-m", "not daemon"),
             *("-o", f"pythonpath=. benchmarks {' '.join(SUPPORT)}"),
