@@ -64,6 +64,7 @@ class FakeOperator:
 
     async def clock_sync(self) -> None:
         await self.send(op="robotether.clock_sync", t_ms=self.clock_ms())
+        await self.until("robotether.clock_sync")
 
     async def drive(
         self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel", **stamp: object

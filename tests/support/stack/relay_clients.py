@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 
 import aiohttp
 from aiohttp import WSMsgType
@@ -65,3 +67,19 @@ class SlowFences:
         self.asked.set()
         await self.go_on.wait()
         return await self._next_fence(lease)
+
+
+@asynccontextmanager
+async def counted_turns() -> AsyncIterator[Callable[[], int]]:
+    """Count the turns that others get in the block, where the loop is not held up."""
+    turns = 0
+
+    async def count() -> None:
+        nonlocal turns
+        while True:
+            await asyncio.sleep(0)
+            turns += 1
+
+    counting = asyncio.create_task(count())
+    yield lambda: turns
+    counting.cancel()

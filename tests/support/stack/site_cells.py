@@ -124,6 +124,7 @@ class SiteCell:
         self.database = database
         self.server = server
         self.listener = listener
+        self.robots: list[FakeRobot] = []
 
     @property
     def relay(self) -> Relay:
@@ -142,6 +143,7 @@ class SiteCell:
         """Have a robot online here; the site's end stops it."""
         fake = FakeRobot(robot.id, SESSION_KEY, mode)  # type: ignore[arg-type]  # one of its modes
         fake.epoch = epoch
+        self.robots.append(fake)
         await fake.start(self.relay.session_port)
         await until(lambda: self.relay.registry.presence(robot.id).guard_mode != "unknown", "hello")
         return fake
@@ -178,4 +180,7 @@ class Site:
         await until(lambda: all(each.relay.peers.count() == others for each in cells), "connected")
 
     async def stop(self) -> None:
+        for cell in self.cells.values():
+            for robot in cell.robots:
+                await robot.stop()
         await self._stack.aclose()

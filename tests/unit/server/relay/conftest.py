@@ -149,6 +149,14 @@ async def watch(
 
 
 @pytest_asyncio.fixture
+async def viewer(camera: FakeFrames, watch: Callable[..., Awaitable[FramesViewer]]) -> FramesViewer:
+    """Watch one of sim1's cameras, from which the robot has credit."""
+    viewer = await watch()
+    await camera.wait_for("credit")
+    return viewer
+
+
+@pytest_asyncio.fixture
 async def guarded(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot]:
     """Have robot sim1 online with a guard in front of its rosbridge."""
     robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")

@@ -19,21 +19,6 @@ async def test_other_paths_are_problems_too(relay, http, path):
         assert (await answer.json())["code"] == "not_found"
 
 
-async def test_a_refusal_has_all_members_of_the_contract(relay, http):
-    """RFC 9457 with a code, not to be kept by anybody."""
-    async with http.get(f"{relay.url}/api/v1/events") as answer:
-        problem = await answer.json()
-        assert problem == {
-            "type": "about:blank",
-            "title": "Unauthorized",
-            "status": 401,
-            "code": "login_missing",
-            "detail": "cannot identify the caller: log in first",
-        }
-        assert answer.headers["Cache-Control"] == "no-store"
-        assert answer.headers["WWW-Authenticate"] == "Bearer"
-
-
 async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch, caplog):
     async def broken(*_args: object) -> None:
         raise ZeroDivisionError("secret detail")

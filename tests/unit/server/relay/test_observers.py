@@ -65,6 +65,10 @@ def driving(robot: RelayRobot, *, use: str = "drive", reached: bool = True) -> C
     return Connection(1, "ann", robot, use, lambda _close_reason: None, reached)
 
 
+def ended(connection: Connection, drive: DriveLog) -> ConnectionReport:
+    return ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
+
+
 def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer):
     observer.on_robot_change(Change("connected", 7, ONLINE))
     observer.on_robot_change(Change("updated", 7, replace(ONLINE, agent_version="0.1.0")))
@@ -141,9 +145,7 @@ def test_a_drive_is_written_while_it_lasts(observer, event_writer, sim1):
     drive.message()
     observer.write_drives()
     assert event_writer.notes[-1].messages == 1
-    observer.connection(
-        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
-    )
+    observer.connection(ended(connection, drive))
     count = len(event_writer.notes)
     observer.write_drives()
     assert len(event_writer.notes) == count
@@ -167,9 +169,7 @@ def test_what_the_guard_refused_is_the_drives(observer, event_writer, sim1, metr
     observer.on_robot_change(guard_refused(old=4, held=0))
     observer.connection(ConnectionReport(connection, None, drive=drive))
     observer.on_robot_change(guard_refused(old=6, held=0))
-    observer.connection(
-        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
-    )
+    observer.connection(ended(connection, drive))
     observer.on_robot_change(guard_refused(old=6, held=0))
     observer.on_robot_change(guard_refused(old=0, held=1))
     assert refused_in(event_writer) == [{}, {"guard_old": 2}, {"guard_old": 2, "guard_held": 1}]
@@ -183,9 +183,7 @@ def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
     connection, drive = driving(sim1), a_drive()
     observer.on_robot_change(guard_refused(old=0))
     observer.connection(ConnectionReport(connection, None, drive=drive))
-    observer.connection(
-        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
-    )
+    observer.connection(ended(connection, drive))
     monkeypatch.setattr("robotether_server.relay.observers.GUARD_REPORTS_WITHIN_S", -1.0)
     observer.on_robot_change(guard_refused(old=1))
     observer.write_drives()
@@ -204,9 +202,7 @@ def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypat
     saw(1.0)
     observer.connection(ConnectionReport(connection, None, drive=drive))
     saw(140.0)
-    observer.connection(
-        ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
-    )
+    observer.connection(ended(connection, drive))
     saw(150.0)
     monkeypatch.setattr("robotether_server.relay.observers.GUARD_REPORTS_WITHIN_S", -1.0)
     saw(160.0)
@@ -244,20 +240,11 @@ def test_counting_begins_with_the_first_report():
     robot = Robot(7)
     assert new_refusals(robot, [("old", 5), ("held", 1)]) == {}
     assert new_refusals(robot, [("old", 7), ("held", 1)]) == {"old": 2}
-
-
-def test_a_guard_that_began_anew_is_counted_from_nothing():
-    """A reset is noticed even if only one of the counts shows it."""
-    robot = Robot(7)
-    new_refusals(robot, [("old", 5), ("held", 1)])
-    assert new_refusals(robot, [("old", 0), ("held", 3)]) == {"held": 3}
-
-
-def test_a_guard_that_tells_no_counts_changes_nothing():
-    robot = Robot(7)
-    new_refusals(robot, [("old", 5)])
+    # An older guard reports no counts.
     assert new_refusals(robot, []) == {}
-    assert new_refusals(robot, [("old", 6)]) == {"old": 1}
+    assert new_refusals(robot, [("old", 8), ("held", 1)]) == {"old": 1}
+    # Only one of the counts shows that the guard began anew.
+    assert new_refusals(robot, [("old", 0), ("held", 3)]) == {"held": 3}
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 9)), max_size=20))

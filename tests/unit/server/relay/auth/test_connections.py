@@ -200,37 +200,32 @@ def test_stopping_ends_all(live, sim1, sim2):
     assert live.how(*each) == [["relay_stopping"]] * 3
 
 
+POLICY = {"policy": {"drive": {"call": ["/dock"]}}}
+BUTTON = {"name": "Dock", "kind": "call", "service": "/dock"}
+
+
 @pytest.mark.parametrize(
-    ("settings", "goes_on"),
+    ("before", "after", "goes_on"),
     [
-        ({"policy": {"drive": {"publish": ["/lights"]}}}, False),
-        ({"policy": {"limits": {"subscriptions": 5}}}, False),
-        ({"guard": {"drive_topics": ["/steer"]}}, False),
-        ({"guard": {"max_speed_m_s": 1.0}}, True),
-        ({"shell_user": "turtle"}, True),
-        ({"page": {"kind": "holonomic", "hold_after_ms": None}}, True),
+        ({}, {"policy": {"drive": {"publish": ["/lights"]}}}, False),
+        ({}, {"policy": {"limits": {"subscriptions": 5}}}, False),
+        ({}, {"guard": {"drive_topics": ["/steer"]}}, False),
+        ({}, {"guard": {"max_speed_m_s": 1.0}}, True),
+        ({}, {"shell_user": "turtle"}, True),
+        ({}, {"page": {"kind": "holonomic", "hold_after_ms": None}}, True),
+        # A button gives nobody a right.
+        (POLICY, POLICY | {"buttons": [BUTTON]}, True),
     ],
 )
 def test_another_policy_ends_what_was_opened_under_the_former(
-    *, live, memory_database, sim1, settings, goes_on
+    *, live, memory_database, sim1, before, after, goes_on
 ):
     """What a connection may send was fixed when it was opened; the guard's limits are the guard's."""
-    driving, watching = live.add(1, sim1, "drive"), live.add(2, sim1, "video")
-    memory_database.robots = {sim1.id: replace(sim1, settings=robot_settings.parse(settings))}
+    old, new = (replace(sim1, settings=robot_settings.parse(each)) for each in (before, after))
+    driving, watching = live.add(1, old, "drive"), live.add(2, old, "video")
+    memory_database.robots = {sim1.id: new}
     live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(driving, watching) == [[] if goes_on else ["rights_ended"], []]
-
-
-def test_other_buttons_end_no_drive(live, memory_database, sim1):
-    """They give nobody a right."""
-    policy = {"drive": {"call": ["/dock"]}}
-    button = {"name": "Dock", "kind": "call", "service": "/dock"}
-    sim1 = replace(sim1, settings=robot_settings.parse({"policy": policy}))
-    driving = live.add(1, sim1, "drive")
-    settings = robot_settings.parse({"policy": policy, "buttons": [button]})
-    memory_database.robots = {sim1.id: replace(sim1, settings=settings)}
-    live.connections.on_snapshot(snapshot(memory_database))
-    assert live.how(driving) == [[]]
 
 
 def test_a_manager_who_drives_and_is_one_no_more_is_ended(live, memory_database, sim1):

@@ -209,17 +209,21 @@ async def test_who_drove_lately_may_again_while_the_database_is_away(
     await unanswered(credentials.holds(login))
 
 
-async def test_who_is_live_may_drive_while_the_database_is_away(
-    credentials, memory_database, login, monkeypatch
+@pytest.mark.parametrize(("asks", "yes"), [("holds", True), ("user_of", ANN)])
+async def test_who_is_live_is_known_while_the_database_is_away(
+    *, credentials, memory_database, login, monkeypatch, asks, yes
 ):
+    """Whoever has a page open may drive and stop meanwhile, as long as that lasts and for a while after it."""
+    monkeypatch.setattr(module, "KEEP_S", 0.0)
+    ask = getattr(credentials, asks)
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         memory_database.down = True
         monkeypatch.setattr(module, "RECENT_S", 0.0)
-        assert await credentials.holds(login)
-    await unanswered(credentials.holds(login))
+        assert await ask(login) == yes
+    await unanswered(ask(login))
     monkeypatch.setattr(module, "RECENT_S", 60.0)
-    assert await credentials.holds(login)
+    assert await ask(login) == yes
 
 
 async def test_what_ended_before_the_database_went_does_not_come_back(credentials, memory_database):
@@ -336,23 +340,6 @@ async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
     assert not credentials.held_lately(ended)
 
 
-async def test_who_begins_to_drive_during_a_recheck_is_known_after_it():
-    memory_database = SlowDatabase()
-    credentials = Credentials(memory_database)
-    login, late = (
-        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
-    )
-    with credentials.held(login, lambda: None):
-        recheck = asyncio.create_task(credentials.recheck())
-        await memory_database.asked.wait()
-        memory_database.is_slow = False
-        assert await credentials.holds(late)
-        memory_database.go_on.set()
-        await recheck
-    memory_database.down = True
-    assert await credentials.holds(late)
-
-
 @pytest.mark.parametrize("asks", ["holds", "user_of"])
 async def test_an_answer_of_before_a_change_is_not_kept(asks):
     """A login that ends while it is looked up is looked up again the next time."""
@@ -408,21 +395,6 @@ class SlowDatabase(MemoryDatabase):
         return answer
 
 
-async def test_what_something_live_hangs_on_is_known_without_the_database(
-    credentials, memory_database, login, monkeypatch
-):
-    """Whoever has a page open can stop a robot while the database is away, and for a while after that."""
-    monkeypatch.setattr(module, "KEEP_S", 0.0)
-    with credentials.held(login, lambda: None):
-        await credentials.check_new()
-        memory_database.down = True
-        monkeypatch.setattr(module, "RECENT_S", 0.0)
-        assert await credentials.user_of(login) == ANN
-    await unanswered(credentials.user_of(login))
-    monkeypatch.setattr(module, "RECENT_S", 60.0)
-    assert await credentials.user_of(login) == ANN
-
-
 async def test_what_ended_is_known_no_more_though_somebody_holds_it(
     credentials, memory_database, login
 ):
@@ -436,7 +408,7 @@ async def test_what_ended_is_known_no_more_though_somebody_holds_it(
 
 
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():
-    """The answer tells nothing of a credential that was not in the question."""
+    """The answer tells nothing of a credential that was not in the question, and who begins to drive is known."""
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
     login, late = (
@@ -445,9 +417,13 @@ async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     with credentials.held(login, lambda: pytest.fail("it holds")):
         recheck = asyncio.create_task(credentials.recheck())
         await memory_database.asked.wait()
+        memory_database.is_slow = False
         with credentials.held(late, lambda: pytest.fail("it holds, too")):
+            assert await credentials.holds(late)
             memory_database.go_on.set()
             await recheck
+    memory_database.down = True
+    assert await credentials.holds(late)
 
 
 async def test_who_is_no_longer_live_is_not_told(credentials, memory_database):

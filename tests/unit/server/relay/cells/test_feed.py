@@ -78,7 +78,6 @@ async def test_stops_go_before_robots_and_come_from_everywhere(follow, cell_a, c
     ended = await read(connection, "released")
     assert (ended["by"], ended["at"]) == ("ben", said["at"])
     assert stop.at.isoformat().startswith(ended["at"].removesuffix("Z"))
-    await robot.stop()
 
 
 async def test_only_nginx_peer_listener_is_answered(http, cell_a, cell_b, peer_keys, sim1):

@@ -16,8 +16,7 @@ async def at_b(site, cell_a, cell_b, sim1):
     """Have robot sim1 at cell b, as a knows."""
     robot = await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
-    yield robot
-    await robot.stop()
+    return robot
 
 
 @pytest.fixture

@@ -41,13 +41,12 @@ async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_
 async def test_clients_of_any_cell_follow_all_robots(site, cell_a, cell_b, sim1):
     with cell_a.relay.fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
-        robot = await cell_b.robot(sim1)
+        await cell_b.robot(sim1)
         online = []
         while not online:
             await subscriber.wait(5)
             online = [robot for _, robot in subscriber.pop_events() if robot.online]
     assert online[0].name == "sim1"
-    await robot.stop()
 
 
 async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
@@ -94,7 +93,7 @@ async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b,
 async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, sim1, how):
     """Whether its connection breaks or falls silent; its stops stay, and all is back when it is."""
     cell_b.relay.control.stops.stop(sim1, "ben")
-    robot = await cell_b.robot(sim1)
+    await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
     if how == "cut":
         async with cell_b.listener.cut():
@@ -105,7 +104,6 @@ async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, s
         with cell_b.listener.frozen():
             await until(lambda: cell_a.owner(sim1) is None, "b is gone")
     await until(lambda: cell_a.owner(sim1) == "b", "b is back")
-    await robot.stop()
 
 
 async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
@@ -119,7 +117,6 @@ async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
     await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
     assert cell_b.relay.control.stops.of(sim1.id).reason == "smoke"
     cell_a.database.down = cell_b.database.down = False
-    await robot.stop()
 
 
 async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cell_a, cell_b, sim1):
@@ -133,7 +130,6 @@ async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cel
     assert robot.session.stopped_by == "ben"
     assert cell_a.shown(sim1).control.stopped.by == "ben"
     assert cell_b.relay.peers.confirmation(sim1.id) is None
-    await robot.stop()
 
 
 async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, cell_a, sim1):
@@ -174,7 +170,6 @@ async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
             await until(lambda: None in asked, "b asked for the stops of others")
         cell_b.database.stops.append(Stop(sim1.id, utc_now(), "ben"))
         await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
-    await robot.stop()
 
 
 async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
@@ -192,7 +187,6 @@ async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
     assert cell_a.relay.control.stops.of(sim1.id) is None
     assert cell_b.relay.control.stops.of(sim1.id) is None
     assert not robot.session.stopped
-    await robot.stop()
 
 
 async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell_a, cell_b, sim1):
@@ -211,7 +205,6 @@ async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell
     await until(lambda: cell_a.relay.registry.robot(sim1.id).stops.ended, "a knows of the release")
     stops = [cell.relay.registry.robot(sim1.id).stops for cell in (cell_a, cell_b)]
     assert [[stop.by for stop in each.in_force.values()] for each in stops] == [["ben"], ["ben"]]
-    await robot.stop()
 
 
 async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
@@ -226,7 +219,6 @@ async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
         robot = await cell_b.robot(sim1)
         assert robot.session.leases[0] == {"type": "lease", "fence": 41, "held": False}
         assert robot.session.stopped_by == "ben"
-    await robot.stop()
 
 
 async def test_a_stop_before_the_robots_row_is_read_is_kept(site, cell_b, sim1):

@@ -7,7 +7,6 @@ import pytest_asyncio
 from relay_clients import audit_lines, closing
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.auth import credentials
 
 ANN, BEN, CARL, EVE = (
     RelayUser(1, "ann"),
@@ -55,21 +54,6 @@ async def test_everybody_who_sees_a_robot_may_stop_it_and_drivers_release_it(rel
     for _ in range(2):
         status, body = await ask("POST", f"{SIM1}/release", "ann")
         assert (status, body["stopped"]) == (200, None)
-
-
-async def test_who_has_a_page_open_stops_a_robot_without_the_database(
-    *, relay, guarded, sim1, http, people, ask, memory_database, monkeypatch
-):
-    """The fleet page has no other way to a robot."""
-    monkeypatch.setattr(credentials, "KEEP_S", 0.0)
-    async with http.get(f"{relay.url}/api/v1/events", headers=people["bob"]) as events:
-        await events.content.readline()
-        await relay.relay.fleet.poll()
-        memory_database.down = True
-        status, body = await ask("POST", f"{SIM1}/stop", "bob")
-        assert (status, body["stopped"]["confirmed"]) == (200, True)
-        assert (await ask("POST", f"{SIM1}/stop", "ann"))[0] == 503
-    memory_database.down = False
 
 
 async def test_a_release_may_name_the_stop_that_it_ends(relay, guarded, sim1, ask):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from fake_robot import WAIT_S, FakeRobot
 from msgspec import structs
-from relay_clients import PUBLISH, SlowFences, audit_lines, closing
+from relay_clients import PUBLISH, SlowFences, closing
 from relay_server import SESSION_KEY, until
 from robotether_common.session import MAX_FENCE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart
@@ -117,23 +117,6 @@ async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, 
         await driven(relay, sim1)
 
 
-async def test_what_the_guard_refuses_stands_in_the_drives_record(
-    relay, guarded, sim1, http, memory_database
-):
-    """Refusals that the guard reports after the drive's end count, too."""
-
-    def refused() -> dict[str, int]:
-        drives = [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
-        return drives[-1].refused if drives else {}
-
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await guarded.connections(1)
-        guarded.session.send_guard_status(old=2)
-    await until(lambda: control(relay, sim1).driver is None, "nobody drives")
-    guarded.session.send_guard_status(old=2, shape=1)
-    await until(lambda: refused() == {"guard_old": 2, "guard_shape": 1}, "the record has both")
-
-
 async def test_what_a_drive_was_like_stands_in_its_record(
     relay, guarded, sim1, http, memory_database
 ):
@@ -169,37 +152,6 @@ async def test_what_a_drive_was_like_stands_in_its_record(
     assert entry.bytes >= len(guarded.received[0])
 
 
-async def test_a_users_newer_connection_takes_over(relay, guarded, sim1, http):
-    async with http.ws_connect(relay.ros_url(sim1)) as older:
-        await driven(relay, sim1)
-        async with http.ws_connect(relay.ros_url(sim1)) as newer:
-            assert (await closing(older))[0] == 4002
-            await until(lambda: control(relay, sim1).driver, "the newer drives")
-            assert control(relay, sim1).driver.fence == 2
-            await newer.ping()
-        await until(lambda: control(relay, sim1).driver is None, "nobody drives")
-
-
-async def test_the_driver_hands_over_to_who_asks(relay, guarded, sim1, http, memory_database):
-    """The driver is closed with 4010; only who asked gets the lease; the records say so."""
-    acts = relay.relay.control.leasing
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await until(lambda: guarded.clients, "ann has reached the robot")
-        acts.ask(sim1, asker(BEN))
-        assert control(relay, sim1).waiting.user == "ben"
-        acts.hand_over(sim1, asker(ANN))
-        assert await closing(socket) == (4010, "ben controls sim1 now")
-    assert control(relay, sim1).reserved.user == "ben"
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        assert await closing(socket) == (4009, "control of sim1 is reserved for ben; wait a moment")
-    async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)):
-        await driven(relay, sim1, BEN)
-        assert control(relay, sim1).reserved is None
-    await relay.relay.event_writer.flush(5)
-    kinds = [line.kind for line in audit_lines(memory_database)]
-    assert kinds[:3] == ["drive_started", "lease_asked", "lease_handed_over"]
-
-
 async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, http):
     """Only messages on a drive topic show that the driver is there."""
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
@@ -224,21 +176,6 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
     free: list[bool] = []
     relay.relay.control.listen(lambda _robot_id: free.append(control(relay, sim1).reserved is None))
     await until(lambda: True in free, "those who watch are told")
-
-
-async def test_without_a_database_nobody_new_begins_to_drive(
-    relay, guarded, sim1, http, memory_database
-):
-    """A login that the relay has not seen lately is 4510, while an observer comes in."""
-    memory_database.down = True
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        assert (await closing(socket))[0] == 4510
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BEN)):
-        await guarded.connections(1)
-    assert guarded.handshakes[0]["Robotether-Mode"] == "observe"
-    memory_database.down = False
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await driven(relay, sim1)
 
 
 async def test_without_a_database_who_drove_lately_drives_again(

@@ -193,7 +193,8 @@ async def test_all_who_wait_hear_of_the_confirmation(world):
     await asyncio.gather(waiting[0], return_exceptions=True)
     waiting.append(asyncio.create_task(world.stops.confirmation(SIM1.id)))
     await asyncio.sleep(0)
-    world.registry.on_guard_status(link, STOPPED, None)
+    for _ in range(2):
+        world.registry.on_guard_status(link, STOPPED, None)
     assert await asyncio.gather(*waiting[1:]) == [True, True]
     assert not world.robot.stops.confirmations
     assert await world.stops.confirmation(SIM1.id)

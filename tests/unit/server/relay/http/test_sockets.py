@@ -14,7 +14,7 @@ import pytest
 from aiohttp import ClientSession, WSMsgType, web
 from aiohttp.test_utils import TestServer
 from fake_robot import HOST, WAIT_S
-from relay_clients import closing
+from relay_clients import closing, counted_turns
 from relay_server import until
 from robotether_server.relay.channels.video.frame_protocol import WHOLE_BINARY, websocket_header
 from robotether_server.relay.http import sockets as module
@@ -120,30 +120,21 @@ async def test_a_client_that_does_not_answer_the_close_is_cut(operator, monkeypa
 async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monkeypatch):
     """Between its messages, which the close waits behind, others have a turn."""
     monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.5)
-    sent, turns, seen = asyncio.Event(), 0, []
-    receive = OperatorSocket.receive
-
-    async def count_turns() -> None:
-        nonlocal turns
-        while True:
-            await asyncio.sleep(0)
-            turns += 1
+    sent, seen, receive = asyncio.Event(), [], OperatorSocket.receive
 
     async def finishes(socket: OperatorSocket) -> None:
         await sent.wait()
         await asyncio.sleep(0.1)
         await socket.finish(OFFLINE)
 
-    monkeypatch.setattr(
-        OperatorSocket, "receive", lambda *args: seen.append(turns) or receive(*args)
-    )
-    async with operator(finishes) as client:
+    async with operator(finishes) as client, counted_turns() as turns:
+        monkeypatch.setattr(
+            OperatorSocket, "receive", lambda *args: seen.append(turns()) or receive(*args)
+        )
         # Pongs, masked with zeros.
         transport_of(client).write(b"\x8a\x80\0\0\0\0" * 1000)
         sent.set()
-        counting = asyncio.create_task(count_turns())
         await until(lambda: len(seen) > 1000, "all are read")
-        counting.cancel()
     assert len(set(seen)) > 100
 
 

@@ -38,6 +38,11 @@ class FakeHolder:
         return self.of.name
 
 
+@pytest.fixture
+def lease() -> Lease:
+    return Lease()
+
+
 def at(seconds: float) -> Instant:
     return Instant(seconds, NOON + timedelta(seconds=seconds))
 
@@ -49,8 +54,7 @@ def driven_by(user: RelayUser, lease: Lease, seconds: float = 0.0) -> FakeHolder
     return holder
 
 
-def test_a_second_user_is_told_who_drives():
-    lease = Lease()
+def test_a_second_user_is_told_who_drives(lease):
     holder = FakeHolder(ANN)
     lease.claim(holder, at(0))
     with pytest.raises(HeldError) as held:
@@ -62,9 +66,8 @@ def test_a_second_user_is_told_who_drives():
     assert held.value.since == at(1)
 
 
-def test_the_same_user_takes_over_with_a_higher_number():
+def test_the_same_user_takes_over_with_a_higher_number(lease):
     """The older connection drives until then, and its end later ends nothing."""
-    lease = Lease()
     older = driven_by(ANN, lease)
     newer = FakeHolder(ANN)
     assert lease.claim(newer, at(1)) is None
@@ -74,8 +77,7 @@ def test_the_same_user_takes_over_with_a_higher_number():
     assert lease.driver.holder is newer
 
 
-def test_of_two_claims_of_a_user_the_newer_counts():
-    lease = Lease()
+def test_of_two_claims_of_a_user_the_newer_counts(lease):
     older, newer = FakeHolder(ANN), FakeHolder(ANN)
     lease.claim(older, at(0))
     assert lease.claim(newer, at(0)) is older
@@ -83,9 +85,8 @@ def test_of_two_claims_of_a_user_the_newer_counts():
     assert lease.grant(newer, 2, at(1))
 
 
-def test_a_claim_that_got_no_number_leaves_the_older_connection():
+def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
     """Without a database who drives drives on."""
-    lease = Lease()
     older = driven_by(ANN, lease)
     newer = FakeHolder(ANN)
     lease.claim(newer, at(1))
@@ -93,9 +94,8 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection():
     assert lease.driver.holder is older
 
 
-def test_a_number_that_is_not_newer_is_no_lease():
+def test_a_number_that_is_not_newer_is_no_lease(lease):
     """What the guard would refuse is not granted."""
-    lease = Lease()
     lease.fence = 5
     holder = FakeHolder(ANN)
     lease.claim(holder, at(0))
@@ -103,18 +103,16 @@ def test_a_number_that_is_not_newer_is_no_lease():
     assert lease.grant(holder, 6, at(0))
 
 
-def test_a_claim_that_was_revoked_is_not_granted():
+def test_a_claim_that_was_revoked_is_not_granted(lease):
     """A stop that comes while the database numbers the drive wins."""
-    lease = Lease()
     holder = FakeHolder(ANN)
     lease.claim(holder, at(0))
     assert lease.revoke() is holder
     assert not lease.grant(holder, 1, at(1))
 
 
-def test_the_control_passes_on_after_20_s_without_input():
+def test_the_control_passes_on_after_20_s_without_input(lease):
     """Each command puts it off; then it is kept for the asker for 10 s, and free afterwards."""
-    lease = Lease()
     holder = driven_by(ANN, lease)
     assert lease.ask(BEN, at(1))
     assert lease.passes_at() == at(21)
@@ -129,9 +127,8 @@ def test_the_control_passes_on_after_20_s_without_input():
     assert lease.reserved(at(45)) is None
 
 
-def test_the_control_is_handed_to_the_one_who_is_named():
+def test_the_control_is_handed_to_the_one_who_is_named(lease):
     """Who asks by now may be another one than the driver saw."""
-    lease = Lease()
     holder = driven_by(ANN, lease)
     lease.ask(BEN, at(0))
     lease.withdraw(BEN)
@@ -144,8 +141,7 @@ def test_the_control_is_handed_to_the_one_who_is_named():
     assert (lease.driver, lease.reserved(at(4)).user) == (None, CARL)
 
 
-def test_wrong_actions_have_names():
-    lease = Lease()
+def test_wrong_actions_have_names(lease):
     for action in (lease.ask, lease.take, lease.refuse, lease.hand_over):
         with pytest.raises(LeaseFreeError):
             action(BEN, at(0))
@@ -171,9 +167,8 @@ def test_wrong_actions_have_names():
         lease.ask(BEN, at(3))
 
 
-def test_a_driver_is_not_asked_again_and_again():
+def test_a_driver_is_not_asked_again_and_again(lease):
     """After three questions in a row one every 30 s is heard; others' are, too, and at other robots."""
-    lease = Lease()
     driven_by(ANN, lease)
     for second in range(3):
         assert lease.ask(BEN, at(second))
@@ -192,9 +187,8 @@ def test_a_driver_is_not_asked_again_and_again():
         lease.ask(BEN, at(59))
 
 
-def test_who_got_the_control_may_ask_anew():
+def test_who_got_the_control_may_ask_anew(lease):
     """What was answered with yes does not count."""
-    lease = Lease()
     for second in range(10):
         driven_by(ANN, lease, second)
         assert lease.ask(BEN, at(second))
@@ -202,9 +196,8 @@ def test_who_got_the_control_may_ask_anew():
         lease.revoke()
 
 
-def test_what_is_kept_for_a_manager_is_not_taken_again():
+def test_what_is_kept_for_a_manager_is_not_taken_again(lease):
     """It has its time, and no longer; then anybody may drive, and another manager may take it."""
-    lease = Lease()
     driven_by(ANN, lease)
     lease.take(BEN, at(0))
     assert lease.take(BEN, at(9)) is None
@@ -234,8 +227,7 @@ def test_who_waits_is_next_when_the_driver_leaves():
     assert lease.reserved(at(4)).user == BEN
 
 
-def test_without_the_right_nobody_waits():
-    lease = Lease()
+def test_without_the_right_nobody_waits(lease):
     driven_by(ANN, lease)
     lease.ask(BEN, at(0))
     assert not lease.keep_only(lambda user_id: user_id == BEN.id)

@@ -67,16 +67,6 @@ async def test_a_session_gets_its_configuration(relay, sim1, connect):
     assert presence(relay, sim1).address == "198.51.100.7"
 
 
-@pytest.mark.parametrize("kind", ["media", "shell"])
-async def test_other_kinds_get_a_configuration_but_make_no_robot_online(
-    relay, sim1, memory_database, connect, kind
-):
-    await give_shell(relay, memory_database, sim1)
-    await configured(await connect(kind))
-    assert not presence(relay, sim1).online
-    assert memory_database.sessions() == []
-
-
 async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, connect):
     other = Cell("b", "b.example", 443, (2222, 443), None, "0.1.0", 3, False, True)
     memory_database.cells["b"] = other
@@ -110,27 +100,6 @@ async def test_a_robot_in_another_region_hears_of_its_cells(relay, sim1, memory_
             lambda host=host: session.configs[-1]["cells"][0]["host"] == host, "it is sent first"
         )
     assert presence(relay, sim1).online
-
-
-async def test_heartbeats_measure_the_round_trip_and_are_answered(relay, sim1, connect):
-    session = await connect()
-    session.send(type="ping", seq=17, t_ms=123456.7)
-    answer = {"type": "pong", "seq": 17, "t_ms": 123456.7}
-    await until(lambda: answer in session.pongs, "the ping is answered")
-    await until(lambda: presence(relay, sim1).rtt_ms is not None, "the round trip is known")
-
-
-async def test_health_and_version_are_told(relay, sim1, connect):
-    session = await connect()
-    session.send(type="hello", hostname="turtle", agent_version="0.1.0", guard="on")
-    session.send(type="health", ros="ok", video="down", detail="nothing", ros_exposed=False)
-    session.send(type="something new", value=1)
-    await until(lambda: presence(relay, sim1).ros == "ok", "health is known")
-    assert presence(relay, sim1).video == "down"
-    assert presence(relay, sim1).agent_version == "0.1.0"
-    assert not presence(relay, sim1).ros_exposed
-    session.send(type="health", ros="ok", video="down", detail="", ros_exposed=True)
-    await until(lambda: presence(relay, sim1).ros_exposed, "whom rosbridge answers is known")
 
 
 async def test_what_the_agent_must_know_is_told_on_the_same_session(
@@ -335,13 +304,6 @@ async def test_a_silent_robot_times_out(relay, sim1, connect):
     assert stopwatch.clock_s > FAST.timeout_s
     assert stopwatch.s < FAST.timeout_s + 1
     assert not presence(relay, sim1).online
-
-
-async def test_a_robot_that_answers_stays(relay, sim1, connect):
-    session = await configured(await connect())
-    await asyncio.sleep(2 * FAST.timeout_s)
-    assert session.bye is None
-    assert presence(relay, sim1).online
 
 
 @pytest.mark.parametrize(

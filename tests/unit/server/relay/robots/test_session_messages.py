@@ -56,20 +56,11 @@ def test_a_wrong_key_is_found_first(key):
 @pytest.mark.parametrize(
     ("field", "value"),
     [
-        ("kind", "exec"),
-        ("kind", None),
-        ("kind", ["shell"]),
-        ("fingerprint", None),
-        ("fingerprint", "x" * 65),
-        ("ports", None),
-        ("ports", "20000"),
-        ("ports", [20000, "20001"]),
-        ("ports", [True]),
-        ("robot_id", "7"),
-        ("robot_id", True),
-        ("robot_id", 7.5),
-        ("address", "x" * 46),
-        ("address", None),
+        *(("kind", kind) for kind in ("exec", None, ["shell"])),
+        *(("fingerprint", fingerprint) for fingerprint in (None, "x" * 65)),
+        *(("ports", ports) for ports in (None, "20000", [20000, "20001"], [True])),
+        *(("robot_id", robot_id) for robot_id in ("7", True, 7.5)),
+        *(("address", address) for address in ("x" * 46, None)),
     ],
 )
 def test_a_wrong_field_is_named(field, value):

@@ -11,7 +11,7 @@ import aiohttp
 import pytest
 from aiohttp import WSMsgType
 from fake_operator import FakeOperator
-from relay_clients import PUBLISH, audit_lines, closing, misbehaving
+from relay_clients import PUBLISH, audit_lines, closing, counted_turns, misbehaving
 from relay_server import MESSAGE_LIMIT, until
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.channels.rosbridge import bridge, message_validator
@@ -32,7 +32,7 @@ async def test_an_observer_who_floods_is_closed_and_nobody_else(
         http.ws_connect(relay.ros_url(sim1)) as ann,
         http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob,
     ):
-        flood = asyncio.create_task(_flood(bob))
+        flood = asyncio.create_task(_flood(bob, b'{"op":"subscribe","topic":"/a"}'))
         code, reason = await closing(bob)
         await flood
         assert (code, reason) == (1008, "you sent robot sim1 too much for too long")
@@ -49,11 +49,13 @@ async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
             await asyncio.sleep(0.1)
 
 
-async def _flood(socket: aiohttp.ClientWebSocketResponse) -> None:
+async def _flood(
+    socket: aiohttp.ClientWebSocketResponse, data: bytes, kind: WSMsgType = WSMsgType.TEXT
+) -> None:
     with contextlib.suppress(ConnectionError):
         while not socket.closed:
             for _ in range(100):
-                await socket.send_str('{"op":"subscribe","topic":"/a"}')
+                await socket.send_frame(data, kind)
             await asyncio.sleep(0.01)
 
 
@@ -221,17 +223,9 @@ async def test_a_flood_of_pings_or_pongs_ends_it(*, relay, robot, sim1, http, mo
     """They reach no check of messages, and answering them costs the others time, too."""
     monkeypatch.setattr(bridge, "FLOOD_AFTER_S", 0.3)
     async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob:
-        flood = asyncio.create_task(_flood_with(bob, kind))
+        flood = asyncio.create_task(_flood(bob, b"", kind))
         assert (await closing(bob))[0] == 1008
         await flood
-
-
-async def _flood_with(socket: aiohttp.ClientWebSocketResponse, kind: WSMsgType) -> None:
-    with contextlib.suppress(ConnectionError):
-        while not socket.closed:
-            for _ in range(100):
-                await socket.send_frame(b"", kind)
-            await asyncio.sleep(0.01)
 
 
 @pytest.mark.parametrize("sender", ["client", "robot"])
@@ -239,31 +233,21 @@ async def test_others_have_a_turn_between_what_comes_at_once(
     *, relay, robot, sim1, http, monkeypatch, sender
 ):
     """Else who sends thousands of small messages holds up the commands of every driver."""
-    turns, seen = 0, []
-
-    async def count_turns() -> None:
-        nonlocal turns
-        while True:
-            await asyncio.sleep(0)
-            turns += 1
-
-    monkeypatch.setattr(bridge.Bridge, "_on_pong", lambda *_: seen.append(turns))
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    seen: list[int] = []
+    async with http.ws_connect(relay.ros_url(sim1)) as socket, counted_turns() as turns:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
-        counting = asyncio.create_task(count_turns())
+        (client,) = robot.clients
         if sender == "client":
+            monkeypatch.setattr(bridge.Bridge, "_on_pong", lambda *_: seen.append(turns()))
             # Masked with zeros.
             socket._writer.transport.write(b"\x8a\x80\0\0\0\0" * 2000)
-            await until(lambda: len(seen) >= 2000, "all pongs are read")
         else:
             send = bridge.Bridge._send_to_client
             monkeypatch.setattr(
-                bridge.Bridge, "_send_to_client", lambda *args: seen.append(turns) or send(*args)
+                bridge.Bridge, "_send_to_client", lambda *args: seen.append(turns()) or send(*args)
             )
-            for client in robot.clients:
-                client._req.transport.write(b"\x81\x02{}" * 2000)
-            await until(lambda: len(seen) >= 2000, "all messages are passed on")
-        counting.cancel()
+            client._req.transport.write(b"\x81\x02{}" * 2000)
+        await until(lambda: len(seen) >= 2000, "all have come")
     assert len(set(seen)) > 10
 
 

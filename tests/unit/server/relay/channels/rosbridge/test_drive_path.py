@@ -63,7 +63,6 @@ async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarde
     """Of a page with clock syncs it is the input event's; never later than that."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         timestamp_ms = guarded.session.clock_ms() - 100
         await ann.drive(0.5, age_ms=100)
         await until(lambda: guarded.received, "the command came")
@@ -76,7 +75,6 @@ async def test_a_command_of_a_timestamp_to_come_is_refused(relay, guarded, sim1,
     """A client whose clock is ahead is told of which message, and moves nothing."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         ahead = {"t_ms": 2.0**52}
         await ann.send(op="publish", id="p1", topic="/cmd_vel", msg={}, robotether=ahead)
         answer = await ann.until("status")
@@ -104,7 +102,6 @@ async def test_a_command_names_the_robots_own_frames(relay, guarded, sim1, http)
     delivered.note(2, "/b", 7, 500)
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         await ann.drive(0.5)
         for camera, frame in (("/a", 41), ("/a", 42), ("/b", 7), ("/c", 41), ("/a", None)):
             await ann.drive(0.5, seen=[{"camera": camera, "frame": frame}])
@@ -139,7 +136,6 @@ async def test_an_old_command_is_dropped_and_its_sender_told(
     """It never reaches the robot; the newer one does; the books count it."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         await ann.late_sender(0.9)
         assert "ms old, over 500 ms" in (await ann.until("status"))["msg"]
         await ann.drive(0.5)
@@ -159,7 +155,6 @@ async def test_the_wish_to_stand_is_never_too_old(relay, guarded, sim1, http):
     """The guard stops the robot by it, long before the deadman's time."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         await ann.drive(0.5, age_ms=900)
         await ann.drive(0.0, age_ms=900)
         await until(lambda: guarded.received, "it came")
@@ -206,7 +201,6 @@ async def test_a_flood_ends_with_the_newest_command(relay, guarded, sim1, http):
     """Whatever is left out, the last command of many arrives."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
-        await ann.until("robotether.clock_sync")
         await ann.floods(500)
         await until(
             lambda: guarded.received and b"9.0" in guarded.received[-1].encode(), "the last came"

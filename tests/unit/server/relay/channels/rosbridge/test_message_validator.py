@@ -84,17 +84,11 @@ def test_the_policy_says_which_names():
         }
     }
     observer, driver = validator("observe", settings), validator("drive", settings)
-    for topic, passes in {
-        "/pose": True,
-        "/camera/a/b": True,
-        "/secret": False,
-        "/posex": False,
-    }.items():
-        if passes:
-            sent({"op": "subscribe", "topic": topic}, observer)
-        else:
-            _, answer = refused({"op": "subscribe", "topic": topic}, observer)
-            assert str(answer["msg"]).startswith(f"cannot subscribe to {topic}: the robot's policy")
+    for topic in ("/pose", "/camera/a/b"):
+        sent({"op": "subscribe", "topic": topic}, observer)
+    for topic in ("/secret", "/posex"):
+        _, answer = refused({"op": "subscribe", "topic": topic}, observer)
+        assert str(answer["msg"]).startswith(f"cannot subscribe to {topic}: the robot's policy")
     sent({"op": "publish", "topic": "/lights", "msg": {}}, driver)
     sent({"op": "call_service", "service": "/arm/up"}, driver)
     sent({"op": "send_action_goal", "action": "/dock"}, driver)

@@ -10,13 +10,6 @@ from relay_server import until
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
-async def test_the_robot_is_asked_for_its_clock_before_the_first_credit(camera, watch):
-    """A frame whose moment nobody can tell would be of no use."""
-    await watch()
-    await camera.wait_for("credit")
-    assert [text["op"] for text in camera.texts] == ["clock_sync", "stream_request", "credit"]
-
-
 async def test_the_robot_is_asked_for_its_clock_again_and_again(camera, watch, monkeypatch):
     """Clocks drift, and a link that is quicker later is known later."""
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.CLOCK_SYNC_EVERY_S", 0.05)
@@ -67,9 +60,7 @@ async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, mon
 @pytest.mark.parametrize(
     "data", [b"short", b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x"]
 )
-async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, watch, data, caplog):
-    viewer = await watch()
-    await camera.wait_for("credit")
+async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, viewer, data, caplog):
     await camera.send_bytes(data)
     await viewer.text("status", state="down")
     await camera.wait_for("credit", taken=None)
@@ -78,11 +69,9 @@ async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, watch, dat
 
 
 async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
-    camera, robot, watch, monkeypatch
+    camera, robot, viewer, monkeypatch
 ):
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.AGAIN_WITHIN_S", 0.3)
-    viewer = await watch()
-    await camera.wait_for("credit")
     await robot._close_ports()
     async with asyncio.timeout(5):
         message = await viewer.socket.receive()
@@ -93,10 +82,8 @@ async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
 
 
 @pytest.mark.parametrize("message", ["text", "ping"])
-async def test_a_flood_from_the_robot_is_cut_off(camera, watch, caplog, message):
+async def test_a_flood_from_the_robot_is_cut_off(camera, viewer, caplog, message):
     """A robot cannot keep the relay busy: whoever drives another robot would feel it."""
-    viewer = await watch()
-    await camera.wait_for("credit")
     (socket,) = camera.connections
     for turn in range(400):
         if message == "text":
@@ -125,10 +112,8 @@ async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
     assert pauses == sorted(set(pauses))
 
 
-async def test_a_connection_that_breaks_is_opened_again(camera, watch):
+async def test_a_connection_that_breaks_is_opened_again(camera, viewer):
     """The viewer is told and stays; numbers go on although the robot's begin anew."""
-    viewer = await watch()
-    await camera.wait_for("credit")
     for _ in range(3):
         await viewer.credit()
         await camera.show(JPEG)

@@ -79,11 +79,12 @@ def test_header_that_cannot_be_written_again_is_dropped(text):
 
 
 def test_every_answer_is_shut_in():
-    headers = headers_for_viewer({"Content-Security-Policy": "script-src *", "Location": "/"})
+    sent = {"Content-Security-Policy": "script-src *", "Location": "/", "Set-Cookie": "a=b"}
+    headers = headers_for_viewer(sent | {"Access-Control-Allow-Origin": "*"})
     assert headers["Content-Security-Policy"] == "sandbox"
     assert headers["X-Content-Type-Options"] == "nosniff"
     assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
-    assert "Location" not in headers
+    assert not {"Location", "Set-Cookie", "Access-Control-Allow-Origin"} & set(headers)
 
 
 def test_the_robot_gets_no_upgrade_and_no_credential():
