@@ -147,10 +147,17 @@ class GuardSettings(Struct, frozen=True, forbid_unknown_fields=True):
             "Distance driven unseen",
             "The older what the driver sees, the slower the robot: speed times age stays within this.",
             "m",
+            box="Drive slower when the driver sees late",
         ),
     ] = 0.25
     blind_deg: Annotated[
-        BlindAngle | None, _limit("Angle turned unseen", "The same for turns.", "degrees")
+        BlindAngle | None,
+        _limit(
+            "Angle turned unseen",
+            "The same for turns.",
+            "degrees",
+            box="Turn slower when the driver sees late",
+        ),
     ] = 30
     camera_ms: Annotated[
         CameraTime,
