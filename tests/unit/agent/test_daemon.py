@@ -9,6 +9,7 @@ import pytest
 from fake_cloud import echo, eventually
 from openssh_server import listens
 from robotether_agent import backoff
+from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
 
 
@@ -42,17 +43,6 @@ async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):
     await agent.until_connected()
 
 
-async def test_session_failing_leaves_media_alone(make_cloud, start_agent):
-    """When the session drops it comes back by itself, and the video connection never notices."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
-    (await cloud.link("session")).drop()
-    await cloud.link("session", number=2)
-    await agent.until_connected()
-    assert len(cloud.of_kind("media", live=False)) == 1
-
-
 def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
     return 60.0 if problem.retry is Retry.SLOWLY else 0.05
 
@@ -60,26 +50,32 @@ def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
 async def test_a_session_that_comes_back_brings_the_video_with_it(
     make_cloud, start_agent, monkeypatch
 ):
-    """A robot that is let in again is seen as soon as it can be driven: no pause of the video's own outlasts it."""
+    """A robot that is let in again is seen as soon as it can be driven; video that works never notices the session."""
     monkeypatch.setattr(backoff, "retry_or_give_up", _slowly_or_at_once)
     cloud = await make_cloud()
     agent = start_agent(cloud)
     await agent.until_connected()
+    (await cloud.link("session")).drop()
+    await cloud.link("session", number=2)
+    await agent.until_connected()
+    assert len(cloud.of_kind("media", live=False)) == 1
     media = await cloud.link("media")
     media.send({"type": "bye", "code": "robot_disabled", "detail": "an admin disabled robot sim1"})
     await agent.until(lambda status: status.problem_code == "robot_disabled", "robot_disabled")
-    (await cloud.link("session")).drop()
-    await cloud.link("session", number=2)
+    # No pause of the video's own outlasts it.
+    (await cloud.link("session", number=2)).drop()
+    await cloud.link("session", number=3)
     await cloud.link("media", number=2)
 
 
-async def test_second_agent_does_not_start(make_cloud, start_agent):
+async def test_second_agent_does_not_start(cloud, start_agent, place):
     """Two agents in one run directory would end each other's connections, so the second says no."""
-    cloud = await make_cloud()
-    await start_agent(cloud).until_connected()
-    second = start_agent(cloud)
-    with pytest.raises(AlreadyRunningError, match="another agent holds"):
-        await second.task
+    ensure_directory(place / "run", "run_dir")
+    with (
+        only_one(place / "run" / LOCK),
+        pytest.raises(AlreadyRunningError, match="another agent holds"),
+    ):
+        await start_agent(cloud).task
 
 
 async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent, place):

@@ -57,16 +57,15 @@ def state_is(place, state: str) -> Callable[[], bool]:
     return reached
 
 
-async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, place):
+async def test_runs_tells_its_status_and_ends_on_sigterm(cloud, start, place, capsys):
     """A connected agent says so with exit code 0, and SIGTERM ends it and its clients in time."""
-    cloud = await make_cloud()
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
-    asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
-    assert asked.returncode == 0
-    assert out.decode().startswith("state         connected since")
-    assert "rosbridge     down" in out.decode() or "rosbridge     unknown" in out.decode()
+    environ = agent_environ(cloud, place)
+    assert command.main(["status"], environ) == 0
+    out = capsys.readouterr().out
+    assert out.startswith("state         connected since")
+    assert "rosbridge     down" in out or "rosbridge     unknown" in out
     clients = descendants(agent.pid)
     for pid in (*clients, agent.pid):
         # Systemd sends it to all of them.
@@ -77,10 +76,8 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(make_cloud, start, plac
     assert "another one follows" not in log.decode()
     assert not set(clients) & set(descendants(os.getpid()))
     assert "robot sim1: connected to 127.0.0.1 port" in log.decode()
-    asked = await start(cloud, "status")
-    out, _ = await asyncio.wait_for(asked.communicate(), WAIT_S)
-    assert asked.returncode == 1
-    assert out.decode().startswith("state         stopped since")
+    assert command.main(["status"], environ) == 1
+    assert capsys.readouterr().out.startswith("state         stopped since")
 
 
 async def test_sigterm_while_it_waits(make_cloud, start, place):

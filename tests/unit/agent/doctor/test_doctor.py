@@ -102,9 +102,9 @@ async def test_a_cause_is_said_once_with_its_own_advice(run, changes, step, word
     assert not any("firewall" in finding.advice for finding in found.values())
 
 
-async def test_after_another_host_key_doctor_status_and_log_agree(make_cloud, start_agent):
+async def test_after_another_host_key_doctor_status_and_log_agree(cloud, start_agent, monkeypatch):
     """Each names the cause and what to do; none only says to start the agent."""
-    cloud = await make_cloud()
+    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
     agent = start_agent(cloud, shell_address="none")
     await agent.until_connected()
     cloud.ssh.stop()
