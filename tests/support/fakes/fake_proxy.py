@@ -6,7 +6,6 @@ needs_password  407 unless the right name and password come along
 silent          takes the request and says nothing
 only_443        joins to port 443 only, which it leads to `behind_443`, as a server behind nginx has it
 closes          ends the connection without an answer
-babbles         answers with what is not HTTP
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from typing import Literal, Self
 
 from tcp_service import TcpService
 
-Mode = Literal["joins", "refuses", "needs_password", "silent", "only_443", "closes", "babbles"]
+Mode = Literal["joins", "refuses", "needs_password", "silent", "only_443", "closes"]
 
 USER, PASSWORD = "robot", "s3cret/@:"
 SECRET = b64encode(f"{USER}:{PASSWORD}".encode()).decode()
@@ -50,8 +49,6 @@ class FakeProxy(TcpService):
         host, _, port = authority.rpartition(":")
         if self.mode == "silent":
             await reader.read()
-        elif self.mode == "babbles":
-            writer.write(b"what do you mean?\r\n\r\n")
         elif self.mode == "needs_password" and f"Proxy-Authorization: Basic {SECRET}" not in head:
             writer.write(b"HTTP/1.1 407 Proxy Authentication Required\r\n\r\n")
         elif self.mode == "refuses" or (self.mode == "only_443" and port != "443"):

@@ -222,3 +222,11 @@ async def start_agent(
     for agent in started:
         if not agent.task.done():
             await agent.stop()
+
+
+@pytest.fixture
+async def agent(cloud: FakeCloud, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
+    """An agent that is connected to the cloud."""
+    started = start_agent(cloud)
+    await started.until_connected()
+    return started

@@ -83,9 +83,8 @@ async def joined(cloud: FakeCloud, place, **more: str) -> int:
     return await asyncio.to_thread(main, ["join"], agent_environ(cloud, place, **more))
 
 
-async def test_active(make_cloud, place, capsys):
+async def test_active(cloud, place, capsys):
     """A robot that is let in is told its name; asking again is no harm."""
-    cloud = await make_cloud()
     for _ in range(2):
         assert await joined(cloud, place) == 0
         told = capsys.readouterr().out
@@ -103,9 +102,8 @@ async def test_pending(make_cloud, place, capsys):
     assert key.fingerprint in told
 
 
-async def test_refused_and_impossible(make_cloud, place, capsys):
+async def test_refused_and_impossible(cloud, place, capsys):
     """The server's reason and what to do are told, and so is a server that is away."""
-    cloud = await make_cloud()
     refusal = {"code": "token_used_up", "detail": "the token lab was used 10 of 10 times"}
     cloud.answer = lambda: web.json_response(refusal, status=401)
     assert await joined(cloud, place, token="rj_x") == 1

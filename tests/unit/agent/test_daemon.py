@@ -13,9 +13,8 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
 
 
-async def test_joins_connects_and_forwards_both_services(make_cloud, start_agent):
+async def test_joins_connects_and_forwards_both_services(cloud, start_agent):
     """A new robot joins, and rosbridge and video answer at its ports of the server."""
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     status = await agent.until_connected()
     assert status.robot == "sim1"
@@ -47,12 +46,9 @@ def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
     return 60.0 if problem.retry is Retry.SLOWLY else 0.05
 
 
-async def test_a_session_that_comes_back_brings_the_video_with_it(
-    make_cloud, start_agent, monkeypatch
-):
+async def test_a_session_that_comes_back_brings_the_video_with_it(cloud, start_agent, monkeypatch):
     """A robot that is let in again is seen as soon as it can be driven; video that works never notices the session."""
     monkeypatch.setattr(backoff, "retry_or_give_up", _slowly_or_at_once)
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     await agent.until_connected()
     (await cloud.link("session")).drop()
@@ -78,9 +74,8 @@ async def test_second_agent_does_not_start(cloud, start_agent, place):
         await start_agent(cloud).task
 
 
-async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent, place):
+async def test_unwritable_state_is_told_and_tried_again(cloud, start_agent, place):
     """A state directory that cannot be made is a clear problem, and the agent waits for it."""
-    cloud = await make_cloud()
     (place / "disk").touch()
     agent = start_agent(cloud, state_dir=str(place / "disk/state"))
     status = await agent.until(lambda status: status.state == "waiting", "waiting")
@@ -90,11 +85,8 @@ async def test_unwritable_state_is_told_and_tried_again(make_cloud, start_agent,
     await agent.until_connected()
 
 
-async def test_removed_robot_waits_for_its_approval(make_cloud, start_agent):
+async def test_removed_robot_waits_for_its_approval(cloud, agent):
     """A robot whose row was removed finds out why its key is refused, and comes back once approved."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
     cloud.remove_robot()
     cloud.ssh.drop_connections()
     await agent.until(lambda status: status.state == "pending", "pending")
@@ -102,9 +94,8 @@ async def test_removed_robot_waits_for_its_approval(make_cloud, start_agent):
     await agent.until_connected()
 
 
-async def test_works_on_a_read_only_disk(make_cloud, start_agent):
+async def test_works_on_a_read_only_disk(cloud, start_agent):
     """Once enrolled, the agent writes nothing in its state directory."""
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     await agent.until_connected()
     await agent.stop()
@@ -118,9 +109,8 @@ async def test_works_on_a_read_only_disk(make_cloud, start_agent):
     assert stamps() == before
 
 
-async def test_starts_before_the_network_is_there(make_cloud, start_agent, place):
+async def test_starts_before_the_network_is_there(cloud, start_agent, place):
     """Without an interface that names it a fresh robot says so, and joins once there is one."""
-    cloud = await make_cloud()
     agent = start_agent(cloud, mac="", interface="none0")
     status = await agent.until(lambda status: status.state == "waiting", "waiting")
     assert status.problem_code == "interface_missing"

@@ -91,9 +91,8 @@ async def test_sigterm_while_it_waits(make_cloud, start, place):
     assert "robotether robot approve robot-00000a" in log.decode()
 
 
-async def test_killed_agent_leaves_nothing_behind(make_cloud, start, place):
+async def test_killed_agent_leaves_nothing_behind(cloud, start, place):
     """Even when the agent is killed its SSH clients, its guard and the fork server end by themselves."""
-    cloud = await make_cloud()
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
     await cloud.link("media")
@@ -143,9 +142,9 @@ def said(systemd: socket.socket) -> list[str]:
 
 
 def test_failed_start_pauses_before_systemd_starts_the_agent_again(
-    monkeypatch, place, environ, systemd
+    monkeypatch, place, environ, systemd, capsys
 ):
-    """The pause is no hanging loop: the watchdog gets its signs of life."""
+    """The pause is no hanging loop: the watchdog gets its signs of life. The journal has what a developer needs."""
     monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
     monkeypatch.setattr(command, "before_restart", lambda *_: 0.5)
     began = time.monotonic()
@@ -155,6 +154,9 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     assert told[0] == "STATUS=failed; starts again in 0 s"
     assert told[-1] == "STOPPING=1"
     assert told.count("WATCHDOG=1") >= 2
+    printed = capsys.readouterr().err
+    assert "stopped by an error in the agent itself" in printed
+    assert "ZeroDivisionError: a defect" in printed
 
 
 def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
@@ -176,15 +178,6 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
     assert command.run(settings, {}) == AlreadyRunningError.exit_code
     monkeypatch.setattr(command, "Agent", failing(ServerKeyChangedError("another key")))
     assert command.run(settings, environ) == ServerKeyChangedError.exit_code
-
-
-def test_an_error_of_the_agent_itself_leaves_its_traceback(monkeypatch, place, capsys):
-    """Systemd starts it again, and the journal has what a developer needs."""
-    monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
-    assert command.run(Settings(server="a.example", run_dir=place, guard="off"), {}) == 1
-    told = capsys.readouterr().err
-    assert "stopped by an error in the agent itself" in told
-    assert "ZeroDivisionError: a defect" in told
 
 
 def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):

@@ -33,10 +33,9 @@ def no_systemd(monkeypatch, place):
     monkeypatch.setattr("robotether_agent.systemd.state", lambda: None)
 
 
-async def test_a_robot_that_works(make_cloud, start_agent, monkeypatch):
+async def test_a_robot_that_works(cloud, start_agent, monkeypatch):
     """While the agent runs every step is well, in the order of a connection; the double has no rosapi."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
-    cloud = await make_cloud()
     cloud.checked["video"] = "ok"
     agent = start_agent(cloud, shell_address="none")
     await agent.until(

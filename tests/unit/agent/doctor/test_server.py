@@ -120,23 +120,6 @@ async def test_what_follows_a_failure_is_skipped():
     assert "Connection refused" in all_checks(seen)["https port"].detail
 
 
-async def test_what_does_not_speak_tls_is_told(cloud):
-    """A captive portal or a wrong port answers in plain text."""
-
-    async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        writer.write(b"SSH-2.0-OpenSSH_9.2\r\n")
-        await writer.drain()
-        writer.close()
-
-    plain = await asyncio.start_server(greet, "127.0.0.1", 0)
-    async with plain:
-        port = plain.sockets[0].getsockname()[1]
-        seen = await view_server(Settings(server=f"127.0.0.1:{port}"))
-    found = all_checks(seen)
-    assert (found["certificate"].state, found["answer"].state) == (FAIL, SKIPPED)
-    assert "does not speak TLS" in found["certificate"].detail
-
-
 @pytest.mark.parametrize(
     ("answer", "why"),
     [

@@ -40,9 +40,8 @@ def answer(**changes: object) -> bytes:
     return json.dumps({"state": "active", "robot": "sim1", "ssh": {**SSH, **changes}}).encode()
 
 
-async def test_pinned_certificate_is_enough(make_cloud):
+async def test_pinned_certificate_is_enough(cloud):
     """With its fingerprint a self-signed server is trusted, and hears all that the protocol names."""
-    cloud = await make_cloud()
     settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
     joined = await join(settings, REQUEST)
     assert joined.robot == "sim1"
@@ -50,9 +49,8 @@ async def test_pinned_certificate_is_enough(make_cloud):
     assert cloud.joins == [REQUEST.body()]
 
 
-async def test_other_certificate_is_not_trusted(make_cloud):
+async def test_other_certificate_is_not_trusted(cloud):
     """Neither a wrong fingerprint nor an unknown authority gets the request, and the sentence says which."""
-    cloud = await make_cloud()
     with pytest.raises(TlsUntrustedError, match="not the pinned one") as pinned:
         await join(Settings(server=cloud.server, tls_fingerprint=b"\0" * 32), REQUEST)
     assert fingerprint() in pinned.value.message.replace(":", "")
@@ -81,9 +79,8 @@ def behind(proxy_url: str, cloud) -> Settings:
     return Settings(server=cloud.server, tls_fingerprint=pin, http_proxy=proxy_url)
 
 
-async def test_through_a_proxy(make_cloud):
+async def test_through_a_proxy(cloud):
     """The join goes where http_proxy says, with its password, and the pin still holds."""
-    cloud = await make_cloud()
     async with FakeProxy("needs_password") as proxy:
         url = proxy.url.replace("//", "//robot:s3cret%2F%40%3A@")
         assert (await join(behind(url, cloud), REQUEST)).robot == "sim1"
@@ -99,8 +96,7 @@ async def test_through_a_proxy(make_cloud):
         ("needs_password", "answers 407 .*USER:PASSWORD"),
     ],
 )
-async def test_a_proxy_that_does_not_let_it_through(make_cloud, mode, told):
-    cloud = await make_cloud()
+async def test_a_proxy_that_does_not_let_it_through(cloud, mode, told):
     async with FakeProxy(mode) as proxy:
         with pytest.raises(ServerUnreachableError, match=told) as caught:
             await join(behind(proxy.url, cloud), REQUEST)
@@ -115,9 +111,8 @@ async def test_a_proxy_that_is_not_there(make_cloud):
     assert "s3cret" not in str(caught.value)
 
 
-async def test_redirects_and_endless_answers_are_refused(make_cloud):
+async def test_redirects_and_endless_answers_are_refused(cloud):
     """A captive portal's redirect is not followed, and no answer fills the memory."""
-    cloud = await make_cloud()
     settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
     cloud.answer = lambda: web.Response(status=302, headers={"Location": "https://127.0.0.1:1/"})
     with pytest.raises(AnswerInvalidError, match="HTTP status 302") as redirected:

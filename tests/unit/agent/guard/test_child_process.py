@@ -168,11 +168,8 @@ def test_the_guard_is_the_one_that_came_with_the_agent():
     assert places[-1] == "/opt/more"
 
 
-async def test_a_killed_guard_is_back_at_once(make_cloud, start_agent, caplog):
+async def test_a_killed_guard_is_back_at_once(cloud, agent, caplog):
     """Without a pause, the port of the robot leads to the next guard, over the same connection."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
     assert await echo(cloud.ports[0], "before") == "before"
     killed_at = time.monotonic()
     os.kill(guard_pid(), signal.SIGKILL)
@@ -191,9 +188,8 @@ async def test_a_killed_guard_is_back_at_once(make_cloud, start_agent, caplog):
     await eventually(lambda: states()[-2:] == ["down", "ready"], lambda: f"{states()}")
 
 
-async def test_a_stop_outlives_the_agent(make_cloud, start_agent):
+async def test_a_stop_outlives_the_agent(cloud, start_agent):
     """A robot that somebody stopped is still stopped after its next boot, and says so to the server."""
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     link = await cloud.link("session")
     link.send({"type": "stop", "id": "5f0c", "by": "ben"})
@@ -206,9 +202,8 @@ async def test_a_stop_outlives_the_agent(make_cloud, start_agent):
     await agent.until(lambda status: status.stopped_by == "ben", "still stopped")
 
 
-async def test_without_a_guard_the_forward_is_bare(make_cloud, start_agent, caplog):
+async def test_without_a_guard_the_forward_is_bare(cloud, start_agent, caplog):
     """The paper's own way: the port leads straight to rosbridge, and everybody is told."""
-    cloud = await make_cloud()
     agent = start_agent(cloud, guard="off")
     status = await agent.until_connected()
     assert await echo(cloud.ports[0], "x", key="") == "x"

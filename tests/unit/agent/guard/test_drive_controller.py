@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from controller_world import FakeSource, MemoryMotionFile, World
+from controller_world import FakeSource, World
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
@@ -341,7 +341,6 @@ async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> N
 
 
 async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
-    assert isinstance(world.motion_file, MemoryMotionFile)
     name = "geometry_msgs/msg/TwistStamped"
     world.motion_file.driven = [Driven("/base/cmd_vel", "twist_stamped", name, "base")]
     world.controller.resume()
@@ -354,7 +353,6 @@ async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
 
 async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
     """A mark that cannot be read stands for the topics that have plain names, by a zero of whatever type they have."""
-    assert isinstance(world.motion_file, MemoryMotionFile)
     world.motion_file.driven = []
     world.controller.resume()
     await world.pass_time(3)
@@ -396,7 +394,6 @@ async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(
     world: World, left_by_the_last_guard: bool
 ) -> None:
     """A new driver makes room of what only had a name."""
-    assert isinstance(world.motion_file, MemoryMotionFile)
     if left_by_the_last_guard:
         world.motion_file.driven = [Driven("/other/cmd_vel", "twist")]
         world.controller.resume()

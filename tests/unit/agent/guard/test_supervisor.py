@@ -46,6 +46,11 @@ class RunningSupervisor:
 
         await eventually(is_ready, lambda: f"guard {count}: {self.supervisor.view}")
 
+    async def is_stopped(self, expected: bool = True) -> None:
+        """Wait until the guard says that it is stopped, or released."""
+        view = self.supervisor
+        await eventually(lambda: view.view.stopped is expected, lambda: f"{view.view}")
+
     async def hears(self, *kinds: str) -> list[dict[str, Any]]:
         """Wait until the newest guard has heard these kinds, and return them, each one's last."""
 
@@ -79,6 +84,14 @@ async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
         await running.stop()
 
 
+@pytest.fixture
+async def running(keep: Callable[..., RunningSupervisor]) -> RunningSupervisor:
+    """A supervisor with a guard that is ready."""
+    made = keep("serves")
+    await made.ready()
+    return made
+
+
 async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
     """Each age once: a session that comes later gets the state alone."""
     running = keep("serves")
@@ -95,10 +108,8 @@ async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
         assert [lines.get_nowait()["type"] for _ in range(lines.qsize())] == ["guard"]
 
 
-async def test_a_killed_guard_is_back_with_all_that_it_must_know(keep, place, caplog):
+async def test_a_killed_guard_is_back_with_all_that_it_must_know(running, place, caplog):
     """The next one starts at once, on a port of its own, with configuration, session and lease."""
-    running = keep("serves")
-    await running.ready()
     running.supervisor.on_config(WANTS, direct=False)
     running.supervisor.on_lease(13, held=True)
     os.kill(births(place)[0]["pid"], signal.SIGKILL)
@@ -148,10 +159,8 @@ async def test_a_guard_is_followed_without_a_fork_server(keep, place, monkeypatc
 
 
 @pytest.mark.parametrize("with_fork_server", [True, False])
-async def test_ends_only_after_the_guard(keep, place, with_fork_server):
+async def test_ends_only_after_the_guard(running, place, with_fork_server):
     """The guard is asked to stop the robot, and has the time for it."""
-    running = keep("serves")
-    await running.ready()
     if not with_fork_server:
         os.kill(running.supervisor._fork_server.pid, signal.SIGKILL)
     await running.stop()
@@ -166,7 +175,7 @@ async def test_a_stop_that_its_guard_did_not_answer_is_told_to_the_next(keep, pl
     running.supervisor.on_config(WANTS, direct=False)
     running.supervisor.on_stop("5f0c", "ben")
     await running.ready(2)
-    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    await running.is_stopped()
     os.kill(births(place)[1]["pid"], signal.SIGKILL)
     await running.ready(3)
     # The third guard may know it from its own file.
@@ -181,7 +190,7 @@ async def test_a_stop_that_the_disk_did_not_take_outlives_its_guard(keep, place)
     running.supervisor.on_config(WANTS, direct=False)
     await running.ready()
     running.supervisor.on_stop("5f0c", "ben")
-    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    await running.is_stopped()
     with running.supervisor.following() as lines:
         os.kill(births(place)[0]["pid"], signal.SIGKILL)
         await running.ready(2)
@@ -191,9 +200,7 @@ async def test_a_stop_that_the_disk_did_not_take_outlives_its_guard(keep, place)
     assert stops_sent(place) == ["5f0c", "kept"]
     assert running.supervisor.view.stopped
     running.supervisor.on_release("77aa", "ann")
-    await eventually(
-        lambda: not running.supervisor.view.stopped, lambda: f"{running.supervisor.view}"
-    )
+    await running.is_stopped(False)
 
 
 def stops_sent(place):
@@ -207,7 +214,7 @@ async def test_a_release_never_comes_late(keep, place):
     running.supervisor.on_stop("5f0c", "ben")
     running.supervisor.on_release("77aa", "ann")
     await running.ready(4)
-    await eventually(lambda: running.supervisor.view.stopped, lambda: f"{running.supervisor.view}")
+    await running.is_stopped()
     assert not [line for line in heard(place) if line["type"] == "release"]
 
 
@@ -228,10 +235,8 @@ def test_pauses_grow_to_a_bound():
     assert pause_before(1_000_000) == MAX_PAUSE_S
 
 
-async def test_a_session_hears_how_it_is_and_each_answer(keep, place):
+async def test_a_session_hears_how_it_is_and_each_answer(running, place):
     """First the present state, then the guard's lines as they are, and that it is down."""
-    running = keep("serves")
-    await running.ready()
     with running.supervisor.following() as lines:
         first = await lines.get()
         assert (first["state"], first["stopped"], first["answers"]) == ("ready", False, None)
@@ -247,10 +252,8 @@ async def test_a_session_hears_how_it_is_and_each_answer(keep, place):
     await running.ready(2)
 
 
-async def test_a_session_that_takes_nothing_costs_no_memory(keep, place):
+async def test_a_session_that_takes_nothing_costs_no_memory(running, place):
     """What a session does not send is bounded, and the newest line stays."""
-    running = keep("serves")
-    await running.ready()
     with running.supervisor.following() as lines:
         for number in range(MAX_UNSENT_LINES + 5):
             running.supervisor.on_stop(f"s{number}", "ben")
@@ -263,10 +266,8 @@ async def test_a_session_that_takes_nothing_costs_no_memory(keep, place):
         assert lines.qsize() <= MAX_UNSENT_LINES
 
 
-async def test_what_the_guard_would_not_take_changes_nothing(keep, place):
+async def test_what_the_guard_would_not_take_changes_nothing(running, place):
     """A configuration that is wrong ends the session that brought it, and the guard keeps the last good one."""
-    running = keep("serves")
-    await running.ready()
     running.supervisor.on_config(WANTS, direct=False)
     with pytest.raises(FieldError, match="deadman_ms"):
         running.supervisor.on_config({**WANTS, "deadman_ms": 0}, direct=True)

@@ -16,6 +16,7 @@ from robotether_agent.enrolment.keys import KeyPair, ensure_key
 from robotether_agent.fields import ListedCell
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.problems import (
+    AgentError,
     LinkLostError,
     Retry,
     ServerSilentError,
@@ -28,6 +29,7 @@ from robotether_agent.tunnel.connector import Connector
 from robotether_agent.tunnel.openssh import SshFiles
 
 Site = Callable[..., Awaitable[list[FakeCloud]]]
+Dial = Callable[..., Awaitable[list[tuple[ListedCell | None, float]]]]
 NOBODY = {"host": "127.0.0.1", "ports": [1]}
 
 MAC = "00:1b:44:11:3a:b7"
@@ -53,6 +55,39 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
     assert [f"{target.host} {target.port}" for target in targets] == expected
 
 
+@pytest.fixture
+def dial(monkeypatch) -> Dial:
+    """Connects a session to these cells as often as asked, where each connection ends as the test says."""
+    found: list[tuple[ListedCell | None, float]] = []
+
+    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
+        found.append((targets[0].cell, unreached_s))
+        return targets[0]
+
+    async def connect(
+        cells: tuple[ListedCell, ...], end: Callable[[SshAddress], AgentError], times: int
+    ) -> list[tuple[ListedCell | None, float]]:
+        async def run(target: SshAddress, _: SshFiles, role: Role) -> NoReturn:
+            problem = end(target)
+            if not isinstance(problem, ServerUnreachableError):
+                role.on_up(target, None, None)
+            raise problem
+
+        monkeypatch.setattr(ServerDialer, "find", find)
+        monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
+        values = Settings(server="a.example:8443", state_dir=Path("/none"))
+        connector = Connector(values, Enroller(values))
+        access = SshAccess("tunnel", None, A.ports, cells)
+        enrolment = Enrolment(values.server, "sim1", MAC, access)
+        role = Role(kind="session", target=lambda: None, on_up=lambda *_: None)
+        for _ in range(times):
+            with pytest.raises(AgentError):
+                await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
+        return found
+
+    return connect
+
+
 @pytest.mark.parametrize(
     ("problem", "again"),
     [
@@ -63,63 +98,31 @@ def test_the_settings_come_before_the_joins_answer(host, cells, settings, expect
         (LinkLostError("reset"), (B, 0.0)),
     ],
 )
-async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, monkeypatch):
+async def test_a_cell_that_just_fell_silent_gets_no_more_time(problem, again, dial):
     """The others are tried beside it, or before it; one that ended its connection may be back in a moment."""
-    found: list[tuple[ListedCell | None, float]] = []
-
-    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
-        found.append((targets[0].cell, unreached_s))
-        return targets[0]
-
-    async def run(target: SshAddress, _: SshFiles, role: Role) -> NoReturn:
-        role.on_up(target, None, None)
-        raise problem
-
-    monkeypatch.setattr(ServerDialer, "find", find)
-    monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
-    values = Settings(server="a.example:8443", state_dir=Path("/none"))
-    connector = Connector(values, Enroller(values))
-    enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, (2222,), (B, A)))
-    role = Role(kind="session", target=lambda: None, on_up=lambda *_: None)
-    for _ in range(2):
-        with pytest.raises(type(problem)):
-            await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
-    assert found == [(B, 0.0), again]
+    assert await dial((B, A), lambda _: problem, times=2) == [(B, 0.0), again]
 
 
 @pytest.mark.parametrize(
     ("took_s", "tried"),
     [(15.0, ["a 2222", "b 2222", "a 443"]), (0.1, ["a 2222", "a 443", "b 2222"])],
 )
-async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, monkeypatch):
+async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, dial, monkeypatch):
     """Its other port would take as long again; one that refuses there may be let through here."""
     now, targets_tried = [0.0], []
 
-    async def find(_: ServerDialer, targets: list[SshAddress], *, unreached_s: float) -> SshAddress:
-        return targets[0]
-
-    async def run(target: SshAddress, *_: object) -> NoReturn:
+    def hang(target: SshAddress) -> AgentError:
         targets_tried.append(f"{target.host.removesuffix('.example')} {target.port}")
         now[0] += took_s
-        raise ServerUnreachableError("timed out")
+        return ServerUnreachableError("timed out")
 
-    monkeypatch.setattr(ServerDialer, "find", find)
-    monkeypatch.setattr("robotether_agent.tunnel.connector.run_connection", run)
     monkeypatch.setattr("robotether_agent.tunnel.connector.monotonic", lambda: now[0])
-    values = Settings(server="a.example:8443", state_dir=Path("/none"))
-    connector = Connector(values, Enroller(values))
-    enrolment = Enrolment(values.server, "sim1", MAC, SshAccess("tunnel", None, A.ports, (A, B)))
-    role = Role(kind="session", target=lambda: None, on_up=lambda *_: None)
-    with pytest.raises(ServerUnreachableError):
-        await connector.connect(enrolment, KeyPair(Path("/none"), ""), role)
+    await dial((A, B), hang, times=1)
     assert targets_tried == tried
 
 
-async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, monkeypatch):
+async def test_silence_is_no_reason_to_doubt(cloud, agent, monkeypatch):
     """While nothing answers the robot says no_answer, and comes back without asking the web first."""
-    cloud = await make_cloud()
-    agent = start_agent(cloud)
-    await agent.until_connected()
     joins = len(cloud.joins)
     monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 0.2)
     with monkeypatch.context() as cut:
@@ -130,12 +133,11 @@ async def test_silence_is_no_reason_to_doubt(make_cloud, place, start_agent, mon
     assert len(cloud.joins) == joins
 
 
-async def test_a_server_that_moved_is_found_by_the_web(make_cloud, start_agent, monkeypatch):
+async def test_a_server_that_moved_is_found_by_the_web(cloud, start_agent, monkeypatch):
     """After a longer silence the web is asked, beside the attempts."""
     monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 1.0)
     monkeypatch.setattr("robotether_agent.tunnel.connector.ASK_WEB_AFTER_S", 0.0)
     monkeypatch.setattr("robotether_agent.tunnel.connector.ASK_WEB_EVERY_S", 0.0)
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     await agent.until_connected()
     joins = len(cloud.joins)

@@ -176,14 +176,6 @@ def test_a_client_that_never_connected(words, status, code):
     assert why_not_connected(words, status, TARGET, FILES).code == code
 
 
-def test_host_key_problem_says_what_to_do():
-    """The loudest problem names the server, the file to remove, and to ask first."""
-    text = str(why_not_connected([CHANGED], 255, TARGET, FILES))
-    assert "robots.example.com port 2222" in text
-    assert "/s/known_hosts" in text
-    assert "ask the server's administrator" in text
-
-
 @pytest.mark.parametrize("why", ["invalid format", "error in libcrypto"])
 def test_a_damaged_key_is_no_matter_of_its_mode(why):
     """As memory cards leave it; ssh says which of the two keys it is."""

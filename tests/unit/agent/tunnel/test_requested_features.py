@@ -31,9 +31,8 @@ def test_one_request_for_a_key_is_one_key():
     assert not features.new_key.is_set()
 
 
-async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, services):
+async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services):
     """It comes with its port, comes back by itself when it drops, and goes with shell_off; the others never notice."""
-    cloud = await make_cloud()
     agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
     await agent.until_connected()
     assert agent.status().shell_tunnel == "off"
@@ -56,11 +55,8 @@ async def test_a_shell_is_a_connection_of_its_own(make_cloud, start_agent, servi
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 
-async def test_shell_that_is_on_again_before_it_has_ended_comes_back(
-    make_cloud, start_agent, services
-):
+async def test_shell_that_is_on_again_before_it_has_ended_comes_back(cloud, start_agent, services):
     """The session says off and on before the shell's own connection reads that it ends."""
-    cloud = await make_cloud()
     cloud.shell_port = free_port()
     agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
     await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
@@ -74,9 +70,8 @@ async def test_shell_that_is_on_again_before_it_has_ended_comes_back(
     await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is back")
 
 
-async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_agent):
+async def test_video_has_a_connection_while_somebody_watches(cloud, start_agent):
     """It opens on request, and goes with unwatched, which is no problem; a shell that the robot forbids never opens."""
-    cloud = await make_cloud()
     cloud.media = False
     cloud.shell_port = free_port()
     agent = start_agent(cloud, shell_address="none")
@@ -98,9 +93,8 @@ async def test_video_has_a_connection_while_somebody_watches(make_cloud, start_a
     assert cloud.of_kind("shell", live=False) == []
 
 
-async def test_a_new_key_on_request_without_losing_a_tunnel(make_cloud, start_agent):
+async def test_a_new_key_on_request_without_losing_a_tunnel(cloud, start_agent):
     """The live connections stay, the status shows the new key, and the next log-in is with it."""
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     old = (await agent.until_connected()).fingerprint
     cloud.configure(rotate_key=True)
@@ -114,9 +108,8 @@ async def test_a_new_key_on_request_without_losing_a_tunnel(make_cloud, start_ag
     assert len(cloud.joins) == 2
 
 
-async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_agent):
+async def test_a_new_key_that_fails_is_told_and_tried_again(cloud, start_agent):
     """The robot stays connected with the old one meanwhile; a request that is taken back is no problem."""
-    cloud = await make_cloud()
     agent = start_agent(cloud)
     old = (await agent.until_connected()).fingerprint
     refusal = {"code": "robot_disabled", "detail": "it is disabled"}
@@ -134,11 +127,8 @@ async def test_a_new_key_that_fails_is_told_and_tried_again(make_cloud, start_ag
     )
 
 
-async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(
-    make_cloud, start_agent
-):
+async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(cloud, start_agent):
     """The server has the new key only, nobody can be asked, and the robot shows it both."""
-    cloud = await make_cloud()
     first = start_agent(cloud)
     await first.until_connected()
     await first.stop()

@@ -7,6 +7,8 @@ import errno
 import os
 import signal
 import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import NoReturn
 
@@ -35,45 +37,41 @@ async def dialer(make_cloud, place):
     return cloud, SshAddress("127.0.0.1", cloud.ssh.port, cloud.ssh.user), files
 
 
-async def test_a_stale_control_socket_is_removed(dialer):
-    """What a killed agent left in the way of the next connection is removed."""
-    _, target, files = dialer
-    with socket.socket(socket.AF_UNIX) as left:
-        left.bind(str(files.control))
+@asynccontextmanager
+async def opened(target: SshAddress, files: SshFiles) -> AsyncIterator[Tunnel]:
+    """A tunnel whose session has begun."""
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-        await tunnel.add(Forward(_first_port(dialer), "127.0.0.1", 9))
+        yield tunnel
     finally:
         await tunnel.close()
+
+
+async def test_a_stale_control_socket_is_removed(dialer):
+    """What a killed agent left in the way of the next connection is removed."""
+    cloud, target, files = dialer
+    with socket.socket(socket.AF_UNIX) as left:
+        left.bind(str(files.control))
+    async with opened(target, files) as tunnel:
+        await tunnel.add(Forward(cloud.ports[0], "127.0.0.1", 9))
 
 
 async def test_a_client_that_an_agent_left_is_ended(dialer):
     """A client that still runs behind the control socket is ended before the next one starts."""
     _, target, files = dialer
-    left = await Tunnel.open(target, files, "session")
-    assert await asyncio.wait_for(left.lines_in.readline(), 10)
-    tunnel = await Tunnel.open(target, files, "session")
-    try:
+    async with opened(target, files) as left, opened(target, files):
         assert (await left.why_ended(was_connected=True)).code == "link_lost"
-        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-    finally:
-        await tunnel.close()
-        await left.close()
 
 
 async def test_notice_of_the_log_in_does_not_explain_the_end(dialer):
     """A client that ends without a message is not explained by what the server printed before."""
     _, target, files = dialer
-    tunnel = await Tunnel.open(target, files, "session")
-    try:
-        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    async with opened(target, files) as tunnel:
         tunnel.on_connected()
         [client] = clients()
         os.kill(client, signal.SIGKILL)
         assert "ssh was killed" in (await tunnel.why_ended(was_connected=True)).message
-    finally:
-        await tunnel.close()
 
 
 @pytest.fixture
@@ -104,14 +102,10 @@ async def test_a_close_that_is_cut_short_kills(waiting):
 async def test_the_client_runs_on_our_connection(dialer):
     """What ssh sets on it, the class of service, shows on ours; both are gone after the end."""
     cloud, target, files = dialer
-    tunnel = await Tunnel.open(target, files, "session")
-    try:
-        assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
+    async with opened(target, files) as tunnel:
         assert tunnel.socket is not None
         assert tunnel.socket.getpeername() == ("127.0.0.1", cloud.ssh.port)
         assert tunnel.socket.getsockopt(socket.IPPROTO_IP, socket.IP_TOS) == AF21 << 2
-    finally:
-        await tunnel.close()
     assert tunnel.socket.fileno() == -1
 
 
@@ -119,9 +113,8 @@ async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
     """Neither after a tunnel nor after one that could not start."""
     _, target, files = dialer
     before = _descriptors()
-    tunnel = await Tunnel.open(target, files, "media")
-    await asyncio.wait_for(tunnel.lines_in.readline(), 10)
-    await tunnel.close()
+    async with opened(target, files):
+        pass
     with monkeypatch.context() as without_ssh:
         without_ssh.setenv("PATH", str(place))
         with pytest.raises(SshMissingError, match="openssh-client"):
@@ -153,7 +146,3 @@ def clients() -> list[int]:
 
 def _descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
-
-
-def _first_port(dialer) -> int:
-    return dialer[0].ports[0]

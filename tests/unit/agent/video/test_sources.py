@@ -104,6 +104,12 @@ async def run() -> AsyncIterator[Callable[..., tuple[asyncio.Future[None], Taken
             await graph.close()
 
 
+async def fails(running: asyncio.Future[None], why: str) -> None:
+    """Wait until the source ends with this reason."""
+    with pytest.raises(SourceDownError, match=why):
+        await asyncio.wait_for(running, 5)
+
+
 def source_settings(
     video: str = "", rosbridge: str = "", source: str = "auto", **cameras: str
 ) -> SourceSettings:
@@ -159,8 +165,7 @@ async def test_a_server_without_frames_tells_why(run, monkeypatch, mode, why):
     monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
     async with FakeVideoServer(mode) as server:
         running, _ = run(source_settings(server.url))
-        with pytest.raises(SourceDownError, match=why):
-            await asyncio.wait_for(running, 5)
+        await fails(running, why)
 
 
 async def test_a_camera_of_the_settings(run):
@@ -182,8 +187,7 @@ async def test_a_camera_of_the_settings_without_frames_tells_why(run, monkeypatc
     async with FakeVideoServer(mode) as camera:
         given = source_settings(rear=f"{camera.url}/stream")
         running, _ = run(given, SourceRequest("rear", 0, None, None, 15))
-        with pytest.raises(SourceDownError, match=f"camera rear .*{why}"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, f"camera rear .*{why}")
 
 
 async def test_an_error_tells_no_password(run):
@@ -246,13 +250,11 @@ async def publish_png(rosbridge: TopicRosbridge, format_: str) -> None:
 async def test_a_rosbridge_without_such_frames_tells_why(run):
     async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
-        with pytest.raises(SourceDownError, match="no compressed images of /camera/image_raw"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "no compressed images of /camera/image_raw")
         rosbridge.topics = IMAGES
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
         await publish_png(rosbridge, "png")
-        with pytest.raises(SourceDownError, match="format 'png', not JPEG"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "format 'png', not JPEG")
 
 
 @pytest.fixture
@@ -294,15 +296,13 @@ async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(r
     async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url))
         await publish_png(rosbridge, "16UC1; png compressed")
-        with pytest.raises(SourceDownError, match="format '16UC1; png compressed', not JPEG"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "format '16UC1; png compressed', not JPEG")
 
 
 async def test_who_wants_web_video_server_alone_is_told_that_it_cannot_show_compressed_images(run):
     async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url, "web_video_server"))
-        with pytest.raises(SourceDownError, match="/compressed has compressed images alone"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "/compressed has compressed images alone")
 
 
 @pytest.mark.parametrize("source", ["auto", "web_video_server"])
@@ -319,8 +319,7 @@ async def test_images_that_web_video_server_cannot_convert_are_named_by_their_en
                     lambda: bool(rosbridge.subscribed(WISH.topic)), lambda: str(rosbridge.got)
                 )
                 await rosbridge.publish(WISH.topic, {"encoding": "16UC1", "data": ""})
-            with pytest.raises(SourceDownError, match=why):
-                await asyncio.wait_for(running, 5)
+            await fails(running, why)
         assert len(rosbridge.subscribed(WISH.topic)) == 1
 
 
@@ -328,8 +327,7 @@ async def test_packets_are_named_by_their_type(run):
     async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
         rosbridge.topics = {WISH.topic: "theora_image_transport/Packet"}
         running, _ = run(source_settings(server.url, rosbridge.url))
-        with pytest.raises(SourceDownError, match="messages of theora_image_transport/Packet"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "messages of theora_image_transport/Packet")
 
 
 async def test_a_stream_of_other_images_than_jpeg_names_them(run):
@@ -338,8 +336,7 @@ async def test_a_stream_of_other_images_than_jpeg_names_them(run):
         running, _ = run(
             source_settings(rear=camera.url + "/stream"), SourceRequest("rear", 0, None, None, 15)
         )
-        with pytest.raises(SourceDownError, match="it sends image/png, not JPEG"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "it sends image/png, not JPEG")
 
 
 @pytest.mark.parametrize(
@@ -375,23 +372,20 @@ async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monke
         await eventually(taken.some(1), taken.told)
         assert taken.kinds == ["web_video_server", "rosbridge"]
         await server.start()
-        with pytest.raises(SourceDownError, match="answers again"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "answers again")
         # The other one is that of rosapi.
         await eventually(lambda: rosbridge.open == 1, lambda: f"{rosbridge.open} are open")
 
 
 async def test_neither_source_is_told_with_both_reasons(run):
     running, _ = run(source_settings())
-    with pytest.raises(SourceDownError, match=r"web_video_server at .*; rosbridge at "):
-        await asyncio.wait_for(running, 5)
+    await fails(running, r"web_video_server at .*; rosbridge at ")
 
 
 async def test_a_server_that_answers_badly_is_not_left_for_rosbridge(run):
     async with FakeVideoServer("refuses") as server, TopicRosbridge(IMAGES) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url))
-        with pytest.raises(SourceDownError, match="HTTP status 500"):
-            await asyncio.wait_for(running, 5)
+        await fails(running, "HTTP status 500")
         assert rosbridge.got == []
 
 
