@@ -171,7 +171,7 @@ class Relay:
             database=self._database,
             event_writer=self.event_writer,
             registry=registry,
-            snapshot=self.fleet.known,
+            snapshot=self.fleet.state,
             robots_leave=self.cells.robots_leave,
         )
         self.peers = Peers(registry, self.control.stops, self.cells)
@@ -179,7 +179,7 @@ class Relay:
             self._database, self.control, self.cells, self.peers, timing.poll_every_s
         )
         self.fleet_events = FleetEvents(
-            self.fleet.known, registry, self.connections, self.control, self.peers.described
+            self.fleet.state, registry, self.connections, self.control, self.peers.described
         )
         self.peer_feeds = PeerFeedHandler(self.cells, self.fleet_events, registry)
         self.cell_drain = CellDrain(self.cells, registry, rules=timing.drain)
@@ -192,7 +192,7 @@ class Relay:
         self.traffic = Traffic()
         self.metrics = Metrics(self.traffic)
         self.observer = RelayObserver(
-            self.event_writer, self.metrics, self.registry, self.fleet.known
+            self.event_writer, self.metrics, self.registry, self.fleet.state
         )
         self.sessions = SessionServer(
             registry=self.registry,
@@ -251,7 +251,7 @@ class Relay:
             cells, self.peers, self.connections, self.registry, rules
         )
         self._peer_topics = PeerTopicsHandler(
-            self.fleet.known, self.registry, self.peers, self.shared_topics, topic_links
+            self.fleet.state, self.registry, self.peers, self.shared_topics, topic_links
         )
         other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
         self._control_api = ControlApi(
@@ -261,7 +261,7 @@ class Relay:
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
-        forwarding = Forwarding(self.peers, self.fleet.known, self.access, self.forwarded_observers)
+        forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
         parts = (self._channels, self._control_api)
         self._public = public_app(self.metrics, cors, parts, forwarding)
         self._inside = inside_app(self.metrics, self.fleet, self.peers.addresses)

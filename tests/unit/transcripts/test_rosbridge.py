@@ -527,7 +527,7 @@ async def test_what_opens_nothing(world: World, recorded: SnapshotAssertion) -> 
     """The answer of HTTP to each handshake that is refused before the upgrade."""
     transcript, relay = Transcript(), world.relay
     other = world.database.add_robot(8, "sim2", u1="observe")
-    await until(lambda: 8 in relay.relay.fleet.known().robots, "the relay knows both", WAIT_S)
+    await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both", WAIT_S)
     base, good = f"{relay.url}/robots/sim1/ros", relay.ticket(world.sim1)
     kept = ("Content-Type", "Cache-Control", "WWW-Authenticate", "X-Content-Type-Options")
 

@@ -81,13 +81,13 @@ class Fleet:
             )
         return self._snapshot
 
-    def known(self) -> Snapshot:
+    def state(self) -> Snapshot:
         """The last snapshot, or an empty one."""
         return self._snapshot or Snapshot(robots={}, grants={})
 
     def region_of(self, robot_id: int) -> str | None:
         """Return the region of a robot; None: it has none, or is not known."""
-        robot = self.known().robots.get(robot_id)
+        robot = self.state().robots.get(robot_id)
         return None if robot is None else robot.settings.region
 
     async def run(self) -> None:

@@ -140,7 +140,7 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
             async with http.get(f"{relay.url}{path}") as answer:
                 assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
         memory_database.down = False
-        await until(lambda: 7 in relay.relay.fleet.known().robots, "the records are read")
+        await until(lambda: 7 in relay.relay.fleet.state().robots, "the records are read")
 
 
 class SlowDatabase(MemoryDatabase):

@@ -178,7 +178,7 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, 
         await until(lambda: not at_b.topics, "the robot sends it no more", 2)
         database.grants = memory_database.grants
         await until(
-            lambda: all(each.relay.fleet.known().level(2, 7) for each in (cell_a, cell_b)), "back"
+            lambda: all(each.relay.fleet.state().level(2, 7) for each in (cell_a, cell_b)), "back"
         )
 
 

@@ -131,7 +131,7 @@ async def test_stopping_all_stops_those_of_other_cells(
     token = memory_database.add_credential("token", RelayUser(1, "ann"))
     headers = {"Authorization": f"Bearer {token}"}
     await until(
-        lambda: cell_a.relay.fleet.known().level(1, sim1.id) == "manage", "a knows the right"
+        lambda: cell_a.relay.fleet.state().level(1, sim1.id) == "manage", "a knows the right"
     )
     async with http.post(f"{cell_a.server.url}/api/v1/stop", headers=headers) as answer:
         assert await answer.json() == {

@@ -119,7 +119,7 @@ async def test_who_asks_in_a_loop_is_told_to_wait(
 async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_database, ask):
     """All robots or a site; robots of others are left alone; who manages none gets 403."""
     memory_database.add_robot(8, "sim2", u1="drive")
-    await until(lambda: 8 in relay.relay.fleet.known().robots, "the relay knows both")
+    await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both")
     status, body = await ask("POST", "/api/v1/stop", "carl")
     assert status == 200
     robots = [{"name": "sim1", "stopped": True, "confirmed": True}]

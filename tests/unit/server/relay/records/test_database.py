@@ -75,8 +75,8 @@ def log_in(database: Database) -> Credential:
 async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterator[FakeRobot]:
     """Have sim1 online and well."""
     # A database that was too slow for the first question answers one of the next.
-    await until(lambda: "sim1" in relay.relay.fleet.known().by_name, "the relay knows sim1")
-    sim1 = relay.relay.fleet.known().by_name["sim1"]
+    await until(lambda: "sim1" in relay.relay.fleet.state().by_name, "the relay knows sim1")
+    sim1 = relay.relay.fleet.state().by_name["sim1"]
     robot = FakeRobot(sim1.id, SESSION_KEY, mode)
     await robot.start(relay.relay.session_port)
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
@@ -158,7 +158,7 @@ async def test_strangers_take_no_place_of_the_relays_own_duties(
         running_relay(relay_database) as relay,
         robot_of(relay, "guarded") as robot,
     ):
-        sim1 = relay.relay.fleet.known().by_name["sim1"]
+        sim1 = relay.relay.fleet.state().by_name["sim1"]
         control = f"{relay.url}/api/v1/robots/sim1/control"
         strangers = asyncio.gather(
             *(status_of(others, control, f"unknown {n}", f"192.0.2.{n % 5}") for n in range(200))
@@ -204,7 +204,7 @@ async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, 
     )
     login = log_in(database)
     async with running_relay(memory_database) as relay, robot_of(relay) as robot:
-        sim1 = relay.relay.fleet.known().by_name["sim1"]
+        sim1 = relay.relay.fleet.state().by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
             await passes(socket)
             echo = asyncio.create_task(echoed(socket, PUBLISH))
@@ -230,7 +230,7 @@ async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, h
     login = log_in(database)
     memory_database = RelayDatabase(Database(mariadb.settings("relay")), "main", WAIT_S * 10)
     async with running_relay(memory_database) as relay, robot_of(relay, "guarded") as robot:
-        sim1 = relay.relay.fleet.known().by_name["sim1"]
+        sim1 = relay.relay.fleet.state().by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as first:
             await robot.connections(1)
             mariadb.container.pause()
@@ -289,7 +289,7 @@ async def test_rights_in_the_real_database_end_a_connection(patient, database, a
     """Taking the grant's row ends the drive connection within 2 s, and the session has a row."""
     login = log_in(database)
     async with running_relay(patient) as relay, robot_of(relay):
-        sim1 = relay.relay.fleet.known().by_name["sim1"]
+        sim1 = relay.relay.fleet.state().by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
             await passes(socket)
             with database.transaction() as tx:
@@ -363,7 +363,7 @@ async def test_what_ends_a_credential_ends_what_it_opened(
             text = credentials.create_token(tx, user, "lab", None)
     credential = credential_of(kind, text)
     async with running_relay(patient) as relay, robot_of(relay):
-        sim1 = relay.relay.fleet.known().by_name["sim1"]
+        sim1 = relay.relay.fleet.state().by_name["sim1"]
         async with http.ws_connect(relay.ros_url(sim1, "drive", ann, credential)) as socket:
             await passes(socket)
             answer = asyncio.create_task(socket.receive())

@@ -77,7 +77,7 @@ async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_databas
     await fleet.poll()
     with pytest.raises(StoreUnavailableError):
         fleet.snapshot()
-    assert fleet.known().robots == {}
+    assert fleet.state().robots == {}
 
 
 async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):

@@ -33,7 +33,7 @@ async def give_shell(
     """Switch the robot's shell on, and wait until the relay knows."""
     with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
     memory_database.robots = {robot.id: with_shell}
-    await until(lambda: relay.relay.fleet.known().robots[robot.id] == with_shell, "it is known")
+    await until(lambda: relay.relay.fleet.state().robots[robot.id] == with_shell, "it is known")
     return with_shell
 
 
@@ -146,7 +146,7 @@ async def test_a_new_row_says_nothing_before_the_older_link_is_gone(
     async with port_taken(sim1.ros_port):
         waiting = await connect()
         memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
-        await until(lambda: "turtle" in relay.relay.fleet.known().by_name, "the name is known")
+        await until(lambda: "turtle" in relay.relay.fleet.state().by_name, "the name is known")
         assert waiting.configs == []
     await configured(waiting)
     assert [config["robot"] for config in waiting.configs] == ["turtle"]

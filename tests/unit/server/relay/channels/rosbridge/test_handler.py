@@ -42,7 +42,7 @@ async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tupl
 async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_database, monkeypatch):
     other = memory_database.add_robot(8, "sim2", u1="observe")
     hidden = memory_database.add_robot(9, "sim3")
-    await until(lambda: 9 in relay.relay.fleet.known().robots, "the relay knows all robots")
+    await until(lambda: 9 in relay.relay.fleet.state().robots, "the relay knows all robots")
     good, foreign = relay.ticket(sim1), relay.ticket(other, "observe")
     forged = good[:-3] + ("AAA" if not good.endswith("AAA") else "BBB")
     for name, ticket, expected in (
