@@ -20,7 +20,7 @@ from typing import Literal
 
 import aiohttp
 from aiohttp import WSMsgType, web
-from robotether_common.guard import DISK_REFUSED, KEY_HEADER, RefusedKind
+from robotether_common.guard import DISK_REFUSED, KEY_HEADER, MODE_HEADER, RefusedKind
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.guard.agent_messages import GuardConfig
@@ -45,8 +45,10 @@ from robotether_agent.tasks import first_of, within
 
 ADDRESS = "127.0.0.1"
 MAX_CONNECTIONS = 128
-# Maximum number of connections without a key. The others are reserved for the relay's 64 observers,
-# its driver, and connections that are about to close. Look-ups are no upgrades and do not count.
+# Maximum number of connections that do not drive. The others are reserved for the driver's, of which
+# each call over HTTP is one. Look-ups are no upgrades and do not count.
+MAX_OTHER_CONNECTIONS = 96
+# Maximum number of connections without a key. The others are reserved for the relay's 64 observers.
 MAX_DIRECT_CONNECTIONS = 32
 SHUTDOWN_S = 0.2
 
@@ -222,6 +224,7 @@ class Server:
         self._keep_fence = keep_fence
         self._proxies: set[ClientProxy] = set()
         self._count = 0
+        self._others = 0
         self._direct = 0
         # Cancellation ends a client proxy whose client is gone also while it waits for rosbridge.
         server = web.Server(self._answer, handler_cancellation=True, access_log=None)
@@ -256,15 +259,26 @@ class Server:
                 else _problem(426, "connect with a WebSocket")
             )
         direct = KEY_HEADER not in request.headers
-        if self._count >= MAX_CONNECTIONS or (direct and self._direct >= MAX_DIRECT_CONNECTIONS):
+        other = direct or request.headers.get(MODE_HEADER) != "drive"
+        if not self._has_room(other=other, direct=direct):
             return _problem(503, f"{self._count} connections are open")
         self._count += 1
+        self._others += other
         self._direct += direct
         try:
             return await self._join(request, client, config)
         finally:
             self._count -= 1
+            self._others -= other
             self._direct -= direct
+
+    def _has_room(self, *, other: bool, direct: bool) -> bool:
+        """Return whether another connection may come: one that does not drive, one without a key."""
+        return (
+            self._count < MAX_CONNECTIONS
+            and not (other and self._others >= MAX_OTHER_CONNECTIONS)
+            and not (direct and self._direct >= MAX_DIRECT_CONNECTIONS)
+        )
 
     async def _join(
         self, request: web.BaseRequest, client: ClientSocket, config: GuardConfig | None

@@ -128,11 +128,29 @@ async def test_a_look_up_needs_no_place(tmp_path: Path, monkeypatch: pytest.Monk
         assert await looked_up(port) == 426
 
 
+async def test_who_does_not_drive_leaves_a_driver_room(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A driver may have 32 connections with calls over HTTP, beside the 64 of observers and those of programs here."""
+    others = server_module.MAX_OTHER_CONNECTIONS
+    assert others - server_module.MAX_DIRECT_CONNECTIONS >= 64
+    assert server_module.MAX_CONNECTIONS - others >= 32
+    monkeypatch.setattr(server_module, "MAX_OTHER_CONNECTIONS", 1)
+    async with (
+        FakeRosbridge() as rosbridge,
+        running(rosbridge.port, tmp_path) as (port, _, _),
+        GuardClient(port, 13),
+        GuardClient(port, 0),
+    ):
+        assert await status(port, 0) == 503
+        async with GuardClient(port, 13) as driver:
+            assert not driver.socket.closed
+
+
 async def test_a_direct_connection_that_ends_frees_its_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """For another direct one. Those of the server never take it, and have places for 64 observers and a driver."""
-    assert server_module.MAX_CONNECTIONS - server_module.MAX_DIRECT_CONNECTIONS >= 64 + 1
+    """For another direct one. Those of the server never take it."""
     monkeypatch.setattr(server_module, "MAX_DIRECT_CONNECTIONS", 1)
     async with AsyncExitStack() as stack:
         port = await direct_door(stack, tmp_path)
