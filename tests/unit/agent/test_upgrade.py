@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import os
 import shutil
 import subprocess
 import time
@@ -13,8 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import pytest
-from fake_cloud import eventually
-from installed_agent import InstalledAgent
 from robotether_agent import systemd, upgrade
 from robotether_agent.files import only_one, write_atomic
 from robotether_agent.problems import AlreadyRunningError, StateUnusableError, UpgradeFailedError
@@ -31,7 +27,6 @@ from robotether_agent.upgrade import (
 )
 
 WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
-WAIT_S = 12.0
 
 
 def version(layout: Layout, name: str) -> Path:
@@ -47,7 +42,7 @@ class Robot:
         self.run_dir.mkdir()
         self.calls: list[str] = []
         self.state = "active"
-        self.pid = 1000
+        self.agent: subprocess.Popen[bytes] | None = None
         self.layout.use(self.add("1"))
         self.restart()
 
@@ -62,18 +57,24 @@ class Robot:
 
     def restart(self) -> None:
         self.calls.append("restart")
+        self.end()
         reaches = (self.layout.in_use() / COMMAND).read_text()
         if reaches == "dies":
-            self.become("inactive")
             raise UpgradeFailedError("cannot do systemctl restart")
-        self.pid += 1
-        status = Status(state=reaches, pid=self.pid, written_at=time.time())
+        self.agent = subprocess.Popen(["sleep", "60"])
+        problem = "" if reaches == "connected" else "cannot reach SSH"
+        status = Status(state=reaches, problem=problem, pid=self.agent.pid, written_at=time.time())
         write_atomic(self.run_dir / FILE, json.dumps(asdict(status)), 0o644)
 
     def become(self, state: str) -> None:
         """End the agent, with this word of systemd's."""
+        self.end()
         self.state = state
-        (self.run_dir / FILE).unlink(missing_ok=True)
+
+    def end(self) -> None:
+        if self.agent is not None:
+            self.agent.kill()
+            self.agent.wait()
 
     def status(self) -> Status:
         found = read_status(self.run_dir)
@@ -100,11 +101,22 @@ class Robot:
 
 
 @pytest.fixture
-def layout(tmp_path) -> Layout:
-    """A folder with two versions, the first in use."""
+def robot(tmp_path, monkeypatch) -> Iterator[Robot]:
+    """A robot whose version 1 is connected, and whose time for a poll is short."""
     made = Robot(tmp_path)
-    made.add("2")
-    return made.layout
+    monkeypatch.setattr(upgrade, "POLL_S", 0.01)
+    monkeypatch.setattr(systemd, "restart", made.restart)
+    monkeypatch.setattr(systemd, "reload_units", lambda: made.calls.append("reload"))
+    monkeypatch.setattr(systemd, "state", lambda: made.state)
+    yield made
+    made.end()
+
+
+@pytest.fixture
+def layout(robot) -> Layout:
+    """A folder with two versions, the first in use."""
+    robot.add("2")
+    return robot.layout
 
 
 def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
@@ -185,54 +197,21 @@ class PowerCut(BaseException):
         raise PowerCut
 
 
-@pytest.fixture
-def installed(place, cloud, monkeypatch) -> Iterator[InstalledAgent]:
-    """A real agent under a double of systemctl."""
-    made = InstalledAgent(place, cloud)
-    for name, value in made.environ.items():
-        monkeypatch.setitem(os.environ, name, value)
-    yield made
-    made.stop()
-
-
-async def test_a_good_version_takes_over(installed):
+def test_a_good_version_takes_over(robot):
     """The robot is connected with it before anybody is told that it is done, and systemd read its unit."""
-    layout = installed.layout
-    layout.use(installed.add("1"))
-    await asyncio.to_thread(systemd.restart)
-
-    def state() -> str:
-        status = installed.status()
-        return "" if status is None else status.state
-
-    await eventually(lambda: state() == "connected", state)
-    target = installed.add("2", unit="another unit file\n")
-    change = Upgrade(layout, installed.run_dir, WAIT_S, stable_s=0.3)
-    report = await asyncio.to_thread(change.to, target)
-    assert (report.result, layout.in_use().name, state()) == ("done", "2", "connected")
-    assert layout.unit.read_text() == "another unit file\n"
-    assert installed.calls[1:] == ["daemon-reload", "restart robotether-agent.service"]
-    told = json.loads((layout.base / "last-switch.json").read_text())
-    assert told == {**told, "result": "done", "was": "1", "wanted": "2", "detail": "2 is in use"}
-
-
-@pytest.fixture
-def robot(tmp_path, monkeypatch) -> Robot:
-    """A robot whose version 1 is connected, and whose time for a poll is short."""
-    made = Robot(tmp_path)
-    monkeypatch.setattr(upgrade, "POLL_S", 0.01)
-    monkeypatch.setattr(upgrade, "_runs", lambda pid: pid == made.pid)
-    monkeypatch.setattr(systemd, "restart", made.restart)
-    monkeypatch.setattr(systemd, "reload_units", lambda: made.calls.append("reload"))
-    monkeypatch.setattr(systemd, "state", lambda: made.state)
-    return made
+    report = robot.switch(robot.add("2"))
+    assert (report.result, robot.in_use, robot.status().state) == ("done", "2", "connected")
+    assert robot.layout.unit.read_text() == "unit of 2"
+    assert robot.calls[1:] == ["reload", "restart"]
+    expected = {"result": "done", "was": "1", "wanted": "2", "detail": "2 is in use"}
+    assert robot.written == {**robot.written, **expected}
 
 
 @pytest.mark.parametrize(
     ("reaches", "why"),
     [
         ("dies", "cannot do systemctl restart"),
-        ("waiting", "2 was not connected within 0.1 s: it is waiting"),
+        ("waiting", "2 was not connected within 0.1 s: it is waiting (cannot reach SSH)"),
     ],
 )
 def test_a_version_that_does_not_connect_is_taken_back(robot, reaches, why):
