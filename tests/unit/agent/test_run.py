@@ -170,28 +170,16 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, sys
     stop.join()
 
 
-def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd):
-    """Neither for a person at a terminal, nor where the unit says that a person must look first."""
+def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd, capsys):
+    """Neither for a person at a terminal, who reads one sentence, nor where the unit says that one must look first."""
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
     settings = Settings(server="a.example", run_dir=place, guard="off")
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
-    assert command.run(settings, {}) == AlreadyRunningError.exit_code
+    assert command.run(settings, {"JOURNAL_STREAM": "1:2"}) == AlreadyRunningError.exit_code
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == "<2>STOPPED: cannot start [already_running]"
     monkeypatch.setattr(command, "Agent", failing(ServerKeyChangedError("another key")))
     assert command.run(settings, environ) == ServerKeyChangedError.exit_code
-
-
-def test_a_problem_that_ends_it_has_its_exit_code(monkeypatch, place, capsys):
-    """A person reads one sentence, and no traceback."""
-    monkeypatch.setattr(
-        command, "Agent", failing(AlreadyRunningError("cannot start: another agent runs"))
-    )
-    code = command.run(
-        Settings(server="a.example", run_dir=place, guard="off"), {"JOURNAL_STREAM": "1:2"}
-    )
-    assert code == AlreadyRunningError.exit_code
-    assert capsys.readouterr().err.splitlines() == [
-        "<2>STOPPED: cannot start: another agent runs [already_running]"
-    ]
 
 
 def teardown_module() -> None:

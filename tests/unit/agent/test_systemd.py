@@ -65,16 +65,6 @@ def notify_socket(place):
         yield listening
 
 
-def test_says_ready_status_and_stopping(notify_socket, place):
-    """Each message is the line that systemd documents."""
-    notifier = Notifier.from_environ({"NOTIFY_SOCKET": str(place / "notify")})
-    notifier.ready()
-    notifier.status("connected to a.example as sim1")
-    notifier.stopping()
-    said = [notify_socket.recv(1000).decode() for _ in range(3)]
-    assert said == ["READY=1", "STATUS=connected to a.example as sim1", "STOPPING=1"]
-
-
 def test_speaks_to_an_abstract_socket():
     name = f"robotether-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:

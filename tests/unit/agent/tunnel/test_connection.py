@@ -306,14 +306,6 @@ async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, 
     assert listens(cloud.ports[1])
 
 
-async def test_a_relay_that_is_away_is_told_in_the_servers_words(start_ssh, robot):
-    """An sshd that lets the robot in but has no relay behind it is not taken for a network trouble."""
-    server = await start_ssh(free_port())
-    problem = await problem_of(robot.connect(robot.trust(server), Up()))
-    assert problem.code == "session_refused"
-    assert "cannot reach the relay" in problem.message
-
-
 @pytest.mark.parametrize("serve", [drop_at_once, drop_mid_line])
 async def test_a_relay_that_drops_it_before_a_configuration(start_ssh, start_relay, robot, serve):
     """A login that worked and led to nothing is link_lost, not an unreachable server or a refused key."""
