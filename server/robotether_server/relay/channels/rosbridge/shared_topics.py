@@ -135,13 +135,12 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
     def on_ready(self) -> None:
         """Tell all that rosbridge has the subscription."""
-        self.is_ready = True
+        self.failure, self.is_ready = None, True
         for subscriber in list(self.users):
             subscriber.on_topic_ready(self.key.topic)
 
     def on_message(self, message: bytes, kind: WSMsgType) -> None:
         """Give a message to all who share the topic."""
-        self.failure = None
         if not self.is_ready:
             self.on_ready()
         self._remember(message, kind)
