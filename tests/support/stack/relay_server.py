@@ -7,7 +7,10 @@ brought back at once. Whole-path tests give the relay the records of a real Mari
 from __future__ import annotations
 
 import asyncio
+import os
 import secrets
+import subprocess
+import sys
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
@@ -258,6 +261,15 @@ async def until(condition: Callable[[], object], what: str, within_s: float = WA
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, f"not in {within_s:g} s: {what}"
         await asyncio.sleep(0.01)
+
+
+def run_python(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a program with the product's packages and no variable of the relay's; wait for its end."""
+    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, *arguments]
+    return subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 def utc(*parts: int) -> datetime:

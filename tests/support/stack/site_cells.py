@@ -12,7 +12,8 @@ from collections.abc import AsyncIterator, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
 from pathlib import Path
 
-from fake_robot import HOST, FakeRobot
+from fake_robot import HOST, FakeRobot, RobotSession
+from relay_clients import session_of
 from relay_server import (
     FAST,
     SESSION_KEY,
@@ -125,6 +126,7 @@ class SiteCell:
         self.server = server
         self.listener = listener
         self.robots: list[FakeRobot] = []
+        self.sessions: list[RobotSession] = []
 
     @property
     def relay(self) -> Relay:
@@ -147,6 +149,13 @@ class SiteCell:
         await fake.start(self.relay.session_port)
         await until(lambda: self.relay.registry.presence(robot.id).guard_mode != "unknown", "hello")
         return fake
+
+    async def session(self, robot: RelayRobot, epoch: int) -> RobotSession:
+        """Open a bare session that says its epoch; the site's end closes it."""
+        session = await session_of(self.server, robot.id)
+        self.sessions.append(session)
+        session.send(type="hello", hostname="x", agent_version="0.2.0", guard="on", epoch=epoch)
+        return session
 
 
 class Site:
@@ -183,4 +192,6 @@ class Site:
         for cell in self.cells.values():
             for robot in cell.robots:
                 await robot.stop()
+            for session in cell.sessions:
+                await session.close()
         await self._stack.aclose()

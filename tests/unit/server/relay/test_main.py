@@ -5,8 +5,6 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import subprocess
-import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -19,6 +17,7 @@ from relay_server import (
     SESSION_KEY,
     MemoryDatabase,
     relay_settings,
+    run_python,
     running_relay,
     until,
     utc,
@@ -32,18 +31,10 @@ from stopwatch import Stopwatch
 
 
 def test_a_missing_setting_stops_the_start_with_a_sentence():
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-    result = subprocess.run(
-        [sys.executable, "-m", "robotether_server.relay"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=False,
-    )
-    assert result.returncode == 1
-    assert result.stderr.startswith("cannot ")
-    assert "Traceback" not in result.stderr
+    done = run_python("-m", "robotether_server.relay")
+    assert done.returncode == 1
+    assert done.stderr.startswith("cannot ")
+    assert "Traceback" not in done.stderr
 
 
 def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
@@ -52,16 +43,7 @@ def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
         "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); raise_open_files(); "
         "print(*resource.getrlimit(resource.RLIMIT_NOFILE))"
     )
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-    result = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=30,
-        check=True,
-    )
-    assert result.stdout == "2048 2048\n"
+    assert run_python("-c", script).stdout == "2048 2048\n"
 
 
 async def test_sigterm_stops_it(caplog):

@@ -5,23 +5,14 @@ from __future__ import annotations
 import asyncio
 
 import pytest
-from fake_robot import RobotSession
 from msgspec.structs import replace
-from relay_clients import ended, session_of
+from relay_clients import ended
 from relay_server import until
 from robotether_server.contract.control import NO_CONTROL, StopObject
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
 from robotether_server.relay.cells.messages import PeerRobot
 from robotether_server.times import utc_now
-from site_cells import SiteCell
-
-
-async def session(cell: SiteCell, robot_id: int, epoch: int) -> RobotSession:
-    """A bare session that says its epoch."""
-    opened = await session_of(cell.server, robot_id)
-    opened.send(type="hello", hostname="x", agent_version="0.2.0", guard="on", epoch=epoch)
-    return opened
 
 
 async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_a, cell_b, sim1):
@@ -53,40 +44,35 @@ async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
     site, cell_a, cell_b, sim1
 ):
     """The robot belongs to the cell with the higher epoch at once; the older one is superseded."""
-    older = await session(cell_a, sim1.id, 1000)
+    older = await cell_a.session(sim1, 1000)
     await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
-    newer = await session(cell_b, sim1.id, 1001)
+    await cell_b.session(sim1, 1001)
     assert await ended(older) == "superseded"
     await until(lambda: cell_a.owner(sim1) == "b", "it belongs to b")
     await until(lambda: cell_b.owner(sim1) is None, "as b knows")
-    await newer.close()
-    await older.close()
 
 
 async def test_a_session_that_comes_late_ends_itself(site, cell_a, cell_b, sim1):
     """Its hello says that it is older than the one at another cell, which goes on."""
-    newer = await session(cell_b, sim1.id, 1001)
+    newer = await cell_b.session(sim1, 1001)
     await until(lambda: cell_a.relay.peers.robot_count() == 1, "a knows of it")
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
-    older = await session(cell_a, sim1.id, 1000)
+    older = await cell_a.session(sim1, 1000)
     assert await ended(older) == "superseded"
     assert not newer.closed.is_set()
     assert cell_a.owner(sim1) == "b"
-    for each in (newer, older):
-        await each.close()
 
 
 async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b, sim1):
     """An agent of before cells may have been restarted; the dead session times out by itself."""
-    dead = await session(cell_a, sim1.id, 1000)
+    dead = await cell_a.session(sim1, 1000)
     await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
-    plain = await session(cell_b, sim1.id, 0)
+    plain = await cell_b.session(sim1, 0)
     await until(lambda: cell_b.relay.registry.presence(sim1.id).agent_version, "it said hello")
     assert cell_b.owner(sim1) == "a"
     await dead.close()
     await until(lambda: cell_a.owner(sim1) == "b", "it belongs to b")
     assert not plain.closed.is_set()
-    await plain.close()
 
 
 @pytest.mark.parametrize("how", ["cut", "frozen"])

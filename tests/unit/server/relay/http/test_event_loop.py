@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import os
 import socket
 import struct
-import subprocess
-import sys
 
 import pytest
 import uvloop
 from local_network import insecure_tls
+from relay_server import run_python
 from robotether_server.relay.http.event_loop import EventLoop
 
 # Closing resets the connection.
@@ -53,10 +51,6 @@ def test_a_loop_that_hangs_ends_the_process():
         "async def hang():\n  await asyncio.sleep(0)\n  time.sleep(60)\n"
         "asyncio.run(watched(hang(), 0.5))"
     )
-    environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        env=environment, capture_output=True, text=True, timeout=50, check=False,
-    )  # fmt: skip
+    done = run_python("-c", script)
     assert done.returncode == 1
     assert "in hang" in done.stderr

@@ -12,7 +12,6 @@ from typing import cast
 import aiohttp
 import pytest
 from aiohttp import ClientSession, WSMsgType, web
-from aiohttp.test_utils import TestServer
 from fake_robot import HOST, WAIT_S
 from relay_clients import closing, counted_turns
 from relay_server import until
@@ -260,42 +259,27 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
     assert waited[1] == 0
 
 
-class Elsewhere:
-    """A server that counts who comes, and one that sends everybody there."""
+@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
+async def test_a_redirect_is_not_followed(status):
+    """Neither a request nor a WebSocket that opens goes where the robot sends it."""
+    visits: list[web.Request] = []
 
-    def __init__(self) -> None:
-        self.visits = 0
-
-    async def session(self, _request: web.Request) -> web.Response:
-        self.visits += 1
+    async def elsewhere(request: web.Request) -> web.Response:
+        visits.append(request)
         return web.Response()
 
-
-@pytest.fixture
-async def elsewhere() -> AsyncIterator[tuple[Elsewhere, TestServer]]:
-    counting, app = Elsewhere(), web.Application()
-    app.router.add_get("/", counting.session)
-    async with TestServer(app) as server:
-        yield counting, server
-
-
-@pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
-async def test_a_redirect_is_not_followed(elsewhere, status):
-    """Neither by a request nor when a WebSocket opens."""
-    counting, target = elsewhere
-
-    async def redirect(_request: web.Request) -> web.Response:
-        return web.Response(status=status, headers={"Location": str(target.make_url("/"))})
-
-    app = web.Application()
-    app.router.add_get("/", redirect)
     async with (
-        TestServer(app) as robot,
+        serving(elsewhere) as target,
         ClientSession(trace_configs=[refuse_redirects()]) as client,
     ):
-        with pytest.raises(RedirectedError):
-            await client.ws_connect(robot.make_url("/"))
-        with pytest.raises(RedirectedError):
-            await client.get(robot.make_url("/"))
-        assert (await client.get(target.make_url("/"))).status == 200
-    assert counting.visits == 1
+
+        async def redirect(_request: web.Request) -> web.Response:
+            return web.Response(status=status, headers={"Location": target})
+
+        async with serving(redirect) as robot:
+            with pytest.raises(RedirectedError):
+                await client.ws_connect(robot)
+            with pytest.raises(RedirectedError):
+                await client.get(robot)
+        assert (await client.get(target)).status == 200
+    assert len(visits) == 1
