@@ -247,9 +247,7 @@ class Relay:
         self._channels = make_channels(
             context, self.control, self.fleet_events, rules=rules, report=self.observer.connection
         )
-        self.forwarded_observers = ForwardedObservers(
-            cells, self.peers, self.connections, self.registry, rules
-        )
+        self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
         self._peer_topics = PeerTopicsHandler(
             self.fleet.state, self.registry, self.peers, self.shared_topics, topic_links
         )

@@ -305,7 +305,7 @@ class Access:
         granted = self._snapshot().level(user.id, robot.id)
         if granted is None or not permits(granted, use):
             raise GrantMissingError(f"cannot drive robot {name}: your grant is to observe only")
-        credential = Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
+        credential = credential_in(ticket)
         if not ticket.remembered:
             age = self._clock() - issued_at
             self._credentials.note_signed(credential, user, age.total_seconds())
@@ -338,6 +338,11 @@ def request_of(
         authorization=headers.get("Authorization"),
         address=headers.get("X-Forwarded-For", ""),
     )
+
+
+def credential_in(ticket: Ticket) -> Credential:
+    """Return the login or token that asked for a ticket."""
+    return Credential(ticket.credential, bytes.fromhex(ticket.credential_sha256))
 
 
 def _check_name(name: str) -> None:

@@ -10,12 +10,13 @@ from __future__ import annotations
 import logging
 import time
 from contextlib import suppress
+from functools import partial
 
 from aiohttp import ClientError, WebSocketError, WSMsgType, web
 
 from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.auth.access import HandlerContext, credential_in
 from robotether_server.relay.cells.cell_client import CellClient
 from robotether_server.relay.cells.peers import Peer, Peers
 from robotether_server.relay.channels.rosbridge.bridge import (
@@ -41,7 +42,6 @@ from robotether_server.relay.http.sockets import (
 )
 from robotether_server.relay.http.timing import Excess
 from robotether_server.relay.robots.connection import Connection
-from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
 from robotether_server.tickets import Ticket
 
@@ -59,14 +59,12 @@ class ForwardedObservers:
         self,
         cells: CellClient | None,
         peers: Peers,
-        connections: Connections,
-        registry: SessionRegistry,
+        context: HandlerContext,
         rules: BridgeRules,
     ) -> None:
         self._cells = cells
         self._peers = peers
-        self._connections = connections
-        self._registry = registry
+        self._context = context
         self._rules = rules
 
     async def join(
@@ -92,8 +90,13 @@ class ForwardedObservers:
         connection = Connection(
             ticket.user_id, ticket.user, robot, "observe", observer.end, cell=peer.name
         )
+        on_rights_ended = partial(observer.end, close_reasons.rights_ended(robot.name))
         try:
-            with self._connections.joined(connection):
+            # The robot's cell ends it, too, but that may wait behind what a slow observer has not read.
+            with (
+                self._context.connections.joined(connection),
+                self._context.credentials.held(credential_in(ticket), on_rights_ended),
+            ):
                 # Meanwhile the robot may have left that cell.
                 self.on_peer_robot(robot.id)
                 await operator.open(request)
@@ -115,7 +118,7 @@ class ForwardedObservers:
         peer = self._peers.owner(robot_id)
         left = [
             member
-            for member in self._registry.robot(robot_id).connections
+            for member in self._context.registry.robot(robot_id).connections
             if member.cell and (peer is None or peer.name != member.cell)
         ]
         for member in left:

@@ -182,6 +182,19 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, 
         )
 
 
+async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
+    *, cell_a, cell_b, at_b, sim1, http
+):
+    """What the robot's cell says may wait behind all that a slow observer has not read."""
+    for cell in (cell_b, cell_a):
+        async with http.ws_connect(cell_a.server.ros_url(sim1, "observe", BEN)) as socket:
+            await socket.send_json(ODOM)
+            await until(lambda: at_b.topics, "the robot has a subscription")
+            credentials, cell.database.credentials = cell.database.credentials, {}
+            assert await closed_with(socket) == 4001
+        cell.database.credentials = credentials
+
+
 @pytest.mark.parametrize("pause_s", [0.05, 0.6])
 async def test_a_copy_stays_whether_messages_come_or_not(
     *, cell_b, at_b, observe, monkeypatch, pause_s
