@@ -66,13 +66,6 @@ def states(seen: ServerView) -> list[str]:
     return [finding.state for finding in all_checks(seen).values()]
 
 
-async def test_all_is_well_with_a_pinned_server(cloud):
-    """Name, port, certificate, clock and answer are looked at, and nothing is joined."""
-    seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
-    assert states(seen) == [OK] * 5, all_checks(seen)
-    assert cloud.joins == []
-
-
 async def test_the_robots_proxy_is_gone_through(cloud):
     """A network that lets nothing else out knows not even the server's name."""
     async with FakeProxy() as proxy:

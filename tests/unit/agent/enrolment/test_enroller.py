@@ -18,7 +18,6 @@ from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ, is_signed
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import (
-    ENROLMENT_FILE,
     FILES,
     Enroller,
     enrolment_files,
@@ -127,17 +126,6 @@ async def test_the_newest_list_of_cells_is_kept(cloud, settings):
     cloud.cells = None
     assert (await enroller.join()).ssh.cells == ()
     assert (await enroller.enrolment()).ssh.cells == ()
-
-
-async def test_a_robot_enrolled_before_there_were_cells(cloud, settings):
-    """Its file has no list, and it need not ask the server for one."""
-    known = await Enroller(settings).enrolment()
-    file = settings.state_dir / ENROLMENT_FILE
-    kept = json.loads(file.read_text())
-    del kept["ssh"]["cells"]
-    file.write_text(json.dumps(kept))
-    assert await Enroller(settings).enrolment() == known
-    assert len(cloud.joins) == 1
 
 
 async def test_a_disk_that_takes_no_list_costs_nothing_but_the_file(

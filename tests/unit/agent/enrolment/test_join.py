@@ -68,11 +68,6 @@ async def test_unreadable_ca_file_is_a_settings_problem(place):
     assert "not in /home" in found.value.advice
 
 
-async def test_nothing_there_is_unreachable():
-    with pytest.raises(ServerUnreachableError, match=r"cannot reach https://127\.0\.0\.1"):
-        await join(Settings(server=f"127.0.0.1:{free_port()}"), REQUEST)
-
-
 def behind(proxy_url: str, cloud) -> Settings:
     """A robot whose network has a proxy."""
     pin = bytes.fromhex(fingerprint())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import socket
 import time
@@ -210,15 +209,6 @@ async def test_a_viewer_of_nothing_is_let_go(
     assert await asyncio.wait_for(reader.read(-1), WITHIN_S) == b""
     writer.close()
     forever.set()
-
-
-async def test_no_service_is_a_closed_connection(caplog: pytest.LogCaptureFixture) -> None:
-    proxy = VideoProxy(f"http://127.0.0.1:{free_port()}")
-    reader, writer = await asyncio.open_connection("127.0.0.1", await proxy.start())
-    assert await asyncio.wait_for(reader.read(-1), WITHIN_S) == b""
-    writer.close()
-    await proxy.close()
-    assert not [record for record in caplog.records if record.levelno >= logging.ERROR]
 
 
 async def test_streams_have_a_number(
