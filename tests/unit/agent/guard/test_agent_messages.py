@@ -144,13 +144,6 @@ def test_a_broken_line_is_no_order(line: bytes) -> None:
         parse(line)
 
 
-def test_each_line_has_its_type() -> None:
-    reports = GuardReporter(pipe := FakePipe())
-    reports.ready(40123)
-    reports.tick()
-    assert pipe.lines == [{"type": "ready", "port": 40123}, {"type": "tick"}]
-
-
 def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
     reports = GuardReporter(pipe := FakePipe())
     reports.state(STANDS, COUNTS)

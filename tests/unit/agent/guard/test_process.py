@@ -259,7 +259,8 @@ async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, ro
             known, unknown = ages_ms(guard)
             assert 300 <= known <= robot_time() * 1000 - taken_ms
             assert unknown is None
-            assert robot.speeds == [0.5, 0.5]
+            # A busy machine may have the deadman stop it.
+            assert [speed for speed in robot.speeds if speed] == [0.5, 0.5]
 
 
 def ages_ms(guard: GuardEnd) -> list[Any]:

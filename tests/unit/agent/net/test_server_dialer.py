@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from contextlib import contextmanager
+from contextlib import nullcontext
 from random import Random
 
 import pytest
@@ -51,21 +51,10 @@ async def words(connection: socket.socket) -> bytes:
 
 @pytest.fixture
 def quiet_network(monkeypatch):
-    """A machine on which nothing of the network changes; each change is a reason to try again."""
-
-    @contextmanager
-    def listening():
-        yield QuietNetwork()
-
-    monkeypatch.setattr(server_dialer.netlink, "listening", listening)
-
-
-class QuietNetwork:
-    """Nothing ever changes."""
-
-    async def changed(self) -> None:
-        """Never return."""
-        await asyncio.Event().wait()
+    """A machine on which nothing of the network changes unless the test says so; each change has it tried again."""
+    network = server_dialer.netlink.Network()
+    monkeypatch.setattr(server_dialer.netlink, "listening", lambda: nullcontext(network))
+    return network
 
 
 async def test_what_was_found_is_what_is_opened():
@@ -126,13 +115,17 @@ async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, told):
 
 
 async def test_silence_is_told_after_a_while(silent_port, monkeypatch):
-    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.3)
-    with pytest.raises(NoAnswerError):
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.5)
+    monkeypatch.setattr("robotether_agent.net.tcp.CONNECT_TIMEOUT_S", 0.1)
+    with pytest.raises(NoAnswerError, match=r"no answer in 0\.1 s"):
         await asyncio.wait_for(ServerDialer().find([at(silent_port)]), 5)
 
 
-async def test_it_is_found_soon_after_it_answers():
-    """A name that nobody knows is asked for twice a second until somebody does."""
+@pytest.mark.parametrize("tries_by_itself", [True, False])
+async def test_it_is_found_soon_after_it_answers(tries_by_itself, quiet_network, monkeypatch):
+    """A name that nobody knows is asked for twice a second until somebody does, and when the network changes."""
+    if not tries_by_itself:
+        monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
     known = asyncio.Event()
 
     def lookup(_: str, port: int):
@@ -140,31 +133,28 @@ async def test_it_is_found_soon_after_it_answers():
             raise socket.gaierror(-3, "Temporary failure in name resolution")
         return [(socket.AF_INET, ("127.0.0.1", port))]
 
-    loop = asyncio.get_running_loop()
     async with SshPort() as door:
         finding = asyncio.ensure_future(
             ServerDialer(rng=Random(1), resolver=Resolver(lookup)).find([at(door.port, "h")])
         )
         await asyncio.wait({finding}, timeout=0.7)
         known.set()
-        since = loop.time()
-        assert await asyncio.wait_for(finding, 5) == at(door.port, "h")
-        assert loop.time() - since < server_dialer.TRY_EVERY_S[1] + 0.5
+        if not tries_by_itself:
+            quiet_network._event.set()
+        assert await asyncio.wait_for(finding, 2) == at(door.port, "h")
 
 
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
     """While it has taken a connection and says nothing, neither it nor its other port gets many more."""
-    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 1.0)
-    monkeypatch.setattr(server_dialer, "NEXT_PORT_AFTER_S", 0.1)
-    monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (0.1, 0.1))
-    monkeypatch.setattr(server_dialer, "BUSY_NEXT_PORT_AFTER_S", 1.5)
-    monkeypatch.setattr(server_dialer, "BUSY_TRY_AFTER_S", (1.5, 1.5))
-    monkeypatch.setattr(server_dialer, "BUSY_FIND_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 2.0)
+    monkeypatch.setattr(server_dialer, "BUSY_NEXT_PORT_AFTER_S", 3.0)
+    monkeypatch.setattr(server_dialer, "BUSY_TRY_AFTER_S", (3.0, 3.0))
+    monkeypatch.setattr(server_dialer, "BUSY_FIND_TIMEOUT_S", 4.0)
     async with SshPort("silent") as busy, SshPort("silent") as other:
         finding = asyncio.ensure_future(
             ServerDialer(rng=Random(1)).find([at(busy.port), at(other.port)])
         )
-        await asyncio.wait({finding}, timeout=0.7)
+        await asyncio.wait({finding}, timeout=1.5)
         assert (busy.connections, other.connections) == (1, 0)
         with pytest.raises(NoAnswerError):
             await finding
@@ -183,7 +173,7 @@ async def test_a_cell_that_drops_everything_costs_two_seconds(silent_port, monke
         started = loop.time()
         found = await ServerDialer().find([*both, *cells(free_port(), door.port)])
         assert found == at(door.port)
-        assert 0 <= loop.time() - started - 0.7 < 0.7
+        assert 0 <= loop.time() - started - 0.7 < 1
 
 
 async def test_the_time_in_which_a_cell_was_silent_already_counts(silent_port):
@@ -200,7 +190,7 @@ async def test_a_cell_that_takes_nobody_is_left_alone_while_the_next_is_waited_f
     mode, silent_port, monkeypatch
 ):
     """It has said so once; its word is what the caller learns in the end."""
-    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 2.5)
     monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.3)
     async with SshPort(mode) as busy:
         with pytest.raises(ServerUnreachableError):

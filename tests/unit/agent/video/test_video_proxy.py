@@ -274,6 +274,11 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
         await proxy.close()
 
 
+def test_a_url_names_its_port() -> None:
+    with pytest.raises(ValueError, match="no host and port"):
+        VideoProxy("http://127.0.0.1")
+
+
 async def test_a_close_that_is_cancelled_listens_no_more() -> None:
     """The agent may end while a connection of which it was part ends."""
     proxy = VideoProxy(f"http://127.0.0.1:{free_port()}")
