@@ -65,9 +65,9 @@ class ShownRobot(Struct, kw_only=True):
 
     `since`: the last change of `online`, null if it was never seen. `level`: the user's, null for a join token.
     `shell_port` null: no shell. `driver` and `stopped` are the database's, null for nobody, and missing in the answer
-    to a join token; /control and /events say whether the guard has confirmed a stop. Members after `stopped` are for
-    admins only. `agent_version` and `address` are the newest session's, else the join's. `rotate_key`: the robot is
-    asked for a new key.
+    to a join token; they lag behind those of /control and /events, which say whether the guard has confirmed a stop,
+    and stay while the relay is down. Members after `stopped` are for admins only. `agent_version` and `address` are the
+    newest session's, else the join's. `rotate_key`: the robot is asked for a new key.
     """
 
     name: RobotName
