@@ -60,15 +60,6 @@ async def test_kind_of_robot_is_what_was_set(kind: str) -> None:
         await until("it moves to the left", lambda: turtle.pose.y > turtle.start.y + 0.1)
 
 
-@pytest.mark.parametrize("count", [0, 1, 2])
-async def test_it_has_as_many_cameras_as_were_set(count: int) -> None:
-    """SIM_CAMERAS leaves out the rear one first, with its topics."""
-    simulator = Simulator(dataclasses.replace(SETTINGS, cameras=count))
-    images = [topic for topic in simulator.graph.bus.topics() if "/image_raw" in topic]
-    cameras = ["/camera/image_raw", "/rear/image_raw"][:count]
-    assert sorted(images) == sorted([*cameras, *(f"{camera}/compressed" for camera in cameras)])
-
-
 async def test_taken_port_leaves_nothing_open(simulator: Simulator) -> None:
     """When the video port is taken, rosbridge's is free again."""
     settings = dataclasses.replace(SETTINGS, video_port=simulator.video.port)

@@ -106,24 +106,6 @@ class Sink:
         self.moments.append(time.monotonic())
 
 
-async def test_queue_without_throttle_goes_out_at_once() -> None:
-    """A queue holds nothing back by itself, as roslib's default of queue_length 1 needs."""
-    sink = Sink(0, 1)
-    sink.offer(*range(100))
-    assert sink.sent == list(range(100))
-
-
-async def test_throttle_leaves_out() -> None:
-    """Within the throttle time only the first message goes out; after it the next one."""
-    sink = Sink(60, 0)
-    sink.offer(1, 2, 3)
-    assert sink.sent == [1]
-    first = time.monotonic()
-    await until("throttle time over", lambda: time.monotonic() - first > 0.07)
-    sink.offer(4, 5)
-    assert sink.sent == [1, 4]
-
-
 async def test_queue_delays_and_drops_the_oldest() -> None:
     """With a queue of 2, the newest two wait and go out one a throttle time."""
     sink = Sink(40, 2)
