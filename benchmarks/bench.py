@@ -2,7 +2,6 @@
 
 Needs `make demo`, and root for the networks that some experiments create. `--only NAME,...` runs these alone and
 replaces their parts of the page. `--quick` repeats less, to check that all of them work, and writes nothing.
-`--repeat N` is how often cuts and losses are repeated.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import platform
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import agent_memory
@@ -42,34 +40,23 @@ was measured. Compare numbers within a table, not between tables.
 _MARK = re.compile(r"^<!-- experiment: (\w+) -->\n", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class Effort:
-    """How much is measured."""
-
-    quick: bool
-    repeat: int | None
-
-    def times(self, usual: int, quick: int) -> int:
-        """How often a cut or a loss is repeated."""
-        return quick if self.quick else self.repeat or usual
-
-
-EXPERIMENTS: Mapping[str, Callable[[Demo, Effort], Section]] = {
-    "round_trip": lambda demo, effort: round_trip.measure(demo, 200 if effort.quick else 3000),
-    "behind_video": lambda _, effort: behind_video.measure(5 if effort.quick else behind_video.SECONDS),
-    "bulk_topics": lambda _, effort: bulk_topics.measure(5 if effort.quick else bulk_topics.SECONDS),
-    "picture_age": lambda demo, effort: video.measure_age(demo, 3 if effort.quick else video.SECONDS),
-    "seen_age": lambda demo, effort: seen_age.measure(demo, 5 if effort.quick else seen_age.SECONDS),
-    "viewers": lambda demo, effort: video.measure_viewers(demo, 3 if effort.quick else video.VIEWERS_SECONDS),
-    "fan_out": lambda demo, effort: fan_out.measure(demo, 6 if effort.quick else fan_out.SECONDS),
-    "input_latency": lambda demo, effort: drive_page.measure_input(demo, 5 if effort.quick else drive_page.PRESSES),
-    "drive_page": lambda demo, effort: drive_page.measure(demo, 3 if effort.quick else drive_page.SECONDS),
-    "recovery": lambda _, effort: recovery.measure(effort.times(recovery.REPEAT, 2)),
-    "comebacks": lambda demo, effort: comebacks.measure(demo, comebacks.PROGRAMS[: 1 if effort.quick else None]),
-    "stopping": lambda demo, effort: stopping.measure(demo, effort.times(10, 1)),
-    "operations_rate": lambda _demo, _effort: operations_rate.measure(),
-    "agent_memory": lambda _demo, _effort: agent_memory.measure(),
-    "both_robots": lambda demo, effort: both_robots.measure(demo, 200 if effort.quick else 2000, effort.times(10, 1)),
+# What is measured with the demo, and less of it when it has to be quick.
+EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
+    "round_trip": lambda demo, quick: round_trip.measure(demo, 200 if quick else 3000),
+    "behind_video": lambda _, quick: behind_video.measure(5 if quick else behind_video.SECONDS),
+    "bulk_topics": lambda _, quick: bulk_topics.measure(5 if quick else bulk_topics.SECONDS),
+    "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
+    "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
+    "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),
+    "fan_out": lambda demo, quick: fan_out.measure(demo, 6 if quick else fan_out.SECONDS),
+    "input_latency": lambda demo, quick: drive_page.measure_input(demo, 5 if quick else drive_page.PRESSES),
+    "drive_page": lambda demo, quick: drive_page.measure(demo, 3 if quick else drive_page.SECONDS),
+    "recovery": lambda _, quick: recovery.measure(2 if quick else recovery.REPEAT),
+    "comebacks": lambda demo, quick: comebacks.measure(demo, comebacks.PROGRAMS[: 1 if quick else None]),
+    "stopping": lambda demo, quick: stopping.measure(demo, 1 if quick else 10),
+    "operations_rate": lambda _demo, _quick: operations_rate.measure(),
+    "agent_memory": lambda _demo, _quick: agent_memory.measure(),
+    "both_robots": lambda demo, quick: both_robots.measure(demo, 200 if quick else 2000, 1 if quick else 10),
 }  # fmt: skip
 
 
@@ -112,13 +99,12 @@ def main() -> None:
         "--only", type=names_of, default=list(EXPERIMENTS), help="run these, separated by commas"
     )
     arguments.add_argument("--quick", action="store_true", help="repeat less, write nothing")
-    arguments.add_argument("--repeat", type=int, help="how often cuts and losses are repeated")
     chosen = arguments.parse_args()
-    demo, effort = Demo(), Effort(chosen.quick, chosen.repeat)
+    demo = Demo()
     for name in chosen.only:
         sys.stderr.write(f"bench: {name}\n")
         measured = circumstances()
-        section = EXPERIMENTS[name](demo, effort)
+        section = EXPERIMENTS[name](demo, chosen.quick)
         sys.stdout.write(section.markdown + "\n")
         sys.stdout.flush()
         if not chosen.quick:

@@ -13,7 +13,7 @@ import asyncio
 import random
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,9 +23,9 @@ from demo import Demo
 from frame_stamp import read_stamp
 from link import Link, Shape, why_not_here
 from local_network import insecure_tls
+from relay_server import until
 from report import Row, Section, quantiles
-from robotether_common.frames import HEADER, MAX_CREDITS
-from video import CAMERA, ROBOT, STARTS_WITHIN_S, linked_robot, until_seen, view_frames
+from video import CAMERA, ROBOT, STARTS_WITHIN_S, Frame, linked_robot, until_seen, view_frames
 
 SECONDS = 60.0
 # Interval between commands: the guard reports twice a second, so that each report is of one command.
@@ -60,28 +60,6 @@ class Seen:
 Address = Callable[[str, str], str]
 
 
-class Camera:
-    """The last frames that came, by their sequence number."""
-
-    def __init__(self) -> None:
-        self.frames: deque[tuple[int, bytes]] = deque(maxlen=FRAMES)
-        self.is_full = asyncio.Event()
-
-    async def view(self, http: aiohttp.ClientSession, url: str, **how: Any) -> None:
-        """Take frames by credit until this is cancelled; `how` goes to ws_connect."""
-        async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
-            await socket.send_json({"op": "stream_request"})
-            await socket.send_json({"op": "credit", "frames": MAX_CREDITS})
-            async for message in socket:
-                if message.type is aiohttp.WSMsgType.BINARY:
-                    sequence = HEADER.unpack_from(message.data)[3]
-                    await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
-                    self.frames.append((sequence, message.data[HEADER.size :]))
-                    if len(self.frames) == FRAMES:
-                        self.is_full.set()
-            raise ConnectionError(f"the frames ended with {socket.close_code}")
-
-
 class Driver:
     """A connection that drives; it reads all the time, as the age of a command counts from an answered ping."""
 
@@ -99,10 +77,10 @@ class Driver:
                 self._answers.put_nowait(answer)
         raise ConnectionError(f"the drive ended with {self._socket.close_code}")
 
-    async def command(self, sequence: int, jpeg: bytes, speed: float) -> Seen:
+    async def command(self, frame: Frame, speed: float) -> Seen:
         """Send one command that names this frame, and wait for the guard's age."""
-        drawn_at = read_stamp(jpeg)
-        stamp = {"seen": [{"camera": CAMERA, "frame": sequence}]}
+        drawn_at = read_stamp(frame.jpeg)
+        stamp = {"seen": [{"camera": CAMERA, "frame": frame.sequence}]}
         message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}
         sent_at = time.time()
         await self._socket.send_json({**message, "robotether": stamp})
@@ -114,41 +92,32 @@ class Driver:
         return Seen((sent_at - drawn_at) * 1000, answer["age_ms"])
 
 
-async def drive(driver: Driver, camera: Camera, seconds: float) -> list[Seen]:
+async def drive(driver: Driver, frames: Sequence[Frame], seconds: float) -> list[Seen]:
     """Drive for so long, to and fro, with any of the last frames at each command."""
     chance, seen = random.Random(1), list[Seen]()
     await asyncio.sleep(SETTLE_S)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         speed = SPEED_M_S * (-1) ** len(seen)
-        seen.append(await driver.command(*chance.choice(camera.frames), speed))
+        seen.append(await driver.command(chance.choice(frames), speed))
         await asyncio.sleep(COMMAND_EVERY_S)
     return seen
 
 
 async def run(address: Address, seconds: float, **how: Any) -> list[Seen]:
     """Have somebody drive who views the robot's camera; `how` goes to ws_connect."""
-    frames = address(f"video/frames?topic={CAMERA}&", "observe")
-    camera = Camera()
-    async with aiohttp.ClientSession() as http:
-        tasks = [asyncio.ensure_future(camera.view(http, frames, **how))]
-        try:
-            await asyncio.wait_for(camera.is_full.wait(), STARTS_WITHIN_S)
-            async with http.ws_connect(address("ros?", "drive"), compress=0, **how) as socket:
-                driver = Driver(socket)
-                tasks += [
-                    asyncio.ensure_future(driver.read()),
-                    asyncio.ensure_future(drive(driver, camera, seconds)),
-                ]
-                done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-                # Only the drive ends by itself; another one has failed.
-                for task in done - {tasks[-1]}:
-                    task.result()
-                return tasks[-1].result()
-        finally:
-            for task in tasks:
+    url = address(f"video/frames?topic={CAMERA}&", "observe")
+    frames = deque[Frame](maxlen=FRAMES)
+    async with aiohttp.ClientSession() as http, asyncio.TaskGroup() as group:
+        viewing = group.create_task(view_frames(http, url, frames.append, **how))
+        await until(lambda: len(frames) == FRAMES, f"{FRAMES} frames", STARTS_WITHIN_S)
+        async with http.ws_connect(address("ros?", "drive"), compress=0, **how) as socket:
+            driver = Driver(socket)
+            reading = group.create_task(driver.read())
+            seen = await drive(driver, frames, seconds)
+            for task in (viewing, reading):
                 task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+        return seen
 
 
 async def run_behind(link: Link, seconds: float) -> list[Seen]:

@@ -57,6 +57,8 @@ class Frame:
 
     received_at: float
     jpeg: bytes
+    # Of the frames protocol.
+    sequence: int = 0
 
     @property
     def age_ms(self) -> float:
@@ -85,7 +87,7 @@ async def view_frames(
                 received_at = time.time()
                 sequence = HEADER.unpack_from(message.data)[3]
                 await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
-                on_frame(Frame(received_at, message.data[HEADER.size :]))
+                on_frame(Frame(received_at, message.data[HEADER.size :], sequence))
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 

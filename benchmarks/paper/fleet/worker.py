@@ -25,6 +25,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, NoReturn
 
+from fake_pipe import FakePipe
 from robotether_agent import settings as agent_settings
 from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
@@ -54,21 +55,15 @@ LOG_FORMAT = "%(asctime)s %(levelname)s %(message)s"
 log = logging.getLogger(__name__)
 
 
-class _Pipe(asyncio.WriteTransport):
+class _Pipe(FakePipe):
     """The guard's standard output, as a queue of lines."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.lines: asyncio.Queue[bytes] = asyncio.Queue()
-
-    def is_closing(self) -> bool:
-        return False
-
-    def get_write_buffer_size(self) -> int:
-        return 0
+        self.queue: asyncio.Queue[JsonObject] = asyncio.Queue()
 
     def write(self, data: bytes | bytearray | memoryview) -> None:
-        self.lines.put_nowait(bytes(data))
+        self.queue.put_nowait(parse_object(bytes(data), "the line"))
 
 
 class GuardHere:
@@ -110,7 +105,7 @@ class GuardHere:
 
     async def _listen(self, on_line: Callable[[JsonObject], None]) -> None:
         while True:
-            on_line(parse_object(await self._pipe.lines.get(), "the line"))
+            on_line(await self._pipe.queue.get())
 
     async def _tick(self) -> None:
         while True:

@@ -13,13 +13,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-import aiohttp
 from fake_pipe import FakePipe
 from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.rosbridge_socket import new_http
-from timed_websocket import timed_session
+from timed_websocket import SocketClient
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = os.pathsep.join(str(ROOT / name) for name in ("common", "agent"))
@@ -195,33 +194,14 @@ class GuardProcess(GuardEnd):
             self.lines.append(json.loads(line))
 
 
-class GuardClient:
+class GuardClient(SocketClient):
     """A WebSocket to the guard, as the relay opens it; fence 0 observes, None has no key."""
 
     def __init__(self, port: int, fence: int | None = 0, key: str = KEY) -> None:
         mode = "drive" if fence else "observe"
         headers = {"Robotether-Key": key, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
-        self._headers = {} if fence is None else headers
+        super().__init__(port, **({} if fence is None else headers))
         self._fence = fence
-        self._port = port
-        self._http = timed_session()
-        self.socket: aiohttp.ClientWebSocketResponse
-
-    async def __aenter__(self) -> Self:
-        try:
-            url = f"ws://127.0.0.1:{self._port}/"
-            self.socket = await self._http.ws_connect(url, headers=self._headers, max_msg_size=0)
-        except BaseException:
-            await self._http.close()
-            raise
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        self.socket._response.close()
-        await self._http.close()
-
-    async def send(self, **operation: Any) -> None:
-        await self.socket.send_str(json.dumps(operation))
 
     async def drive(
         self, speed: float, *, turn: float = 0.0, age_ms: float = 0.0, **more: Any
@@ -231,10 +211,6 @@ class GuardClient:
         fields: dict[str, Any] = {"topic": "/cmd_vel", "robotether": stamp, **more}
         message = {"linear": {"x": speed}, "angular": {"z": turn}}
         await self.send(op="publish", **({"msg": message} | fields))
-
-    async def receive(self) -> dict[str, Any]:
-        message: dict[str, Any] = await self.socket.receive_json(timeout=WAIT_S)
-        return message
 
     async def closed(self) -> int:
         """Wait until the guard closes it; the code."""

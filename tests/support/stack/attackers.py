@@ -9,12 +9,12 @@ from __future__ import annotations
 import asyncio
 import http.client
 import json
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from local_network import insecure_tls
+from logins import Login
 from programs import Program
 from stack import Stack
 
@@ -24,7 +24,7 @@ UPGRADE = {
     "Sec-WebSocket-Version": "13",
     "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
 }
-CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
+LOGIN_COOKIE = "__Host-robotether_login"
 OPEN = "open"
 
 
@@ -35,7 +35,6 @@ class Answer:
     status: int
     headers: Mapping[str, str]
     body: str
-    cookies: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def code(self) -> str:
@@ -60,16 +59,12 @@ def raw(
     *,
     headers: Mapping[str, str] | None = None,
     body: object = None,
-    form: str | None = None,
 ) -> Answer:
-    """Send one request with exactly these headers; a body is sent as JSON, a form as it stands."""
+    """Send one request with exactly these headers; a body is sent as JSON."""
     sent = dict(headers or {})
-    data = form
-    if form is not None:
-        sent.setdefault("Content-Type", "application/x-www-form-urlencoded")
-    elif body is not None:
+    data = None if body is None else json.dumps(body)
+    if data is not None:
         sent.setdefault("Content-Type", "application/json")
-        data = json.dumps(body)
     door = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=10, context=insecure_tls()
     )
@@ -80,14 +75,9 @@ def raw(
             answer.headers.get_content_type() in {"text/event-stream", "multipart/x-mixed-replace"}
         )
         text = "" if endless else answer.read(65536).decode(errors="replace")
-        return Answer(answer.status, dict(answer.headers), text, _cookies(answer))
+        return Answer(answer.status, dict(answer.headers), text)
     finally:
         door.close()
-
-
-def _cookies(answer: http.client.HTTPResponse) -> dict[str, str]:
-    pairs = (line.split(";")[0] for line in answer.headers.get_all("Set-Cookie") or [])
-    return dict(pair.split("=", 1) for pair in pairs)
 
 
 class Person:
@@ -104,7 +94,7 @@ class Person:
         self.bearer = {"Authorization": f"Bearer {self.token}"}
         self._cookie: dict[str, str] | None = None
         for robot, _ in grants:
-            self._wait_until_known(robot)
+            stack.wait_for_right(name, robot)
 
     @property
     def cookie(self) -> dict[str, str]:
@@ -119,25 +109,9 @@ class Person:
     def ask(self, method: str, path: str, body: object = None) -> Answer:
         return raw(self.stack, method, path, headers=self.bearer, body=body)
 
-    def _wait_until_known(self, robot: str) -> None:
-        """Wait until the relay, which looks for new rights once a second, has seen them."""
-        path = f"/api/v1/robots/{robot}/control"
-        self.stack.wait(f"{self.name} sees {robot}", lambda: self.ask("GET", path).code == OPEN)
-
     def _log_in(self) -> dict[str, str]:
-        page = raw(self.stack, "GET", "/login")
-        form = CSRF.search(page.body)
-        assert form is not None, page.body
-        cookies = "; ".join(f"{name}={value}" for name, value in page.cookies.items())
-        answer = raw(
-            self.stack,
-            "POST",
-            "/login",
-            headers={"Cookie": cookies, "Referer": f"{self.stack.url}/login"},
-            form=f"csrf_token={form[1]}&name={self.name}&password={self.password}&next=",
-        )
-        assert "__Host-robotether_login" in answer.cookies, answer
-        return {"Cookie": f"__Host-robotether_login={answer.cookies['__Host-robotether_login']}"}
+        cookies = Login(self.stack.url, self.name, self.password).cookies
+        return {"Cookie": f"{LOGIN_COOKIE}={cookies[LOGIN_COOKIE]}"}
 
 
 def open_ros(stack: Stack, robot: str, ticket: str | None, **headers: str) -> Answer:

@@ -21,15 +21,20 @@ class Login:
     def __init__(self, url: str, name: str, password: str) -> None:
         """`url` is the site's, without a slash at the end. Raises HTTPError if the form refuses."""
         self._url = url
+        self._jar = CookieJar()
         self._browser = urllib.request.build_opener(
             urllib.request.HTTPSHandler(context=insecure_tls()),
-            urllib.request.HTTPCookieProcessor(CookieJar()),
+            urllib.request.HTTPCookieProcessor(self._jar),
         )
         form = {"csrf_token": self._csrf("/login"), "name": name, "password": password, "next": ""}
         sent = urllib.parse.urlencode(form).encode()
         with self._browser.open(f"{url}/login", sent, timeout=10) as answer:
             self.page: str = answer.read().decode()
             self.is_in = not answer.url.endswith("/login")
+
+    @property
+    def cookies(self) -> dict[str, str]:
+        return {cookie.name: cookie.value or "" for cookie in self._jar}
 
     def create(self, path: str, body: dict[str, Any]) -> Any:
         """POST to a path below /api/v1; the parsed answer. Raises HTTPError if it is refused."""

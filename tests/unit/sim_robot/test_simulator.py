@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 import sim_robot
-from sim_client import SETTINGS, SocketClient, until
+from sim_client import SETTINGS, until
 from sim_robot.simulator import FixedRate, Simulator
 from stopwatch import Stopwatch
+from timed_websocket import SocketClient
 
 
 async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import pytest
 import sim_client
-from sim_client import SocketClient, until
+from sim_client import until
 from sim_robot.graph import TopicMessage
 from sim_robot.kinematics import STEP_S
 from sim_robot.rosbridge.client import MESSAGES_LIMIT, ThrottledQueue
 from sim_robot.simulator import Simulator
+from timed_websocket import SocketClient
 
 ROUND_TRIP = Path(sim_client.__file__).with_name("roslibpy_round_trip.py")
 
