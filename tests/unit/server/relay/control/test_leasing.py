@@ -7,9 +7,10 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 
 import pytest
+from fake_operator import FakeOperator
 from fake_robot import WAIT_S, FakeRobot
 from msgspec import structs
-from relay_clients import PUBLISH, SlowFences, closing
+from relay_clients import SlowFences, closing
 from relay_server import SESSION_KEY, until
 from robotether_common.session import MAX_FENCE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart
@@ -45,11 +46,6 @@ def asker(user: RelayUser) -> leasing.LeaseRequester:
 
 async def driven(relay, sim1, user: RelayUser = ANN) -> None:
     await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
-
-
-async def read_all(socket) -> None:
-    async for _ in socket:
-        pass
 
 
 async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
@@ -131,20 +127,16 @@ async def test_what_a_drive_was_like_stands_in_its_record(
         )
 
     viewer_stats.count(ANN.id, 5000)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        # A client answers pings while it reads.
-        reading = asyncio.create_task(read_all(socket))
+    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await guarded.connections(1)
         # On a busy machine the first may count as old, until a pong bounds its age.
         async with asyncio.timeout(WAIT_S):
             while not guarded.received:
-                await socket.send_str(PUBLISH)
+                await ann.send(op="publish", topic="/cmd_vel", msg={})
                 await asyncio.sleep(0.05)
         viewer_stats.count(ANN.id, 700)
         viewer_stats.count(BEN.id, 90)
         await until(lambda: (item := record()) and item.latency_p50_ms, "a round trip is measured")
-        await socket.close()
-        await reading
     await until(lambda: record().ended_at, "the drive is over")
     entry = record()
     assert 0 < entry.latency_p50_ms <= entry.latency_p95_ms

@@ -82,6 +82,12 @@ class World:
         self.registry.on_hello(link, "0.1.0", guard)
         return link
 
+    async def releasing(self, link: FakeLink) -> asyncio.Task[None]:
+        """Have ann release SIM1, which waits for its guard."""
+        release = asyncio.create_task(self.stops.release(SIM1, "ann"))
+        await until(lambda: "release" in link.kinds, "it is on its way")
+        return release
+
 
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
@@ -231,8 +237,7 @@ async def test_only_the_answer_to_a_release_ends_it(world):
     """A status that answers nothing, or something else, says nothing of it."""
     link = world.online()
     world.stops.stop(SIM1, "ben")
-    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
-    await until(lambda: "release" in link.kinds, "it is on its way")
+    release = await world.releasing(link)
     for answers in (None, "another"):
         world.registry.on_guard_status(link, GuardReport("ready"), answers)
     await asyncio.sleep(0)
@@ -296,8 +301,7 @@ async def test_a_stop_during_a_release_wins(world, is_answered, begins_elsewhere
     """The guard gets it behind the release, also if it had answered that before anybody heard of it."""
     link = world.online()
     world.stops.stop(SIM1, "ann")
-    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
-    await until(lambda: "release" in link.kinds, "it is on its way")
+    release = await world.releasing(link)
     if is_answered:
         world.registry.on_guard_status(link, GuardReport("ready"), link.sent[-1]["id"])
     if begins_elsewhere:
@@ -332,8 +336,7 @@ async def test_who_stops_without_end_fills_neither_the_session_nor_the_log(world
             world.stops.stop(SIM1, "mallory")
 
     insist()
-    release = asyncio.create_task(world.stops.release(SIM1, "ann"))
-    await until(lambda: "release" in link.kinds, "it is on its way")
+    release = await world.releasing(link)
     insist()
     with pytest.raises(NotPossibleError):
         await release

@@ -144,8 +144,7 @@ async def test_a_robot_that_breaks_off_mid_message(relay, robot, sim1, http):
 async def test_a_robot_that_reads_nothing_is_down(wide, relay, sim1, http):
     robot = await misbehaving(relay, sim1, "slow_reader")
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        message = large(1_000_000)
-        sending = asyncio.create_task(_send_until_closed(socket, message))
+        sending = asyncio.create_task(_send_all(socket, [large(1_000_000)] * 100))
         code, reason = await closing(socket)
         assert (code, reason) == (
             4504,
@@ -206,16 +205,10 @@ async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
 
 
 async def _send_all(socket: aiohttp.ClientWebSocketResponse, messages: list[str]) -> None:
-    for message in messages:
-        await socket.send_str(message)
-
-
-async def _send_until_closed(socket: aiohttp.ClientWebSocketResponse, message: str) -> None:
-    try:
-        for _ in range(100):
+    """Send these unless the connection is closed."""
+    with contextlib.suppress(ConnectionError):
+        for message in messages:
             await socket.send_str(message)
-    except ConnectionError:
-        return
 
 
 @pytest.mark.parametrize("kind", [WSMsgType.PING, WSMsgType.PONG])
