@@ -95,7 +95,8 @@ class AfterCommits(Database):
     """Calls `then` after each commit, before anything else happens."""
 
     def __init__(self, database: Database, then: Callable[[], None]) -> None:
-        super().__init__(database._settings)
+        # The same account, and the same connections.
+        vars(self).update(vars(database))
         self._then = then
 
     @contextmanager

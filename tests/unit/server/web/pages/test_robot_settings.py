@@ -335,7 +335,7 @@ def test_browser_asks_only_for_what_may_not_be_empty(admin: Browser) -> None:
     """And never for what is folded: it could not show where."""
     pages = [admin.ask("GET", path).text for path in FORMS]
     required = re.findall(r'<input id="([^"]+)"[^>]* required', " ".join(pages))
-    times = ["guard.deadman_ms", "guard.max_age_ms"]
+    times = ["guard.deadman_ms", "guard.max_age_ms", "guard.camera_ms"]
     video = ["page.quality_min", "page.quality_max", "page.fps", "page.latency_ms"]
     assert required == [*times, *video]
 
