@@ -75,8 +75,9 @@ class ForwardedTopics:
         self._key = key
         self._members = members
         self._shared: dict[str, TopicRequest] = {}
-        # The newest notice of each topic.
-        self._notices: dict[str, bytes] = {}
+        # The newest notice of each topic, and the topics of which the cell has one that lets it share them.
+        self._notices: dict[str, ShareNotice] = {}
+        self._notified: set[str] = set()
         self._due = asyncio.Event()
 
     def share(
@@ -84,12 +85,14 @@ class ForwardedTopics:
     ) -> None:
         """Let the cell share what is requested of a topic now; None: nothing."""
         self._members.add(self)
-        if subscription is None:
-            self._shared.pop(topic, None)
-        else:
-            self._shared[topic] = subscription
         self._notices.pop(topic, None)
-        self._notices[topic] = write_notice(self._key, ShareNotice(topic, subscription, message_id))
+        if subscription is not None:
+            self._shared[topic] = subscription
+        else:
+            self._shared.pop(topic, None)
+            if topic not in self._notified:
+                return
+        self._notices[topic] = ShareNotice(topic, subscription, message_id)
         self._due.set()
 
     async def send(self, deliver: Deliver) -> CloseReason:
@@ -98,7 +101,12 @@ class ForwardedTopics:
             await self._due.wait()
             self._due.clear()
             while self._notices:
-                await deliver(self._notices.pop(next(iter(self._notices))), WSMsgType.BINARY)
+                notice = self._notices.pop(next(iter(self._notices)))
+                if notice.subscription is None:
+                    self._notified.discard(notice.topic)
+                else:
+                    self._notified.add(notice.topic)
+                await deliver(write_notice(self._key, notice), WSMsgType.BINARY)
 
     def close(self) -> None:
         """Share nothing any more; the observer's cell sees the connection's end."""

@@ -21,6 +21,7 @@ from robotether_server.relay.channels.rosbridge import handler, topic_link
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     KEY_HEADER,
     FailureNotice,
+    ForwardedTopics,
     ShareNotice,
     read_notice,
     write_notice,
@@ -180,6 +181,25 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, 
         await until(
             lambda: all(each.relay.fleet.state().level(2, 7) for each in (cell_a, cell_b)), "back"
         )
+
+
+async def test_what_an_observer_gave_up_waits_for_no_slow_line():
+    """Else one that subscribes and unsubscribes fills the memory of the robot's cell, name by name."""
+    topics, sent = ForwardedTopics(b"k", BEN.id, set()), asyncio.Queue[bytes]()
+
+    async def deliver(data: bytes, _kind: WSMsgType) -> None:
+        sent.put_nowait(data)
+
+    for number in range(100):
+        topics.share(f"/{number}", TopicRequest(f"/{number}"))
+        topics.share(f"/{number}", None)
+    topics.share("/odom", TopicRequest("/odom"))
+    assert list(topics._notices) == ["/odom"]
+    sending = asyncio.create_task(topics.send(deliver))
+    assert read_notice(b"k", await sent.get()) == ShareNotice("/odom", TopicRequest("/odom"))
+    topics.share("/odom", None)
+    assert read_notice(b"k", await sent.get()) == ShareNotice("/odom", None)
+    sending.cancel()
 
 
 async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
