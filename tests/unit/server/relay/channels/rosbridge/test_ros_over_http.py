@@ -238,9 +238,13 @@ async def test_a_call_has_the_lease_while_it_waits(
     *, relay, guarded, sim1, ask, serving, memory_database
 ):
     lease = relay.relay.control.leasing.of(sim1.id)
-    calling = asyncio.create_task(ask("POST", f"{SERVICES}/arm/move?type=a/B", "ann", {"x": 1}))
+    calling = asyncio.create_task(
+        ask("POST", f"{SERVICES}/arm/move?type=a/B&timeout_s=30", "ann", {"x": 1})
+    )
     await until(lambda: of_operation(guarded, "call_service"), "the call has come")
     assert lease.driver.holder.user == "ann"
+    [stream] = await relay.relay.registry.robot(sim1.id).uplink.measured(ANN.id)
+    assert (stream.kind, stream.yours) == ("rosbridge", True)
     status, body = await ask("POST", f"{SERVICES}/arm/move", "ben")
     assert (status, body["code"]) == (409, "lease_held")
     await serving(values={"ok": True})
