@@ -209,12 +209,13 @@ class RunningAgent:
 async def start_agent(
     place: Path, services: RobotServices
 ) -> AsyncIterator[Callable[..., RunningAgent]]:
-    """Starts agents in `place` against a cloud, and stops them at the end."""
+    """Starts agents in `place` against a cloud, without a guard, whose start takes a while; stops them at the end."""
     started: list[RunningAgent] = []
 
     def start(cloud: FakeCloud, **more: str) -> RunningAgent:
         urls = {"rosbridge_url": services.ws_url, "video_url": services.http_url}
-        agent = RunningAgent(load(None, agent_environ(cloud, place, **{**urls, **more})))
+        environ = agent_environ(cloud, place, **{**urls, "guard": "off", **more})
+        agent = RunningAgent(load(None, environ))
         started.append(agent)
         return agent
 

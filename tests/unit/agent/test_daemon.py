@@ -15,7 +15,7 @@ from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
 
 async def test_joins_connects_and_forwards_both_services(cloud, start_agent):
     """A new robot joins, and rosbridge and video answer at its ports of the server."""
-    agent = start_agent(cloud)
+    agent = start_agent(cloud, guard="on")
     status = await agent.until_connected()
     assert status.robot == "sim1"
     # The agent is connected before its guard is ready, and the port leads to the guard.

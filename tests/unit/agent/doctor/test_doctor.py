@@ -37,7 +37,7 @@ async def test_a_robot_that_works(cloud, start_agent, monkeypatch):
     """While the agent runs every step is well, in the order of a connection; the double has no rosapi."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
     cloud.checked["video"] = "ok"
-    agent = start_agent(cloud, shell_address="none")
+    agent = start_agent(cloud, guard="on", shell_address="none")
     await agent.until(
         lambda status: status.end_to_end_ros == "ok" and status.guard == "ready",
         "the server has looked",

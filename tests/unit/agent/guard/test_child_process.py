@@ -168,8 +168,9 @@ def test_the_guard_is_the_one_that_came_with_the_agent():
     assert places[-1] == "/opt/more"
 
 
-async def test_a_killed_guard_is_back_at_once(cloud, agent, caplog):
+async def test_a_killed_guard_is_back_at_once(cloud, start_agent, caplog):
     """Without a pause, the port of the robot leads to the next guard, over the same connection."""
+    await start_agent(cloud, guard="on").until_connected()
     assert await echo(cloud.ports[0], "before") == "before"
     killed_at = time.monotonic()
     os.kill(guard_pid(), signal.SIGKILL)
@@ -190,12 +191,12 @@ async def test_a_killed_guard_is_back_at_once(cloud, agent, caplog):
 
 async def test_a_stop_outlives_the_agent(cloud, start_agent):
     """A robot that somebody stopped is still stopped after its next boot, and says so to the server."""
-    agent = start_agent(cloud)
+    agent = start_agent(cloud, guard="on")
     link = await cloud.link("session")
     link.send({"type": "stop", "id": "5f0c", "by": "ben"})
     await agent.until(lambda status: status.stopped_by == "ben", "stopped")
     await agent.stop()
-    agent = start_agent(cloud)
+    agent = start_agent(cloud, guard="on")
     link = await cloud.link("session", number=2)
     await eventually(lambda: bool(link.of_type("guard")), lambda: f"{link.received}")
     assert link.of_type("guard")[0]["stopped"]
