@@ -109,8 +109,12 @@ def groups_of(found: dict[str, Any]) -> dict[str, list[str]]:
     return {name: sorted(item["hosts"]) for name, item in found.items() if "hosts" in item}
 
 
-def test_robots_have_their_sites_and_states(listed: List) -> None:
-    """All are in the group with which the playbooks work; a group's name has no hyphen."""
+def test_robots_have_their_sites_states_and_shells(listed: List, fleet: TlsWeb) -> None:
+    """All are in the group with which the playbooks work; a group's name has no hyphen.
+
+    Shells go through the server, with what `robotether ssh-config` says; a robot without a shell for this user has
+    nothing of it.
+    """
     found = listed()
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
@@ -119,12 +123,24 @@ def test_robots_have_their_sites_and_states(listed: List) -> None:
         "state_offline": ["scout"],
         "state_disabled": ["rover"],
     }
-    turtle = found["_meta"]["hostvars"]["turtle"]
+    variables = found["_meta"]["hostvars"]
+    turtle = variables["turtle"]
     assert turtle["robot_mac"] == MACS["turtle"]
     assert turtle["robot_site"] == "north-hall"
     assert turtle["robot_online"] is True
     assert turtle["robot_address"] == "192.0.2.1"
     assert turtle["robot_agent_version"] == "0.1.0"
+    entry = dict(
+        line.split() for line in fleet.program("root").ask("GET", "/ssh-config").text.splitlines()
+    )
+    assert {name: value for name, value in turtle.items() if "ansible" in name} == {
+        "ansible_host": "127.0.0.1",
+        "ansible_port": int(entry["Port"]),
+        "ansible_user": "pi",
+        "ansible_ssh_common_args": "-o ProxyJump=jump@127.0.0.1:2222 -o HostKeyAlias=robotether-turtle",
+    }
+    for other in ("scout", "rover"):
+        assert not [name for name in variables[other] if name.startswith("ansible")]
 
 
 def test_user_groups_are_those_with_a_grant(listed: List) -> None:
@@ -138,24 +154,14 @@ def test_user_groups_are_those_with_a_grant(listed: List) -> None:
     assert found["_meta"]["hostvars"]["turtle"]["robot_groups"] == ["ops", "r.and-d"]
 
 
-def test_shells_go_through_the_server(listed: List, fleet: TlsWeb) -> None:
-    """With what `robotether ssh-config` says; a robot without a shell for this user has nothing of it."""
-    variables = listed()["_meta"]["hostvars"]
-    entry = dict(
-        line.split() for line in fleet.program("root").ask("GET", "/ssh-config").text.splitlines()
-    )
-    assert {name: value for name, value in variables["turtle"].items() if "ansible" in name} == {
-        "ansible_host": "127.0.0.1",
-        "ansible_port": int(entry["Port"]),
-        "ansible_user": "pi",
-        "ansible_ssh_common_args": "-o ProxyJump=jump@127.0.0.1:2222 -o HostKeyAlias=robotether-turtle",
-    }
-    for other in (
-        variables["scout"],
-        variables["rover"],
-        listed(jump=False)["_meta"]["hostvars"]["turtle"],
-    ):
-        assert not [name for name in other if name.startswith("ansible")]
+def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
+    """A pinned certificate needs no authority, and both are variables of the roles; `jump: false` leaves shells out."""
+    der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
+    pin = hashlib.sha256(der).hexdigest()
+    turtle = listed(ca_file=None, tls_fingerprint=pin, jump=False)["_meta"]["hostvars"]["turtle"]
+    assert turtle["robotether_agent_server"] == fleet.address
+    assert turtle["robotether_agent_tls_fingerprint"] == pin
+    assert not [name for name in turtle if name.startswith("ansible")]
 
 
 def test_user_sees_what_the_api_shows(listed: List) -> None:
@@ -178,15 +184,6 @@ def test_constructed_options_work(listed: List) -> None:
     assert found["_meta"]["hostvars"]["turtle"]["ansible_host"] == "turtle-pc.local"
     assert groups_of(found)["free"] == ["rover", "scout", "turtle"]
     assert groups_of(found)["version_0_1_0"] == ["rover", "scout", "turtle"]
-
-
-def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
-    """A pinned certificate needs no authority, and both are variables of the roles."""
-    der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
-    pin = hashlib.sha256(der).hexdigest()
-    turtle = listed(ca_file=None, tls_fingerprint=pin)["_meta"]["hostvars"]["turtle"]
-    assert turtle["robotether_agent_server"] == fleet.address
-    assert turtle["robotether_agent_tls_fingerprint"] == pin
 
 
 def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
