@@ -128,6 +128,9 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         # What newcomers may get, the newest last.
         self._remembered: deque[ReceivedMessage] = deque()
         self._remembered_bytes = 0
+        # Who came since the robot was asked what it repeats, with the digests of what was there before.
+        self.newcomers: dict[TopicClient, Collection[str]] = {}
+        self.is_asked_for = False
         # Of another copy, at another time or another cell, no message has the same.
         self._name = secrets.token_hex(8)
         self._count = 0
@@ -203,7 +206,10 @@ class SharedTopics(SharedCopies[SharedTopic]):
         if topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
         elif by_digest := topic.by_digest():
-            self._start(self._repeat(topic, by_digest, subscriber))
+            topic.newcomers[subscriber] = by_digest.keys()
+            if not topic.is_asked_for:
+                topic.is_asked_for = True
+                self._start(self._repeat(topic))
         return topic
 
     def watch(
@@ -224,6 +230,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
     ) -> None:
         """Share it no more; the last one's leaving ends it after a while."""
         topic.users.discard(subscriber)
+        topic.newcomers.pop(subscriber, None)
         self._let_linger(topic, linger_s)
 
     async def _bring(self, copy: SharedTopic) -> None:
@@ -234,16 +241,23 @@ class SharedTopics(SharedCopies[SharedTopic]):
             log.exception("robot %s: a topic failed", copy.robot.name)
             copy.on_failed("the relay failed")
 
-    async def _repeat(
-        self,
-        topic: SharedTopic,
-        by_digest: Mapping[str, tuple[bytes, WSMsgType]],
-        subscriber: TopicClient,
+    async def _repeat(self, topic: SharedTopic) -> None:
+        """Give newcomers what rosbridge repeats: whoever comes during a question shares the next."""
+        try:
+            while topic.newcomers:
+                newcomers, topic.newcomers = topic.newcomers, {}
+                await self._repeat_to(newcomers, topic)
+        finally:
+            topic.is_asked_for = False
+
+    async def _repeat_to(
+        self, newcomers: Mapping[TopicClient, Collection[str]], topic: SharedTopic
     ) -> None:
-        name = topic.key.topic
+        name, by_digest = topic.key.topic, topic.by_digest()
         repeated = await self._connector.repeat(topic, by_digest.keys())
         # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
         digests = by_digest.keys() if repeated and name.endswith("/tf_static") else repeated
-        for each in digests:
-            if subscriber in topic.users:
-                subscriber.on_message(name, *by_digest[each])
+        for subscriber, missed in newcomers.items():
+            for each in digests:
+                if subscriber in topic.users and each in missed:
+                    subscriber.on_message(name, *by_digest[each])

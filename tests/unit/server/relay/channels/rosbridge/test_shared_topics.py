@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from dataclasses import replace
 from typing import Any
 
@@ -103,6 +103,48 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
     await robot.send_to_topics(b"news")
     assert await third.receive_str(timeout=5) == "news"
     assert len(subscribed(robot)) == 1
+
+
+class AskedConnector:
+    """Counts the questions what a robot repeats, and answers when a test says so."""
+
+    def __init__(self) -> None:
+        self.questions = 0
+        self.answers = asyncio.Semaphore(0)
+
+    async def run(self, _topic: SharedTopic) -> None:
+        await asyncio.Event().wait()
+
+    async def repeat(self, _topic: SharedTopic, digests: Collection[str]) -> list[str]:
+        self.questions += 1
+        await self.answers.acquire()
+        return list(digests)
+
+
+async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, monkeypatch):
+    """Each question has rosbridge write its latched messages, and who comes and goes causes as many as it likes."""
+    topics, connector = relay.relay.shared_topics, AskedConnector()
+    monkeypatch.setattr(topics, "_connector", connector)
+    topic = topics._open(SharedTopic(sim1, TopicRequest("/odom")))
+    topic.on_message(b"map", aiohttp.WSMsgType.TEXT)
+    got: list[Client] = []
+    monkeypatch.setattr(Client, "on_message", lambda client, *_: got.append(client))
+    clients = [Client() for _ in range(50)]
+    for client in clients:
+        topics.join(sim1, TopicRequest("/odom"), client, limit=9)
+        await asyncio.sleep(0)
+    topics.leave(topic, clients.pop())
+    assert connector.questions == 1
+    topic.on_message(b"newer", aiohttp.WSMsgType.TEXT)
+    got.clear()
+    connector.answers.release()
+    await until(lambda: connector.questions == 2, "the others' question is asked")
+    connector.answers.release()
+    await until(lambda: len(got) == len(clients), "all have the message")
+    await until(lambda: not topic.is_asked_for, "nothing is asked any more")
+    assert connector.questions == 2
+    assert set(got) == set(clients)
+    topics.end_all_of(sim1.id)
 
 
 class RepeatingSocket:
