@@ -6,7 +6,7 @@ import datetime as dt
 from typing import Any
 
 import pytest
-from api_visitor import API, Program, in_person, new_public_key
+from api_visitor import API, Program, in_person
 from robotether_server.db import Database, join_tokens
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import Place
@@ -21,20 +21,6 @@ def names(program: Program) -> list[tuple[str, str]]:
 def ann_in_person(browser: Browser) -> Program:
     """Who has logged in, as a page asks for her."""
     return in_person(browser, "ann")
-
-
-def test_what_a_token_made_goes_with_it(
-    root: Program, browser: Browser, site_certificate: None
-) -> None:
-    """An admin who deletes one that leaked has not to look for more."""
-    assert root.ask("POST", "/join-tokens", JOIN_TOKEN).status_code == 201
-    key = {"name": "laptop", "public_key": new_public_key()}
-    assert root.ask("POST", "/me/ssh-keys", key).status_code == 201
-    admin = in_person(browser, "root")
-    [token] = admin.get("/tokens")["tokens"]
-    assert admin.ask("DELETE", f"/tokens/{token['id']}").status_code == 204
-    assert admin.get("/join-tokens") == {"join_tokens": []}
-    assert admin.get("/me/ssh-keys") == {"ssh_keys": []}
 
 
 @pytest.mark.parametrize(("given", "days"), [({}, 365), ({"days": 2}, 2)])
