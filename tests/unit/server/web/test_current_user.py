@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
 from admin_visitor import join
 from flask import Flask
 from robotether_server.settings.server import WebSettings
@@ -11,12 +10,11 @@ from web_visitor import Browser, paths
 
 
 def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None:
-    """For every page of the admins, of the profile and of drives."""
-    asked = [
-        path for start in ("/admin", "/profile", "/drives") for path in paths(app, start, "GET")
-    ]
+    """For every page of the fleet, the robots, the admins, the profile and drives."""
+    starts = ("/admin", "/profile", "/drives", "/robots")
+    asked = [path for start in starts for path in paths(app, start, "GET")]
     assert len(asked) > 30
-    for path in asked:
+    for path in ["/", *asked]:
         answer = browser.ask("GET", path)
         assert (answer.status_code, answer.location) == (302, f"/login?next={path}"), path
 
@@ -63,12 +61,12 @@ def test_what_was_searched_survives_the_login(browser: Browser) -> None:
     assert back.location == "/admin/robots?q=a%20b&state=online"
 
 
-@pytest.mark.parametrize("path", ["/", "/admin/robots", "/profile"])
-def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser, path: str) -> None:
+def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser) -> None:
     """The badge stands beside the menu's Admin; users have neither."""
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
     browser.log_in("root")
-    assert "1 awaiting approval" in browser.ask("GET", path).text
+    for path in ("/", "/admin/robots", "/profile"):
+        assert "1 awaiting approval" in browser.ask("GET", path).text
 
 
 def test_users_have_no_menu_for_admins(browser: Browser) -> None:

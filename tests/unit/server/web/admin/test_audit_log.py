@@ -22,14 +22,14 @@ def _events(database: Database) -> None:
 
 
 @pytest.mark.usefixtures("_events")
-@pytest.mark.parametrize("query", ["robot=sim1", "actor=zoe", "kind=grant_given"])
-def test_events_are_found(admin: Browser, query: str) -> None:
+def test_events_are_found(admin: Browser) -> None:
     """By robot, by actor and by kind, in the list and in the file."""
-    page = admin.ask("GET", f"/admin/audit?{query}").text
-    assert "user: olga" in page
-    assert "number:" not in page
-    [line] = admin.ask("GET", f"/admin/audit/download?format=jsonl&{query}").text.splitlines()
-    assert json.loads(line)["details"] == {"user": "olga"}
+    for query in ("robot=sim1", "actor=zoe", "kind=grant_given"):
+        page = admin.ask("GET", f"/admin/audit?{query}").text
+        assert "user: olga" in page
+        assert "number:" not in page
+        [line] = admin.ask("GET", f"/admin/audit/download?format=jsonl&{query}").text.splitlines()
+        assert json.loads(line)["details"] == {"user": "olga"}
 
 
 @pytest.mark.usefixtures("_events")

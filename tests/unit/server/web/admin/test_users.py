@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 
-import pytest
 from admin_visitor import send
 from flask import Flask
 from robotether_server.db import Database, users
@@ -43,21 +42,18 @@ def test_a_password_that_was_typed_is_not_shown(admin: Browser, database: Databa
     assert ("user_added", "root", "198.51.100.7") in audit_kinds(database)
 
 
-@pytest.mark.parametrize(
-    ("form", "sentence"),
-    [
+def test_a_wrong_form_comes_back(admin: Browser) -> None:
+    """Filled in, but for the password."""
+    for form, sentence in (
         ({"name": "ann", "role": "user"}, "The name is taken."),
         ({"name": "zoe", "role": "king"}, "Choose one of admin, user."),
         ({"name": "Zoe!", "role": "user"}, "Enter 1 to 63 characters a-z"),
         ({"name": "zoe", "role": "user", "password": "short"}, "Use at least 12 characters"),
-    ],
-)
-def test_a_wrong_form_comes_back(admin: Browser, form: dict[str, str], sentence: str) -> None:
-    """Filled in, but for the password."""
-    answer = send(admin, "/admin/users", **form)
-    assert (answer.status_code >= 400, sentence in answer.text) == (True, True)
-    assert f'value="{form["name"]}"' in answer.text
-    assert "short" not in answer.text
+    ):
+        answer = send(admin, "/admin/users", **form)
+        assert (answer.status_code >= 400, sentence in answer.text) == (True, True)
+        assert f'value="{form["name"]}"' in answer.text
+        assert "short" not in answer.text
 
 
 def is_in(visitor: Browser) -> bool:
@@ -65,27 +61,21 @@ def is_in(visitor: Browser) -> bool:
     return visitor.ask("GET", "/").status_code == 200
 
 
-@pytest.mark.parametrize(
-    ("action", "form", "kind"),
-    [
+def test_each_action_is_done_and_audited(admin: Browser, database: Database) -> None:
+    """Each leads back to the user's page; a user who is gone has none."""
+    actions: tuple[tuple[str, dict[str, str], str], ...] = (
         ("role", {"role": "admin"}, "user_role_set"),
         ("disable", {}, "user_disabled"),
         ("enable", {}, "user_enabled"),
         ("password", {"password": "chosen by an admin"}, "password_set"),
         ("log-out", {}, "logins_ended"),
         ("remove", {}, "user_removed"),
-    ],
-)
-def test_action_is_done_and_audited(
-    admin: Browser, database: Database, action: str, form: dict[str, str], kind: str
-) -> None:
-    """Each leads back to the user's page; a user who is gone has none."""
-    if action == "enable":
-        send(admin, "/admin/users/ann/disable")
-    answer = send(admin, f"/admin/users/ann/{action}", **form)
-    onward = "/admin/users" if action == "remove" else "/admin/users/ann"
-    assert (answer.status_code, answer.location) == (303, onward)
-    assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
+    )
+    for action, form, kind in actions:
+        answer = send(admin, f"/admin/users/ann/{action}", **form)
+        onward = "/admin/users" if action == "remove" else "/admin/users/ann"
+        assert (answer.status_code, answer.location) == (303, onward)
+        assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
 
 
 def test_a_new_password_is_made_and_shown(admin: Browser, ann: Browser) -> None:
@@ -98,9 +88,9 @@ def test_a_new_password_is_made_and_shown(admin: Browser, ann: Browser) -> None:
     assert ann.log_in("ann", shown[1]).status_code == 303
 
 
-@pytest.mark.parametrize("action", ["role", "disable", "remove"])
-def test_what_an_admin_leaves_behind_is_said(admin: Browser, action: str) -> None:
+def test_what_an_admin_leaves_behind_is_said(admin: Browser) -> None:
     """Tokens that this admin made for robots and others do not end; a user has made none."""
-    said = "Join tokens that root made"
-    assert said in admin.ask("GET", f"/admin/users/root/{action}").text
-    assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text
+    for action in ("role", "disable", "remove"):
+        said = "Join tokens that root made"
+        assert said in admin.ask("GET", f"/admin/users/root/{action}").text
+        assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text

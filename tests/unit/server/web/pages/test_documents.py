@@ -49,12 +49,12 @@ def test_its_scripts_run_by_its_own_policy(program: Browser) -> None:
 
 
 @pytest.mark.usefixtures("site")
-@pytest.mark.parametrize("path", ["/docs/nothing/", "/docs/../secret", "/docs/%2e%2e/secret"])
-def test_nothing_else_is_sent(program: Browser, path: str) -> None:
+def test_nothing_else_is_sent(program: Browser) -> None:
     """Neither what is not there nor what lies beside."""
-    answer = program.ask("GET", path)
-    assert answer.status_code == 404
-    assert "not published" not in answer.text
+    for path in ("/docs/nothing/", "/docs/../secret", "/docs/%2e%2e/secret"):
+        answer = program.ask("GET", path)
+        assert answer.status_code == 404
+        assert "not published" not in answer.text
 
 
 def test_a_server_without_the_site_says_so(

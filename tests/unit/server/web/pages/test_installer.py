@@ -47,46 +47,36 @@ def test_listed_files_have_the_listed_hashes(program: Browser, folder: Path) -> 
         assert hashlib.sha256(program.ask("GET", f"/agent/{name}").data).hexdigest() == digest
 
 
-@pytest.mark.parametrize(
-    ("query", "architecture"), [("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")]
-)
-def test_package_is_for_the_asked_architecture(
-    program: Browser, folder: Path, query: str, architecture: str
-) -> None:
-    """And for the usual one where none is asked for."""
-    with program.ask("GET", f"/agent.deb{query}") as answer:
-        assert (answer.status_code, answer.text) == (200, architecture)
-        assert answer.content_type == "application/vnd.debian.binary-package"
-
-
-def test_package_of_another_architecture_is_a_sentence(program: Browser, folder: Path) -> None:
-    """It says which ones there are."""
+def test_package_is_for_the_asked_architecture(program: Browser, folder: Path) -> None:
+    """And for the usual one where none is asked for; of another one there is a sentence that says which there are."""
+    for query, architecture in (("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")):
+        with program.ask("GET", f"/agent.deb{query}") as answer:
+            assert (answer.status_code, answer.text) == (200, architecture)
+            assert answer.content_type == "application/vnd.debian.binary-package"
     answer = program.ask("GET", "/agent.deb?arch=../secret")
     assert answer.status_code == 404
     assert "amd64 or arm64" in answer.text
 
 
-@pytest.mark.parametrize("path", ["/join.sh", "/agent/manifest", f"/agent/{WHEEL}", "/agent.deb"])
-def test_caches_ask_again(program: Browser, folder: Path, path: str) -> None:
+def test_caches_ask_again(program: Browser, folder: Path) -> None:
     """After an upgrade no cache mixes old and new files; what is the same is not sent again."""
-    with program.ask("GET", path) as answer:
-        assert answer.cache_control.no_cache
-        known = {"If-None-Match": answer.headers["ETag"]}
-    with program.ask("GET", path, headers=known) as again:
-        assert (again.status_code, again.data) == (304, b"")
+    for path in ("/join.sh", "/agent/manifest", f"/agent/{WHEEL}", "/agent.deb"):
+        with program.ask("GET", path) as answer:
+            assert answer.cache_control.no_cache
+            known = {"If-None-Match": answer.headers["ETag"]}
+        with program.ask("GET", path, headers=known) as again:
+            assert (again.status_code, again.data) == (304, b"")
 
 
-@pytest.mark.parametrize("name", ["secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"])
-def test_nothing_else_is_served(program: Browser, folder: Path, name: str) -> None:
+def test_nothing_else_is_served(program: Browser, folder: Path) -> None:
     """Only files of the manifest are served."""
-    assert program.ask("GET", f"/agent/{name}").status_code == 404
+    for name in ("secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"):
+        assert program.ask("GET", f"/agent/{name}").status_code == 404, name
 
 
-@pytest.mark.parametrize(
-    "path", ["/join.sh", "/agent/manifest", "/agent/requirements.txt", "/agent.deb"]
-)
-def test_server_outside_of_its_image_says_so(program: Browser, path: str) -> None:
+def test_server_outside_of_its_image_says_so(program: Browser) -> None:
     """404 with a sentence, not a mistake of the server."""
-    answer = program.ask("GET", path)
-    assert answer.status_code == 404
-    assert "outside of its image" in answer.text
+    for path in ("/join.sh", "/agent/manifest", "/agent/requirements.txt", "/agent.deb"):
+        answer = program.ask("GET", path)
+        assert answer.status_code == 404
+        assert "outside of its image" in answer.text
