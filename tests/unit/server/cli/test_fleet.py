@@ -61,13 +61,16 @@ def test_run_prints_lines_and_a_table(run_fleet: Run, network: ShellNetwork) -> 
 
 
 def test_one_failure_is_the_whole_commands(run_fleet: Run, network: ShellNetwork) -> None:
-    """An offline robot is a row with a sentence, not a traceback."""
+    """An offline robot is a row with a sentence, as is a pattern without a robot; neither is a traceback."""
     network.robots["sim2"].stop()
     done = run_fleet("run", "true", "--on", "*", "--ssh-config", network.config)
     assert done.status == 1
     assert "cannot reach sim2: it is offline" in done.err
     assert done.err.endswith("1 of 2 robots: ok\n")
     assert "Traceback" not in done.err
+    done = run_fleet("run", "true", "--on", "elsewhere", "--ssh-config", network.config)
+    assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
+    assert "cannot find robots for elsewhere" in done.err
 
 
 def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
@@ -86,13 +89,6 @@ def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
         "stderr": "",
         "cut": False,
     }
-
-
-def test_pattern_without_a_robot(run_fleet: Run, network: ShellNetwork) -> None:
-    """One sentence, and nothing runs."""
-    done = run_fleet("run", "true", "--on", "elsewhere", "--ssh-config", network.config)
-    assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
-    assert "cannot find robots for elsewhere" in done.err
 
 
 def test_sudo_password_is_asked_once(
@@ -285,9 +281,12 @@ def fake_sudo(network: ShellNetwork) -> Path:
     return folder
 
 
-@pytest.mark.parametrize(
-    ("command", "status", "out", "err"),
-    [
+def test_command_runs_as_it_was_typed(do: Do) -> None:
+    """Quotes, line breaks and all; its standard input is empty; a signal is 128 and its number.
+
+    Output comes whole that is more than any buffer on the way.
+    """
+    for command, status, out, err in (
         ("echo hi", 0, "hi\n", ""),
         ("echo oops >&2; exit 7", 7, "", "oops\n"),
         ("kill -9 $$", 137, "", None),
@@ -295,20 +294,11 @@ def fake_sudo(network: ShellNetwork) -> Path:
         ("cat; echo ended", 0, "ended\n", ""),
         ("true\nfalse", 1, "", ""),
         ("printf '\\377'", 0, "\N{REPLACEMENT CHARACTER}", ""),
-    ],
-)
-def test_command_runs_as_it_was_typed(
-    do: Do, command: str, status: int, out: str, err: str | None
-) -> None:
-    """Quotes, line breaks and all; its standard input is empty; a signal is 128 and its number."""
-    got = do(command)
-    assert got[:2] == (status, out)
-    assert err is None or got[2] == err
-
-
-def test_much_output_comes_whole(do: Do) -> None:
-    """More than any buffer on the way."""
-    assert do("head -c 1000000 /dev/zero | tr '\\0' x")[:2] == (0, "x" * 1000000)
+        ("head -c 1000000 /dev/zero | tr '\\0' x", 0, "x" * 1000000, ""),
+    ):
+        got = do(command)
+        assert got[:2] == (status, out), command
+        assert err is None or got[2] == err
 
 
 def pid_written(path: Path) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -88,44 +88,35 @@ def test_robots_share_one_login_at_the_jump_host(
     assert not any(connection.is_connected for connection in opened)
 
 
-def test_offline_robot(network: ShellNetwork, connections: SshConnections) -> None:
-    """The jump host finds nothing at its port."""
-    network.robots["sim1"].stop()
-    problem = refused(network, connections)
-    assert problem.detail == "cannot reach sim1: it is offline: the server has no tunnel to it"
-
-
-def test_robot_that_the_server_does_not_open(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
-    """For want of a grant, or with its shell off."""
-    network.let_through("sim2")
-    problem = refused(network, connections)
-    assert "a grant to manage it" in problem.detail
-
-
-def test_keys_that_the_robot_does_not_take(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
-    """The sentence names the user."""
-    network.robots["sim1"].authorized.write_text("")
-    problem = refused(network, connections)
-    assert f"sim1 as {network.user}: it accepts none of your 1 keys" in problem.detail
-
-
-def test_locked_key(network: ShellNetwork, connections: SshConnections) -> None:
-    """The sentence has the command that unlocks it."""
+def lock_key(network: ShellNetwork) -> None:
     make_key(network.folder / "locked", "a passphrase")
-    network.config.write_text(
-        network.config.read_text().replace(f"{network.folder}/id\n", f"{network.folder}/locked\n")
-    )
-    assert f"ssh-add {network.folder}/locked" in refused(network, connections).detail
+    rename_key(network, "locked")
 
 
-def test_no_key_at_all(network: ShellNetwork, connections: SshConnections) -> None:
-    """The sentence has the command that makes one."""
-    network.config.write_text(network.config.read_text().replace("/id\n", "/none\n"))
-    assert "ssh-keygen" in refused(network, connections).detail
+def rename_key(network: ShellNetwork, name: str) -> None:
+    network.config.write_text(network.config.read_text().replace("/id\n", f"/{name}\n"))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda net: net.robots["sim1"].stop(), "cannot reach sim1: it is offline: the server has no tunnel to it"),
+        (lambda net: net.let_through("sim2"), "a grant to manage it"),
+        (lambda net: net.robots["sim1"].authorized.write_text(""), "sim1 as {0.user}: it accepts none of your 1 keys"),
+        (lock_key, "ssh-add {0.folder}/locked"),
+        (lambda net: rename_key(net, "none"), "ssh-keygen"),
+    ],
+    ids=["offline", "not_opened", "key_not_taken", "key_locked", "no_key"],
+)  # fmt: skip
+def test_sentence_says_why_a_robot_is_not_reached(
+    network: ShellNetwork,
+    connections: SshConnections,
+    spoil: Callable[[ShellNetwork], object],
+    sentence: str,
+) -> None:
+    """And what to do: which key to unlock, or to make."""
+    spoil(network)
+    assert sentence.format(network) in refused(network, connections).detail
 
 
 def test_channel_of_a_lost_jump_host_ends_without_an_error(

@@ -88,30 +88,14 @@ def test_invited_robot_asks_for_its_name(run: Run) -> None:
     assert "cannot use this name" in run("robot", "invite", "--name", "My Robot").err
 
 
-@pytest.mark.parametrize(
-    ("host", "port", "server"),
-    [
-        ("lab.example", "443", "lab.example"),
-        ("lab.example", "8443", "lab.example:8443"),
-        ("lab.example:443", "8443", "lab.example"),
-        ("[2001:db8::1]:9443", "443", "[2001:db8::1]:9443"),
-    ],
-)
-def test_other_host_may_be_named(
-    run: Run, monkeypatch: pytest.MonkeyPatch, host: str, port: str, server: str
-) -> None:
-    """It goes before PUBLIC_HOST; without a port it has the site's own."""
-    monkeypatch.setenv("PUBLIC_PORT", port)
-    line = run("robot", "invite", "--host", host).out.splitlines()[-1]
-    assert f"https://{server}/join.sh" in line
-
-
-def test_invite_warns_of_an_address_that_no_robot_reaches(run: Run) -> None:
-    """Beside the line, which scripts read."""
-    done = run("robot", "invite", "--host", "localhost")
+def test_other_host_may_be_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It goes before PUBLIC_HOST; what no robot reaches is warned of beside the line, which scripts read."""
+    monkeypatch.setenv("PUBLIC_PORT", "8443")
+    done = run("robot", "invite", "--host", "lab.example")
+    assert ("https://lab.example:8443/join.sh" in done.out.splitlines()[-1], done.err) == (True, "")
+    done = run("robot", "invite", "--host", "localhost:443")
     assert done.err.startswith("warning: No robot can use this line: localhost")
     assert "https://localhost/join.sh" in done.out.splitlines()[-1]
-    assert run("robot", "invite", "--host", "192.0.2.7").err == ""
 
 
 def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -89,9 +89,11 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
         assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
 
 
-@pytest.mark.parametrize(
-    ("search", "found"),
-    [
+def test_drives_are_found(database: Database, admin_database: Database) -> None:
+    """By robot, user and the moment at which they began."""
+    add_drive(admin_database, "a", "ben")
+    add_drive(admin_database, "b", "ann")
+    for search, found in (
         (DriveSearch(robot="a"), 1),
         (DriveSearch(user="ann"), 1),
         (DriveSearch(robot="b", user="ben"), 0),
@@ -101,15 +103,8 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
         (DriveSearch(since=NOON + dt.timedelta(seconds=1)), 0),
         (DriveSearch(until=NOON), 0),
         (DriveSearch(until=NOON + dt.timedelta(seconds=1)), 2),
-    ],
-)
-def test_drives_are_found(
-    database: Database, admin_database: Database, search: DriveSearch, found: int
-) -> None:
-    """By robot, user and the moment at which they began."""
-    add_drive(admin_database, "a", "ben")
-    add_drive(admin_database, "b", "ann")
-    assert len(seen_by(database, "root", search)) == found
+    ):
+        assert len(seen_by(database, "root", search)) == found, search
 
 
 def test_list_goes_on_before_a_drive(database: Database, admin_database: Database) -> None:

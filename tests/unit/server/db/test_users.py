@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import datetime as dt
-
 import pytest
-from robotether_server.db import Database, credentials, users
+from robotether_server.db import Database, users
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExistsError, RecordMissingError
 
@@ -19,23 +17,6 @@ def test_user_is_found_by_name(database: Database) -> None:
         assert "hash-of-ann" not in repr(user)
         assert users.find(tx, "bob") is None
         assert [item.name for item in users.list_all(tx)] == ["ann"]
-
-
-def test_new_password_and_disabling_end_logins(database: Database) -> None:
-    """Who was logged in with the old password, or is disabled, is out."""
-    with database.transaction() as tx:
-        users.add(tx, "ann", "x", "user")
-        ann = users.get(tx, "ann")
-        for end_it in (
-            lambda: users.set_password(tx, ann.id, "y"),
-            lambda: users.set_disabled(tx, ann.id, disabled=True),
-        ):
-            text = credentials.create_login(tx, ann, "", dt.timedelta(hours=1))
-            assert credentials.find_login_user(tx, text) is not None
-            end_it()
-            assert credentials.find_login_user(tx, text) is None
-        users.set_disabled(tx, ann.id, disabled=False)
-        assert users.get(tx, "ann").password_hash == "y"
 
 
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:a")

@@ -66,7 +66,7 @@ def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
         assert not user_service.add_first(tx, ADMIN, PASSWORD)
 
 
-def test_new_password_and_log_out_end_logins(site: Site) -> None:
+def test_new_password_log_out_and_disabling_end_logins(site: Site) -> None:
     """Each says so in the log, without the password."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -78,6 +78,10 @@ def test_new_password_and_log_out_end_logins(site: Site) -> None:
         user_service.set_password(tx, ADMIN, "ann", PASSWORD)
         assert credentials.find_login_user(tx, text) is None
         assert passwords.matches(PASSWORD, users.get(tx, "ann").password_hash)
+        text = credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))
+        for disabled in (True, False):
+            user_service.set_disabled(tx, ADMIN, "ann", disabled=disabled)
+        assert credentials.find_login_user(tx, text) is None
     assert PASSWORD not in repr(site.events("password_set"))
     assert len(site.events("logins_ended")) == 1
 
