@@ -22,7 +22,6 @@ from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
-from typing import Protocol
 
 import aiohttp
 from namespaces import Namespace
@@ -60,22 +59,21 @@ class Site:
     http: aiohttp.ClientSession
 
 
-class Network(Protocol):
-    """What an agent needs of its robot's network; one that can be cut has more."""
+@dataclass(frozen=True)
+class Network:
+    """What an agent needs of its robot's network, as RoamingNetwork has it too."""
 
-    @property
-    def server(self) -> str:
-        """The server's address there."""
-
-    @property
-    def robot(self) -> Namespace:
-        """Where the robot is."""
+    # The server's address there.
+    server: str
+    robot: Namespace
 
 
 class Subject:
     """One robot: its network, its agent, and its user."""
 
-    def __init__(self, site: Site, network: Network, robot: RelayRobot, folder: Path) -> None:
+    def __init__(
+        self, site: Site, network: Network | RoamingNetwork, robot: RelayRobot, folder: Path
+    ) -> None:
         self.network = network
         self._site = site
         self.robot = robot
@@ -241,7 +239,7 @@ async def start_site(
 
 
 async def start_subject(
-    stack: AsyncExitStack, site: Site, network: Network, robot: RelayRobot
+    stack: AsyncExitStack, site: Site, network: Network | RoamingNetwork, robot: RelayRobot
 ) -> Subject:
     """Its agent, which ends with the stack."""
     # The agent's own directory, which holds sockets, must have a short name.

@@ -27,9 +27,8 @@ from demo import Demo
 from frame_stamp import read_stamp
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
-from namespaces import Namespace
 from paper.programs import Program, our_environment
-from recovery import Site, Subject, start_site, start_subject
+from recovery import Network, Site, Subject, start_site, start_subject
 from relay_server import until
 from report import Row, Section, quantiles
 from robotether_common.frames import HEADER, MAX_CREDITS
@@ -201,14 +200,6 @@ def plain_name(quality: int) -> str:
     return f"plain MJPEG, quality {quality}, bare ssh -R"
 
 
-@dataclass(frozen=True)
-class Uplink:
-    """The robot's network as recovery's agents know theirs."""
-
-    server: str
-    robot: Namespace
-
-
 async def over_link(link: Link, seconds: float) -> list[Row]:
     """A robot behind the link; this thread must be in the server's namespace."""
     where = f"38 ms, {UP_MBIT_S} Mbit/s up"
@@ -250,7 +241,10 @@ async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
         words = (sys.executable, "-m", "sim_robot")
         simulator = Program(link.robot, words, folder / "log", our_environment() | given)
         stack.callback(simulator.end)
-        yield site, await start_subject(stack, site, Uplink(link.server.address, link.robot), robot)
+        yield (
+            site,
+            await start_subject(stack, site, Network(link.server.address, link.robot), robot),
+        )
 
 
 def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:

@@ -210,9 +210,7 @@ class Site:
     def tokens(self, user: str) -> str:
         """An API token of a user of this name, who is an admin."""
         if user not in self._tokens:
-            self.world.api("POST", "/users", {"name": user, "role": "admin"})
-            create = ("robotether", "token", "create", "--user", user, "--name", "cells")
-            self._tokens[user] = self.world.exec("web", *create).split()[-1]
+            self._tokens[user] = self.world.add_admin(user)
         return self._tokens[user]
 
     @property

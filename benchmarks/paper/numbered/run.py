@@ -108,11 +108,8 @@ def tokens(world: World, how_many: int) -> Iterator[list[str]]:
     given = [world.token]
     with ExitStack() as made:
         for name in names:
-            world.api("POST", "/users", {"name": name, "role": "admin"})
+            given.append(world.add_admin(name))
             made.callback(world.api, "DELETE", f"/users/{name}")
-            create = ("robotether", "token", "create", "--days", "1")
-            printed = world.exec("web", *create, "--user", name, "--name", "numbered")
-            given.append(printed.split()[-1])
         yield [given[number // PAIRS_A_USER] for number in range(how_many)]
 
 
