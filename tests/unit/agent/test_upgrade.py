@@ -211,12 +211,12 @@ def test_a_good_version_takes_over(robot):
     ("reaches", "why"),
     [
         ("dies", "cannot do systemctl restart"),
-        ("waiting", "2 was not connected within 0.1 s: it is waiting (cannot reach SSH)"),
+        ("waiting", "2 was not connected within 0.6 s: it is waiting (cannot reach SSH)"),
     ],
 )
 def test_a_version_that_does_not_connect_is_taken_back(robot, reaches, why):
     """Running is not enough where the robot was connected before; the reason is written."""
-    report = robot.switch(robot.add("2", reaches), wait_s=0.1)
+    report = robot.switch(robot.add("2", reaches), wait_s=0.6)
     assert (report.result, robot.in_use) == ("rolled_back", "1")
     assert robot.layout.unit.read_text() == "unit of 1"
     assert robot.status().state == "connected"
@@ -275,7 +275,7 @@ def test_a_change_that_lost_its_power_gets_its_verdict_at_the_next_boot(
     line = at_boot.read_text().partition("ExecStart=")[2]
     assert line.startswith(f"{robot.layout.base}/versions/1/bin/robotether-agent finish-switch ")
     *_, was, wanted, state = line.split()
-    report = robot.change(0.1).finish(Path(was), Path(wanted), state)
+    report = robot.change(0.6).finish(Path(was), Path(wanted), state)
     assert (report.result, robot.in_use, robot.written["result"]) == (result, in_use, result)
     assert robot.status().state == "connected"
     assert list(robot.layout.unit.parent.rglob(PENDING_NAME)) == []

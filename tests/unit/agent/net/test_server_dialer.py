@@ -141,7 +141,7 @@ async def test_it_is_found_soon_after_it_answers(tries_by_itself, quiet_network,
         known.set()
         if not tries_by_itself:
             quiet_network._event.set()
-        assert await asyncio.wait_for(finding, 2) == at(door.port, "h")
+        assert await asyncio.wait_for(finding, 4) == at(door.port, "h")
 
 
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
