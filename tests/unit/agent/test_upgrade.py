@@ -224,6 +224,11 @@ def test_a_version_that_does_not_connect_is_taken_back(robot, reaches, why):
     assert robot.written["detail"].endswith("1 is in use again, as before")
 
 
+def test_an_agent_that_was_not_restarted_is_no_new_version(robot, monkeypatch):
+    monkeypatch.setattr(systemd, "restart", lambda: None)
+    assert robot.switch(robot.add("2"), wait_s=0.1).result == "rolled_back"
+
+
 def test_a_robot_that_waited_may_go_on_waiting(robot):
     """A server that is down for days must not keep a robot from its update."""
     version(robot.layout, "1").joinpath(COMMAND).write_text("waiting")
