@@ -105,13 +105,6 @@ test("the lab's backend gives the tickets, one a connection", async () => {
   assert.deepEqual(asked, []);
 });
 
-test("a page that only watches drives nothing and advertises nothing", async () => {
-  const robot = await goLive(make(), { mode: "observe" });
-  assert.equal(robot.driving, false);
-  assert.equal(robot.drive({ forward: 0.3 }), false);
-  assert.deepEqual([...sockets[0].said("publish"), ...sockets[0].said("advertise")], []);
-});
-
 test("a site that the server refuses is named, where a browser shows no answer at all", async () => {
   globalThis.fetch = async (url, { method }) => {
     if (method === "HEAD" && url.endsWith("/static/dist/robotether-client.js")) return { ok: true };
