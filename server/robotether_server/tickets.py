@@ -1,7 +1,7 @@
 """Signs and verifies tickets: short-lived permissions to open one WebSocket to one robot.
 
-Made by web, checked by the relay, which also remembers the ids that were used. The format is in
-docs/reference/protocols.md. Must never say more about a bad ticket than its code does.
+Made by web, checked by the relay, which also remembers the ids that were used (docs/reference/protocols.md,
+"Credentials"). Must never say more about a bad ticket than its code does.
 """
 
 import datetime as dt

@@ -1,6 +1,6 @@
 """Parses and builds the lines between the relays of two cells.
 
-Pure. The contract is the section "Between cells" of docs/reference/protocols.md.
+Pure. Their order is in docs/reference/protocols.md, "Between cells". A cell of another version reads them, too.
 """
 
 from __future__ import annotations

@@ -25,7 +25,10 @@ KEY = re.compile("[0-9a-f]{32}")
 
 
 class ShareNotice(Struct, frozen=True, tag="share"):
-    """What an observer may have of a topic now; None: nothing."""
+    """What an observer may have of a topic now, in place of its messages; None: nothing.
+
+    Statuses of the topic have `message_id` as their id.
+    """
 
     topic: str
     subscription: TopicRequest | None
