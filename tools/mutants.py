@@ -56,14 +56,27 @@ RELAY_TESTS = "tests/unit/server/relay"
 ROSBRIDGE = "channels/rosbridge"
 
 # mutmut runs of these tests those that execute the changed function. The files are those whose subject the modules
-# are: nearly every other test of the relay executes them, too, and takes longer.
+# are, and those that reach the rest of them: nearly every other test of the relay executes them, too, and takes longer.
 SUBJECTS = {
     "guard": Subject(("robotether_agent/guard/*.py",), ("tests/unit/agent/guard",)),
     "leases": Subject(
         (f"{RELAY}/robots/lease.py", f"{RELAY}/control/leasing.py"),
-        (f"{RELAY_TESTS}/robots/test_lease.py", f"{RELAY_TESTS}/control/test_leas*.py"),
+        (
+            f"{RELAY_TESTS}/robots/test_lease.py",
+            f"{RELAY_TESTS}/control/test_leas*.py",
+            f"{RELAY_TESTS}/{ROSBRIDGE}/test_ros_over_http.py",
+        ),
     ),
-    "access": Subject((f"{RELAY}/auth/access.py",), (f"{RELAY_TESTS}/auth/test_access.py",)),
+    "access": Subject(
+        (f"{RELAY}/auth/access.py",),
+        (
+            f"{RELAY_TESTS}/auth/test_access.py",
+            f"{RELAY_TESTS}/channels/*/test_*handler.py",
+            f"{RELAY_TESTS}/{ROSBRIDGE}/test_ros_over_http.py",
+            f"{RELAY_TESTS}/control/test_control_api.py",
+            f"{RELAY_TESTS}/test_app.py",
+        ),
+    ),
     "policy": Subject(
         # The table itself is data, which is not changed; these apply it.
         (
@@ -74,12 +87,13 @@ SUBJECTS = {
         (
             f"{RELAY_TESTS}/{ROSBRIDGE}/test_*operations.py",
             f"{RELAY_TESTS}/{ROSBRIDGE}/test_message_*.py",
+            f"{RELAY_TESTS}/{ROSBRIDGE}/test_bridge.py",
             "tests/unit/common/test_ros.py",
         ),
     ),
     "stops": Subject(
         (f"{RELAY}/control/stops.py", f"{RELAY}/robots/robot_stops.py"),
-        (f"{RELAY_TESTS}/control/test_stop*.py",),
+        (f"{RELAY_TESTS}/control/test_stop*.py", f"{RELAY_TESTS}/test_main.py"),
     ),
     "tickets": Subject(("robotether_server/tickets.py",), ("tests/unit/server/test_tickets.py",)),
 }
