@@ -360,7 +360,11 @@ test("a topic and a service answer over HTTP without a connection", async () => 
   assert.deepEqual(await robot.callOnce("arm/move", { x: 1 }, { timeoutS: 9 }), { ok: true });
   assert.deepEqual(
     asked.map(({ url, body }) => [new URL(url).search, body]),
-    [["?throttle_rate=100&wait_s=30", undefined], ["?since=a-1", undefined], ["?timeout_s=9", { x: 1 }]],
+    [
+      ["?throttle_rate=100&wait_s=30", undefined],
+      ["?since=a-1", undefined],
+      ["?timeout_s=9", { x: 1 }],
+    ],
   );
   answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [200, { result: false, reason: "it is broken" }];
   await assert.rejects(robot.callOnce("arm/move"), /cannot call arm\/move: it is broken/);
