@@ -405,9 +405,13 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
     page.get_by_test_id("drawer-open").click()
     try:
         page.get_by_test_id("stop").tap()
-        expect(page.get_by_test_id("release")).to_have_text("Hold to drive again")
-        fingers.put("release")
-        expect(page.get_by_test_id("control-leave")).to_be_visible()
+        page_holds.hold(
+            page,
+            lambda: fingers.put("release"),
+            lambda: fingers.lift("release"),
+            lambda: expect(page.get_by_test_id("control-leave")).to_be_visible(),
+            lambda page: expect(page.get_by_test_id("release")).to_have_text("Hold to drive again"),
+        )
         point = fingers.lift("release")
         fingers.tap(point)
         # A click comes before what the page does next.

@@ -61,10 +61,11 @@ def hold(
     press: Callable[[], object],
     release: Callable[[], object],
     until: Callable[[], object],
+    ready: Callable[[Page], object] = expect_armed,
 ) -> None:
-    """Press until it has its effect, which `until` waits for; it stays pressed."""
+    """Press what `ready` waits for until it has its effect, which `until` waits for; it stays pressed."""
     for _ in range(MAX_PRESSES):
-        expect_armed(page)
+        ready(page)
         note(page)
         press()
         try:
