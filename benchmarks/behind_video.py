@@ -216,7 +216,9 @@ def section(measured: list[Setup]) -> Section:
         "relay are not included; the table above has them.\n\n"
         "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
-    return Section("Round trip while video fills the uplink", text, map(row, measured))
+    return Section(
+        "Round trip while video fills the uplink", text, [row(setup) for setup in measured]
+    )
 
 
 def row(setup: Setup) -> Row:

@@ -79,7 +79,9 @@ def measure(seconds: float = SECONDS) -> Section:
         f"are not included. Late is over {LATE_MS:g} ms: the guard drops such a command, and its deadman stops the "
         "robot.\n\nAim: no late command, p99 under 250 ms, and the map within twice its share of the line."
     )
-    return Section("Round trip while a map fills the uplink", text, map(row, measured))
+    return Section(
+        "Round trip while a map fills the uplink", text, [row(setup) for setup in measured]
+    )
 
 
 def row(setup: BulkSetup) -> Row:

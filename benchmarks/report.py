@@ -55,7 +55,7 @@ class Section:
 
     title: str
     text: str
-    rows: Iterable[Row] = ()
+    rows: Sequence[Row] = ()
 
     @property
     def markdown(self) -> str:
