@@ -55,6 +55,10 @@ export class Api {
     return this.post(withQuery(path(robot, `services/${encodeURIComponent(service)}`), query), args, waitFor(query.timeout_s));
   }
 
+  uplink(robot) {
+    return this.get(path(robot, "uplink"));
+  }
+
   // `stopped` as in the control object: no other stop is released.
   release(robot, { by, at }) {
     return this.post(path(robot, "release"), { by, at });

@@ -138,8 +138,7 @@ export function wireDrive(page) {
 // What fills the uplink, on the page of one robot.
 function wireUplink(page) {
   for (const panel of page.querySelectorAll('[data-part="uplink"]')) {
-    const path = `/api/v1/robots/${encodeURIComponent(panel.dataset.of)}/uplink`;
-    new Uplink(panel, { get: () => api.get(path) }).renew();
+    new Uplink(panel, { get: () => api.uplink(panel.dataset.of) }).renew();
   }
 }
 

@@ -94,7 +94,7 @@ const topics = new Topics(part(root, "topics"), {
   ask: () => discovery.refresh(),
 });
 new Uplink(part(root, "uplink"), {
-  get: () => api.get(`/api/v1/robots/${encodeURIComponent(robot)}/uplink`),
+  get: () => api.uplink(robot),
   switches: { camera: view.tiles, topic: topicSwitch },
 });
 // Drivers have these.
