@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
@@ -40,6 +40,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots.connection import Connection, Use, permits
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.uplink import ReceivedBytes
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
 
@@ -391,6 +392,13 @@ class HandlerContext:
             self.registry.ensure_robot(robot.id).usage.counted(),
         ):
             yield
+
+    def counted_uplink(
+        self, connection: Connection, received: ReceivedBytes
+    ) -> AbstractContextManager[None]:
+        """Count inside the block what rosbridge sends to a connection as a part of the robot's uplink."""
+        uplink = self.registry.ensure_robot(connection.robot.id).uplink
+        return uplink.counted("rosbridge", "", received, connection.user_ids)
 
     async def check_credential(self, credential: Credential, robot: RelayRobot) -> None:
         """Let nobody drive with a login or token that has ended since; `counted` alone would a second later.

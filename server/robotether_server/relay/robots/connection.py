@@ -37,6 +37,10 @@ class Connection:
     # Of an observer whose robot is at another cell: that cell's name.
     cell: str = ""
 
+    def user_ids(self) -> tuple[int]:
+        """Return whose it is."""
+        return (self.user_id,)
+
     def holds_in(self, snapshot: Snapshot) -> bool:
         """Return whether the user may still do this with this robot."""
         robot = snapshot.robots.get(self.robot.id)

@@ -212,9 +212,7 @@ class OperatorSession:
             lease = self._lease(driver)
         self.context.connections.connected(self.connection)
         self._send_report()
-        uplink = self.context.registry.ensure_robot(self.connection.robot.id).uplink
-        user_ids = (self.connection.user_id,)
-        counted = uplink.counted("rosbridge", "", socket.received_bytes, lambda: user_ids)
+        counted = self.context.counted_uplink(self.connection, socket.received_bytes)
         return RobotEnd(socket, lease, counted)
 
     def _lease(self, driver: Driver) -> DriveLease:

@@ -120,10 +120,8 @@ class ServiceApi:
         self, call: ServiceCall, connection: Connection, fence: int | None
     ) -> ServiceAnswer:
         socket = await self._dialer.open(connection.robot, fence)
-        uplink = self._calls.context.registry.ensure_robot(connection.robot.id).uplink
-        user_ids = (connection.user_id,)
         try:
-            with uplink.counted("rosbridge", "", socket.received_bytes, lambda: user_ids):
+            with self._calls.context.counted_uplink(connection, socket.received_bytes):
                 await socket.send_frame(call.message, WSMsgType.TEXT)
                 return await self._response(socket, connection.robot.name)
         except ConnectionError as exc:

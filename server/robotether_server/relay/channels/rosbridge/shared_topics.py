@@ -108,12 +108,18 @@ class TopicClient(CopyUser, Protocol):
 
 @dataclass(frozen=True, eq=False)
 class ReceivedMessage:
-    """A message as it came at `received_s` of the loop's clock; `sequence` tells it from all others of any topic."""
+    """The message `number` of a copy, as it came at `received_s` of the loop's clock."""
 
     data: bytes
     kind: WSMsgType
     received_s: float
-    sequence: str
+    copy: str
+    number: int
+
+    @property
+    def sequence(self) -> str:
+        """What tells it from all others of any topic."""
+        return f"{self.copy}-{self.number}"
 
 
 class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
@@ -170,8 +176,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
         self._count += 1
-        sequence = f"{self._name}-{self._count}"
-        remembered.append(ReceivedMessage(message, kind, self._clock(), sequence))
+        remembered.append(ReceivedMessage(message, kind, self._clock(), self._name, self._count))
         self._remembered_bytes += len(message)
         while len(remembered) > MAX_KNOWN or (
             self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1
