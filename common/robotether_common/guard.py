@@ -20,6 +20,8 @@ STAMP = "robotether"
 MAX_SEEN_FRAMES = 8
 # Time for which agent and relay remember a frame, and the age from which it counts as unknown.
 MAX_SEEN_S = 10.0
+# Maximum number of frames of one camera that each of them remembers, some more than come at 60 a second.
+MAX_FRAMES = 1000
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
 # Default limit, in ms, of the deadman and of a command's age: a robot can stop within it.

@@ -10,14 +10,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S
 
 from robotether_agent.guard.blind_limits import LimitingAge
 
 # Maximum number of cameras whose frames are remembered.
 MAX_CAMERAS = 16
-# Maximum number of frames of one camera, some more than come at 60 a second.
-MAX_FRAMES = 1000
 # Maximum number of ages in one report.
 MAX_AGES = 64
 

@@ -10,10 +10,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from robotether_common.guard import MAX_SEEN_S
-
-# Maximum number of frames of one user and camera, some more than come at 60 a second.
-MAX_FRAMES = 1000
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_S
 
 
 class NamedFrame(NamedTuple):

@@ -6,12 +6,11 @@ import pytest
 from robotether_agent.guard.seen_age import (
     MAX_AGES,
     MAX_CAMERAS,
-    MAX_FRAMES,
     FrameTimes,
     SeenAges,
     SeenFrames,
 )
-from robotether_common.guard import MAX_SEEN_FRAMES, MAX_SEEN_S
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S
 
 NOW = 1000.0
 
@@ -56,7 +55,7 @@ def test_of_several_views_the_oldest_counts(times: FrameTimes) -> None:
     ],
 )
 def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: object) -> None:
-    """Also beside a frame that is known, and whatever type a stranger writes."""
+    """A known frame beside it changes nothing, and a stranger may write any type."""
     assert times.oldest_s(forged, NOW) is None
 
 

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import pytest
-from robotether_common.guard import MAX_SEEN_S
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_S
 from robotether_server.relay.robots.delivered_frames import (
-    MAX_FRAMES,
     DeliveredFrames,
     NamedFrame,
 )
