@@ -100,7 +100,7 @@ def test_the_numbers_tell_how_good_they_are_and_where_the_round_trip_goes(
 
 
 def test_the_driver_reads_how_old_is_what_they_see(page: Page, stack: Stack) -> None:
-    """As the robot's own guard measured it, with about its parts, while the driver drives."""
+    """The page shows the age that the robot's guard measured, and its parts, while the driver drives."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
     age = page.get_by_test_id("seen-age")

@@ -184,7 +184,7 @@ async def test_a_zero_is_a_zero_however_old_the_view_is() -> None:
 
 
 async def test_a_rise_of_the_age_is_in_force_within_100_ms() -> None:
-    """Also when no command comes: the last one goes out again, ever slower, until the deadman's zeros."""
+    """When no command comes, the last one goes out again, ever slower, until the deadman's zeros."""
     world = SeeingWorld()
     world.take(0.1)
     await world.see(1.0)

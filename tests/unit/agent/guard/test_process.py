@@ -244,7 +244,7 @@ async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_le
 
 
 async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, robot: Robot) -> None:
-    """By the robot's clock, from when the frame was taken up to the command; rosbridge reads nothing of it."""
+    """The age counts from the frame's time to the command, by the robot's clock; rosbridge reads nothing of it."""
     async with GuardHere(place, robot.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:
@@ -268,7 +268,7 @@ def ages_ms(guard: GuardEnd) -> list[Any]:
 
 
 async def test_everything_else_passes_unchanged(place: Path) -> None:
-    """Also what is large; to the last space test_guard of the transcripts asks it."""
+    """Large messages pass, too; test_guard of the transcripts compares every space."""
     async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
         await guard.grant(13)
         async with GuardClient(guard.port, 13) as client:

@@ -150,7 +150,7 @@ async def test_who_does_not_drive_leaves_a_driver_room(
 async def test_a_direct_connection_that_ends_frees_its_place(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """For another direct one. Those of the server never take it."""
+    """Another direct one gets it; the server's connections never take it."""
     monkeypatch.setattr(server_module, "MAX_DIRECT_CONNECTIONS", 1)
     async with AsyncExitStack() as stack:
         port = await direct_door(stack, tmp_path)

@@ -185,7 +185,7 @@ async def test_the_newest_goes_out_when_credit_comes(world):
 
 
 async def test_each_frame_is_reported_before_it_leaves(world):
-    """With the number that goes out, and the time at which it was taken; one that is skipped is not."""
+    """The report has the number that goes out and the frame's time; a frame that is skipped has none."""
     world.socket.stuck = True
     world.socket.ask("stream_request")
     await world.until_open()

@@ -114,7 +114,7 @@ def test_sentence_says_why_a_robot_is_not_reached(
     spoil: Callable[[ShellNetwork], object],
     sentence: str,
 ) -> None:
-    """And what to do: which key to unlock, or to make."""
+    """The sentence says what to do: which key to unlock, or to make."""
     spoil(network)
     assert sentence.format(network) in refused(network, connections).detail
 

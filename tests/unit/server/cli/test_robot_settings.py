@@ -75,7 +75,7 @@ def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
 
 
 def test_wrong_changes_are_refused(run: Run, database: Database) -> None:
-    """Each by the name of the setting; what was right beside it is not done either."""
+    """The refusal names the setting; nothing that was right beside it is done."""
     for changes, sentence in (
         (["guard.deadman_ms"], "write KEY=VALUE"),
         (["guard.deadman_ms.x=1"], "cannot use guard.deadman_ms: it must be a whole number"),

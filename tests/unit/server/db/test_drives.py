@@ -90,7 +90,7 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
 
 
 def test_drives_are_found(database: Database, admin_database: Database) -> None:
-    """By robot, user and the moment at which they began."""
+    """Robot, user and the moment at which they began are filters."""
     add_drive(admin_database, "a", "ben")
     add_drive(admin_database, "b", "ann")
     for search, found in (

@@ -13,6 +13,7 @@ import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
 from fake_robot import HOST, FakeRobot
+from relay_clients import breaks_and_returns
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.cells import cell_client, cell_topics
@@ -235,13 +236,7 @@ async def test_a_copy_stays_whether_messages_come_or_not(
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
     """They keep their connections, are notified once, and get the topic again."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
-    socket = await observe({**ODOM, "id": "s"})
-    await socket.receive_str(timeout=5)
-    await at_b.topics[0].close()
-    answer = await socket.receive_json(timeout=5)
-    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
-    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
-    assert await socket.receive_json(timeout=5) == ODOM
+    await breaks_and_returns(observe, at_b)
 
 
 async def test_a_robot_without_room_is_reported(cell_b, sim1, observe, monkeypatch):

@@ -10,7 +10,7 @@ from typing import Any
 
 import aiohttp
 import pytest_asyncio
-from relay_clients import closing
+from relay_clients import breaks_and_returns, closing
 from relay_server import until
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
@@ -209,13 +209,7 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, relay, robot, si
 
 async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
-    socket = await observe({**ODOM, "id": "s"})
-    await socket.receive_str(timeout=5)
-    await robot.topics[0].close()
-    answer = await socket.receive_json(timeout=5)
-    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
-    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
-    assert await socket.receive_json(timeout=5) == ODOM
+    await breaks_and_returns(observe, robot)
 
 
 async def test_who_comes_once_a_topic_is_back_reads_of_no_failure(sim1):
