@@ -12,10 +12,15 @@ from typing import Literal
 PATH = "/robotether/frames"
 # Codec, flags, quality, sequence, and the timestamp in ms.
 HEADER = struct.Struct("!BBHId")
-# Flag: the timestamp is the camera's own.
+# Flags: the timestamp is the camera's own; the frame can be shown without those before it (codecs that depend on them).
 STAMPED = 1
+KEY = 2
 SEQUENCES = 2**32
 MAX_FRAME_BYTES = 10 * 1024 * 1024
+# Maximum size of a frame of a codec that depends on earlier frames, which receivers keep for a while.
+MAX_DEPENDENT_FRAME_BYTES = 2 * 1024 * 1024
+# Minimum interval in seconds between two key frames that are sent because they were requested.
+KEY_FRAME_EVERY_S = 0.5
 MAX_TEXT_BYTES = 4096
 # Maximum number of frames that one hop may have granted and not yet received.
 MAX_CREDITS = 2
@@ -52,11 +57,17 @@ class StreamRequest:
     latency_ms: float = 300
     width: int | None = None
     height: int | None = None
+    # Names of the codecs that the receiver decodes, in the order of `codecs.NAMES`.
+    codecs: tuple[str, ...] = ("jpeg",)
 
 
 @dataclass(frozen=True)
 class VideoStatus:
-    """How the source of a robot's frames is, and what it sends; None: not known."""
+    """How the source of a robot's frames is, and what it sends; None: not known.
+
+    `encoder` is the name of the encoder at work, None while frames are JPEGs as the source gave them; `no_encoder` then
+    says why a receiver that decodes more gets them, and is empty else.
+    """
 
     state: State
     detail: str = ""
@@ -65,3 +76,6 @@ class VideoStatus:
     width: float | None = None
     height: float | None = None
     fps: float | None = None
+    codec: str | None = None
+    encoder: str | None = None
+    no_encoder: str = ""
