@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Codec:
-    """One codec: its number in headers, its name in texts; `depends_on_earlier`: a frame needs all since a key frame."""
+    """One codec; `depends_on_earlier`: a frame can be shown only after all those since a key frame."""
 
     number: int
     name: str
