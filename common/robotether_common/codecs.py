@@ -26,5 +26,5 @@ NAMES = tuple(codec.name for codec in CODECS.values())
 
 def decoded_by(names: object) -> tuple[str, ...]:
     """Return the known codecs among the names that somebody sent, in our order; everybody decodes JPEG."""
-    known = names if isinstance(names, list | tuple) else ()
-    return tuple(name for name in NAMES if name in known or name == JPEG.name)
+    sent = names if isinstance(names, list | tuple) else ()
+    return tuple(name for name in NAMES if name in sent or name == JPEG.name)

@@ -12,8 +12,9 @@ from typing import Literal
 PATH = "/robotether/frames"
 # Codec, flags, quality, sequence, and the timestamp in ms.
 HEADER = struct.Struct("!BBHId")
-# Flags: the timestamp is the camera's own; the frame can be shown without those before it (codecs that depend on them).
+# Flag of a frame with the camera's own timestamp.
 STAMPED = 1
+# Flag of a frame that can be shown without those before it.
 KEY = 2
 SEQUENCES = 2**32
 MAX_FRAME_BYTES = 10 * 1024 * 1024
