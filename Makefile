@@ -5,9 +5,10 @@ VENV := .venv
 PYTEST := $(VENV)/bin/pytest
 # Two files at once, each beside a stack of its own; those that take long first (tests/conftest.py).
 BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
-# A test that hangs ends its worker with the traceback of each thread: a page that waits for ever hears nothing gentler.
-# The seconds are of a test with what it sets up first, such as the stack or enrolled robots.
-ENDS_AFTER := --timeout-method thread --timeout
+# A test that hangs ends its worker: a page that waits for ever hears nothing gentler. Before it the traceback of each
+# thread goes to the log, since what a worker writes at its end is lost. The seconds are of a test with what it sets up
+# first, such as the stack or enrolled robots.
+ENDS_AFTER = --timeout-method thread --timeout $(1) -o faulthandler_timeout=$(shell expr $(1) - 5)
 # Machines with a Docker engine of their own inside, which need all of this one.
 SERVERS := tests/ansible/test_server.py tests/ansible/test_site.py
 # Where programs that are no tests find the modules of tests/support.
@@ -64,7 +65,7 @@ test: ## everything that any change may break: checks, unit, images, end to end,
 
 test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 900 -m release tests/unit tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,900) -m release tests/unit tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
 
@@ -73,7 +74,7 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 
 test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@tools/ensure_test_hosts
-	@$(PYTEST) -n 6 --dist worksteal $(ENDS_AFTER) 120 -m "not release" tests/unit benchmarks/tests tests/fuzz
+	@$(PYTEST) -n 6 --dist worksteal $(call ENDS_AFTER,120) -m "not release" tests/unit benchmarks/tests tests/fuzz
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check-lint check-unit
@@ -98,20 +99,20 @@ frontend-test: docker ## the browser modules' own tests, in the image's Node.js
 	@tools/test_frontend
 
 test-images: venv images ## ask the daemons in the images what is in force
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/images
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/images
 
 test-e2e: venv images ## a browser and programs over a running stack of its own
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(ENDS_AFTER) 300 -m "not release" tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/e2e
 
 test-running: venv images ## the tests of images and end to end in one go, with fewer stacks to start
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 3 $(ENDS_AFTER) 300 -m "not release" tests/images tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 3 $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e
 
 # Nice: an installation can wait for the drives that are tested beside it, which end when the machine is late.
 test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(ENDS_AFTER) 600 -m "not release" tests/ansible $(SERVERS:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(call ENDS_AFTER,600) -m "not release" tests/ansible $(SERVERS:%=--ignore %)
 
 test-server: venv images robot-host-image ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
 	@tools/ensure_test_hosts
