@@ -59,11 +59,18 @@ class FakeFrames:
         return socket
 
     async def show(
-        self, jpeg: bytes, *, quality: int = 70, codec: int = 1, age_ms: float = 0
+        self,
+        jpeg: bytes,
+        *,
+        quality: int = 70,
+        codec: int = 1,
+        age_ms: float = 0,
+        is_key: bool = False,
     ) -> int:
         """Have a picture taken now, or so long ago; it goes out where there is credit. Return its number."""
         self.sequence += 1
-        header = HEADER.pack(codec, 1, quality, self.sequence, self.clock_ms() - age_ms)
+        flags = 1 | 2 * is_key
+        header = HEADER.pack(codec, flags, quality, self.sequence, self.clock_ms() - age_ms)
         self._newest = (self.sequence, header + jpeg)
         for socket in list(self.connections):
             await self._send(socket)

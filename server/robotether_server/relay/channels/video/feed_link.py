@@ -8,11 +8,19 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import math
 import time
 from dataclasses import dataclass
 
 from aiohttp import WSMsgType
-from robotether_common.frames import HEADER, MAX_FRAME_BYTES, PATH, StreamRequest, VideoStatus
+from robotether_common.frames import (
+    HEADER,
+    KEY_FRAME_EVERY_S,
+    MAX_FRAME_BYTES,
+    PATH,
+    StreamRequest,
+    VideoStatus,
+)
 
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.feeds import Feed
@@ -20,6 +28,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
     SenderClock,
     clock_sync_text,
     credit_text,
+    key_frame_text,
     parse_clock_sync_answer,
     parse_status,
     parse_text,
@@ -137,30 +146,12 @@ class FeedLink:
             self._feed.on_status(parse_status(message))
 
     async def _send_due(self, socket: RobotSocket) -> None:
-        """Send what is due: stream requests, credits and clock syncs; drop a connection on which nothing comes."""
-        sent_request: StreamRequest | None = None
-        sent_request_s = synced_s = -CLOCK_SYNC_EVERY_S
+        """Send what is due; drop a connection on which nothing comes."""
+        sender = FeedSender(self._feed, socket)
         try:
-            while True:
-                now_s = time.monotonic()
-                if now_s - self._received_s > SILENT_AFTER_S:
-                    break
-                # Before the first credit: a frame whose timestamp nobody can convert is of no use.
-                if now_s - synced_s >= CLOCK_SYNC_EVERY_S:
-                    synced_s = now_s
-                    await _send(socket, clock_sync_text(now_s * 1000))
-                request = self._feed.stream_request()
-                if (
-                    request is not None
-                    and request != sent_request
-                    and now_s - sent_request_s >= REQUEST_EVERY_S
-                ):
-                    sent_request, sent_request_s = request, now_s
-                    await _send(socket, stream_request_text(request))
-                if sent_request is not None and (credit := self._feed.credit()) is not None:
-                    await _send(socket, credit_text(*credit))
-                hurries = request is not None and request != sent_request
-                await self._due(REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
+            while (now_s := time.monotonic()) - self._received_s <= SILENT_AFTER_S:
+                await sender.send_due(now_s)
+                await self._due(REQUEST_EVERY_S if sender.hurries else CLOCK_SYNC_EVERY_S)
         except ConnectionError:
             log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
         socket.drop()
@@ -184,10 +175,49 @@ class FeedLink:
         return await self._dialer.open(robot, frames, within_s)
 
 
+class FeedSender:
+    """Sends the robot what is due on one connection: stream and key frame requests, credits and clock syncs."""
+
+    def __init__(self, feed: Feed, socket: RobotSocket) -> None:
+        self._feed = feed
+        self._socket = socket
+        self._sent_request: StreamRequest | None = None
+        self._requested_s = self._key_requested_s = self._synced_s = -math.inf
+
+    @property
+    def hurries(self) -> bool:
+        """Whether a request waits because another one was sent just before."""
+        request = self._feed.stream_request()
+        return request is not None and (request != self._sent_request or self._feed.needs_key_frame)
+
+    async def send_due(self, now_s: float) -> None:
+        """Send what is due now; ConnectionError when the robot takes nothing."""
+        # Before the first credit: a frame whose timestamp nobody can convert is of no use.
+        if now_s - self._synced_s >= CLOCK_SYNC_EVERY_S:
+            self._synced_s = now_s
+            await self._send(clock_sync_text(now_s * 1000))
+        await self._send_request(now_s)
+        if self._sent_request is None:
+            return
+        if self._feed.needs_key_frame and now_s - self._key_requested_s >= KEY_FRAME_EVERY_S:
+            self._feed.needs_key_frame, self._key_requested_s = False, now_s
+            await self._send(key_frame_text())
+        if (credit := self._feed.credit()) is not None:
+            await self._send(credit_text(*credit))
+
+    async def _send_request(self, now_s: float) -> None:
+        request = self._feed.stream_request()
+        if request is None or request == self._sent_request:
+            return
+        if now_s - self._requested_s < REQUEST_EVERY_S:
+            return
+        self._sent_request, self._requested_s = request, now_s
+        await self._send(stream_request_text(request))
+
+    async def _send(self, text: bytes) -> None:
+        await self._socket.send_frame(text, WSMsgType.TEXT)
+
+
 async def pause(pause_s: float) -> None:
     """Wait before the next connection; tests look at how long."""
     await asyncio.sleep(pause_s)
-
-
-async def _send(socket: RobotSocket, text: bytes) -> None:
-    await socket.send_frame(text, WSMsgType.TEXT)

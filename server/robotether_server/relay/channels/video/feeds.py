@@ -1,7 +1,7 @@
-"""One feed a robot and camera, whatever the number of viewers: the newest frame, and credits for the robot.
+"""One feed a robot and camera, whatever the number of viewers: its newest frames, and credits for the robot.
 
-`frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Only the newest frame is kept, and
-each viewer takes it when it can: nothing queues here, and who is slow skips frames and slows no one.
+`frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Few frames are held, and each viewer
+takes them when it can: nothing queues here, and who is slow skips frames and slows no one.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from operator import attrgetter
 from typing import Protocol
 
 from robotether_common.codecs import CODECS
-from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
+from robotether_common.frames import HEADER, MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
@@ -27,6 +27,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
     combined,
     parse_frame,
 )
+from robotether_server.relay.channels.video.held_frames import HeldFrames
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -66,11 +67,13 @@ class Viewer(CopyUser, Protocol):
 
 
 class Feed(SharedCopy[str, Viewer]):
-    """The newest frame of one camera of one robot, and its viewers."""
+    """The newest frames of one camera of one robot, and its viewers."""
 
     def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
         super().__init__(robot, topic)
-        self.newest: Frame | None = None
+        self.held = HeldFrames()
+        # A viewer can decode nothing before a key frame.
+        self.needs_key_frame = False
         self.status: VideoStatus | None = None
         # None as long as nobody knows whether the robot has such a service; then why it has not.
         self.opened: asyncio.Future[CloseReason | None] = asyncio.get_running_loop().create_future()
@@ -83,6 +86,11 @@ class Feed(SharedCopy[str, Viewer]):
         self._taken: int | None = None
         # What the robot's numbers lack to ours, which continue when its agent restarts.
         self._shift: int | None = 0
+
+    @property
+    def newest(self) -> Frame | None:
+        """The frame that came last."""
+        return self.held.newest
 
     def join(self, viewer: Viewer) -> None:
         """Notify this viewer of what is new."""
@@ -111,6 +119,12 @@ class Feed(SharedCopy[str, Viewer]):
         self._credits_due += 1
         self.due.set()
 
+    def request_key_frame(self) -> None:
+        """Have the robot asked for a key frame; many requests are one."""
+        if not self.needs_key_frame:
+            self.needs_key_frame = True
+            self.due.set()
+
     def fresh(self, now_s: float) -> bool:
         """Return whether the newest frame came so lately that somebody new shall see it."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
@@ -134,6 +148,9 @@ class Feed(SharedCopy[str, Viewer]):
         self._credits_open = 0
         self._taken = None
         self._credits_due = MAX_CREDITS
+        # The robot begins with a key frame by itself.
+        self.held.break_chain()
+        self.needs_key_frame = False
         self._shift = 0 if self.newest is None else None
         if not self.opened.done():
             self.opened.set_result(None)
@@ -161,14 +178,25 @@ class Feed(SharedCopy[str, Viewer]):
         self._untaken.append(sequence)
         if codec not in CODECS or timestamp_s is None:
             # Nobody here can show it, or know how old it is.
+            self.held.break_chain()
             self.taken(sequence)
             return
-        self._traffic.frames_in += 1
-        self._traffic.bytes_in += len(data)
         position = 0 if self.newest is None else self.newest.position + 1
-        self.newest = Frame(
+        frame = Frame(
             data, sequence=sequence, position=position, timestamp_s=timestamp_s, received_s=now_s
         )
+        self._hold(frame)
+
+    def _hold(self, frame: Frame) -> None:
+        self._traffic.frames_in += 1
+        self._traffic.bytes_in += frame.size + HEADER.size
+        if not self.held.add(frame):
+            # Nobody can decode it; and without credit the key frame could not come.
+            self.request_key_frame()
+            self.taken(frame.sequence)
+            return
+        if frame.is_key:
+            self.needs_key_frame = False
         self._notify()
 
     def on_status(self, status: VideoStatus) -> None:

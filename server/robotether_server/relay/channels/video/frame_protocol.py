@@ -1,4 +1,4 @@
-"""The frames protocol in bytes and texts: frames, stream requests, credits, clock syncs and statuses.
+"""The frames protocol in bytes and texts: frames, stream and key frame requests, credits, clock syncs and statuses.
 
 docs/reference/media.md describes it. `feeds` and `feed_link` speak it with robots, `frames_handler` with viewers. A
 frame is written once, with its WebSocket header, and all viewers get that one object: what a server sends has no
@@ -13,11 +13,13 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, TypeGuard, get_args
 
-from robotether_common.codecs import CODECS
+from robotether_common.codecs import CODECS, NAMES, decoded_by
 from robotether_common.frames import (
     FPS,
     HEADER,
+    KEY,
     LATENCIES_MS,
+    MAX_DEPENDENT_FRAME_BYTES,
     MAX_FRAME_BYTES,
     MAX_SIDE,
     MAX_TEXT_BYTES,
@@ -35,6 +37,7 @@ from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
 MAX_DETAIL = 200
+MAX_ENCODER = 40
 # Maximum clock in ms, of a machine that has run for 30 years.
 MAX_UPTIME_MS = 1e12
 WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
@@ -53,6 +56,8 @@ class Frame:
     ) -> None:
         number, flags, quality, self.robot_sequence, _ = HEADER.unpack_from(data)
         self.codec = CODECS[number]
+        # Whether it can be decoded without those before it.
+        self.is_key = not self.codec.depends_on_earlier or bool(flags & KEY)
         self.sequence = sequence
         self.position = position
         self.timestamp_s = timestamp_s
@@ -111,6 +116,9 @@ def parse_frame(data: bytes) -> tuple[int, int, float]:
     # Not a number is in no range.
     if not -MAX_UPTIME_MS <= timestamp_ms <= MAX_UPTIME_MS:
         raise ProtocolError("a frame's timestamp is not a number")
+    is_dependent = codec in CODECS and CODECS[codec].depends_on_earlier
+    if is_dependent and len(data) > HEADER.size + MAX_DEPENDENT_FRAME_BYTES:
+        raise ProtocolError("a frame that others depend on has more than 2 MiB")
     return codec, sequence, timestamp_ms
 
 
@@ -137,6 +145,7 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
         latency_ms=_number(message, "latency_ms", default.latency_ms, *LATENCIES_MS),
         width=_side(message, "width"),
         height=_side(message, "height"),
+        codecs=decoded_by(message.get("codecs")),
     )
     if request.quality_min > request.quality_max:
         raise ProtocolError("quality_min is over quality_max")
@@ -146,7 +155,7 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
 
 
 def combined(request: StreamRequest, other: StreamRequest) -> StreamRequest:
-    """Return what serves both: the best that either wants, and as quickly as either wants it."""
+    """Return what serves both: the best that either wants, as quickly as either wants it, in what both decode."""
     larger = max(request, other, key=pixels)
     return StreamRequest(
         quality_min=min(request.quality_min, other.quality_min),
@@ -155,6 +164,7 @@ def combined(request: StreamRequest, other: StreamRequest) -> StreamRequest:
         latency_ms=min(request.latency_ms, other.latency_ms),
         width=larger.width,
         height=larger.height,
+        codecs=tuple(name for name in request.codecs if name in other.codecs),
     )
 
 
@@ -186,16 +196,20 @@ def parse_status(message: Mapping[str, Any]) -> VideoStatus:
     """Keep of a status what viewers know, and nothing that is none of it."""
     state: Any = message.get("state")
     source, detail = message.get("source"), message.get("detail", "")
+    codec, encoder = message.get("codec"), message.get("encoder")
     if state not in STATES or not isinstance(detail, str):
         raise ProtocolError("a status has no state")
     return VideoStatus(
         state,
-        "".join(letter if letter.isprintable() else " " for letter in detail[:MAX_DETAIL]),
+        _printable(detail, MAX_DETAIL),
         source if source in SOURCES else None,
         _optional(message, "quality"),
         _optional(message, "width"),
         _optional(message, "height"),
         _optional(message, "fps"),
+        codec if codec in NAMES else None,
+        _printable(encoder, MAX_ENCODER) or None,
+        _printable(message.get("no_encoder"), MAX_DETAIL),
     )
 
 
@@ -207,6 +221,11 @@ def stream_request_text(request: StreamRequest) -> bytes:
 def credit_text(frames: int, sequence: int | None) -> bytes:
     """Write a credit."""
     return _written({"op": "credit", "frames": frames, "taken": sequence})
+
+
+def key_frame_text() -> bytes:
+    """Write a request for a key frame."""
+    return _written({"op": "key_frame"})
 
 
 def clock_sync_text(t_ms: float) -> bytes:
@@ -265,6 +284,13 @@ def _whole(message: Mapping[str, Any], name: str, default: int, low: int, high: 
 
 def _side(message: Mapping[str, Any], name: str) -> int | None:
     return None if message.get(name) is None else _whole(message, name, 1, *SIDES)
+
+
+def _printable(text: object, size: int) -> str:
+    """Return the first characters of what somebody sent as text, and nothing of what is none."""
+    if not isinstance(text, str):
+        return ""
+    return "".join(letter if letter.isprintable() else " " for letter in text[:size])
 
 
 def _optional(message: Mapping[str, Any], name: str) -> float | None:

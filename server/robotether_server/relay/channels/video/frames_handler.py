@@ -2,7 +2,7 @@
 
 What concerns ticket, origin or name is refused over HTTP; all that concerns the robot is reported after the
 upgrade, as a close code with a reason. What is due is written at once when nothing waits in this program,
-and else when that is gone: the newest answer to a clock sync, the newest status, the newest frame.
+and else when that is gone: the newest answer to a clock sync, the newest status, the frame that is next.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ class FramesSession(OperatorConnection):
             self._context.feeds.followed(robot, topic, self) as self._feed,
             self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
         ):
-            self._cursor = Cursor(self._feed, time.monotonic())
+            self._cursor = Cursor(self._feed, self, time.monotonic())
             return await self._run_until_ended(self._work())
 
     async def _work(self) -> CloseReason:
@@ -161,6 +161,8 @@ class FramesSession(OperatorConnection):
         elif operation == "stream_request":
             self.stream_request = parse_stream_request(message)
             self._feed.due.set()
+        elif operation == "key_frame":
+            self._cursor.restart()
 
     def _on_credit(self, frames: int, sequence: int | None) -> None:
         if self.stream_request is None:

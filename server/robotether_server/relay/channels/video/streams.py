@@ -105,7 +105,7 @@ class Streams:
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
             self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
         ):
-            cursor = Cursor(feed, time.monotonic())
+            cursor = Cursor(feed, viewer, time.monotonic())
             first = await self._first(feed, viewer, cursor)
             if first is None:
                 return None

@@ -13,7 +13,7 @@ from aiohttp import web
 
 from robotether_server.problems import FieldInvalidError
 from robotether_server.relay.auth.access import HandlerContext, Permit
-from robotether_server.relay.channels.video.feeds import Feed, Feeds
+from robotether_server.relay.channels.video.feeds import Feed, Feeds, Viewer
 from robotether_server.relay.channels.video.frame_protocol import Frame
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.connection import Connection
@@ -52,26 +52,63 @@ def counted(context: VideoContext, permit: Permit, connection: Connection) -> It
 
 
 class Cursor:
-    """Which frame of a feed one viewer gets next: the newest, if it has not had it."""
+    """Which frame of a feed one viewer gets next, so that it can decode each one that it gets.
 
-    def __init__(self, feed: Feed, now_s: float) -> None:
+    Of JPEG the newest; of a codec that depends on earlier frames each in its turn, from a key frame on.
+    """
+
+    def __init__(self, feed: Feed, viewer: Viewer, now_s: float) -> None:
         self._feed = feed
-        self._last = feed.newest
-        # What came before the viewer did; what is fresh is shown at once.
-        self._is_sent = self._last is None or not feed.fresh(now_s)
-        if self._last is not None and self._is_sent:
-            feed.taken(self._last.sequence)
+        self._viewer = viewer
+        # Positions of the frame that was sent last, and of the one that is next if none is skipped.
+        self._sent = -1
+        self._next = 0
+        # The viewer can decode what depends on the frame that was sent last.
+        self._continues = False
+        if (newest := feed.newest) is not None:
+            # Of what came before the viewer did, what is fresh is shown at once.
+            is_fresh = feed.fresh(now_s)
+            self._next = newest.position + (not is_fresh)
+            if not is_fresh:
+                feed.taken(newest.sequence)
 
     def next(self) -> Frame | None:
-        """Return the frame that the viewer gets next, None when it has had the newest."""
+        """Return the frame that the viewer gets next; None when it has had the newest, or must wait for a later one.
+
+        A frame for which it cannot wait is given back: without credit the robot could send no other.
+        """
         newest = self._feed.newest
-        return None if newest is self._last and self._is_sent else newest
+        if newest is None or newest.position < self._next:
+            return None
+        frame = self._decodable(newest)
+        if frame is None:
+            self._feed.taken(newest.sequence)
+        return frame
 
     def sent(self, frame: Frame) -> None:
         """The viewer was sent the frame."""
-        before = frame.position if self._last is None else self._last.position + self._is_sent
-        self._feed.sent(frame, max(0, frame.position - before))
-        self._last, self._is_sent = frame, True
+        self._feed.sent(frame, max(0, frame.position - self._next))
+        self._sent, self._next, self._continues = frame.position, frame.position + 1, True
+
+    def restart(self) -> None:
+        """The viewer can decode nothing before a key frame."""
+        self._continues = False
+        if self._feed.newest is not None:
+            self._decodable(self._feed.newest)
+
+    def _decodable(self, newest: Frame) -> Frame | None:
+        """Return the next frame, None when none can be decoded; then the robot is asked for a key frame."""
+        request = self._viewer.stream_request
+        if request is None or newest.codec.name not in request.codecs:
+            return None
+        held = self._feed.held
+        if self._continues and (frame := held.at(self._sent + 1)) is not None:
+            return frame
+        if (start := held.start) is not None and start.position > self._sent:
+            return start
+        if newest.codec.depends_on_earlier:
+            self._feed.request_key_frame()
+        return None
 
 
 def note_sent(context: VideoContext, permit: Permit, camera: str, frame: Frame) -> None:

@@ -6,6 +6,7 @@ import asyncio
 
 import pytest
 from relay_server import until
+from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES
 
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
@@ -58,7 +59,13 @@ async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, mon
 
 
 @pytest.mark.parametrize(
-    "data", [b"short", b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x"]
+    "data",
+    [
+        b"short",
+        b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x",
+        b"\x02\x02" + bytes(15 + MAX_DEPENDENT_FRAME_BYTES),
+    ],
+    ids=["no header", "no timestamp", "too large to hold"],
 )
 async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, viewer, data, caplog):
     await camera.send_bytes(data)

@@ -49,10 +49,10 @@ def clock() -> SenderClock:
     return clock
 
 
-def come(feed: Feed, sequence: int, *, codec: int = 1) -> None:
+def come(feed: Feed, sequence: int, *, codec: int = 1, is_key: bool = False) -> None:
     """Have the robot's frame of this number come."""
     now_s = time.monotonic()
-    header = struct.pack("!BBHId", codec, 0, 70, sequence, now_s * 1000)
+    header = struct.pack("!BBHId", codec, 2 * is_key, 70, sequence, now_s * 1000)
     feed.on_frame(header + JPEG, now_s, clock())
 
 
@@ -112,11 +112,43 @@ async def test_what_nobody_can_show_is_given_back(feed):
     """A codec that the relay does not know, and a frame before the robot's clock is known."""
     eye = Eye()
     feed.join(eye)
-    come(feed, 1, codec=2)
+    come(feed, 1, codec=9)
     header = struct.pack("!BBHId", 1, 0, 70, 2, 5.0)
     feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
     assert (feed.newest, eye.on_status) == (None, 0)
     assert feed.credit() == (2, 2)
+
+
+async def test_a_frame_without_those_before_it_is_given_back(feed):
+    """The robot is asked for a key frame, and has the credit to send it."""
+    eye = Eye()
+    feed.join(eye)
+    come(feed, 1, codec=2)
+    assert (feed.newest, eye.on_status) == (None, 0)
+    assert feed.needs_key_frame
+    assert feed.credit() == (1, 1)
+    come(feed, 2, codec=2, is_key=True)
+    assert (feed.newest.sequence, eye.on_status) == (2, 1)
+    assert not feed.needs_key_frame
+
+
+@pytest.mark.parametrize("breaks", ["reconnect", "codec", "timestamp"])
+async def test_a_chain_that_broke_begins_with_a_key_frame(feed, breaks):
+    come(feed, 1, codec=2, is_key=True)
+    feed.taken(1)
+    feed.credit()
+    if breaks == "reconnect":
+        feed.on_connected()
+        feed.credit()
+        come(feed, 2, codec=2)
+    elif breaks == "codec":
+        come(feed, 2, codec=3)
+    else:
+        header = struct.pack("!BBHId", 2, 0, 70, 2, 5.0)
+        feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
+    come(feed, 3, codec=2)
+    assert feed.newest.sequence == 1
+    assert feed.needs_key_frame
 
 
 async def test_one_viewers_defect_is_its_own(feed, caplog):

@@ -9,7 +9,14 @@ import struct
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_common.frames import HEADER, MAX_FRAME_BYTES, StreamRequest, VideoStatus
+from robotether_common.codecs import NAMES, decoded_by
+from robotether_common.frames import (
+    HEADER,
+    MAX_DEPENDENT_FRAME_BYTES,
+    MAX_FRAME_BYTES,
+    StreamRequest,
+    VideoStatus,
+)
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
     Frame,
@@ -69,8 +76,9 @@ def test_a_part_says_when_and_which():
 @pytest.mark.parametrize(
     "data",
     [b"", sent(jpeg=b""), sent(timestamp_ms=math.nan), sent(timestamp_ms=math.inf),
-     sent(timestamp_ms=1e300), sent(jpeg=b"x" * (MAX_FRAME_BYTES + 1))],
-    ids=["empty", "header only", "nan", "infinite", "far away", "too large"],
+     sent(timestamp_ms=1e300), sent(jpeg=b"x" * (MAX_FRAME_BYTES + 1)),
+     sent(codec=2, jpeg=b"x" * (MAX_DEPENDENT_FRAME_BYTES + 1))],
+    ids=["empty", "header only", "nan", "infinite", "far away", "too large", "too large to hold"],
 )  # fmt: skip
 def test_what_is_no_frame_is_refused(data):
     with pytest.raises(ProtocolError):
@@ -88,6 +96,27 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
     """It must be an object with an op, in JSON, within 4 KiB."""
     with pytest.raises(ProtocolError):
         parse_text(data)
+
+
+@pytest.mark.parametrize(
+    ("codec", "flags", "is_key"), [(1, 0, True), (2, 0, False), (2, 1, False), (2, 3, True)]
+)
+def test_a_key_frame_is_one_without_others(codec, flags, is_key):
+    data = struct.pack("!BBHId", codec, flags, 70, 5, 1.0) + JPEG
+    frame = Frame(data, sequence=9, position=0, timestamp_s=2.5, received_s=2.6)
+    assert frame.is_key is is_key
+
+
+@pytest.mark.parametrize(
+    ("codecs", "expected"),
+    [(["vp8", "h264"], NAMES), (["av1", "h264", "h264"], ("h264", "jpeg")), ([], ("jpeg",)),
+     (["x"] * 10_000, ("jpeg",)), ("h264", ("jpeg",)), ({"h264": 1}, ("jpeg",)),
+     ([["h264"], None, 7], ("jpeg",)), (None, ("jpeg",))],
+    ids=repr,
+)  # fmt: skip
+def test_codecs_of_a_request_are_those_that_are_known(codecs, expected):
+    """Everybody decodes JPEG."""
+    assert parse_stream_request({"codecs": codecs}).codecs == expected
 
 
 def test_each_member_of_a_request_has_a_default():
@@ -112,12 +141,15 @@ def test_a_request_out_of_bounds_is_refused(member):
 
 
 WANTS = st.builds(
-    lambda low, more, fps, latency, size: StreamRequest(low, low + more, fps, latency, *size),
+    lambda low, more, fps, latency, size, codecs: StreamRequest(
+        low, low + more, fps, latency, *size, codecs=decoded_by(codecs)
+    ),
     st.integers(1, 50),
     st.integers(0, 50),
     st.floats(0.1, 60),
     st.floats(50, 5000),
     st.sampled_from([(None, None), (320, 240), (640, 480), (4096, 4096)]),
+    st.lists(st.sampled_from(NAMES)),
 )
 
 
@@ -130,6 +162,8 @@ def test_what_two_want_together_serves_both(request, other):
     assert both.quality_min == min(request.quality_min, other.quality_min)
     assert both.fps == max(request.fps, other.fps)
     assert both.latency_ms == min(request.latency_ms, other.latency_ms)
+    assert set(both.codecs) == set(request.codecs) & set(other.codecs)
+    assert both.codecs == decoded_by(both.codecs)
     assert pixels(both) == max(pixels(request), pixels(other))
     assert (both.width, both.height) in {
         (request.width, request.height),
@@ -171,8 +205,13 @@ def test_a_status_keeps_what_viewers_know():
     status = parse_status(
         {"op": "status", "state": "down", "detail": "no\nanswer", "source": "evil", "fps": math.nan}
         | {"quality": 70, "width": 640, "height": 1e9, "more": "x"}
+        | {"codec": "av1", "encoder": ["libx264"], "no_encoder": {"why": "x"}}
     )
     assert status == VideoStatus("down", "no answer", quality=70, width=640)
+    encoded = {"codec": "h264", "encoder": "lib\x1b" + "x" * 500, "no_encoder": "a\n" + "b" * 500}
+    status = parse_status({"state": "live"} | encoded)
+    assert (status.codec, status.encoder) == ("h264", "lib " + "x" * 36)
+    assert status.no_encoder == "a " + "b" * 198
     for message in ({}, {"state": "fine"}, {"state": ["live"]}, {"state": "live", "detail": 5}):
         with pytest.raises(ProtocolError):
             parse_status(message)

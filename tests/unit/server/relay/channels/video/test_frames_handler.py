@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import time
 
 import aiohttp
 import pytest
 from relay_clients import closing
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
+from robotether_server.relay.channels.video.held_frames import MAX_HELD
 from robotether_server.relay.robots.delivered_frames import NamedFrame
 
 ANN, BOB = RelayUser(1, "ann"), RelayUser(2, "bob")
@@ -72,6 +74,80 @@ async def test_the_robot_hears_what_all_want_together(camera, watch):
     await until(lambda: camera.of("stream_request")[-1]["quality_max"] == 50, "it hears of it")
     await first.ask(fps=1)
     await camera.wait_for("stream_request", fps=1, quality_max=80, width=None)
+
+
+async def test_the_robot_sends_what_all_decode(camera, watch):
+    """One copy leaves the robot: JPEG while somebody decodes nothing else."""
+    await watch(codecs=["h264", "vp8"])
+    await camera.wait_for("stream_request", codecs=["h264", "vp8", "jpeg"])
+    second = await watch(BOB)
+    await camera.wait_for("stream_request", codecs=["jpeg"])
+    camera.texts.clear()
+    await second.ask(codecs=["vp8"])
+    await camera.wait_for("stream_request", codecs=["vp8", "jpeg"])
+
+
+async def test_who_comes_later_begins_with_a_key_frame(camera, watch, monkeypatch):
+    """It does not get what it cannot decode, and holds back no credit of those who can."""
+    monkeypatch.setattr("robotether_server.relay.channels.video.held_frames.HELD_S", 0.0)
+    first = await watch(codecs=["h264"])
+    await camera.wait_for("credit")
+    await first.credit()
+    await camera.show(b"key", codec=2, is_key=True)
+    for turn in range(3):
+        await first.frame()
+        await first.credit()
+        await camera.show(b"%d" % turn, codec=2)
+    second = await watch(BOB, codecs=["h264"])
+    await second.credit(2)
+    await camera.wait_for("key_frame")
+    await first.frame()
+    await first.credit()
+    await camera.show(b"key", codec=2, is_key=True)
+    assert [(await each.frame()).jpeg for each in (first, second)] == [b"key", b"key"]
+
+
+async def test_who_waits_for_a_key_frame_holds_back_no_credit(camera, watch, relay):
+    """The robot can go on and send one, also where nobody else watches; one that never does fills nothing."""
+    viewer = await watch(codecs=["h264"])
+    await camera.wait_for("credit")
+    await viewer.credit(2)
+    await camera.show(b"key", codec=2, is_key=True)
+    await viewer.frame()
+    await viewer.socket.send_json({"op": "key_frame"})
+    await camera.wait_for("key_frame")
+    for _ in range(20):
+        sequence = await camera.show(b"depends", codec=2)
+        await camera.wait_for("credit", taken=sequence)
+    (feed,) = relay.relay.registry.robot(7).feeds.values()
+    assert len(feed.held) <= MAX_HELD
+    await camera.show(b"key", codec=2, is_key=True)
+    # Nothing that it cannot decode came before.
+    assert (await viewer.frame()).jpeg == b"key"
+    assert relay.relay.feeds.traffic.skipped == 20
+
+
+async def test_many_requests_for_key_frames_are_few_at_the_robot(camera, watch, monkeypatch):
+    every_s = 0.2
+    monkeypatch.setattr(
+        "robotether_server.relay.channels.video.feed_link.KEY_FRAME_EVERY_S", every_s
+    )
+    viewer = await watch(codecs=["h264"])
+    await camera.wait_for("credit")
+    await viewer.credit(2)
+    await camera.show(b"key", codec=2, is_key=True)
+    await viewer.frame()
+    begun_s = time.monotonic()
+    await viewer.socket.send_json({"op": "key_frame"})
+    await camera.wait_for("key_frame")
+    for _ in range(150):
+        await viewer.socket.send_json({"op": "key_frame"})
+    # One that comes early waits, and is not forgotten.
+    await until(lambda: len(camera.of("key_frame")) > 1, "it is requested again")
+    await viewer.socket.send_json({"op": "clock_sync", "t_ms": 1})
+    await viewer.text("clock_sync")
+    lasted_s = time.monotonic() - begun_s
+    assert len(camera.of("key_frame")) <= 1 + lasted_s / every_s
 
 
 async def test_a_credit_that_does_not_say_which_context_the_oldest(camera, viewer):

@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
+import struct
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
-from robotether_common.frames import HEADER
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_common.codecs import H264, JPEG, NAMES, VP8, Codec, decoded_by
+from robotether_common.frames import HEADER, KEY, MAX_CREDITS, StreamRequest
 from robotether_server.relay.channels.video.feeds import Feed, FeedTraffic
-from robotether_server.relay.channels.video.frame_protocol import Frame
+from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
+from robotether_server.relay.channels.video.held_frames import (
+    HELD_S,
+    MAX_HELD,
+    MAX_HELD_BYTES,
+    HeldFrames,
+)
 from robotether_server.relay.channels.video.viewers import Cursor
+
+EYE = SimpleNamespace(stream_request=StreamRequest(codecs=NAMES))
 
 
 class Books(Feed):
@@ -19,12 +35,15 @@ class Books(Feed):
     def taken(self, sequence: int) -> None:
         self.was_taken.append(sequence)
 
-    def show(self, position: int, received_s: float = 0.0) -> Frame:
-        data = HEADER.pack(1, 0, 70, 0, 0) + b"jpeg"
-        self.newest = Frame(
+    def show(
+        self, position: int, received_s: float = 0.0, codec: Codec = JPEG, flags: int = 0
+    ) -> Frame:
+        data = HEADER.pack(codec.number, flags, 70, 0, 0) + b"frame"
+        frame = Frame(
             data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
         )
-        return self.newest
+        assert self.held.add(frame)
+        return frame
 
     @property
     def skipped(self) -> int:
@@ -36,26 +55,29 @@ async def feed(sim1) -> Books:
     return Books(sim1)
 
 
-async def test_the_newest_comes_next_and_once(feed):
-    cursor = Cursor(feed, 0.0)
+@pytest.mark.parametrize(("codec", "flags"), [(JPEG, 0), (H264, KEY)])
+async def test_the_newest_comes_next_and_once(feed, codec, flags):
+    """Of JPEG, and where a robot says of each frame that it is a key frame."""
+    cursor = Cursor(feed, EYE, 0.0)
     assert cursor.next() is None
-    first = feed.show(0)
+    first = feed.show(0, 0.0, codec, flags)
     assert cursor.next() is first
     cursor.sent(first)
     assert cursor.next() is None
-    feed.show(1)
-    feed.show(2)
-    last = feed.show(3)
+    feed.show(1, 0.0, codec, flags)
+    feed.show(2, 0.0, codec, flags)
+    last = feed.show(3, 0.0, codec, flags)
     assert cursor.next() is last
     cursor.sent(last)
     assert cursor.next() is None
     assert feed.skipped == 2
+    assert len(feed.held) == 1
 
 
 async def test_a_fresh_frame_is_shown_to_who_comes(feed):
     """At once, and nothing was skipped."""
     frame = feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, 10.9)
+    cursor = Cursor(feed, EYE, 10.9)
     assert cursor.next() is frame
     cursor.sent(frame)
     assert cursor.next() is None
@@ -65,7 +87,7 @@ async def test_a_fresh_frame_is_shown_to_who_comes(feed):
 async def test_an_old_frame_is_given_back(feed):
     """Who comes waits for the next, which the robot can only send when it has credit."""
     feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, 11.1)
+    cursor = Cursor(feed, EYE, 11.1)
     assert cursor.next() is None
     assert feed.was_taken == [7]
     frame = feed.show(8)
@@ -76,9 +98,244 @@ async def test_an_old_frame_is_given_back(feed):
 
 async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
     feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, 10.5)
+    cursor = Cursor(feed, EYE, 10.5)
     feed.show(8)
     last = feed.show(9)
     assert cursor.next() is last
     cursor.sent(last)
     assert feed.skipped == 2
+
+
+async def test_who_is_a_little_late_misses_nothing(feed):
+    """Each frame comes in its turn; who comes later begins with the key frame."""
+    first = Cursor(feed, EYE, 0.0)
+    shown = [feed.show(0, codec=H264, flags=KEY)]
+    shown += [feed.show(position, position / 100, H264) for position in range(1, 5)]
+    for cursor in (first, Cursor(feed, EYE, 0.1)):
+        for frame in shown:
+            assert cursor.next() is frame
+            cursor.sent(frame)
+        assert cursor.next() is None
+    assert (feed.skipped, feed.needs_key_frame) == (0, False)
+
+
+async def test_who_is_too_late_waits_for_a_key_frame(feed):
+    """The frames are given back meanwhile: without credit the key frame could not come."""
+    cursor = Cursor(feed, EYE, 0.0)
+    key = feed.show(0, codec=H264, flags=KEY)
+    cursor.sent(key)
+    for position in range(1, 5):
+        feed.show(position, position * HELD_S, H264)
+    assert cursor.next() is None
+    assert (feed.needs_key_frame, feed.was_taken) == (True, [4])
+    key = feed.show(5, 5 * HELD_S, H264, KEY)
+    assert cursor.next() is key
+    cursor.sent(key)
+    assert feed.skipped == 4
+
+
+@pytest.mark.parametrize("codec", [JPEG, H264])
+async def test_who_cannot_decode_gets_nothing_before_the_next_key_frame(feed, codec):
+    """Not the one that it has had; of JPEG each frame is one, and none is requested."""
+    cursor = Cursor(feed, EYE, 0.0)
+    cursor.restart()
+    cursor.sent(feed.show(0, codec=codec, flags=KEY))
+    cursor.restart()
+    assert feed.needs_key_frame is codec.depends_on_earlier
+    assert cursor.next() is None
+    following = feed.show(1, codec=codec)
+    assert cursor.next() is (None if codec is H264 else following)
+    key = feed.show(2, codec=codec, flags=KEY)
+    assert cursor.next() is key
+
+
+async def test_nobody_gets_a_codec_that_it_does_not_decode(feed):
+    """Frames of it are given back, and no key frame is requested for them."""
+    cursor = Cursor(feed, SimpleNamespace(stream_request=StreamRequest()), 0.0)
+    feed.show(0, codec=H264, flags=KEY)
+    assert cursor.next() is None
+    cursor.restart()
+    assert (feed.was_taken, feed.needs_key_frame) == ([0], False)
+    jpeg = feed.show(1)
+    assert cursor.next() is jpeg
+
+
+class Watcher:
+    """A viewer that decodes what it gets, and fails when it cannot."""
+
+    def __init__(self, feed: Feed, codecs: list[str], now_s: float) -> None:
+        self.stream_request = StreamRequest(codecs=decoded_by(codecs))
+        self.newest = -1
+        self._feed = feed
+        self._credits = 0
+        self._under_way: list[int] = []
+        # Chain and number within it that a decoder expects next.
+        self._expected: tuple[int, int] | None = None
+        feed.join(self)
+        self._cursor = Cursor(feed, self, now_s)
+
+    def user_ids(self) -> tuple[int]:
+        return (1,)
+
+    def end(self, close_reason: object) -> None:
+        raise AssertionError(close_reason)
+
+    def notify(self) -> None:
+        while self._credits and (frame := self._cursor.next()) is not None:
+            self._credits -= 1
+            self._cursor.sent(frame)
+            self._under_way.append(frame.sequence)
+            self._decode(frame)
+
+    def _decode(self, frame: Frame) -> None:
+        assert frame.codec.name in self.stream_request.codecs
+        assert frame.position > self.newest
+        chain, number = struct.unpack("!II", frame.data)
+        assert frame.is_key or self._expected == (chain, number)
+        self.newest, self._expected = frame.position, (chain, number + 1)
+
+    def credit(self, frames: int) -> None:
+        self._credits = min(MAX_CREDITS, self._credits + frames)
+        if self._under_way:
+            self._feed.taken(self._under_way[-1])
+            self._under_way.clear()
+        self.notify()
+
+    def restart(self) -> None:
+        self._expected = None
+        self._cursor.restart()
+        self.notify()
+
+
+class Scene:
+    """A robot that encodes on credit, and its viewers. What a chain of frames is, it alone knows."""
+
+    def __init__(self) -> None:
+        self.feed = Feed(SimpleNamespace(name="sim1", id=7), "/a", FeedTraffic())
+        self.viewers: list[Watcher] = []
+        self.codec = H264
+        self.now_s = 1000.0
+        self._sequence = self._chain = self._number = self.credits = 0
+        self._clock = SenderClock()
+        self.reconnect()
+
+    def reconnect(self, *_: Any) -> None:
+        self.feed.on_connected()
+        self.credits = 0
+        self.encoder(self.codec)
+
+    def encoder(self, codec: Codec) -> None:
+        self.codec, self._number = codec, 0
+
+    def frame(self, *, is_true: bool = True, has_clock: bool = True) -> None:
+        """Send the next frame; one that is not true is no key frame although it should be."""
+        self.now_s += 0.05
+        credit = self.feed.credit()
+        self.credits += 0 if credit is None else credit[0]
+        assert self.credits <= MAX_CREDITS
+        if not self.credits:
+            return
+        self.credits -= 1
+        self._sequence += 1
+        is_key = is_true and (self.feed.needs_key_frame or not self._number)
+        if is_key or not self.codec.depends_on_earlier:
+            self._chain, self._number, self.feed.needs_key_frame = self._chain + 1, 0, False
+        now_ms = self.now_s * 1000
+        flags = KEY if is_key else 0
+        header = HEADER.pack(self.codec.number, flags, 70, self._sequence, now_ms)
+        self._clock.on_answer(self.now_s, now_ms, now_ms)
+        clock = self._clock if has_clock else SenderClock()
+        data = header + struct.pack("!II", self._chain, self._number)
+        self._number += 1
+        self.feed.on_frame(data, self.now_s, clock)
+        assert len(self.feed.held) <= MAX_HELD
+
+    def act(self, kind: str, value: Any, who: int) -> None:
+        """Do one thing that may happen, to the viewer with this number if it concerns one."""
+        viewer = self.viewers[who % len(self.viewers)] if self.viewers else None
+        if kind == "frames":
+            for _ in range(value):
+                self.frame()
+        elif kind == "false frame":
+            self.frame(is_true=False)
+        elif kind == "no clock":
+            self.frame(has_clock=False)
+        elif kind == "pause":
+            self.now_s += value
+        elif kind == "reconnect":
+            self.reconnect()
+        elif kind == "encoder":
+            self.encoder(value)
+        elif kind == "join":
+            self.viewers.append(Watcher(self.feed, value, self.now_s))
+        elif viewer is not None:
+            self._act_on(viewer, kind, value)
+
+    def _act_on(self, viewer: Watcher, kind: str, value: Any) -> None:
+        if kind == "credit":
+            viewer.credit(value)
+        elif kind == "key_frame":
+            viewer.restart()
+        elif kind == "codecs":
+            viewer.stream_request = StreamRequest(codecs=decoded_by(value))
+        elif kind == "leave":
+            self.feed.leave(viewer)
+            self.viewers.remove(viewer)
+
+
+CODECS = st.lists(st.sampled_from(NAMES))
+ACTS = st.one_of(
+    st.tuples(st.just("frames"), st.integers(1, 12)),
+    st.tuples(st.just("credit"), st.integers(1, 2)),
+    st.tuples(st.sampled_from(["join", "codecs"]), CODECS),
+    st.tuples(st.just("encoder"), st.sampled_from([H264, VP8, JPEG])),
+    st.tuples(st.just("pause"), st.floats(0, 2)),
+    st.tuples(
+        st.sampled_from(["key_frame", "leave", "reconnect", "false frame", "no clock"]), st.none()
+    ),
+)
+
+
+@given(st.lists(st.tuples(ACTS, st.integers(0, 9)), max_size=60), CODECS)
+def test_each_viewer_can_decode_what_it_gets_and_none_waits_for_ever(acts, codecs):
+    """Whatever frames, viewers, connections and encoders do, as long as key frames come on request."""
+
+    async def play() -> None:
+        scene = Scene()
+        for (kind, value), who in [*acts, (("join", codecs), 0)]:
+            scene.act(kind, value, who)
+        for _ in range(10):
+            for viewer in scene.viewers:
+                viewer.credit(2)
+            scene.frame()
+        last = scene.feed.newest
+        assert last is not None
+        for viewer in scene.viewers:
+            decodes = scene.codec.name in viewer.stream_request.codecs
+            assert viewer.newest == last.position or not decodes
+
+    asyncio.run(play())
+
+
+def test_what_is_held_is_bounded():
+    """In number, in bytes, and in time; the newest two stay however old they are."""
+
+    def add(position: int, size: int, received_s: float, flags: int = 0) -> None:
+        data = HEADER.pack(H264.number, flags, 70, 0, 0) + b"x" * size
+        frame = Frame(
+            data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
+        )
+        assert held.add(frame)
+
+    held = HeldFrames()
+    add(0, 1, 0.0, KEY)
+    for position in range(1, 100):
+        add(position, 1, 0.0)
+    assert (len(held), held.start) == (MAX_HELD, None)
+    add(100, MAX_HELD_BYTES // 2, 0.0)
+    add(101, MAX_HELD_BYTES // 2, 0.0)
+    assert len(held) == 2
+    add(102, 1, 60.0)
+    assert (len(held), held.at(100)) == (2, None)
+    add(103, 1, 60.0, KEY)
+    assert (len(held), held.start) == (1, held.newest)
