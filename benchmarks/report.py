@@ -185,12 +185,6 @@ def arrived(line: str, times: Iterable[float | None], of: int) -> pd.DataFrame:
     )
 
 
-def tail(line: str, times: Sequence[float]) -> pd.DataFrame:
-    """A picture's line: the share of times that are longer than each, as far as the last one."""
-    shares = np.geomspace(1, 1 / max(2, len(times)), MAX_POINTS)
-    return pd.DataFrame({"line": line, "x": np.quantile(times, 1 - shares), "y": shares})
-
-
 def machine() -> dict[str, Any]:
     """Processor, cores, memory (GB) and kernel of this machine."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()

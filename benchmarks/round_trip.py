@@ -25,7 +25,7 @@ from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
 from paper.networks import made_in
-from paper.robots import ROSBRIDGE_PORT, WholeRobot, wait_all_online
+from paper.robots import ROSBRIDGE_PORT, WholeRobot
 from paper.world import World
 from report import Row, Section, quantiles
 
@@ -108,7 +108,7 @@ def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
         [enrolled] = world.enrol(world.names("round-trip", 1))
         stack.callback(world.remove, [enrolled])
         robot = stack.enter_context(WholeRobot(world, enrolled, uplink))
-        wait_all_online([robot])
+        robot.wait_online()
         yield robot
 
 

@@ -24,7 +24,7 @@ from typing import Any
 import aiohttp
 from local_network import insecure_tls
 
-from paper.numbered.messages import Histogram
+from paper.histogram import Histogram
 
 TOPIC, TYPE = "/cmd_vel", "geometry_msgs/Twist"
 SPEED_M_S = 0.2

@@ -1,12 +1,4 @@
-"""Whole robots, the ROS side and the real agent with its guard behind one uplink, and their operators behind others.
-
-    with WholeRobot(world, enrolled, uplink) as robot:
-        wait_all_online([robot])
-    async with new_http(**made_in(uplink.inside)) as http:
-        socket = await Client(http, world.address, world.token).connect(robot.name)
-
-Starting one returns at once, so that many start side by side.
-"""
+"""A whole robot, the ROS side and the real agent with its guard, behind an uplink of its own."""
 
 from __future__ import annotations
 
@@ -52,7 +44,6 @@ class WholeRobot:
         self.uplink = uplink
         self.enrolled = enrolled
         self.world = world
-        # Each its own, as several robots may be behind one uplink.
         self.address = loopback(enrolled.number)
         self._agent: Program
         self._ros: Program
@@ -61,14 +52,6 @@ class WholeRobot:
     @property
     def ros_url(self) -> str:
         return f"ws://{self.address}:{ROSBRIDGE_PORT}"
-
-    @property
-    def agent_pid(self) -> int:
-        return self._agent.pid
-
-    @property
-    def ros_pid(self) -> int:
-        return self._ros.pid
 
     def __enter__(self) -> WholeRobot:
         with ExitStack() as made:
@@ -86,17 +69,30 @@ class WholeRobot:
     def __exit__(self, *_: object) -> None:
         self._made.close()
 
-    def answers(self) -> bool:
+    def wait_online(self, seconds: float = 60) -> None:
+        """Wait until the server says that it is online and its rosbridge answers; else show its logs."""
+        deadline = time.monotonic() + seconds
+        while not (self._is_online() and self._answers()):
+            why = self._ended() or f"not online within {seconds:g} s"
+            if self._ended() or time.monotonic() > deadline:
+                raise RuntimeError(f"the robot {self.name} is not ready: {why}\n{self._logs()}")
+            time.sleep(POLL_EVERY_S)
+
+    def _is_online(self) -> bool:
+        robots = self.world.api("GET", "/robots")["robots"]
+        return any(robot["name"] == self.name and robot["online"] for robot in robots)
+
+    def _answers(self) -> bool:
         with self.uplink.inside.entered():
             probe = socket.socket()
         with probe:
             return probe.connect_ex((self.address, ROSBRIDGE_PORT)) == 0
 
-    def ended(self) -> str:
+    def _ended(self) -> str:
         """Say which of its processes has ended by itself, or nothing."""
         return ", ".join(filter(None, (item.ended() for item in (self._agent, self._ros))))
 
-    def logs(self) -> str:
+    def _logs(self) -> str:
         return "\n".join(f"--- {self.name}\n{item.tail()}" for item in (self._ros, self._agent))
 
     def _settings(self, run_dir: str) -> Mapping[str, str]:
@@ -114,30 +110,6 @@ class WholeRobot:
         command = (sys.executable, "-m", *words)
         log = self.enrolled.folder / f"{name}.log"
         return Program(self.uplink.inside, command, log, {**our_environment(), **given})
-
-
-def wait_all_online(robots: Sequence[WholeRobot], seconds: float = 60) -> None:
-    """Wait until the server says that all are online and each one's rosbridge answers; else show their logs."""
-    if not robots:
-        return
-    deadline = time.monotonic() + seconds
-    world, missing = robots[0].world, list(robots)
-    while missing := not_ready(world, missing):
-        gone = [robot for robot in missing if robot.ended()]
-        if gone or time.monotonic() > deadline:
-            why = gone[0].ended() if gone else f"not online within {seconds:g} s"
-            shown = (gone or missing)[:3]
-            raise RuntimeError(
-                f"{len(missing)} of {len(robots)} robots are not ready: {why}\n"
-                + "\n".join(robot.logs() for robot in shown)
-            )
-        time.sleep(POLL_EVERY_S)
-
-
-def not_ready(world: World, robots: Sequence[WholeRobot]) -> list[WholeRobot]:
-    """Those that cannot be driven yet, by one request for all."""
-    seen = {robot["name"]: robot["online"] for robot in world.api("GET", "/robots")["robots"]}
-    return [robot for robot in robots if not (seen.get(robot.name) and robot.answers())]
 
 
 def loopback(number: int) -> str:

@@ -138,7 +138,7 @@ class Report:
 class Part:
     """One experiment; its page is templates/NAME.md.j2."""
 
-    # For the results and for ONLY: "high-rate".
+    # For the results and for ONLY: "startup".
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]

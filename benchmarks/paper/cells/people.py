@@ -40,7 +40,7 @@ from paper.client import (
     command,
     new_http,
 )
-from paper.numbered.messages import Histogram
+from paper.histogram import Histogram
 from paper.programs import write_line
 
 # A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.

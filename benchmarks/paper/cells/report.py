@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from report import quantiles
 
-from paper.numbered.messages import Histogram
+from paper.histogram import Histogram
 from paper.step import Comparison, Report, Results, Values, against_aim, exactly, succeeded
 
 # Of issue 18.

@@ -8,9 +8,10 @@ shows what the server spends more for either. The soak has a fleet that is drive
 from __future__ import annotations
 
 import asyncio
+import os
 import time
-from collections.abc import Awaitable, Sequence
-from contextlib import ExitStack
+from collections.abc import Awaitable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -21,7 +22,6 @@ from paper.density.report import RATE_HZ, report
 from paper.fleet.fleet import SERVICES, Fleet, robots_of, with_fleet
 from paper.fleet.report import AGENTS
 from paper.fleet.startup import restart_services
-from paper.numbered.run import tokens
 from paper.programs import LineProgram
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
@@ -35,6 +35,8 @@ READY_WITHIN_S, MORE_S = 90.0, 30.0
 SETTLED_AFTER_S = 1.0
 # Of those that are driven, so many are agents.
 DRIVEN_AGENTS = 10
+# The relay lets one user have 32 connections; one that has ended may still count.
+DRIVES_A_USER = 25
 # The robots of a soak, those of them that are driven, its seconds, and those between two returns.
 SOAK, FULL_SOAK, QUICK_SOAK = (500, 20, 1800, 300), (500, 20, 7200, 600), (20, 4, 20, 10)
 
@@ -113,6 +115,20 @@ def _chosen(world: World, count: int, agents: int, driven: int = DRIVEN) -> list
     real = names[: min(agents, DRIVEN_AGENTS, driven)]
     virtual = names[agents : agents + driven - len(real)]
     return [(name, "agent") for name in real] + [(name, "virtual") for name in virtual]
+
+
+@contextmanager
+def tokens(world: World, how_many: int) -> Iterator[list[str]]:
+    """An API token for each drive: the world's own for as many as one user may have, then those of more users."""
+    names = [
+        f"x-density-{os.getpid()}-{at}" for at in range(DRIVES_A_USER, how_many, DRIVES_A_USER)
+    ]
+    given = [world.token]
+    with ExitStack() as made:
+        for name in names:
+            given.append(world.add_admin(name))
+            made.callback(world.api, "DELETE", f"/users/{name}")
+        yield [given[number // DRIVES_A_USER] for number in range(how_many)]
 
 
 async def _drive(

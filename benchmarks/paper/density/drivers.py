@@ -23,7 +23,7 @@ import aiohttp
 import uvloop
 
 from paper.client import FAILURES, Client, Echoes, begin, close, command, new_http
-from paper.numbered.messages import Histogram
+from paper.histogram import Histogram
 from paper.programs import write_line
 
 READY_WITHIN_S, AGAIN_S, LAST_WITHIN_S = 60.0, 0.2, 2.0

@@ -21,7 +21,7 @@ from paper.fleet.report import (
     shortfalls,
     start_rows,
 )
-from paper.numbered.messages import Histogram
+from paper.histogram import Histogram
 from paper.step import Comparison, Outcome, Report, Results, Values, against_aim, succeeded
 
 RATE_HZ = 50
