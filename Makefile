@@ -19,7 +19,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 comma := ,
 
-.PHONY: help demo up down docker images robot-host-image test-hosts ready compiled-tests test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments enrol-times screenshots venv frontend-test docs clean
+.PHONY: help demo up down docker images robot-host-image test-hosts ready compiled-tests test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments screenshots venv frontend-test docs clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -118,14 +118,11 @@ test-server: venv images robot-host-image ## server.yml and site.yml on machines
 	@tools/ensure_test_hosts
 	@$(PYTEST) $(SERVERS)
 
-enrol-times: venv images robot-host-image ## seconds from ansible-playbook, and from power-on, to a drivable robot; one and five robots
-	@PYTHONPATH=$(SUPPORT):common:server $(VENV)/bin/python benchmarks/enrol_times.py
-
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT):common:agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
-experiments: venv images ## the paper's experiments and more, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
+experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) benchmarks/paper $(if $(ONLY),-k "$(subst $(comma), or ,$(ONLY))") \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only)

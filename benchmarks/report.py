@@ -1,12 +1,11 @@
-"""Turns rows of results into tables, pages and pictures, for `make bench` and `make experiments`.
+"""Turns rows of results into tables and pages, for `make bench` and `make experiments`.
 
-Tables are pandas', pages are the Jinja templates in templates/, pictures are matplotlib's. An experiment gives its rows
-and the values that its template names; none writes Markdown or SVG itself.
+Tables are pandas', pages are the Jinja templates in templates/. An experiment gives its rows and the values that its
+template names; none writes Markdown itself.
 """
 
 from __future__ import annotations
 
-import io
 import math
 import os
 import platform
@@ -18,13 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-import numpy as np
 import pandas as pd
 from demo import ROOT
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure as Drawing
 
 NONE = "-"
 MINUTE_S, HOUR_S = 60, 3600
@@ -32,20 +27,6 @@ MINUTE_S, HOUR_S = 60, 3600
 _SIGNS = re.compile(r"([\\`*_{}\[\]<>()#|~&!])")
 # Each run writes these pages again, which does not change the sources.
 OUR_OWN_PAGES = ":(exclude)docs/experiments"
-# Points of a line in a picture: a page's picture stays below 30 KB.
-MAX_POINTS = 50
-# White also on dark pages; text as text and the same ids each time, so that pictures are small and comparable.
-STYLE = {
-    "svg.fonttype": "none",
-    "svg.hashsalt": "robotether",
-    "figure.facecolor": "white",
-    "savefig.facecolor": "white",
-    "axes.grid": True,
-    "grid.alpha": 0.3,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "font.size": 10,
-}
 Row = Mapping[str, object]
 
 
@@ -137,52 +118,6 @@ def page(template: str, **values: Any) -> str:
     filters = (bullets, cell, duration, number, plain, table, wrapped)
     environment.filters |= {each.__name__: each for each in filters}
     return environment.get_template(template).render(values)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Figure:
-    """A page's picture, if it has lines: each has the columns line, x and y, and panel if some stand side by side."""
-
-    caption: str
-    lines: Sequence[pd.DataFrame]
-    x: str
-    y: str
-    # The logarithmic axes: "", "x", "y" or "xy".
-    log: str = ""
-
-
-def draw(figure: Figure, path: Path) -> None:
-    with mpl.rc_context(STYLE):
-        drawing = Drawing(figsize=(8.0, 4.5), layout="constrained")
-        points = pd.concat(figure.lines)
-        points = points if "panel" in points else points.assign(panel="")
-        panels = dict(list(points.groupby("panel", sort=False)))
-        [row] = drawing.subplots(1, len(panels), sharex=True, sharey=True, squeeze=False)
-        for axes, (title, some) in zip(row, panels.items(), strict=True):
-            for label, line in some.groupby("line", sort=False):
-                axes.plot(line.x, line.y, label=label, linewidth=1.2)
-            axes.set_title(title, fontsize=9)
-            axes.set_xlabel(figure.x)
-            for axis in figure.log:
-                axes.set(**{f"{axis}scale": "log"})
-                getattr(axes, f"{axis}axis").set_major_formatter("{x:g}")
-            axes.minorticks_off()
-        row[0].set_ylabel(figure.y)
-        handles = row[0].get_legend_handles_labels()
-        drawing.legend(*handles, loc="outside lower center", ncols=2, fontsize=8)
-        text = io.StringIO()
-        FigureCanvasSVG(drawing).print_svg(text, metadata={"Date": None, "Creator": None})
-    # A tenth of a pixel is enough, and nobody reads the indents.
-    path.write_text(re.sub(r"(\d\.\d)\d+(?![\d<])|(?<=\n) +", r"\1", text.getvalue()))
-
-
-def arrived(line: str, times: Iterable[float | None], of: int) -> pd.DataFrame:
-    """A picture's line: the share in percent of `of` that came by each time; None never came."""
-    known = pd.Series(list(times), dtype=float).dropna()
-    parts = np.linspace(0, 1, MAX_POINTS)
-    return pd.DataFrame(
-        {"line": line, "x": known.quantile(parts).values, "y": parts * 100 * len(known) / of}
-    )
 
 
 def machine() -> dict[str, Any]:

@@ -42,7 +42,7 @@ SUMMARY = pytest.StashKey[list[str]]()
 def pytest_addoption(parser: pytest.Parser) -> None:
     add = parser.getgroup("experiments").addoption
     add("--quick", action="store_true", help="all of it small; the page goes to tests/artifacts")
-    add("--full", action="store_true", help="the paper's 1000 repetitions")
+    add("--full", action="store_true", help="what lasts, for longer")
     add("--restart", action="store_true", help="measure anew what an earlier run has measured")
     add("--page-only", action="store_true", help="run nothing; write the page of what was measured")
 

@@ -1,4 +1,4 @@
-"""The paper's experiments, a machine's limits, and cells that break: each step is a test.
+"""A machine's limits, and cells that break: each step is a test.
 
 A step that raises has failed and stays failed. What ends the run instead is Ctrl-C, which leaves the step out, and a
 stack that no longer answers, which would fail all that follows without a word.
@@ -18,13 +18,12 @@ import pytest
 from paper.cells import cells
 from paper.conftest import scale_of
 from paper.density import density
-from paper.fleet import startup
 from paper.page import sentence
 from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
 
 # All experiments, in the page's order.
-PARTS = (startup.PART, density.PART, cells.PART)
+PARTS = (density.PART, cells.PART)
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"
 # A step may end while the services that it has restarted come back.

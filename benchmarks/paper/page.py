@@ -1,4 +1,4 @@
-"""Writes a part's page and picture in docs/experiments/ from the kept outcomes.
+"""Writes a part's page in docs/experiments/ from the kept outcomes.
 
 What has not run, has failed, could not be reported or falls short is on it; nothing is left out for looking bad. The
 same values give the same files, whenever and wherever they are written.
@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from report import draw, duration, page, plain
+from report import duration, page, plain
 
 from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale
 
@@ -30,7 +30,7 @@ class Chapter:
     steps: Mapping[str, str]
     outcomes: Mapping[str, Outcome]
     report: Report
-    # What this part's report or picture could not be made for, and why.
+    # Why this part's report could not be made.
     problems: list[str] = field(default_factory=list)
 
     @property
@@ -103,28 +103,18 @@ def sentence(error: BaseException) -> str:
 
 
 def write_page(folder: Path, item: Chapter, scale: Scale, store: ResultStore) -> Path:
-    """Write a part's page and picture; a picture that cannot be drawn is a problem of the chapter."""
     folder.mkdir(parents=True, exist_ok=True)
-    picture = folder / f"{item.part.name}.svg"
-    picture.unlink(missing_ok=True)
-    if item.report.figure is not None and item.report.figure.lines:
-        try:
-            draw(item.report.figure, picture)
-        except Exception as error:  # noqa: BLE001 (the border of a part's own picture)
-            traceback.print_exc()
-            item.problems.append(f"{picture.name} could not be drawn: {sentence(error)}")
     written = folder / f"{item.part.name}.md"
-    written.write_text(markdown(item, scale, store, has_picture=picture.exists()))
+    written.write_text(markdown(item, scale, store))
     return written
 
 
-def markdown(item: Chapter, scale: Scale, store: ResultStore, *, has_picture: bool) -> str:
+def markdown(item: Chapter, scale: Scale, store: ResultStore) -> str:
     outcomes = list(item.outcomes.values())
     values = {
         "one": item,
         "scale": scale,
         "circumstances": _circumstances(outcomes, store.sittings(outcomes)),
-        "has_picture": has_picture,
     }
     name = item.part.name if item.report.values else "experiment"
     return page(f"{name}.md.j2", **values, **item.report.values)

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from report import NONE, Figure, Row, number, plain
+from report import NONE, Row, number, plain
 
 if TYPE_CHECKING:
     from paper.world import World
@@ -32,7 +32,7 @@ class Scale:
 
     # Everything once and small, for continuous integration.
     quick: bool = False
-    # The paper's 1000 repetitions of the start, in place of 20.
+    # What lasts, for longer.
     full: bool = False
 
     @property
@@ -131,14 +131,13 @@ class Report:
     comparisons: Sequence[Comparison] = ()
     # What falls short beside the comparisons that do, in sentences.
     shortfalls: Sequence[str] = ()
-    figure: Figure | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
     """One experiment; its page is templates/NAME.md.j2."""
 
-    # For the results and for ONLY: "startup".
+    # For the results and for ONLY: "density".
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]

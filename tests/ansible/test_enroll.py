@@ -16,8 +16,8 @@ from playbooks import FROM_INDEX, Played, Site
 from programs import Program, drive_forward
 from robot_hosts import WHEELHOUSE, RobotHost, RobotHosts
 
-# The aim is 3 s after the network is up, which `make enrol-times` measures; here another module's hosts may boot or be
-# installed meanwhile, on the same two cores.
+# The aim is 3 s after the network is up; here another module's hosts may boot or be installed meanwhile, on the same
+# two cores.
 POWER_ON_LIMIT_S = 20.0
 
 

@@ -11,6 +11,7 @@ import asyncio
 import os
 import time
 from collections.abc import Awaitable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,6 @@ from paper.costs import cpu_between
 from paper.density.report import RATE_HZ, report
 from paper.fleet.fleet import SERVICES, Fleet, robots_of, with_fleet
 from paper.fleet.report import AGENTS
-from paper.fleet.startup import restart_services
 from paper.programs import LineProgram
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
@@ -99,7 +99,17 @@ def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World
 
 
 async def _restart(world: World) -> None:
-    await asyncio.to_thread(restart_services, world, SERVICES)
+    await asyncio.to_thread(restart_all, world)
+
+
+def restart_all(world: World) -> None:
+    """Kill the containers and start them again, all at once, as a machine that boots does."""
+    with ThreadPoolExecutor(len(SERVICES)) as threads:
+        restarted = [
+            threads.submit(world.container(service).restart, timeout=0) for service in SERVICES
+        ]
+    for item in restarted:
+        item.result()
 
 
 async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:

@@ -1,11 +1,11 @@
-"""Many robots that start, are ended, and come back together: the machinery of `startup` and `density`.
+"""Many robots that start and come back together: the machinery of `density`.
 
-    values = with_fleet(world, 50, lambda fleet: fleet.start("repetition 7"))
+    values = with_fleet(world, 50, lambda fleet: fleet.start("density-50"))
 
 The first 50 robots of a fleet are light ones: the real agent with its guard and its own OpenSSH clients, in a worker
 process with others (worker.py), behind the address of the worker's uplink. All more are virtual (paper.virtual): what
 hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A
-repetition's clock starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in
+clock starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in
 a world; the fleet ends with the `with` block.
 """
 
@@ -130,7 +130,7 @@ class Fleet:
         From then on they go before nobody and after nobody: those that are driven or return would show how a starved
         robot does, and on a site each has a processor of its own.
         """
-        values = await self.run(run, lambda: self._all("start", OPENS_WITHIN_S))
+        values = await self.run(run, self._start_all)
         no_longer_aside([side.pid for side in self._sides])
         return values
 
@@ -163,19 +163,11 @@ class Fleet:
         last = self.reading()
         return {"idle_s": round(last.at_s - first.at_s, 3), "idle_cpu_s": cpu_between(first, last)}
 
-    async def end(self) -> float:
-        """End all robots, and return the seconds until the server knew of all."""
-        began = time.monotonic()
-        await self._all("end", ENDS_WITHIN_S)
-        async with asyncio.timeout(ENDS_WITHIN_S):
-            await self.fleet_events.until(self._names, online=False)
-        return round(time.monotonic() - began, 3)
-
-    async def _all(self, order: str, within_s: float) -> None:
+    async def _start_all(self) -> None:
         for side in self._sides:
-            side.send({"do": order})
+            side.send({"do": "start"})
         for side in self._sides:
-            await asyncio.to_thread(side.has_done, order, within_s)
+            await asyncio.to_thread(side.has_done, "start", OPENS_WITHIN_S)
 
     def _on_message(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
         if "got" in message:

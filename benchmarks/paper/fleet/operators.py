@@ -128,13 +128,9 @@ class FleetEvents:
             await self._become(set())
             await asyncio.sleep(TRY_AGAIN_S)
 
-    async def until(self, robots: Iterable[str], *, online: bool) -> None:
-        """Wait until all of them are online, or all are not."""
-        wanted = frozenset(robots)
+    async def until_online(self, robot: str) -> None:
         async with self._changed:
-            await self._changed.wait_for(
-                lambda: wanted <= self._online if online else not wanted & self._online
-            )
+            await self._changed.wait_for(lambda: robot in self._online)
 
     async def _events(self) -> AsyncGenerator[tuple[str, Any], None]:
         timeout = aiohttp.ClientTimeout(total=None, sock_read=EVENTS_SILENT_S)
@@ -187,7 +183,7 @@ class Operators:
 
     async def _deliver(self, robot: str, arrivals: Arrivals) -> None:
         while not arrivals.has_arrived(robot):
-            await self._fleet_events.until([robot], online=True)
+            await self._fleet_events.until_online(robot)
             async with self._slots:
                 try:
                     await self._attempt(robot, arrivals)

@@ -1,4 +1,4 @@
-"""The rows of fleets that start, idle and return, for the pages of startup and density. Pure."""
+"""The rows of fleets that start, idle and return, for the page of density. Pure."""
 
 from __future__ import annotations
 
@@ -14,8 +14,6 @@ from paper.step import Outcome, Values
 
 # A robot without a message after this has failed, whatever comes later.
 FAILED_AFTER_S = 60.0
-# What was restarted.
-IN_WORDS = {"tunnels": "sshd and relay", "server": "all containers, as when the VM restarts"}
 # How many of a fleet are the real agent; all more are virtual robots.
 AGENTS = 50
 SERVER = ("nginx", "web", "relay", "sshd", "mysql")

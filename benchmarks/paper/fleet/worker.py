@@ -136,7 +136,7 @@ class LightAgent(Agent):
 
 
 class Robot(ABC):
-    """What a process of robots plays; it is connected between `start` and `end`."""
+    """What a process of robots plays; it is connected from `start` on."""
 
     def __init__(self, name: str) -> None:
         self.name = name
@@ -149,14 +149,10 @@ class Robot(ABC):
     def start(self) -> None:
         self._running = asyncio.create_task(self._run())
 
-    async def end(self) -> None:
+    async def close(self) -> None:
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
-            self._running = None
-
-    async def close(self) -> None:
-        await self.end()
 
     @abstractmethod
     async def play(self) -> None:
@@ -243,8 +239,6 @@ class Robots:
         if do == "start":
             for robot in self.robots.values():
                 robot.start()
-        elif do == "end":
-            await asyncio.gather(*(robot.end() for robot in self.robots.values()))
         else:
             raise ValueError(f"there is no order {do}")
 
