@@ -1,44 +1,30 @@
-"""The whole robot: its topics, its loop and what it prints."""
+"""The simulated robot: what its README says of it, its kinds, and what its camera draws."""
 
-import asyncio
-import contextlib
 import dataclasses
-import logging
-import time
+import math
 from pathlib import Path
 from typing import Any
 
 import pytest
 import sim_robot
 from sim_client import SETTINGS, until
-from sim_robot.simulator import FixedRate, Simulator
-from stopwatch import Stopwatch
+from sim_robot.first_person import draw
+from sim_robot.kinematics import Pose
+from sim_robot.simulator import Simulator
+from sim_robot.world import World
 from timed_websocket import SocketClient
 
 
-async def test_topics_are_those_of_the_readme(simulator: Simulator) -> None:
+async def test_topics_are_those_of_the_readme() -> None:
     """Every topic and service of the robot stands in its README."""
     readme = (Path(sim_robot.__file__).parents[1] / "README.md").read_text()
-    names = [*simulator.graph.bus.topics(), *(s.name for s in simulator.graph.services.all())]
+    async with Simulator(SETTINGS) as simulator:
+        graph = simulator.graph
+        names = [*graph.bus.topics(), *(service.name for service in graph.services.all())]
     missing = [
         name for name in names if not name.startswith("/rosapi/") and f"`{name}`" not in readme
     ]
     assert missing == []
-
-
-async def test_slower_parts_are_stepped_at_their_rates(simulator: Simulator) -> None:
-    """In a second a listener gets one battery message, five scans and where the robot is ten times."""
-    async with SocketClient(simulator.rosbridge.port) as client:
-        for topic in ("/battery_state", "/scan", "/diagnostics", "/tf", "/tf_static"):
-            await client.send(op="subscribe", topic=topic)
-        seen: list[str] = []
-        while seen.count("/battery_state") < 3:
-            seen.append((await client.receive())["topic"])
-    between = seen[seen.index("/battery_state") :]
-    assert 9 <= between.count("/scan") <= 11
-    assert 19 <= between.count("/tf") <= 22
-    assert seen.count("/tf_static") == 1
-    assert between.count("/diagnostics") in (2, 3)
 
 
 @pytest.mark.parametrize("kind", ["holonomic", "ackermann"])
@@ -61,34 +47,14 @@ async def test_kind_of_robot_is_what_was_set(kind: str) -> None:
         await until("it moves to the left", lambda: turtle.pose.y > turtle.start.y + 0.1)
 
 
-async def test_taken_port_leaves_nothing_open(simulator: Simulator) -> None:
-    """When the video port is taken, rosbridge's is free again."""
-    settings = dataclasses.replace(SETTINGS, video_port=simulator.video.port)
-    other = Simulator(settings)
-    with pytest.raises(OSError, match="address already in use"):
-        async with other:
-            pass
-    with pytest.raises(OSError, match="Connect call failed"):
-        await asyncio.open_connection("127.0.0.1", other.rosbridge.port)
-
-
-async def run_until(rate: FixedRate, calls: int) -> Stopwatch:
-    """Run until that many calls were made; how long it took."""
-    task = asyncio.create_task(rate.run())
-    with Stopwatch() as stopwatch:
-        await until(f"{calls} calls", lambda: rate.calls >= calls)
-    task.cancel()
-    with contextlib.suppress(asyncio.CancelledError):
-        await task
-    return stopwatch
-
-
-async def test_long_delay_is_skipped_and_logged(caplog: pytest.LogCaptureFixture) -> None:
-    """After a stall of 0.5 s the loop does not race through the missed calls, and says so."""
-    pauses = [0.5]
-    rate = FixedRate(0.005, lambda: time.sleep(pauses.pop() if pauses else 0))
-    with caplog.at_level(logging.WARNING):
-        took = await run_until(rate, 10)
-    # No more than there was time for, 110 on a machine that does not pause by itself.
-    assert 90 <= rate.skipped <= took.clock_s / 0.005
-    assert "cannot hold 200.0 Hz" in caplog.text
+@pytest.mark.parametrize("size", [(640, 480), (333, 250), (1, 1), (2048, 2), (2, 2048)])
+@pytest.mark.parametrize("world_m", [2, 20, 1000])
+def test_there_is_a_frame_everywhere(world_m: float, size: tuple[int, int]) -> None:
+    """A frame has the wanted size in corners, beyond a wall, inside an obstacle and just before it."""
+    world = World(world_m)
+    post = world.obstacles[0]
+    left, middle = post.bounds[0], sum(post.bounds[1::2]) / 2
+    places = [(0, 0), (world_m, world_m), (world_m / 2, 0), (left - 0.01, middle), (left, middle)]
+    for x, y in [*places, (left + 0.02, middle)]:
+        for theta in (-math.pi, -0.8, 0, 0.5, 3.1):
+            assert draw(world, Pose(x, y, theta), size).size == size
