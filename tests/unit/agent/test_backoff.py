@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from itertools import islice
 from random import Random
 
@@ -158,17 +157,6 @@ async def test_tries_again_until_nothing_helps():
     with pytest.raises(ServerKeyChangedError, match="three"):
         await keep_going("session", attempt, Backoff(NoPause()), told.append)
     assert told == problems[:2]
-
-
-def test_repeats_are_thinned_out(caplog):
-    """Of the same problem in a row the 1st, 2nd, 4th and 8th are loud; another problem is loud at once."""
-    caplog.set_level(logging.INFO)
-    repeats = Repeats()
-    for _ in range(10):
-        repeats.log_problem("session", LinkLostError("lost it"), 1)
-    repeats.log_problem("session", NotEnrolledError("not yet"), 1)
-    assert [record.levelname for record in caplog.records] == ["WARNING"] * 4 + ["INFO"]
-    assert "lost it [link_lost]; next try in 1.0 s (for the 8. time)" in caplog.text
 
 
 def test_two_problems_that_take_turns_are_thinned_out_too(caplog):

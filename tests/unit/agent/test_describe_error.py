@@ -10,17 +10,11 @@ import ssl
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, suppress
-from datetime import datetime, timedelta, timezone
-from ipaddress import ip_address
-from pathlib import Path
+from datetime import datetime, timezone
 
 import aiohttp
 import pytest
 from aiohttp.client_reqrep import ConnectionKey
-from cryptography import x509
-from cryptography.hazmat.primitives import hashes, serialization
-from cryptography.hazmat.primitives.asymmetric import ec
-from cryptography.x509.oid import NameOID
 from fake_proxy import FakeProxy
 from robotether_agent.describe_error import BY_ERRNO, UNKNOWN, cause_of, describe_error
 
@@ -133,75 +127,12 @@ async def test_proxys_password_is_not_told():
     assert describe_error(refused.value, 4) == "the HTTP proxy answers 403 Forbidden"
 
 
-class Issuer:
-    """An authority of the test's own, and what it signs."""
-
-    def __init__(
-        self, place: Path, name: str = "it", *, is_ca: bool = True, has_key_id: bool = True
-    ) -> None:
-        self._place = place
-        self._key = ec.generate_private_key(ec.SECP256R1())
-        self._has_key_id = has_key_id
-        self._name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, name)])
-        usual = x509.BasicConstraints(ca=is_ca, path_length=None)
-        self.file = self._write("ca", self._made(self._name, self._key, (usual, True)), self._key)
-
-    def server(
-        self, name: str = "localhost", begin: timedelta = timedelta(), *, sends: bool = False
-    ) -> Path:
-        """Make a certificate for a server; with the authority's own behind it, if it `sends` that."""
-        key = ec.generate_private_key(ec.SECP256R1())
-        names = [x509.DNSName(name), x509.IPAddress(ip_address("127.0.0.9"))]
-        made = self._made(
-            x509.Name([]), key, (x509.SubjectAlternativeName(names), True), begin=begin
-        )
-        file = self._write("server", made, key)
-        if sends:
-            file.write_bytes(file.read_bytes() + self.file.read_bytes())
-        return file
-
-    def _made(
-        self,
-        subject: x509.Name,
-        key: ec.EllipticCurvePrivateKey,
-        extension: tuple[x509.ExtensionType, bool],
-        begin: timedelta = timedelta(),
-    ) -> x509.Certificate:
-        dates = (NOW + begin - timedelta(days=1), NOW + begin + timedelta(days=1))
-        made = x509.CertificateBuilder(
-            self._name, subject, key.public_key(), x509.random_serial_number(), *dates
-        ).add_extension(*extension)
-        if self._has_key_id:
-            known = x509.AuthorityKeyIdentifier.from_issuer_public_key(self._key.public_key())
-            made = made.add_extension(known, critical=False)
-        return made.sign(self._key, hashes.SHA256())
-
-    def _write(self, name: str, made: x509.Certificate, key: ec.EllipticCurvePrivateKey) -> Path:
-        file = self._place / f"{name}-{made.serial_number}.pem"
-        secret = key.private_bytes(
-            serialization.Encoding.PEM,
-            serialization.PrivateFormat.PKCS8,
-            serialization.NoEncryption(),
-        )
-        file.write_bytes(secret + made.public_bytes(serialization.Encoding.PEM))
-        return file
-
-
 @asynccontextmanager
-async def serving(talk: Talk, pem: Path | None = None) -> AsyncIterator[int]:
-    """Serve on a port of localhost, over TLS with this certificate if there is one."""
-    context = None
-    if pem is not None:
-        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        context.load_cert_chain(pem)
-    server = await asyncio.start_server(talk, "127.0.0.1", 0, ssl=context)
+async def serving(talk: Talk) -> AsyncIterator[int]:
+    """Serve on a port of localhost."""
+    server = await asyncio.start_server(talk, "127.0.0.1", 0)
     async with server:
         yield server.sockets[0].getsockname()[1]
-
-
-async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    writer.write(b"HTTP/1.1 200 OK\r\nContent-Length: 2\r\n\r\nok")
-    writer.close()
 
 
 async def reset(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -235,79 +166,43 @@ async def told(port: int, context: ssl.SSLContext | None = None) -> str:
     return sentence
 
 
-def trusting(issuer: Issuer | None = None) -> ssl.SSLContext:
-    return ssl.create_default_context(cafile=issuer and issuer.file)
+@pytest.mark.parametrize(
+    ("code", "sentence"),
+    [
+        (10, "it has expired"), (9, "it is not yet valid"), (62, "it is for another name"), (18, "it is self-signed"),
+        (19, "its chain ends in an authority"), (20, "this robot does not know its authority"),
+        (7, "a signature in its chain is wrong"), (26, "may not be used like that"),
+        (85, "OpenSSL's strict rules, which Python has from 3.13 on"), (1, "it is refused (no reason)"),
+    ],
+)  # fmt: skip
+def test_each_fault_of_a_certificate_has_its_sentence(code, sentence):
+    """OpenSSL's number tells what is wrong with a certificate; test_join meets some with real certificates."""
+    error = ssl.SSLCertVerificationError(1, NASTY)
+    error.verify_code = code
+    assert sentence in describe_error(error, 9)
 
 
-async def test_each_fault_of_a_certificate_has_its_sentence(place):
-    """Whatever OpenSSL refuses is told by what is wrong with the certificate, and not by its own words."""
-    issuer, other = Issuer(place), Issuer(place, "another")
-    late, early = timedelta(days=-9), timedelta(days=9)
-    strict = trusting(bare := Issuer(place, has_key_id=False))
-    # As Python does by itself from 3.13 on.
-    strict.verify_flags |= ssl.VERIFY_X509_STRICT
-    no_ca = Issuer(place, is_ca=False)
-    cases = [
-        (issuer.server(begin=late), trusting(issuer), "it has expired"),
-        (issuer.server(begin=early), trusting(issuer), "it is not yet valid"),
-        (issuer.server("other.example"), trusting(issuer), "it is for another name"),
-        (issuer.file, trusting(other), "it is self-signed"),
-        (issuer.server(sends=True), trusting(other), "its chain ends in an authority"),
-        (issuer.server(), trusting(other), "this robot does not know its authority"),
-        (issuer.server(), trusting(Issuer(place)), "a signature in its chain is wrong"),
-        (no_ca.server(), trusting(no_ca), "may not be used like that"),
-        (bare.server(), strict, "OpenSSL's strict rules, which Python has from 3.13 on"),
-    ]
-    for pem, context, words in cases:
-        async with serving(greet, pem) as port:
-            assert words in await told(port, context)
+@pytest.mark.parametrize(
+    ("reason", "sentence"),
+    [
+        ("TLSV1_ALERT_PROTOCOL_VERSION", "no version of TLS that"),
+        ("NO_SHARED_CIPHER", "no cipher that this robot accepts"),
+        ("TLSV13_ALERT_CERTIFICATE_REQUIRED", "it wants a client's certificate"),
+    ],
+)
+def test_each_fault_of_a_handshake_has_its_sentence(reason, sentence):
+    assert sentence in describe_error(ssl.SSLError(1, f"[SSL: {reason}] x"), 9)
 
 
-def shaken(pem: Path, client: ssl.SSLContext, **of_server: object) -> str:
-    """Return what is made of a handshake with a server of this kind, without a network that may cut it first."""
-    server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    server.load_cert_chain(pem)
-    for name, value in of_server.items():
-        setattr(server, name, value)
-    here, there = ssl.MemoryBIO(), ssl.MemoryBIO()
-    ends = [
-        client.wrap_bio(there, here, server_hostname="localhost"),
-        server.wrap_bio(here, there, server_side=True),
-    ]
-    for _ in range(4):
-        with suppress(ssl.SSLWantReadError):
-            try:
-                ends[0].do_handshake()
-                ends[0].read(1)
-            except ssl.SSLWantReadError:
-                raise
-            except ssl.SSLError as error:
-                return describe_error(error, 9)
-        with suppress(ssl.SSLError):
-            ends[1].do_handshake()
-    raise AssertionError("the handshake is well")
-
-
-async def test_each_fault_of_a_handshake_has_its_sentence(place):
-    """TLS that is of another kind, is cut, or is none at all."""
-    issuer = Issuer(place)
-    pem, modern, frugal = issuer.server(), trusting(issuer), trusting(issuer)
-    modern.minimum_version = ssl.TLSVersion.TLSv1_3
-    frugal.maximum_version = ssl.TLSVersion.TLSv1_2
-    # A cipher for certificates of RSA, which this one is not.
-    frugal.set_ciphers("ECDHE-RSA-AES128-GCM-SHA256")
-    old = ssl.TLSVersion.TLSv1_2
-    assert "no version of TLS that" in shaken(pem, modern, maximum_version=old)
-    assert "no cipher that this robot accepts" in shaken(pem, frugal)
-    wants = shaken(pem, trusting(issuer), verify_mode=ssl.CERT_REQUIRED)
-    assert "it wants a client's certificate" in wants
+async def test_what_is_no_tls_is_told():
+    """TLS may be cut, or be none at all."""
     for talk, words in (
         (saying(b"HTTP/1.1 302 Found\r\n\r\n"), "does not speak TLS"),
         (saying(b""), "it cuts the connection"),
         (reset, "it cuts the connection"),
     ):
         async with serving(talk) as port:
-            assert words in await told(port, trusting())
+            assert words in await told(port, ssl.create_default_context())
 
 
 async def test_each_fault_of_an_answer_has_its_sentence():

@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 from robotether_agent import problems
-from robotether_agent.fields import FieldError
 from robotether_agent.problems import AgentError, Retry, ServerKeyChangedError, SettingsInvalidError
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
@@ -44,11 +43,6 @@ def test_codes_are_short_and_unique():
     codes = [problem.default_code for problem in PROBLEMS]
     assert len(codes) == len(set(codes))
     assert all(re.fullmatch("[a-z_]{3,25}", code) for code in codes)
-
-
-def test_a_detail_is_its_words_alone():
-    """Its caller ends a sentence with it, and adds a code of its own."""
-    assert str(FieldError("field seq is missing")) == "field seq is missing"
 
 
 def test_a_problem_reads_as_a_sentence_with_advice_and_code():

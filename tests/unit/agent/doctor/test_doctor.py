@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fake_cloud import fingerprint
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, fail, ok, skipped
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding
 from robotether_agent.doctor.checks import run_checks
 from robotether_agent.problems import ServerKeyChangedError
 from robotether_agent.settings import Settings
@@ -122,13 +122,3 @@ async def test_after_another_host_key_doctor_status_and_log_agree(cloud, start_a
     assert found["service"].advice.endswith("then: sudo systemctl start robotether-agent")
     assert found["service"].detail == "the agent has stopped for that [host_key_changed]"
     assert cloud.joins[-1]["host_key_refused"] is True
-
-
-def test_one_line_a_step_and_the_advice_below_a_fail():
-    """A person reads down the first column and finds what to do beside the first FAIL."""
-    assert str(ok("clock", "it is right")) == "ok       clock        it is right"
-    assert str(skipped("answer", "no connection")) == "skipped  answer       no connection"
-    assert str(fail("disk", "it is full", "make room")).splitlines() == [
-        "FAIL     disk         it is full",
-        "                      what to do: make room",
-    ]

@@ -16,7 +16,6 @@ from robotether_agent.describe_error import Cause
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
 from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
 from robotether_agent.settings import Settings
-from tls_front import openssl
 
 UTC = timezone.utc
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=timezone.utc)
@@ -30,14 +29,6 @@ def test_both_spellings_of_a_date_are_read(place, end):
     """From 2050 on the year has four digits."""
     begin = datetime(2024, 5, 6, 7, 8, 9, tzinfo=UTC)
     assert validity(der_of(make_certificate(place, begin, end))) == (begin, end)
-
-
-def test_openssls_own_certificate_is_read():
-    """The agent reads a certificate as openssl's command line makes it."""
-    made = ("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes")
-    der = openssl(*made, "-keyout", "/dev/null", "-days", "2", "-subj", "/CN=a", "-outform", "DER")
-    begin, end = validity(der)
-    assert (end - begin).days == 2
 
 
 def test_rubbish_is_told_as_such(place):

@@ -351,18 +351,6 @@ async def test_a_new_mac_in_the_settings_is_asked_about(cloud, settings):
     assert len(cloud.joins) == 2
 
 
-async def test_a_new_key_takes_the_old_ones_place(cloud, settings):
-    """The server gets the new key with the old one's signature; the robot then has one key again."""
-    enroller = await enrol(settings)
-    old = await enroller.key()
-    await enroller.rotate()
-    new = await enroller.key()
-    assert new.public != old.public
-    assert await enroller.next_key() is None
-    assert cloud.robot_key == new.public
-    assert cloud.joins[-1]["previous_key"]["fingerprint"] == old.fingerprint
-
-
 async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     """When the agent dies after the server took the key, the next start brings the change to its end."""
     enroller = await enrol(settings)
@@ -376,16 +364,6 @@ async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     started_anew = Enroller(settings)
     await started_anew.enrolment()
     assert (await started_anew.key()).public == coming.public
-
-
-async def test_a_change_that_the_server_never_heard_of_goes_on(cloud, settings):
-    """When the agent dies before it asks, or the web is away, the robot connects and asks later."""
-    enroller = await enrol(settings)
-    await enroller.enrolment()
-    await cloud.stop_web()
-    with pytest.raises(ServerUnreachableError):
-        await enroller.rotate()
-    assert (await Enroller(settings).enrolment()).robot == "sim1"
 
 
 async def test_a_slow_disk_does_not_silence_the_agent(cloud, settings, monkeypatch):

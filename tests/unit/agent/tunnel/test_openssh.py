@@ -83,12 +83,6 @@ def test_the_host_key_is_checked_without_a_key():
     assert "-M" not in command
 
 
-def test_an_ipv6_host_is_taken():
-    """An address with colons needs no brackets here."""
-    command = connect_command(SshAddress("2001:db8::1", 443, "tunnel"), FILES, "session")
-    assert in_force(command)["hostname"] == "2001:db8::1"
-
-
 def test_the_host_can_be_no_option():
     """The host stands after --, whatever it looks like."""
     command = connect_command(SshAddress("h", 22, "tunnel"), FILES, "media")
@@ -108,11 +102,6 @@ def test_forwards_listen_on_all_addresses(url, spec):
     assert forward.spec == spec
     command = control_command(Path("/r/x.ctl"), "forward", forward)
     assert command[-4:] == ["-R", spec, "--", "robotether-server"]
-
-
-def test_a_url_without_a_port_is_refused():
-    with pytest.raises(ValueError, match="no host and port"):
-        target_of("ws://127.0.0.1")
 
 
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):

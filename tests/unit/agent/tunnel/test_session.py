@@ -312,27 +312,6 @@ async def test_bye_keeps_code_and_detail(ends, code, retry, advice):
     assert advice in error.value.advice
 
 
-async def test_a_shell_and_a_new_key_are_requests_of_a_configuration(served):
-    """A server that knows neither says nothing of them."""
-    session, peer = served
-    peer.send(CONFIG)
-    plain = await asyncio.wait_for(session.new_config(None), 5)
-    assert (plain.ports["shell"], plain.rotate_key) == (None, False)
-    peer.send({**CONFIG, "shell_port": 24000, "rotate_key": True})
-    wished = await asyncio.wait_for(session.new_config(plain), 5)
-    assert (wished.ports["shell"], wished.rotate_key) == (24000, True)
-
-
-async def test_what_the_server_found_is_kept(served):
-    """Until it has looked all is unknown."""
-    session, peer = served
-    assert session.checked == {"ros": "unknown", "video": "unknown", "shell": "unknown"}
-    peer.send(CONFIG)
-    peer.send({"type": "checked", "ros": "ok", "video": "down", "shell": "unknown"})
-    await eventually(lambda: session.checked["ros"] == "ok", lambda: f"{session.checked}")
-    assert session.checked == {"ros": "ok", "video": "down", "shell": "unknown"}
-
-
 def test_every_bye_with_advice_is_one_that_the_server_says():
     """A misspelled code would leave its robot without advice, and let it knock too often."""
     assert {*BYE_ADVICE, *SLOW_BYES} <= set(get_args(ByeCode))
