@@ -47,9 +47,8 @@ class Use:
 class Group:
     """The control group of a container's processes."""
 
-    def __init__(self, pid: int, *, proc: Path = PROC, groups: Path = GROUPS) -> None:
-        self._groups = groups
-        self._paths = group_paths((proc / str(pid) / "cgroup").read_text())
+    def __init__(self, pid: int) -> None:
+        self._paths = group_paths((PROC / str(pid) / "cgroup").read_text())
 
     def use(self) -> Use:
         return self._use_1() if "memory" in self._paths else self._use_2()
@@ -68,7 +67,7 @@ class Group:
         )
 
     def _use_2(self) -> Use:
-        folder = self._groups / self._paths[""].lstrip("/")
+        folder = GROUPS / self._paths[""].lstrip("/")
         memory = _table(folder / "memory.stat")
         return Use(
             cpu_s=_table(folder / "cpu.stat")["usage_usec"] / 1e6,
@@ -80,7 +79,7 @@ class Group:
         )
 
     def _folder(self, controller: str) -> Path:
-        return self._groups / controller / self._paths[controller].lstrip("/")
+        return GROUPS / controller / self._paths[controller].lstrip("/")
 
 
 def group_paths(text: str) -> dict[str, str]:

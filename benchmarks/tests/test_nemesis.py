@@ -53,15 +53,6 @@ def open_nemesis(history: History, actions: Actions, **how: Any) -> Nemesis:
     return Nemesis(context(), history, noting(actions, **how))
 
 
-def test_the_seed_decides(history: History) -> None:
-    def chosen(seed: int) -> list[Any]:
-        item = Nemesis(context(seed), history)
-        return [item.choose() for _ in range(20)]
-
-    assert chosen(5) == chosen(5)
-    assert chosen(5) != chosen(6)
-
-
 async def test_one_cell_stays_whole(history: History, quick: None) -> None:
     actions: Actions = []
     await open_nemesis(history, actions).run(1.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,25 +28,6 @@ def part(name: str, *steps: str, unmet: bool = False) -> Part:
 @pytest.fixture
 def store(tmp_path: Path) -> ResultStore:
     return ResultStore(tmp_path, QUICK)
-
-
-@pytest.mark.parametrize(
-    ("reference", "ours", "better", "short"),
-    [
-        (2, 1, "lower", False),
-        (2, 3, "lower", True),
-        (2, 2, "lower", False),
-        (100, 100, "equal", False),
-        (100, 99.9, "equal", True),
-        (0, 1, "equal", True),
-        (2, float("nan"), "lower", True),
-    ],
-)
-def test_falls_short_where_ours_is_worse(
-    reference: float, ours: float, better: str, short: bool
-) -> None:
-    row = replace(UNMET, reference=reference, ours=ours, better=better)
-    assert row.is_short is short
 
 
 def test_what_is_measured_anew_is_set_aside_and_the_rest_stays(store: ResultStore) -> None:

@@ -15,14 +15,14 @@ from paper.fleet.report import (
     MIB,
     MS_PER_S,
     SERVER,
-    Group,
+    FleetOutcome,
     cost_rows,
     return_rows,
     shortfalls,
     start_rows,
 )
 from paper.histogram import Histogram
-from paper.step import Comparison, Outcome, Report, Results, Values, against_aim, succeeded
+from paper.step import Comparison, Report, Results, Values, against_aim, succeeded
 
 RATE_HZ = 50
 # Of issue 17, on two cores for everything; those of a start, of idle robots and memory are a robot's.
@@ -40,17 +40,17 @@ def report(results: Results) -> Report:
     fleets = [value for name, value in values.items() if name.startswith("fleet-")]
     soaks = [value for name, value in values.items() if name.startswith("soak-")]
     alike = [
-        _group(plain(name.replace("-", ": ")), value["count"], value["start"])
+        FleetOutcome(plain(name.replace("-", ": ")), value["count"], value["start"])
         for name, value in values.items()
         if name.startswith(("agents", "virtual"))
     ]
     starts = [
-        _group(
+        FleetOutcome(
             f"{fleet['count']}, {fleet['agents']} of them agents", fleet["count"], fleet["start"]
         )
         for fleet in fleets
     ]
-    returns = [_group("all containers", fleet["count"], fleet["return"]) for fleet in fleets]
+    returns = [FleetOutcome("all containers", fleet["count"], fleet["return"]) for fleet in fleets]
     whole = [start for start in starts if not start.never]
     return Report(
         values={
@@ -74,16 +74,12 @@ def report(results: Results) -> Report:
     )
 
 
-def _group(title: str, count: int, run: Values) -> Group:
-    return Group(title, count, [Outcome(values=run)])
-
-
-def _carries(group: Group) -> Mapping[str, float]:
+def _carries(run: FleetOutcome) -> Mapping[str, float]:
     """How many idle robots a core and a GiB carry."""
-    memory = (group.per_robot("memory_bytes") or 0) / MIB
+    memory = (run.per_robot("memory_bytes") or 0) / MIB
     return {
-        "count": group.count,
-        "a_core": MS_PER_S / (group.idle_ms() or float("nan")),
+        "count": run.count,
+        "a_core": MS_PER_S / (run.idle_ms() or float("nan")),
         "a_gib": 1024 / memory if memory > 0 else float("nan"),
     }
 
@@ -154,7 +150,7 @@ def memory_spread_percent(soak: Values) -> float:
 
 
 def _aims(
-    fleets: Sequence[Values], starts: Sequence[Group], returns: Sequence[Group]
+    fleets: Sequence[Values], starts: Sequence[FleetOutcome], returns: Sequence[FleetOutcome]
 ) -> Iterable[Comparison]:
     """Beside the largest fleet that was measured."""
     if not fleets:
@@ -162,7 +158,7 @@ def _aims(
     started, back = starts[-1], returns[-1]
     drives = fleets[-1]["drive"].get("drives", [])
     start_s, memory = started.per_robot("cpu_s"), started.per_robot("memory_bytes")
-    late = float(back.wanted - back.in_time)
+    late = float(back.count - back.in_time)
     p50 = back.seconds("message_s").quantile(0.5)
     p99 = merged(drives, "round_trips").quantile_ms(0.99)
     for what, aim, ours, unit in (
