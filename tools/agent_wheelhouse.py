@@ -1,8 +1,9 @@
 #!/usr/bin/env python3
-"""Downloads what the agent needs on robots of one architecture: tools/agent_wheelhouse.py amd64|arm64 FOLDER.
+"""Downloads what the agent needs on robots of one architecture: tools/agent_wheelhouse.py amd64|arm64 FOLDER [--video].
 
 The wheels of agent/requirements.txt, checked by its hashes, for each Python that the agent's Debian package supports:
-a robot without a package index installs from the folder. Needs pip, and no other package.
+a robot without a package index installs from the folder. With --video also those of requirements.video.txt, for H.264.
+Needs pip, and no other package.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import tempfile
 from operator import ge, lt
 from pathlib import Path
 
-LOCK = Path(__file__).resolve().parents[1] / "agent" / "requirements.txt"
+AGENT = Path(__file__).resolve().parents[1] / "agent"
+VIDEO = "--video"
 MACHINES = {"amd64": "x86_64", "arm64": "aarch64"}
 # Of Python 3; the bounds of the dependency in tools/build_agent_deb.
 MINORS = (10, 11, 12, 13)
@@ -34,11 +36,11 @@ def lock_for(minor: int, lock: str) -> str:
     return "".join(entries)
 
 
-def download(machine: str, minor: int, folder: Path) -> None:
+def download(machine: str, minor: int, folder: Path, locked: str) -> None:
     """Fill the folder; CalledProcessError after pip has said why not."""
     platforms = [word for name in PLATFORMS for word in ("--platform", f"{name}_{machine}")]
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as lock:
-        lock.write(lock_for(minor, LOCK.read_text()))
+        lock.write(lock_for(minor, locked))
         lock.flush()
         command = [
             sys.executable,
@@ -55,14 +57,17 @@ def download(machine: str, minor: int, folder: Path) -> None:
 
 def main() -> int:
     """Return the exit code."""
-    if len(sys.argv) != 3 or sys.argv[1] not in MACHINES:  # noqa: PLR2004 - the two arguments
+    words = [word for word in sys.argv[1:] if word != VIDEO]
+    if len(words) != 2 or words[0] not in MACHINES:  # noqa: PLR2004 - the two arguments
         print(__doc__.splitlines()[0], file=sys.stderr)
         return 2
-    folder = Path(sys.argv[2])
+    folder = Path(words[1])
+    locks = ["requirements.txt", *(["requirements.video.txt"] if VIDEO in sys.argv else [])]
+    locked = "".join((AGENT / name).read_text() for name in locks)
     folder.mkdir(parents=True, exist_ok=True)
     try:
         for minor in MINORS:
-            download(MACHINES[sys.argv[1]], minor, folder)
+            download(MACHINES[words[0]], minor, folder, locked)
     except subprocess.CalledProcessError:
         print(f"cannot fill {folder}: see pip's message above", file=sys.stderr)
         return 1

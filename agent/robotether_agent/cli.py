@@ -15,6 +15,7 @@ import os
 import pwd
 import random
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -301,6 +302,20 @@ def finish_switch(settings: Settings, was: Path, target: Path, state: str, wait_
     return _print_report(change.finish(was, target, state))
 
 
+def install_video(wheelhouse: Path | None) -> int:
+    """Add PyAV to this version, and print what came of it."""
+    # A process of its own: what installs is no part of the agent.
+    command = [sys.executable, "-m", "robotether_agent.install_video"]
+    if wheelhouse is not None:
+        command += ["--no-index", "--find-links", str(wheelhouse.absolute())]
+    done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)  # noqa: S603
+    if done.returncode:
+        print(f"robotether-agent: cannot install PyAV: {done.stderr.strip()}", file=sys.stderr)
+        return 1
+    print("PyAV is installed")
+    return 0
+
+
 def _print_report(report: UpgradeReport) -> int:
     print(f"{report.result}: {report.detail}")
     return 0 if report.result == "done" else 1
@@ -312,6 +327,8 @@ def main(arguments: Sequence[str] | None = None, environ: Mapping[str, str] = os
     try:
         if options.command == "doctor":
             return doctor(partial(load, options.config, environ))
+        if options.command == "install-video":
+            return install_video(options.wheelhouse)
         settings = load(options.config, environ, needs_server=options.command not in WITHOUT_SERVER)
         return COMMANDS[options.command](settings, options, environ)
     except AgentError as problem:
@@ -370,6 +387,10 @@ def _parser() -> argparse.ArgumentParser:
     other = commands.add_parser("switch", help="switch to another version, or roll back by itself")
     other.add_argument("directory", type=Path, help="such as /opt/robotether-agent/versions/NAME")
     other.add_argument("--wait", type=float, default=60.0, metavar="S", help="usually 60 s")
+    video = commands.add_parser("install-video", help="install PyAV, which encodes H.264")
+    video.add_argument(
+        "--wheelhouse", type=Path, metavar="DIR", help="take it from this folder, not the internet"
+    )
     # Without a help text it is not listed: a unit starts it, no person.
     again = commands.add_parser("finish-switch")
     again.add_argument("was", type=Path)

@@ -2,7 +2,8 @@
 
 join.sh and the playbooks run it with the robot's Python, before anything is installed, with the wheel itself as
 PYTHONPATH. The folder becomes a virtual environment without pip: copying one there takes longer than all the rest.
-In its place the wheel of pip runs that Python keeps for new environments.
+In its place the wheel of pip runs that Python keeps for new environments. What encodes video comes after the rest, by
+`install_video`.
 """
 
 from __future__ import annotations
@@ -33,16 +34,21 @@ def find_pip() -> Path:
     return files[-1]
 
 
+def pip_install(folder: Path, *words: str) -> tuple[str, ...]:
+    """Return the command that installs locked packages into a virtual environment."""
+    # Isolated (-I), so that what ROS has on PYTHONPATH does not count as installed. pip installs a package after those
+    # that it needs: an agent that starts has them all, even after a power cut.
+    python = (str(folder / "bin" / "python3"), "-I")
+    return (*python, f"{find_pip()}/pip", "install", *QUIET, *LOCKED, *words)
+
+
 def install(folder: Path, package: Path, requirements: Path, options: Sequence[str]) -> int:
     """Create the environment, fill it in one run of pip, and return pip's exit code."""
     venv.create(folder, symlinks=True)
     # pip wants a hash of each package; the installer has checked this one's already.
     sha256 = hashlib.sha256(package.read_bytes()).hexdigest()
     packages = ("-r", str(requirements), f"{package.resolve().as_uri()}#sha256={sha256}")
-    # Isolated (-I), so that what ROS has on PYTHONPATH does not count as installed. pip installs a package after those
-    # that it needs: an agent that starts has them all, even after a power cut.
-    python = (str(folder / "bin" / "python3"), "-I")
-    command = (*python, f"{find_pip()}/pip", "install", *QUIET, *LOCKED, *options, *packages)
+    command = pip_install(folder, *options, *packages)
     done = subprocess.run(  # noqa: S603 - Python's own pip, no shell
         command, stdin=subprocess.DEVNULL, check=False
     )

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import hashlib
 import subprocess
+import venv
 from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
 from robotether_agent.install import find_pip, install
+from robotether_agent.install_video import LOCK, install_video
 
 
-def make_wheel(folder: Path, name: str, requires: str = "") -> Path:
-    """A wheel of one module that has this name."""
+def make_wheel(folder: Path, name: str, requires: str = "", modules: tuple[str, ...] = ()) -> Path:
+    """A wheel of one module that has this name, or of other files."""
     path = folder / f"{name}-1.0-py3-none-any.whl"
     metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
     if requires:
         metadata += f"Requires-Dist: {requires}\n"
     with ZipFile(path, "w") as archive:
-        archive.writestr(f"{name}.py", "")
+        for module in modules or (f"{name}.py",):
+            archive.writestr(module, "")
         archive.writestr(f"{name}-1.0.dist-info/METADATA", metadata)
         archive.writestr(
             f"{name}-1.0.dist-info/WHEEL",
@@ -73,3 +76,43 @@ def test_python_without_a_pip_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setattr("sysconfig.get_config_var", {"WHEEL_PKG_DIR": str(tmp_path)}.get)
     with pytest.raises(SystemExit, match="Install python3-venv"):
         find_pip()
+
+
+@pytest.fixture
+def pyav(tmp_path: Path) -> Path:
+    """A wheel with the trees of PyAV's."""
+    (tmp_path / "wheels").mkdir()
+    return make_wheel(tmp_path / "wheels", "av", modules=("av/__init__.py", "av.libs/libx264.so"))
+
+
+def add_version(folder: Path, pyav: Path, locked: str = "1.0") -> Path:
+    """An installed version that has no PyAV yet; returns where its modules are."""
+    venv.create(folder, symlinks=True)
+    lock = folder / LOCK
+    lock.parent.mkdir(parents=True)
+    sha256 = hashlib.sha256(pyav.read_bytes()).hexdigest()
+    lock.write_text(f"av=={locked} \\\n    --hash=sha256:{sha256}\n")
+    [site] = folder.glob("lib/python*/site-packages")
+    return site
+
+
+@pytest.mark.parametrize("locked", ["1.0", "1.1"])
+def test_next_version_has_video_without_a_network(pyav, tmp_path, locked):
+    """It links the PyAV of the version before, also where its lock has a newer one that nobody can send."""
+    offline = ("--no-index", "--find-links", str(pyav.parent))
+    old = add_version(tmp_path / "versions/1", pyav)
+    assert install_video(tmp_path / "versions/1", offline) == ""
+    new = add_version(tmp_path / "versions/2", pyav, locked)
+    assert install_video(tmp_path / "versions/2", ("--no-index",)) == ""
+    for file in ("av/__init__.py", "av.libs/libx264.so", "av-1.0.dist-info/RECORD"):
+        assert (new / file).samefile(old / file)
+
+
+def test_video_that_cannot_be_had_is_explained(pyav, tmp_path, monkeypatch):
+    """Nothing is left behind then, so that the next try begins anew."""
+    site = add_version(tmp_path / "versions/1", pyav)
+    before = set(site.iterdir())
+    assert "av==1.0" in install_video(tmp_path / "versions/1", ("--no-index",))
+    monkeypatch.setattr("robotether_agent.install_video.NEEDED_MB", 10**9)
+    assert "MB free" in install_video(tmp_path / "versions/1", ("--no-index",))
+    assert set(site.iterdir()) == before
