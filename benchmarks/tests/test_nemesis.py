@@ -77,7 +77,6 @@ async def takers_beside(
 
 
 async def test_another_cell_breaks_while_one_is_drained(history: History) -> None:
-    """Never the drained one: its web could not resume it."""
     beside = await takers_beside(history, DRAINED, Target("b"))
     assert beside == {item: {"a", "c"} for item in TAKES_A_CELL - {DRAINED, "database_away"}}
 

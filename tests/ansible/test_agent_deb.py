@@ -89,7 +89,6 @@ def robot(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Iter
 async def test_settings_written_before_make_a_robot_and_purging_leaves_nothing(
     robot: Packaged,
 ) -> None:
-    """Installed, drivable, replaced by a newer package, removed, installed again, purged."""
     host, site = robot.host, robot.site
     before = robot.footprint()
     # As root leaves them: the agent's user is not there yet.

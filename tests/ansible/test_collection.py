@@ -55,7 +55,6 @@ def listed(site: Site) -> list[str]:
 
 
 def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:
-    """With the wheel that the collection has; a second run changes nothing, and retiring leaves nothing."""
     robot = hosts.boot("roamer")
     before = robot.footprint()
     first = installed.play_well(f"{PLAYBOOKS}.enroll", robot)

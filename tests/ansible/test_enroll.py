@@ -54,7 +54,6 @@ def _program(site: Site) -> Program:
 
 
 def test_check_works_before_the_first_run(enrolled: Enrolled) -> None:
-    """--check on a bare robot succeeds, says what it would do, and changes neither robot nor server."""
     assert enrolled.check.code == 0, enrolled.check.printed
     assert enrolled.check.recaps["turtle"].changed > 0
     enrolled.check.must_say("would create the robot's key")
@@ -63,7 +62,6 @@ def test_check_works_before_the_first_run(enrolled: Enrolled) -> None:
 
 
 def test_second_run_changes_nothing(enrolled: Enrolled) -> None:
-    """The first run changes the robot and the second one nothing."""
     assert enrolled.first.recaps["turtle"].changed > 0
     assert enrolled.second.recaps["turtle"].changed == 0
 
@@ -75,7 +73,6 @@ def test_it_is_proved_from_the_controller(enrolled: Enrolled) -> None:
 
 
 async def test_a_twist_moves_the_robot(enrolled: Enrolled, site: Site) -> None:
-    """A program that knows only server and token drives the robot."""
     assert enrolled.first.code == 0
     assert await drive_forward(_program(site), "turtle") >= 0.5
 
@@ -146,7 +143,6 @@ def test_retired_leaves_nothing(enrolled: Enrolled, site: Site) -> None:
 
 
 def test_retired_twice(enrolled: Enrolled, site: Site) -> None:
-    """A robot that is retired already changes nothing."""
     played = site.play_well("retire.yml", enrolled.robot, retire_confirm="true")
     assert played.recaps["turtle"].changed == 0
 

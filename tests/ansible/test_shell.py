@@ -132,7 +132,6 @@ def test_ssh_runs_on_the_robot(known: Person, turtle: RobotHost) -> None:
 
 
 def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: Path) -> None:
-    """To the robot and back, byte by byte."""
     sent = tmp_path / "sent"
     sent.write_bytes(os.urandom(3_000_000))
     known.run_well("scp", "-q", "-F", known.config, sent, f"{NAME}:by_scp")
@@ -143,7 +142,6 @@ def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: P
 
 
 def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
-    """With her token alone, and no entry for the robot."""
     inventory = known.folder / "fleet.yml"
     inventory.write_text(
         "plugin: robotether.robotether.robots\n"
@@ -172,7 +170,6 @@ def test_fleet_runs_on_it(known: Person) -> None:
 
 
 def test_time_out_ends_the_command_on_the_robot(known: Person, turtle: RobotHost) -> None:
-    """What root runs there, too."""
     command = "echo started; sleep 4321; true"
     done = known.fleet(command, "--on", NAME, "--sudo", "--timeout", "3")
     assert done.stdout == f"{NAME} | started\n"

@@ -74,7 +74,6 @@ def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path:
 
 
 def test_no_agent_to_upgrade(site: Site, hosts: RobotHosts) -> None:
-    """A machine without an agent is told to be enrolled first, and stays as it is."""
     bare = hosts.boot("bare")
     before = bare.footprint()
     played = site.play("upgrade.yml", bare)

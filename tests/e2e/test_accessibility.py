@@ -61,7 +61,6 @@ def _assert_no_violation(page: Page, what: str, rules: dict[str, Any]) -> None:
 
 @BOTH
 def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
-    """As cards and as a table; driving with all that unfolds, held for an old picture, stopped and released."""
     open_page(page, stack, "/")
     for view in ("table", "cards"):
         page.get_by_test_id(f"view-{view}").click()
@@ -94,7 +93,6 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
 
 
 def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
-    """What a screen reader says before the value, which axe does not miss while a label holds both."""
     open_robot(page, stack, ROBOT)
     open_drawer(page)
     page.get_by_test_id("gamepad-open").click()

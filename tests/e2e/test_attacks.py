@@ -58,7 +58,6 @@ def _raised(ticket: str) -> str:
 
 
 def test_no_such_ticket_opens_a_robot(stack: Stack, ann: Person) -> None:
-    """None, a used one, another robot's, a raised one, a token, and a good one on a page elsewhere."""
     used = ann.ticket(ROBOT)
     assert open_ros(stack, ROBOT, used, Origin=ELSEWHERE).said == "403 origin_refused"
     assert open_ros(stack, ROBOT, used, Origin=stack.url).code == OPEN
@@ -92,7 +91,6 @@ async def test_an_observer_sends_nothing_that_moves(ben: Person) -> None:
 
 
 def test_an_observer_gets_no_more(ben: Person) -> None:
-    """Neither another robot's ticket, video or name, nor the control, a release or more rights."""
     for method, path, body, refusal in (
         ("POST", "/tickets", {"robot": ROBOT, "mode": "drive"}, "403 grant_missing"),
         ("POST", "/tickets", {"robot": OTHER, "mode": "observe"}, "404 robot_unknown"),

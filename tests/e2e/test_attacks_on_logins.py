@@ -50,7 +50,6 @@ def log_in(key: RobotKey, port: int) -> str:
 def test_half_open_log_ins_of_one_address_keep_nobody_out(
     stack: Stack, inside: Insider, key: RobotKey, door: str
 ) -> None:
-    """All others get in."""
     host, attacked = {"2222": ("sshd", 2222), "443": ("nginx", 8443)}[door]
     port = {"2222": stack.ssh_port, "443": stack.https_port}[door]
     with inside.half_open_log_ins(host, attacked, HALF_OPEN), ThreadPoolExecutor(AT_ONCE) as pool:

@@ -53,7 +53,6 @@ def cells_by(cell: Stack) -> dict[str, dict[str, Any]]:
 
 
 def test_both_cells_are_listed_and_serve_pages(first: Stack, second: Stack) -> None:
-    """By each of them, with the addresses at which robots reach them."""
     for cell in (first, second):
         cell.wait(
             "both cells alive",
@@ -96,7 +95,6 @@ def test_secrets_are_exported_for_their_owner_alone(second: Stack) -> None:
 
 
 def test_migrations_run_from_a_cell_too(second: Stack) -> None:
-    """For a database that no machine of the site has."""
     assert "nothing was missing" in second.compose("run", "--rm", "--no-TTY", "migrate")
 
 
@@ -214,7 +212,6 @@ def robots_at(cell: Stack) -> int:
 
 
 def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Stack) -> None:
-    """Although the database died with it, and stay where they are when it is back."""
     robots = ("sim1", "sim2", "sim3")
     # By itself within a minute.
     second.exec("sshd", "/usr/lib/robotether/authorized-keys", "cache", user="keylookup")
@@ -254,7 +251,6 @@ def control(cell: Stack, robot: str) -> dict[str, object]:
 
 
 async def test_robot_of_another_cell_is_driven(program: Program) -> None:
-    """By a WebSocket that nginx passes on, with what the robot answers."""
     assert await drive_forward(program, "sim1") > 0.4
 
 
@@ -269,7 +265,6 @@ async def test_observers_get_its_topics(program: Program) -> None:
 
 
 async def test_its_video_is_seen(program: Program) -> None:
-    """Frames, MJPEG as it comes, and single pictures."""
     base, tls = f"{program.stack.url}/robots/sim1/video", insecure_tls()
     assert await asyncio.to_thread(
         program.stack.wait,
@@ -293,7 +288,6 @@ async def test_its_video_is_seen(program: Program) -> None:
 
 
 def test_it_is_stopped_and_released_there(program: Program, first: Stack, second: Stack) -> None:
-    """With the body of the request, which is sent on."""
     stopped = first.admin.ask("POST", "/robots/sim1/stop", {"reason": "x" * 250})["stopped"]
     assert (stopped["by"], stopped["confirmed"]) == ("admin", True)
     [[reason]] = first.sql("SELECT reason FROM robot_stops")
@@ -326,7 +320,6 @@ async def test_pages_of_the_asked_cell_alone_may_drive(program: Program, second:
 
 
 def test_drive_has_the_clients_address(program: Program, first: Stack) -> None:
-    """As the nginx saw it that was asked, and not that nginx's own."""
     [[address]] = first.sql("SELECT DISTINCT address FROM drives WHERE robot = 'sim1'")
     [[at_first]] = first.sql(
         "SELECT DISTINCT address FROM audit_events WHERE kind = 'robot_released' AND robot = 'sim1'"

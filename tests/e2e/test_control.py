@@ -76,7 +76,6 @@ def _newest_fence(stack: Stack) -> int:
 def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(
     page_users: PageUsers, stack: Stack
 ) -> None:
-    """From the page that only opened the robot to the manager who takes the control from its driver."""
     before = _newest_fence(stack)
     ann, ben = (page_users.open(name, ROBOT) for name in ("ann", "ben"))
     for page in (ann, ben):
@@ -121,7 +120,6 @@ def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(
 def test_the_first_held_key_takes_the_control_and_drives(
     page_users: PageUsers, stack: Stack
 ) -> None:
-    """In one press, as soon as the control is there, and the page says so."""
     page = page_users.open("ann", ROBOT)
     expect(page.get_by_test_id("tile").first).to_have_attribute("data-frame", "live")
     page.evaluate(NOTE_TAKING)

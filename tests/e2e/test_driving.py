@@ -216,7 +216,6 @@ LOSSES = {
 def test_a_key_whose_release_may_be_lost_is_let_go(
     page: Page, stack: Stack, watch: SimWatch
 ) -> None:
-    """By the focus, a context menu, a list, fullscreen, a hang of the page, and a process that is stopped."""
     drive_live(page, stack, ROBOT)
 
     def loses(what: str) -> None:

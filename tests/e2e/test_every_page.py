@@ -232,7 +232,6 @@ def _numbers(stack: Stack) -> dict[str, str]:
 @pytest.mark.release
 @pytest.mark.usefixtures("operator")
 def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
-    """Each that the application has, and the answer to an address that it has not."""
     looks, numbers = Looks(page, stack.url), _numbers(stack)
     for rule in rules_of_pages():
         status = looks.look(address(rule, numbers))
@@ -243,7 +242,6 @@ def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
 
 @pytest.mark.release
 def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
-    """Those that are not the admin's, and what is said instead of one of these."""
     looks = Looks(operator, stack.url)
     for rule in rules_of_pages():
         if not rule.startswith("/admin"):
@@ -253,7 +251,6 @@ def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
 
 
 def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> None:
-    """The one to log in, to which all others lead."""
     looks, numbers = Looks(context.new_page(), stack.url), _numbers(stack)
     assert looks.look("/login") == 200
     assert looks.look("/nothing") == 404
@@ -265,7 +262,6 @@ def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> No
 
 
 def test_rows_are_dense(operator: Page, stack: Stack) -> None:
-    """One line a row on a desktop, two on a phone, in the reader's own time."""
     operator.goto(f"{stack.url}/drives?user={OPERATOR}")
     rows = operator.locator(".line")
     expect(rows).to_have_count(DRIVES)

@@ -37,7 +37,6 @@ def invitation(stack: Stack) -> Iterator[dict[str, Any]]:
 
 
 def test_script_is_the_one_of_this_checkout(stack: Stack) -> None:
-    """Byte for byte."""
     assert fetch(stack, "/join.sh") == (ROOT / "agent" / "join.sh").read_bytes()
 
 

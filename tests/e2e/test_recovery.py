@@ -57,7 +57,6 @@ async def _wait_drivable(program: Program, robot: str, seconds: float = 40) -> f
 
 
 async def test_services_that_are_killed_come_back(program: Program, stack: Stack) -> None:
-    """Services that die are restarted by the engine, and each robot is drivable again."""
     killed = {service: stack.container(service) for service in ("relay", "sshd", "nginx", "web")}
     for container in killed.values():
         # A kill by the engine counts as a stop that was wanted; the process must die by itself to be restarted.
@@ -107,7 +106,6 @@ async def test_log_ins_through_443_come_back(stack: Stack) -> None:
 
 @pytest.mark.release
 async def test_services_that_hang_come_back(program: Program, stack: Stack) -> None:
-    """Services that are stopped are ended, and begin anew."""
     hung = {service: stack.container(service) for service in ("relay", "web", "nginx", "mysql")}
     for container in hung.values():
         await asyncio.to_thread(_signal_all, container, "STOP")

@@ -40,7 +40,6 @@ def defaults(stack: Stack) -> Iterator[None]:
 def test_member_of_a_group_sees_the_robots_of_a_site(
     page: Page, stack: Stack, password: str
 ) -> None:
-    """As long as she is a member and the robot is there; her open page follows within seconds."""
     page.goto(f"{stack.url}/admin/groups")
     page.get_by_label("Name").fill("e2e-crew")
     page.get_by_test_id("group-add").click()

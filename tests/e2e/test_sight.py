@@ -255,7 +255,6 @@ def test_a_picture_is_saved_turned_and_of_the_chosen_quality(robot: Page) -> Non
 
 
 def test_a_camera_that_nothing_publishes_is_named(page: Page, stack: Stack) -> None:
-    """On the drive page, by what saves a still, and on the fleet page; another camera is shown all the same."""
     nowhere, rear = {"topic": "/camera/nowhere", "name": "Lost"}, {"topic": REAR, "name": "Rear"}
     why = "No frames from /camera/nowhere: the topic does not exist or nothing publishes it."
     stack.wait_until_drivable(ROBOT)

@@ -49,7 +49,6 @@ def lonely(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AcmeNetwork]:
 
 @pytest.mark.release
 def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
-    """Self-signed first, without a word about insisting on https; then the authority's, with it."""
     network.start_authority()
     nginx = network.start_nginx()
     assert HSTS not in network.wait_served(nginx, DOMAIN)

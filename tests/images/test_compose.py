@@ -248,7 +248,6 @@ def test_no_secret_is_in_an_image() -> None:
 
 @pytest.mark.release
 def test_a_client_that_dies_in_a_transaction_keeps_no_lock(stack: Stack) -> None:
-    """With its machine or its network: no end of the connection reaches the database."""
     locks = "START TRANSACTION; UPDATE users SET name = name;"
     died = f"(echo '{locks}'; sleep 60) | mariadb robotether"
     stack.container("mysql").exec_run(["sh", "-c", died], detach=True)

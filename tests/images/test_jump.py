@@ -68,7 +68,6 @@ def manager(
     ],
 )
 def test_sshd_runs_for_jump_with_the_setting(in_force: list[str], setting: str, value: str) -> None:
-    """Sshd itself says that the setting is in force for the account."""
     assert f"{setting} {value}" in in_force
 
 

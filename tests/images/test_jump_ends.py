@@ -35,7 +35,6 @@ def remove_key(ann: Person, robot: ShellRobot) -> None:
 def test_connection_ends_with_its_persons_right(
     ann: Person, bob: Person, robot: ShellRobot, revoke: Callable[[Person, ShellRobot], None]
 ) -> None:
-    """Within 2 s, and nobody else's with it."""
     with ann.connected(robot.shell_port) as hers, bob.connected(robot.shell_port) as his:
         revoke(ann, robot)
         assert ended(hers)
@@ -50,7 +49,6 @@ def test_connection_ends_with_its_persons_right(
 def test_connection_ends_with_its_robots_port(
     ann: Person, robot: ShellRobot, tmp_path: Path, change: str
 ) -> None:
-    """Within 2 s after the shell is off, the robot disabled or its port moved (NULL: to a free one), used or not."""
     extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:63")
     try:
         ann.grant(extra, "manage")
@@ -63,7 +61,6 @@ def test_connection_ends_with_its_robots_port(
 
 
 def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path: Path) -> None:
-    """Within 2 s after the robot's row is gone."""
     extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:64")
     try:
         ann.grant(extra, "manage")

@@ -19,7 +19,6 @@ from stack import Stack
 
 @pytest.mark.parametrize("host", ["robots.example", "robots.example:80", "[2001:db8::1]"])
 def test_plain_http_is_redirected(stack: Stack, host: str) -> None:
-    """Port 80 answers nothing but a permanent redirect to https, at the port where the stack has it."""
     connection = http.client.HTTPConnection("localhost", stack.http_port, timeout=5)
     connection.request("GET", "/robots/sim1?x=1", headers={"Host": host})
     answer = connection.getresponse()
@@ -31,7 +30,6 @@ def test_plain_http_is_redirected(stack: Stack, host: str) -> None:
 
 @pytest.mark.parametrize("version", [ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3])
 def test_tls_version_is_offered(stack: Stack, version: ssl.TLSVersion) -> None:
-    """TLS 1.2 and 1.3 both connect."""
     context = insecure_tls()
     context.minimum_version = context.maximum_version = version
     with (
@@ -42,7 +40,6 @@ def test_tls_version_is_offered(stack: Stack, version: ssl.TLSVersion) -> None:
 
 
 def test_old_tls_is_refused(stack: Stack) -> None:
-    """A client that knows only TLS 1.1 is rejected."""
     context = insecure_tls()
     context.set_ciphers("ALL:@SECLEVEL=0")
     with pytest.warns(DeprecationWarning, match="TLSv1_1"):
@@ -97,7 +94,6 @@ def test_self_signed_certificate_is_no_authority(self_signed: Path) -> None:
 
 
 def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_signed: Path) -> None:
-    """For Python as strict as 3.13 is, and for curl."""
     context = ssl.create_default_context(cafile=self_signed)
     context.verify_flags |= ssl.VERIFY_X509_STRICT
     with (
@@ -113,7 +109,6 @@ def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_sign
 
 @pytest.mark.parametrize("path", ["/%00", "/a%00b", "/../..", "/%2e%2e/", "/%zz"])
 def test_paths_that_nobody_can_read_are_problems(stack: Stack, path: str) -> None:
-    """The sender's mistake, said in the format of all problems."""
     connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=5, context=insecure_tls()
     )

@@ -55,7 +55,6 @@ def test_stack_is_healthy_and_lets_the_first_admin_in(site: PlainCompose) -> Non
 
 
 def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
-    """Neither at a second start, nor by a container of web that is new."""
     [password] = PASSWORD.findall(site.log("web"))
     site.compose("up", "--detach", "--wait")
     assert site.log("web").count(password) == 1
@@ -65,7 +64,6 @@ def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
 
 
 def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
-    """With a token for just as many, that no log has, and again after a start in new containers."""
     site.settings["COMPOSE_PROFILES"] = "demo,demo-more"
     site.compose("up", "--detach", "--wait")
     site.wait("online", lambda: all(robot["online"] for robot in site.robots().values()), *SIMS)

@@ -48,7 +48,6 @@ def in_image(image: str, *command: str) -> str:
 
 @pytest.mark.parametrize("image", BUILT)
 def test_image_says_what_it_is(image: str) -> None:
-    """Its name, release, licence, commit and that commit's time, under OCI's names."""
     command = ["docker", "image", "inspect", name_of(image)]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     labels = json.loads(done.stdout)[0]["Config"]["Labels"]
@@ -63,7 +62,6 @@ def test_image_says_what_it_is(image: str) -> None:
 
 
 def test_every_target_has_labels() -> None:
-    """The images of tests too; and the place of the sources, where one is set."""
     names = re.findall(r'^target "(\w+)"', (ROOT / "docker-bake.hcl").read_text(), re.MULTILINE)
     images = set(names) - {"sbom", "release"}
     for name, target in described(
@@ -76,7 +74,6 @@ def test_every_target_has_labels() -> None:
 
 @pytest.mark.release
 def test_release_is_pushed_with_attestations() -> None:
-    """Every image that a site runs: SLSA provenance in full, and an SBOM."""
     targets = described("release")
     assert set(targets) == {f"release_{image}" for image in BUILT}
     for name, target in targets.items():

@@ -219,7 +219,6 @@ def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
 
 
 def test_key_opens_no_other_account(key: RobotKey) -> None:
-    """The key is good for the account tunnel alone."""
     for account in ("root", "keylookup", "jump"):
         assert "Permission denied" in key.ssh(f"{account}@127.0.0.1", "session").stderr
 

@@ -206,7 +206,6 @@ def alive(cell: Stack) -> set[str]:
 
 
 def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
-    """Also what it had received and not yet applied when the machine with the database died."""
     site.c.robotether("user", "add", "ann")
     numbers = Numbers(site, site.a)
     # However busy the machine of the test is, nothing is confirmed without the standby.
@@ -249,7 +248,6 @@ def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
 
 
 def test_promoted_database_has_what_migrations_need(site: Site) -> None:
-    """An event that runs, and locks that keep others out."""
     [[state]] = site.b.sql(
         "SELECT status FROM information_schema.events WHERE event_name = 'prune_history'"
     )

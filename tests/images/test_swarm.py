@@ -116,7 +116,6 @@ def robot(swarm: Swarm, cell: str, join_token: str) -> Iterator[Container]:
 
 
 def test_parts_of_a_cell_find_each_other(swarm: Swarm) -> None:
-    """On their own node, though all cells have the same names; the database is the same for all."""
     for cell in CELLS:
         address = swarm.nodes[cell].inside(f"robotether_{cell}_sshd", "hostname -i").split()
         found = swarm.nodes[cell].inside(f"robotether_{cell}_relay", "getent ahostsv4 sshd")

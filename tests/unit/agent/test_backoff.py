@@ -41,7 +41,6 @@ class Longest(Random):
 
 
 def test_ceilings_double_up_to_15_s():
-    """The ceiling of the pauses goes 1, 2, 4, 8, 15, 15 s."""
     assert list(islice(delays(Longest()), 6)) == [1, 2, 4, 8, 15, 15]
 
 
@@ -66,7 +65,6 @@ def test_delays_are_spread_from_half_a_second():
     ],
 )
 def test_each_problem_has_its_pause(problem, low, high):
-    """Soon, ask again and slowly are three ranges."""
     rng = Random(1)
     waits = [retry_or_give_up(problem, delays(rng), rng) for _ in range(100)]
     assert all(low <= wait <= high for wait in waits)
@@ -108,7 +106,6 @@ def test_another_address_after_a_connection_that_stood_costs_no_pause():
 
 
 def test_a_robot_that_somebody_used_goes_before_the_others():
-    """Until it has a connection again, or the server is away for longer."""
     backoff = Backoff(Longest())
     assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S, was_used=True) == 0.2
     first = [backoff.after(ServerBusyError("x"), uptime_s=0) for _ in range(USED_TRIES - 1)]
@@ -143,7 +140,6 @@ class NoPause(Random):
 
 
 async def test_tries_again_until_nothing_helps():
-    """Problems that pass are told and tried again; one that does not comes out."""
     problems: list[AgentError] = [
         LinkLostError("one"),
         NotEnrolledError("two"),

@@ -40,7 +40,6 @@ def teardown_module() -> None:
 
 
 def test_status_of_an_agent_that_never_ran(place, capsys):
-    """Without a status file the command says how to start the agent."""
     variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place)}
     assert main(["status"], variables) == 1
     assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
@@ -67,7 +66,6 @@ async def joined(cloud: FakeCloud, place, **more: str) -> int:
 
 
 async def test_active(cloud, place, capsys):
-    """A robot that is let in is told its name; asking again is no harm."""
     for _ in range(2):
         assert await joined(cloud, place) == 0
         told = capsys.readouterr().out
@@ -76,7 +74,6 @@ async def test_active(cloud, place, capsys):
 
 
 async def test_pending(make_cloud, place, capsys):
-    """How it is approved and the key to compare are told."""
     assert await joined(await make_cloud("pending"), place) == 10
     told = capsys.readouterr().out
     key = await ensure_key(place / "state")
@@ -86,7 +83,6 @@ async def test_pending(make_cloud, place, capsys):
 
 
 async def test_refused_and_impossible(cloud, place, capsys):
-    """The server's reason and what to do are told, and so is a server that is away."""
     refusal = {"code": "token_used_up", "detail": "the token lab was used 10 of 10 times"}
     cloud.answer = lambda: web.json_response(refusal, status=401)
     assert await joined(cloud, place, token="rj_x") == 1
@@ -115,7 +111,6 @@ def root(tmp_path) -> FakeRoot:
 
 
 def test_what_it_prints_is_kept(root, place, capsys):
-    """Without a server in the settings, before any join, and also when another interface comes first later."""
     settings = load(None, {"ROBOTETHER_STATE_DIR": str(place / "state")}, needs_server=False)
     assert identity(settings, as_json=False, root=root.path) == 0
     assert capsys.readouterr().out == f"{MAC} eth0\n"
@@ -260,7 +255,6 @@ def versions_environ(place, monkeypatch) -> dict[str, str]:
 
 
 def test_says_how_it_ended(versions_environ, place, capsys):
-    """In a line for a person and in a file for a program."""
     assert main(["switch", str(place / "opt/versions/2"), "--wait", "1"], versions_environ) == 0
     assert capsys.readouterr().out == "done: 2 is in use\n"
     assert json.loads((place / "opt/last-switch.json").read_text())["result"] == "done"

@@ -9,7 +9,6 @@ from robotether_agent.clock import EpochClock
 
 
 def test_a_later_session_has_a_greater_number(monkeypatch):
-    """Also when the wall clock is set back, or two begin in the same millisecond."""
     now = [time.time_ns()]
     monkeypatch.setattr(clock.time, "time_ns", lambda: now[0])
     epochs = EpochClock()

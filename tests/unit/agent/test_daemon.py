@@ -14,7 +14,6 @@ from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
 
 
 async def test_joins_connects_and_forwards_both_services(cloud, start_agent):
-    """A new robot joins, and rosbridge and video answer at its ports of the server."""
     agent = start_agent(cloud, guard="on")
     status = await agent.until_connected()
     assert status.robot == "sim1"
@@ -32,7 +31,6 @@ async def test_joins_connects_and_forwards_both_services(cloud, start_agent):
 
 
 async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):
-    """A port that something else holds is port_taken, and opens once it is free."""
     cloud = await make_cloud()
     holder = await make_cloud()
     cloud.ports = (holder.ssh.port, cloud.ports[1])
@@ -75,7 +73,6 @@ async def test_second_agent_does_not_start(cloud, start_agent, place):
 
 
 async def test_unwritable_state_is_told_and_tried_again(cloud, start_agent, place):
-    """A state directory that cannot be made is a clear problem, and the agent waits for it."""
     (place / "disk").touch()
     agent = start_agent(cloud, state_dir=str(place / "disk/state"))
     status = await agent.until(lambda status: status.state == "waiting", "waiting")

@@ -78,7 +78,6 @@ def test_a_kernel_that_does_not_show_its_sockets_ends_no_agent(tmp_path):
     [("ws://127.0.0.1:9090/", 9090), ("http://robot/", 80), ("wss://robot", 443)],
 )
 def test_port_of_a_url(url, port):
-    """The scheme's own, where the URL names none."""
     assert port_of(url) == port
 
 

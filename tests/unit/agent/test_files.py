@@ -13,7 +13,6 @@ from robotether_agent.problems import StateUnusableError
 
 
 def test_writes_whole_files_with_their_mode(place):
-    """A second write replaces the first, and nothing else stays in the directory."""
     write_atomic(place / "a", "one", 0o644)
     write_atomic(place / "a", "two", 0o600)
     assert read_text(place / "a") == "two"
@@ -36,7 +35,6 @@ def test_the_new_name_is_on_the_disk_too(place, monkeypatch):
 
 
 def test_missing_is_none_and_unreadable_is_a_problem(place):
-    """No file is no error, a directory in its place is one."""
     assert read_text(place / "none") is None
     with pytest.raises(StateUnusableError, match="cannot read"):
         read_text(place)

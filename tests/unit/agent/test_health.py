@@ -64,7 +64,6 @@ async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch):
 
 
 async def test_goes_down_and_comes_back(watch, services):
-    """Both services are down when they end, with the reason, and ok when they are back."""
     health = watch(services.ws_url, services.http_url)
     await until(health, lambda report: report.ros == report.video == "ok")
     await services.stop()
@@ -105,7 +104,6 @@ def count_probes(monkeypatch) -> list[str]:
 
 
 async def test_a_frozen_service_times_out(watch):
-    """A service that accepts and never answers is down after the time-out."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         port = silent.getsockname()[1]
         health = watch(f"ws://127.0.0.1:{port}", f"http://127.0.0.1:{port}")
@@ -186,7 +184,6 @@ async def test_video_of_cameras_of_the_settings(watch, nowhere):
 async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
     watch, services, monkeypatch, caplog
 ):
-    """Once in the log, with what to do, and in the report for as long as it lasts."""
     address = ["0.0.0.0"]
     monkeypatch.setattr(health_module, "exposed_at", lambda _url: address[0])
     monkeypatch.setattr(health_module, "SELDOM", 1)

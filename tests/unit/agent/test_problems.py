@@ -20,7 +20,6 @@ PROBLEMS = [
 
 
 def test_every_exception_of_the_agent_is_in_the_tree():
-    """Of all classes of the package, the tree's root alone extends a class of Python's."""
     texts = [path.read_text("utf-8") for path in Path(problems.__file__).parent.rglob("*.py")]
     pattern = re.compile(r"^class (\w+)\(\s*(\w+)", re.MULTILINE)
     classes = [pair for text in texts for pair in pattern.findall(text)]
@@ -33,27 +32,23 @@ def test_every_exception_of_the_agent_is_in_the_tree():
 
 
 def test_the_drawn_tree_is_the_real_one():
-    """The picture in the docstring names every problem of the module, and no other."""
     drawn = set(re.findall(r"[A-Z]\w+[A-Z]\w+", problems.__doc__ or ""))
     assert drawn == {problem.__name__ for problem in PROBLEMS}
 
 
 def test_codes_are_short_and_unique():
-    """A code is one word in small letters, and names one problem."""
     codes = [problem.default_code for problem in PROBLEMS]
     assert len(codes) == len(set(codes))
     assert all(re.fullmatch("[a-z_]{3,25}", code) for code in codes)
 
 
 def test_a_problem_reads_as_a_sentence_with_advice_and_code():
-    """What, why, what to do, and the code that stands in the status too."""
     problem = ServerKeyChangedError("cannot trust h: it changed", advice="ask somebody")
     assert str(problem) == "cannot trust h: it changed; ask somebody [host_key_changed]"
     assert problem.retry is Retry.NEVER
 
 
 def test_systemd_does_not_restart_what_a_person_must_look_at():
-    """The unit knows the exit codes of a changed host key and of wrong settings."""
     line = re.search(r"^RestartPreventExitStatus=(.*)$", UNIT.read_text(), re.MULTILINE)
     assert line is not None
     codes = {int(code) for code in line[1].split()}
@@ -61,7 +56,6 @@ def test_systemd_does_not_restart_what_a_person_must_look_at():
 
 
 def test_each_hardening_line_has_its_reason():
-    """Every line of the unit's hardening follows a comment that says why."""
     hardening = UNIT.read_text().split("# Hardening.")[1].split("[Install]")[0].splitlines()[1:]
     previous = ""
     for line in filter(None, hardening):

@@ -173,7 +173,6 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, sys
 
 
 def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd, capsys):
-    """Neither for a person at a terminal, who reads one sentence, nor where the unit says that one must look first."""
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
     settings = Settings(server="a.example", run_dir=place, guard="off")
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))

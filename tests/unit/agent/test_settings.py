@@ -35,7 +35,6 @@ def written(tmp_path: Path, text: str) -> Path:
 
 
 def test_reads_file_and_environment(tmp_path):
-    """The environment wins over the file, and both become checked values."""
     file = written(
         tmp_path, 'server = "a.example"\nssh_ports = [2222, 443]\nallow_local_mac = true\n'
     )
@@ -236,7 +235,6 @@ def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
     ],
 )
 def test_refuses_what_cannot_be_meant(tmp_path, text, environ, why):
-    """Unknown keys, broken TOML, two sources of one thing, and an address that could be two robots'."""
     with pytest.raises(SettingsInvalidError, match=why):
         load(written(tmp_path, text), environ)
 
@@ -295,7 +293,6 @@ def test_a_named_file_must_exist(tmp_path):
 
 
 def test_example_is_complete_and_shows_the_defaults():
-    """agent.toml.example has every key, and each default as it is."""
     assert set(PARSERS) == {item.name for item in fields(Settings)}
     lines = EXAMPLE.read_text().splitlines()
     uncommented = [line[1:] if line.startswith("#") and " = " in line else line for line in lines]

@@ -110,7 +110,6 @@ def test_a_robot_that_waits_shows_its_key(place):
 
 
 def test_a_problem_and_what_to_do(place):
-    """A problem that lasts stands there with its code, its time and an advice."""
     board = StatusWriter(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
     board.report_problem(KeyRefusedError("cannot log in", advice="approve it"), "waiting")
     why = "not connected, tries again by itself: cannot log in [key_refused]"
@@ -146,7 +145,6 @@ def test_a_problem_that_is_over(place):
 
 
 def test_a_new_problem_is_not_over(place):
-    """A problem that comes after one that is over lasts, until all is open again."""
     board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
     board.report_problem(KeyRefusedError("cannot log in"), "waiting")
     board.set(state="connected", video_tunnel="open")

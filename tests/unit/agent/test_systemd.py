@@ -30,7 +30,6 @@ def systemctl(tmp_path, monkeypatch) -> Callable[[str], Path]:
 
 
 def test_tells_the_services_state(systemctl):
-    """Systemd's own word is passed on, also with its exit code for a service that does not run."""
     words = systemctl("echo failed; exit 3")
     assert systemd.state() == "failed"
     assert words.read_text() == "is-active robotether-agent.service\n"
@@ -45,7 +44,6 @@ def test_without_systemd_there_is_no_state(tmp_path, monkeypatch):
 
 
 def test_restarts_and_tells_why_not(systemctl):
-    """What systemctl says stands in the problem."""
     words = systemctl("exit 0")
     systemd.reload_units()
     systemd.restart()
@@ -75,7 +73,6 @@ def test_speaks_to_an_abstract_socket():
 
 
 async def test_watchdog_at_half_its_time(notify_socket, place):
-    """With a watchdog of 0.2 s a sign of life comes about every 0.1 s."""
     environ = {"NOTIFY_SOCKET": str(place / "notify"), "WATCHDOG_USEC": "200000"}
     loop = asyncio.get_running_loop()
     task = asyncio.ensure_future(Notifier.from_environ(environ).keep_watchdog())

@@ -60,7 +60,6 @@ async def test_first_of_may_end_the_others_in_order():
 
 
 async def test_within_returns_or_times_out():
-    """Work in time gives its result; work that lasts is cancelled."""
     assert await within(5, asyncio.sleep(0, "done")) == "done"
     with pytest.raises(asyncio.TimeoutError):
         await within(0.01, asyncio.Event().wait())

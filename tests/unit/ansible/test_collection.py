@@ -79,7 +79,6 @@ def home(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_archive_has_what_belongs_to_it(archive: Path) -> None:
-    """Every tracked file, but for what only a checkout has; licence and changelog are files."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", "."],
         cwd=ANSIBLE, check=False, capture_output=True, text=True,
@@ -144,7 +143,6 @@ def test_plugin_is_documented(home: Path, folder: str, plugin: str) -> None:
 
 
 def test_every_role_is_documented(home: Path) -> None:
-    """Each role documents the variables of its argument_specs.yml."""
     names = [f"{NAME}.{role}" for role in ROLES]
     printed = ansible("ansible-doc", "--json", "-t", "role", *names, home=home, cwd=home)
     shown = json.loads(printed)
@@ -153,7 +151,6 @@ def test_every_role_is_documented(home: Path) -> None:
 
 
 def test_playbooks_have_full_names(home: Path) -> None:
-    """Each is found with its roles from anywhere."""
     (home / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
     names = [f"{NAME}.{name}" for name in PLAYBOOKS]
     printed = ansible(

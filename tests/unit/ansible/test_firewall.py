@@ -33,7 +33,6 @@ STANDBY = {"DB_PARTNER": "192.0.2.9:3306"}
 def test_only_the_sites_machines_are_admitted(
     tmp_path: Path, changes: dict[str, object], admitted: set[str]
 ) -> None:
-    """Its cells, and the standby of its database; a machine alone admits nobody."""
     write = {"src": str(TEMPLATE), "dest": str(tmp_path / "rules")}
     tasks = [{"ansible.builtin.template": write}]
     done = play(tmp_path, tasks, ROLE / "vars/main.yml", **(ALONE | changes))

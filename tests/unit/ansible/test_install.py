@@ -48,7 +48,6 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
     [("http://10.0.0.7/video", 0o644), ("http://ann:s3cret@10.0.0.7/video", 0o640)],
 )
 def test_settings_with_a_password_are_kept_from_others(tmp_path: Path, url: str, mode: int) -> None:
-    """A camera's as well as a proxy's."""
     config = tmp_path / "etc/agent.toml"
     done = play(
         tmp_path,

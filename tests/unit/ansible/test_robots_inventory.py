@@ -144,7 +144,6 @@ def test_robots_have_their_sites_states_and_shells(listed: List, fleet: TlsWeb) 
 
 
 def test_user_groups_are_those_with_a_grant(listed: List) -> None:
-    """For the robot, its site or all robots, unless it has ended."""
     found = listed(group_by=["group"])
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
@@ -165,7 +164,6 @@ def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
 
 
 def test_user_sees_what_the_api_shows(listed: List) -> None:
-    """A robot of a grant, without what only admins may know, and no shell below level manage."""
     found = listed("ann")
     assert groups_of(found)["robots"] == ["turtle"]
     turtle = found["_meta"]["hostvars"]["turtle"]
@@ -174,7 +172,6 @@ def test_user_sees_what_the_api_shows(listed: List) -> None:
 
 
 def test_constructed_options_work(listed: List) -> None:
-    """Variables and groups of a site's own, from the robots' variables."""
     found = listed(
         strict=True,
         compose={"ansible_host": "robot_hostname ~ '.local'"},
@@ -225,7 +222,6 @@ def test_no_robot_takes_the_place_of_this_machine(fleet: TlsWeb, tmp_path: Path)
 def test_what_is_wrong_is_said(
     fleet: TlsWeb, tmp_path: Path, user: str, options: dict[str, Any], says: str
 ) -> None:
-    """In a sentence that names the option, without the token."""
     done = run(fleet, tmp_path, user, **options)
     assert done.returncode != 0
     assert says in " ".join(done.stderr.split())

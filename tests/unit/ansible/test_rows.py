@@ -37,7 +37,6 @@ def row(name: str, mac: str, fingerprint: str | None = "SHA256:other") -> dict[s
     [row("turtle", MAC), row("turtle", MAC, None), row("renamed", MAC, KEY), row("turtle", OTHER_MAC, KEY)],
 )  # fmt: skip
 def test_own_row_is_found(own: dict[str, str | None]) -> None:
-    """By name and MAC, or by the key where an admin changed one of them since."""
     others = [row("victim", "00:1b:44:00:61:03")]
     assert rows.own_row([*others, own], "turtle", MAC, LINE) == own
 
@@ -59,7 +58,6 @@ def test_unknown_machine_has_no_row() -> None:
 
 
 def test_fingerprint_is_that_of_ssh_keygen() -> None:
-    """Of the key's bytes, without the comment."""
     assert rows.fingerprint_of(LINE.rsplit(" ", 1)[0]) == KEY
     assert KEY.startswith("SHA256:")
     assert len(KEY) == len("SHA256:") + 43

@@ -27,7 +27,6 @@ def title(resource: dict[str, Any]) -> str:
 @pytest.mark.parametrize("version", ["1.25", "1.33"])
 @pytest.mark.parametrize("resource", RESOURCES, ids=title)
 def test_resource_fits_the_schema(resource: dict[str, Any], version: str) -> None:
-    """Each resource has only fields that Kubernetes knows."""
     kubernetes_validate.validate(resource, version, strict=True)
 
 

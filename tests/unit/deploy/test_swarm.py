@@ -92,7 +92,6 @@ def test_swarm_heeds_all_of_a_service(file: str, name: str) -> None:
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
 def test_services_are_what_they_are_in_compose(file: str, name: str) -> None:
-    """The same images and commands, with no more rights, and the same limits."""
     ours, theirs = in_swarm(file, name), in_compose(name)
     same = ("image", "cap_add", "cap_drop", "read_only", "init", "logging", "sysctls")
     for key in (*same, "stop_grace_period", *(["command"] if "command" in theirs else [])):
@@ -108,7 +107,6 @@ def test_services_are_what_they_are_in_compose(file: str, name: str) -> None:
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
 def test_settings_are_those_of_compose(file: str, name: str) -> None:
-    """By the same names with the same defaults, but for what one cell among others has of its own."""
     ours = dict(in_swarm(file, name).get("environment", {}))
     theirs = dict(in_compose(name).get("environment", {}))
     # A few that only one of these programs reads are given to both.
@@ -158,7 +156,6 @@ def published(service: dict[str, Any]) -> set[tuple[str, str]]:
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
 def test_ports_are_those_of_compose(file: str, name: str) -> None:
-    """The ports are those of compose and the one for other cells."""
     peers = {("${PEER_PORT:-8444}", "8444")} if name == "nginx" else set()
     assert published(in_swarm(file, name)) == published(in_compose(name)) | peers
 
@@ -179,7 +176,6 @@ def handed_out(service: str) -> dict[str, tuple[str, str]]:
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
 def test_services_have_the_secrets_of_compose(file: str, name: str) -> None:
-    """No more and no fewer, each readable by the account that needs it alone."""
     secrets = in_swarm(file, name)["secrets"]
     ours = {item["source"]: (item["uid"], item["gid"]) for item in secrets}
     optional = {"cert.pem", "key.pem"}

@@ -34,7 +34,6 @@ def service_after(folder: Path, *checks: str) -> str:
 
 @pytest.mark.daemon
 def test_a_service_that_hangs_is_killed_by_the_third_failure(tmp_path: Path) -> None:
-    """Though it is stopped, and takes no other signal."""
     printed = service_after(tmp_path, "true", "false", "false", "false")
     assert "killing the service" in printed
     assert "there to the end" not in printed

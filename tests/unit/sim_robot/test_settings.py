@@ -9,7 +9,6 @@ from sim_robot.settings import SimSettings, SimSettingsError, from_environment, 
 
 
 def test_every_variable_is_read() -> None:
-    """Each variable changes its field."""
     settings = from_environment({
         "SIM_NAME": "r2", "SIM_WORLD_SIZE_M": "11.5", "SIM_KIND": "holonomic", "SIM_ROS_VERSION": "1",
         "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "1", "SIM_VIDEO_PORT": "2", "SIM_CAMERA_FPS": "5",
@@ -45,13 +44,11 @@ def test_wrong_value_names_variable_value_and_allowed(
 
 
 def test_typo_is_an_error() -> None:
-    """A SIM_ variable that nothing reads stops the start."""
     with pytest.raises(SimSettingsError, match="SIM_VIDEOPORT"):
         from_environment({"SIM_VIDEOPORT": "1"})
 
 
 def test_readme_lists_every_variable() -> None:
-    """The README's table and the settings name the same variables."""
     readme = Path(sim_robot.__file__).parents[1] / "README.md"
     rows = re.findall(r"^\| `(SIM_\w+)`", readme.read_text(), re.MULTILINE)
     assert rows == list(variable_names())

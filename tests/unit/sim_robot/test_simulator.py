@@ -16,7 +16,6 @@ from timed_websocket import SocketClient
 
 
 async def test_topics_are_those_of_the_readme() -> None:
-    """Every topic and service of the robot stands in its README."""
     readme = (Path(sim_robot.__file__).parents[1] / "README.md").read_text()
     async with Simulator(SETTINGS) as simulator:
         graph = simulator.graph

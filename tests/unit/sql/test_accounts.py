@@ -94,7 +94,6 @@ def _in_order(columns: re.Match[str]) -> str:
 
 @pytest.mark.parametrize("account", ["web", "relay", "keylookup"])
 def test_account_has_its_rights_and_no_other(mariadb: MariaDb, account: str) -> None:
-    """SHOW GRANTS lists exactly what the design gives."""
     assert grants_in_force(mariadb, account) == EXPECTED[account]
 
 

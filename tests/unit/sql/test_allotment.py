@@ -81,7 +81,6 @@ def test_last_pair_waits_for_the_one_who_holds_it(
 
 
 def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
-    """The refusal names the robot, the number of pairs and the two settings."""
     with admin_database.transaction() as tx:
         migrate.set_port_range(tx, 20000, 20003)
     with database.transaction() as tx:
@@ -154,7 +153,6 @@ def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: 
 
 
 def test_shell_port_that_cannot_be_is_refused(database: Database) -> None:
-    """Another robot's, one outside the range, a privileged one."""
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
@@ -178,7 +176,6 @@ def test_named_shell_port_is_kept(database: Database, admin_database: Database) 
 
 
 def test_ports_kept_for_shells_are_nobodys_pair(database: Database) -> None:
-    """Not by hand, be they in use or not."""
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")

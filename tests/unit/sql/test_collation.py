@@ -19,7 +19,6 @@ LOOK_UPS: list[Callable[[Transaction, str], object]] = [
 
 
 def test_no_column_is_compared_past_blanks_or_case(admin_database: Database) -> None:
-    """Those of tables that later migrations make included."""
     with admin_database.transaction() as tx:
         rows = tx.rows(
             "SELECT c.table_name AS place, c.column_name AS name, c.collation_name AS collation "

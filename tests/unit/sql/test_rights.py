@@ -67,7 +67,6 @@ def test_each_way_of_giving_reaches_what_it_says(database: Database, ids: dict[s
 
 
 def test_highest_level_holds(database: Database, ids: dict[str, int]) -> None:
-    """Whatever it comes by, and in whatever order."""
     for first, second in itertools.permutations(LEVELS, 2):
         with database.transaction() as tx:
             grants.put(tx, Pair(user_id=ids["ann"], robot_id=ids["a"]), first)
@@ -92,7 +91,6 @@ def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> N
 
 
 def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[str, int]) -> None:
-    """Removal takes the grants along, and no other grant gains a meaning."""
     with database.transaction() as tx:
         for pair in (
             Pair(group_id=ids["crew"], all_robots=True),
@@ -120,7 +118,6 @@ def test_grant_of_nobody_or_for_nothing_is_refused(database: Database, ids: dict
 def test_each_change_of_rights_is_a_new_version(
     database: Database, relay_database: Database, ids: dict[str, int]
 ) -> None:
-    """Also the passing of an end, which no statement makes."""
     crew, lab, ann = ids["crew"], ids["lab"], ids["ann"]
 
     def later(tx: Transaction) -> None:

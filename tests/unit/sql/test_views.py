@@ -190,7 +190,6 @@ def test_a_network_with_many_keys_hides_no_others(
 
 
 def test_one_connection_records_key_after_key(database: Database, keylookup: Database) -> None:
-    """One connection records key after key, as sshd's look-ups do."""
     with keylookup.transaction() as tx:
         for number in range(5):
             tx.change("CALL record_refused_key(%s, %s)", (f"SHA256:{number}", ADDRESS))

@@ -191,7 +191,6 @@ def test_copy_gets_the_path_and_is_recorded_once_it_succeeded(checkout: Path) ->
     [("container", "", "there is no database yet"), ("services", "web\n", "on another machine")],
 )
 def test_no_database_is_a_sentence(checkout: Path, file: str, text: str, sentence: str) -> None:
-    """Before the first start, and on a cell."""
     (checkout / file).write_text(text)
     done = run(checkout, "backup", "backups")
     assert done.returncode == 1
@@ -232,7 +231,6 @@ def test_restore_touches_no_stack_that_has_data(checkout: Path, backup_file: Pat
 
 
 def test_settings_of_now_stay(checkout: Path, backup_file: Path) -> None:
-    """Before anything else goes wrong, as here the secrets, which are none."""
     done = run(checkout, "restore", str(backup_file))
     assert done.returncode == 1
     assert "cannot restore the secrets" in done.stderr
@@ -241,7 +239,6 @@ def test_settings_of_now_stay(checkout: Path, backup_file: Path) -> None:
 
 
 def test_other_files_are_no_backup(checkout: Path, tmp_path: Path) -> None:
-    """Such as a dump of another tool, or nothing."""
     for content in (b"", b"-- MariaDB dump"):
         (tmp_path / "file").write_bytes(content)
         done = run(checkout, "restore", "--database", str(tmp_path / "file"))

@@ -50,5 +50,4 @@ def test_value_is_what_compose_reads(tmp_path: Path, line: str, value: str) -> N
 
 
 def test_environment_goes_before_the_file(tmp_path: Path) -> None:
-    """The environment overrides the file, as in compose."""
     assert setting(tmp_path, "DB_HOST=a", DB_HOST="b") == "b"

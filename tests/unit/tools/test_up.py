@@ -122,7 +122,6 @@ def test_demo_is_a_profile_beside_others(checkout: Path) -> None:
 
 
 def test_demo_of_five_has_both_profiles(checkout: Path) -> None:
-    """The three that the tests have, and two that lack something."""
     done = up(checkout, "--demo-more")
     assert done.returncode == 0, done.stderr
     assert "[demo,demo-more] up --detach --wait" in calls(checkout)
@@ -187,6 +186,5 @@ def test_setting_and_its_service_go_together(checkout: Path, service: str, setti
 
 
 def test_address_has_the_port_of_outside(checkout: Path) -> None:
-    """Where a firewall in front of this machine publishes another."""
     (checkout / "env").write_text("PUBLIC_HOST=robots.example\nHTTPS_PORT=443\nPUBLIC_PORT=8443\n")
     assert "open      https://robots.example:8443/\n" in up(checkout).stdout

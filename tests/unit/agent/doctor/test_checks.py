@@ -83,7 +83,6 @@ def test_a_mac_that_is_gone(settings, tmp_path):
 
 
 async def test_the_key(settings):
-    """Missing, whole and broken keys are told apart; none is made, and none changed."""
     assert (await checks.check_key(settings)).state == FAIL
     assert list(settings.state_dir.iterdir()) == []
     key = await ensure_key(settings.state_dir)

@@ -33,7 +33,6 @@ async def settings(cloud, place) -> Settings:
 
 
 def test_the_join(settings, place):
-    """Enrolled, pending and never asked are told apart."""
     assert tunnel.check_join(settings, None).state == OK
     pending = Status(state="pending", problem="not yet", fingerprint="SHA256:abc")
     assert "not yet (key SHA256:abc)" in tunnel.check_join(settings, pending).detail

@@ -106,7 +106,6 @@ async def test_a_fresh_robot_joins_and_a_reboot_does_not(cloud, settings):
 
 @pytest.mark.parametrize("token", [None, "rj_token"])
 async def test_join_proves_the_key(cloud, settings, token):
-    """Over the token, this MAC and the key, for joins alone."""
     await Enroller(replace(settings, token=token)).enrolment()
     said = cloud.joins[0]
     message = join_message(token, said["mac"], said["public_key"])

@@ -37,7 +37,6 @@ def test_skips_what_is_no_hardware(root):
 
 
 def test_prefers_the_best_default_route(root):
-    """The interface with the default route of the lowest metric wins over wired ones."""
     root.add("eth0", "00:1b:44:00:00:01", 2)
     root.add("wlan0", "00:1b:44:00:00:02", 3, wireless=True)
     root.add("wlan1", "00:1b:44:00:00:03", 4, wireless=True)
@@ -46,7 +45,6 @@ def test_prefers_the_best_default_route(root):
 
 
 def test_knows_ipv6_default_routes(root):
-    """On a network without IPv4 the IPv6 default route counts."""
     root.add("eth0", "00:1b:44:00:00:01", 2)
     root.add("wlan0", "00:1b:44:00:00:02", 3, wireless=True)
     zeros = "0" * 32
@@ -74,7 +72,6 @@ def test_locally_administered_only_when_allowed(root):
 
 
 def test_a_named_interface_needs_no_hardware(root):
-    """Who names an interface gets it, or a sentence that says why not."""
     root.add("eth0", "02:42:ac:11:00:02", 2, device=False)
     assert root.find("eth0", allow_local=True) == "02:42:ac:11:00:02"
     with pytest.raises(InterfaceMissingError, match=r"locally administered.*allow_local_mac"):
@@ -113,7 +110,6 @@ def test_normalises_every_usual_spelling(text):
     ],
 )
 def test_refuses_what_names_no_robot(text, why):
-    """Rubbish and addresses that are no single machine's are refused with the reason."""
     with pytest.raises(MacError, match=why):
         normalise_mac(text)
 

@@ -57,7 +57,6 @@ def test_what_was_found_first_is_kept(machine):
     ],
 )
 def test_interfaces_that_come_change_nothing(machine, name, mac, device):
-    """A cable, a USB Wi-Fi, docker, a VPN, a bridge, a bond, a VLAN: also with the best default route."""
     machine.add(name, mac, 2, device=device)
     machine.route((name, 1), ("wlan0", 600))
     assert machine.is_now() == Identity(WIFI, "wlan0")

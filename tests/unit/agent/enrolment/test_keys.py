@@ -32,7 +32,6 @@ from robotether_agent.problems import (
 
 
 async def test_made_once_and_kept(place):
-    """The first call makes a key for its owner only, the second finds it."""
     first = await ensure_key(place)
     assert first.public.startswith("ssh-ed25519 AAAA")
     assert first.path.stat().st_mode & 0o777 == 0o600
@@ -48,7 +47,6 @@ async def test_public_half_is_made_again(place):
 
 
 async def test_damaged_public_half_is_told(place):
-    """A .pub that was cut short is key_unusable, with what to do."""
     key = await ensure_key(place)
     key.path.with_suffix(".pub").write_text(key.public[:-3])
     with pytest.raises(KeyUnusableError, match="not ssh-ed25519"):
@@ -64,7 +62,6 @@ async def test_open_mode_is_mended(place):
 
 
 async def test_broken_and_foreign_keys_are_told(place):
-    """A key that ssh-keygen cannot read, or of another type, is key_unusable with its path."""
     (place / "id_ed25519").write_text("rubbish")
     with pytest.raises(KeyUnusableError, match="id_ed25519") as damaged:
         await ensure_key(place)

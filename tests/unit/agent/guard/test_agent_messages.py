@@ -73,7 +73,6 @@ def test_a_configuration_has_defaults() -> None:
 
 
 def test_a_configuration_is_read_whole() -> None:
-    """Times in ms, limits or null, and no key in a text for people."""
     guard = {
         "key": "secret", "drive_topics": ["/vel"], "deadman_ms": 200, "max_age_ms": 2000, "max_speed_m_s": 1,
         "max_turn_rad_s": 2.5, "max_acceleration_m_s2": None, "max_turn_acceleration_rad_s2": 4,

@@ -57,7 +57,6 @@ def test_the_lease_drives_with_the_key() -> None:
     ],
 )  # fmt: skip
 def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
-    """A wrong key, an unknown mode, a fence that is no number."""
     assert status(authorizer(), given_) == 403
 
 

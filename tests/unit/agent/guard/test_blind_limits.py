@@ -154,7 +154,6 @@ async def test_who_names_no_frame_any_more_has_the_slowest_speed() -> None:
 
 
 async def test_who_never_named_a_frame_drives_as_before() -> None:
-    """Unless the robot's settings say otherwise."""
     world = SeeingWorld()
     await world.drive(3.0)
     await world.pass_time(1.0)
@@ -218,7 +217,6 @@ async def test_the_guard_wakes_to_slow_a_command_and_sleeps_again() -> None:
 
 
 async def test_nothing_is_repeated_after_the_end() -> None:
-    """Neither after a stop, nor for who is gone, nor while rosbridge takes nothing."""
     for end in ("stop", "gone", "lease", "rosbridge"):
         world = SeeingWorld()
         world.take(0.1)
@@ -290,7 +288,6 @@ async def _random_drive(seed: int) -> tuple[Recorder, dict[str, float | None]]:
 
 @pytest.mark.parametrize("seed", range(5))
 async def test_no_output_of_the_guard_breaks_a_limit(seed: int) -> None:
-    """What rosbridge gets, repeated commands included: speed, turn and acceleration."""
     recorder, seen_at = await _random_drive(seed)
     newest: str | None = None
     last_at, last, repeated = 0.0, 0.0, 0
@@ -310,7 +307,6 @@ async def test_no_output_of_the_guard_breaks_a_limit(seed: int) -> None:
 
 
 def test_an_acceleration_limit_holds_above_the_view() -> None:
-    """From what the robot was slowed to, and not from what its driver wanted."""
     wanted = CheckedCommand("twist", (3.0, 0.0, 0.0))
     before = CheckedCommand("twist", (0.2, 0.0, 0.0))
     grown = limited(wanted, before, 0.05, DriveLimits(max_acceleration_m_s2=ACCELERATION))
@@ -318,7 +314,6 @@ def test_an_acceleration_limit_holds_above_the_view() -> None:
 
 
 async def test_the_time_of_slow_driving_is_counted() -> None:
-    """From the first slowed command to the next that is not, or to the zeros."""
     world = SeeingWorld()
     world.take(0.5)
     await world.see(1.0)

@@ -61,7 +61,6 @@ async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None)
 
 
 async def test_ticks_and_hands_lines_on(start, place):
-    """The guard hears a tick every 0.2 s, and what it says arrives line by line."""
     guard, lines = await start("serves"), []
     serving = asyncio.ensure_future(served(guard, lines))
     guard.send({"type": "stop", "id": "5f0c", "by": "ben"})
@@ -87,7 +86,6 @@ async def test_ticks_and_hands_lines_on(start, place):
     ],
 )
 async def test_what_is_wrong_with_a_guard_is_told(start, mode, why):
-    """A guard that ends, hangs or talks nonsense is one that is down."""
     assert why in await served(await start(mode))
 
 
@@ -129,7 +127,6 @@ async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):
 
 
 async def test_a_guard_that_cannot_be_started_is_down(place):
-    """A missing program is told like a guard that ended."""
     with pytest.raises(GuardDownError, match="cannot start the guard: No such file"):
         ForkServer.start([str(place / "none")])
 

@@ -70,7 +70,6 @@ async def test_pings_go_all_the_way(guard: GuardHere) -> None:
 async def test_the_end_of_either_side_is_the_end_of_both(
     guard: GuardHere, rosbridge: FakeRosbridge
 ) -> None:
-    """The end of one side reaches the other, with rosbridge's own code unless it crashes."""
     async with GuardClient(guard.port, 0) as client:
         await until("it is joined", lambda: len(rosbridge.sockets) == 2)
         mine = rosbridge.sockets[1]

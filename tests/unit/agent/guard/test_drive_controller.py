@@ -30,7 +30,6 @@ from sim_client import until
 
 
 async def test_zeros_follow_when_commands_stop(world: World) -> None:
-    """Ten, and then the guard is silent and its mark gone."""
     await world.drive(0.5)
     await world.pass_time(0.45)
     assert world.publisher.speeds == [0.5]
@@ -43,7 +42,6 @@ async def test_zeros_follow_when_commands_stop(world: World) -> None:
 
 @pytest.mark.parametrize("loss", ["gone", "lease", "stop", "session", "agent", "rosbridge"])
 async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
-    """The driver's connection, lease or session, the agent, and rosbridge itself; long before the deadman's time."""
     world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
     losses: dict[str, Callable[[], None]] = {
@@ -86,7 +84,6 @@ async def test_a_stop_zeroes_what_stands(world: World) -> None:
 
 @pytest.mark.parametrize("age_ms", [500.1, 1e9, -AHEAD_MS - 1])
 async def test_old_commands_are_refused(world: World, age_ms: float) -> None:
-    """The guard rejects old commands, and commands from a future that no clock explains."""
     await world.drive(0.5, age_ms=age_ms)
     assert world.publisher.sent == []
     assert world.source.kinds == ["old"]
@@ -293,7 +290,6 @@ async def test_zeros_that_are_owed_come_before_commands(world: World) -> None:
 
 
 async def test_zeros_that_are_owed_come_before_what_waits(world: World) -> None:
-    """Also before the command of another topic, which rosbridge could take at once."""
     await world.drive(0.5)
     world.publisher.full = True
     await world.pass_time(0.3)
@@ -376,7 +372,6 @@ async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
 
 
 async def test_zeros_of_a_lost_rosbridge_are_sent_again(world: World) -> None:
-    """All of them, also when some had been read."""
     await world.drive(0.5)
     world.controller.halt()
     await world.pass_time(0.2)
@@ -492,8 +487,6 @@ COMMANDS = st.lists(
 def test_no_old_command_and_no_old_fence_passes(
     commands: list[tuple[float, int, float, bool]],
 ) -> None:
-    """Whenever rosbridge is busy, and whatever the stamps say."""
-
     async def scenario() -> None:
         world = World()
         given_at: dict[float, float] = {}
@@ -550,7 +543,6 @@ async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(
 
 
 async def test_a_topic_that_ros_has_forgotten_is_advertised_anew(world: World) -> None:
-    """Once rosbridge has forgotten it too, which a command meanwhile would prevent."""
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
     await world.send(op="advertise", type="geometry_msgs/Twist")
     assert world.controller.driven_now() == []

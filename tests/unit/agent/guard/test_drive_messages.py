@@ -80,7 +80,6 @@ def test_what_does_not_drive_may_pass(message: dict[str, Any]) -> None:
 @pytest.mark.parametrize("operation", ["publish", "advertise", "unadvertise"])
 @pytest.mark.parametrize("name", ["/cmd_vel", "cmd_vel", "/base/cmd_vel", "base/cmd_vel"])
 def test_operations_on_drive_topics_are_found(operation: str, name: str) -> None:
-    """In either spelling of the name, which is given back with its slash."""
     message = read({"op": operation, "topic": name, "msg": {}})
     assert message is not None
     assert (message.operation, message.topic) == (operation, "/" + name.lstrip("/"))
@@ -129,7 +128,6 @@ def test_escapes_hide_no_operation() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_checked_is_refused(data: bytes) -> None:
-    """Whatever else rosbridge's parser could make of it."""
     with pytest.raises(DriveMessageUnclearError):
         read(data)
 
@@ -160,7 +158,6 @@ def operations(value: object) -> list[object]:
 
 @given(JSON)
 def test_nothing_that_passes_can_drive(value: object) -> None:
-    """Neither itself nor by an operation inside that a parser in trouble could find."""
     try:
         passed = read(json.dumps(value).encode()) is None
     except DriveMessageUnclearError:
@@ -233,7 +230,6 @@ def test_stamp_and_number_are_the_robots(stamp: object, body: dict[str, Any]) ->
     ],
 )  # fmt: skip
 def test_anything_else_is_no_command(message: object) -> None:
-    """Numbers that are none, fields that nobody knows, shapes of other messages."""
     with pytest.raises(DriveMessageRefusedError) as refused:
         read_command(message, None)
     assert refused.value.kind == "shape"
@@ -289,7 +285,6 @@ def driven(speed: float) -> CheckedCommand:
 def test_no_command_exceeds_a_limit(
     wanted: CheckedCommand, before: CheckedCommand | None, step_s: float, within: DriveLimits
 ) -> None:
-    """Whatever came before and whenever that was."""
     got = limited(wanted, before, step_s, within)
     if within.max_speed_m_s is not None:
         assert length(got.linear) <= within.max_speed_m_s * SLACK

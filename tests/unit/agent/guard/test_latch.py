@@ -18,7 +18,6 @@ from sim_client import until
 
 
 def test_a_stop_is_kept_with_its_name(tmp_path: Path) -> None:
-    """A stop stays until it is removed; removing a missing one is no failure."""
     file = StopFile(tmp_path)
     assert file.read() is None
     file.write("ben")

@@ -76,7 +76,6 @@ def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
 
 
 def test_a_motion_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    """And tried again; one that cannot be removed, later."""
     tracker = MotionTracker(MotionFile(tmp_path / "gone"))
     assert not tracker.ensure(A, ["/a"])
     (tmp_path / "gone").mkdir()

@@ -102,7 +102,6 @@ async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(
 
 
 async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To a rosbridge that crashed, as soon as it is back, however often that fails before."""
     failures: list[object] = []
     monkeypatch.setattr(
         "robotether_agent.guard.rosbridge.describe_error", lambda *why: failures.append(why)

@@ -142,7 +142,6 @@ def test_nothing_is_reported_of_a_program_on_the_robot() -> None:
 @pytest.mark.parametrize("first", [0.0, 0.1])
 @pytest.mark.parametrize("worst", [9.0, None])
 def test_the_worst_age_is_never_lost(worst: float | None, first: float) -> None:
-    """However many commands come between two reports."""
     ages = SeenAges()
     for age_s in [first] * (MAX_AGES + 5) + [worst] + [0.1] * 5:
         ages.add(age_s)

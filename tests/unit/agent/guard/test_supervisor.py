@@ -236,7 +236,6 @@ def test_pauses_grow_to_a_bound():
 
 
 async def test_a_session_hears_how_it_is_and_each_answer(running, place):
-    """First the present state, then the guard's lines as they are, and that it is down."""
     with running.supervisor.following() as lines:
         first = await lines.get()
         assert (first["state"], first["stopped"], first["answers"]) == ("ready", False, None)

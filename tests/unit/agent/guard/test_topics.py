@@ -60,7 +60,6 @@ def test_the_one_that_was_used_the_longest_ago_makes_room() -> None:
 
 
 def test_named_topics_have_places_of_their_own() -> None:
-    """However many others there are, and they never make room."""
     topics = Topics()
     topics.named = frozenset({"/cmd_vel", "/base/cmd_vel"})
     topics.ensure("/cmd_vel", 0.0, goes)
@@ -129,7 +128,6 @@ def test_what_a_source_sent_goes_with_it() -> None:
 
 
 async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
-    """Once, without a latch, and again to the next rosbridge, before any command."""
     await world.send(op="advertise", type="geometry_msgs/Twist", latch=True)
     await world.send(op="advertise", type="geometry_msgs/Twist")
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
@@ -277,8 +275,6 @@ STEPS = st.lists(
 
 @given(STEPS)
 def test_every_motion_ends_with_its_zero(steps: list[tuple[int, bool, float, bool]]) -> None:
-    """However many names there are, and whichever of them made room."""
-
     async def scenario() -> None:
         world = World()
         for number, moves, pause_s, read in steps:

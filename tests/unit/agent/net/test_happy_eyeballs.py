@@ -102,8 +102,6 @@ async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns
 
 
 async def test_what_came_together_with_a_cancellation_is_dropped(attempts):
-    """As `within` ends: with its result, and with the cancellation left to the next await."""
-
     async def attempt() -> str:
         attempts.started.append("late")
         current = asyncio.current_task()

@@ -34,7 +34,6 @@ def message(number: int, body: bytes = b"") -> bytes:
     ],
 )
 def test_messages_are_told_apart(data, kinds):
-    """What is cut short, of no known type or of a false length tells nothing, and ends."""
     assert kinds_of(data) == kinds
 
 

@@ -270,7 +270,6 @@ async def test_nothing_is_kept_for_long(monkeypatch):
 
 
 async def test_the_end_of_the_dialer_leaves_no_connection():
-    """Also an agent that stops between a find and an open."""
     async with SshPort() as door:
         dialer = ServerDialer()
         await dialer.find([at(door.port)])

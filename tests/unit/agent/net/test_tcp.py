@@ -34,7 +34,6 @@ def option(connection: socket.socket, number: int) -> int:
 
 
 def test_a_dead_path_is_given_up_in_seconds(connection):
-    """A dead path is given up within seconds, and small messages wait for nothing."""
     prepare(connection)
     assert option(connection, socket.TCP_NODELAY)
     assert option(connection, tcp.TCP_USER_TIMEOUT) == tcp.USER_TIMEOUT_MS

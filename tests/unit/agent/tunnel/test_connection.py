@@ -205,7 +205,6 @@ async def test_several_configurations_at_once_end_at_the_newest(cloud, robot):
 
 
 async def test_the_session_tells_each_change_once(cloud, robot, services):
-    """First who the robot is, then how its services are, and again only when that changes."""
     health = Health(
         SourceSettings(services.http_url, services.ws_url),
         RosGraph(services.ws_url),

@@ -180,7 +180,6 @@ async def at(cloud: FakeCloud, kind: str = "session") -> None:
 
 
 async def test_a_robot_whose_machine_dies_goes_to_the_next_one(site, start_agent, place):
-    """With its video, and with a greater number in its hello."""
     first, second = await site()
     agent = start_agent(first)
     assert (await agent.until_connected()).ssh == f"127.0.0.1 port {first.ssh.port}"

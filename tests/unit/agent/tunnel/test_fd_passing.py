@@ -36,7 +36,6 @@ def test_ssh_gets_the_connection(connection):
 
 
 def test_nothing_to_hand_over():
-    """A helper without a connection says so and fails, and ssh with it."""
     ours, clients = socket.socketpair()
     ssh, helpers = socket.socketpair()
     with ours, clients, ssh, helpers:

@@ -238,7 +238,6 @@ async def test_without_any_answer_it_ends_after_some_seconds(watched):
 
 
 async def test_an_attempt_that_fails_is_made_again_while_silence_lasts(watched):
-    """Each time that the way says no, until it says yes."""
     session, dialer, _ = watched
     dialer.fails = True
     session.silent_s = 2.0

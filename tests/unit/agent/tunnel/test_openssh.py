@@ -84,7 +84,6 @@ def test_the_host_key_is_checked_without_a_key():
 
 
 def test_the_host_can_be_no_option():
-    """The host stands after --, whatever it looks like."""
     command = connect_command(SshAddress("h", 22, "tunnel"), FILES, "media")
     assert command[-3:] == ["--", "tunnel@h", "media"]
 
@@ -105,7 +104,6 @@ def test_forwards_listen_on_all_addresses(url, spec):
 
 
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
-    """No agent, no askpass, no language of the caller."""
     monkeypatch.setenv("SSH_AUTH_SOCK", "/x")
     assert set(child_environment()) == {"PATH", "LC_ALL"}
     assert Forward(1, "h", 2).spec == "0.0.0.0:1:h:2"
@@ -177,7 +175,6 @@ def test_a_damaged_key_is_no_matter_of_its_mode(why):
 
 
 def test_a_client_that_was_connected():
-    """A connection that stood is lost, in ssh's own words."""
     words = ["Timeout, server robots.example.com not responding."]
     problem = why_ended(words, 255, TARGET)
     assert problem.code == "link_lost"
@@ -188,7 +185,6 @@ def test_a_client_that_was_connected():
 
 
 def test_a_forward_that_was_refused():
-    """A port that the server does not open is named."""
     forward = Forward(20000, "127.0.0.1", 9090)
     words = [
         "mux_client_forward: forwarding request failed: remote port forwarding failed for listen port 20000"

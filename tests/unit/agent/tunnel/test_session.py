@@ -193,7 +193,6 @@ async def test_heartbeats_are_slow_until_somebody_uses_the_robot(served):
 
 
 async def test_answers_pings_and_ignores_what_is_new(served):
-    """A ping is answered at once; an unknown type and a stray pong harm nothing."""
     session, peer = served
     peer.send({"type": "dance", "why": "of a later version"})
     peer.send({"type": "pong", "seq": 12345})
@@ -203,7 +202,6 @@ async def test_answers_pings_and_ignores_what_is_new(served):
 
 
 async def test_silence_ends_it(ends):
-    """A server that is silent for timeout_s is given up."""
     session, peer = ends
     peer.send(CONFIG)
     with pytest.raises(ServerSilentError, match=r"silent for 0\.4 s") as silence:
@@ -284,7 +282,6 @@ async def test_a_server_that_takes_nothing_ends_it(ends):
     ],
 )
 async def test_broken_lines_end_it(ends, line, why):
-    """A line that is no message of the protocol ends the session and names the field."""
     session, peer = ends
     peer.send_raw(line)
     with pytest.raises(ProtocolBrokenError, match=why):

@@ -110,7 +110,6 @@ async def test_the_client_runs_on_our_connection(dialer):
 
 
 async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
-    """Neither after a tunnel nor after one that could not start."""
     _, target, files = dialer
     before = _descriptors()
     async with opened(target, files):
