@@ -19,7 +19,7 @@ const BY_CODE = {
 };
 
 /** @type {Record<string, string | number | null>} */
-const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source: null };
+const NO_DETAILS = { quality: null, width: null, height: null, fps: null, source: null, codec: null, encoder: null, no_encoder: null };
 
 // `now()` may stand still while the machine sleeps, as performance.now() does; `wall()` goes on.
 const BROWSER = {
@@ -31,23 +31,26 @@ const BROWSER = {
 export class FrameStream {
   // `url()` gives (a promise of) the address of the frames for each attempt, ticket included where it needs one, and may
   // throw what has a `status`, as TicketRefused has. `request` as in docs/reference/media.md; what is missing has its default there.
-  // `onFrame({jpeg, sequence, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
-  // waited for before the next frame is asked for. `onStatus({frame, why, detail, quality, width, height, fps, source,
-  // bytes})` at each change: `frame` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
+  // `onFrame({data, codec, isKey, sequence, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
+  // waited for before the next frame is asked for. `onGap()`: the next frame does not continue those before it, so that what
+  // depends on them waits for a key frame. `onStatus({frame, why, detail, bytes, quality ..})` at each change, with what is in
+  // NO_DETAILS: `frame` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the server's reason) or of BY_CODE.
   /**
    * @param {{
    *   url: () => string | Promise<string>,
    *   request?: object,
-   *   onFrame: (frame: {jpeg: Uint8Array, sequence: number, at: number}) => void | Promise<void>,
+   *   onFrame: (frame: {data: Uint8Array, codec: string, isKey: boolean, sequence: number, at: number}) => void | Promise<void>,
+   *   onGap?: () => void,
    *   onStatus?: (status: any) => void,
    *   oldMs?: number,
    * } & Partial<typeof BROWSER>} options
    */
-  constructor({ url, request = {}, onFrame, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
+  constructor({ url, request = {}, onFrame, onGap = () => {}, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
     this.url = url;
     this.request = request;
     this.onFrame = onFrame;
+    this.onGap = onGap;
     this.onStatus = onStatus;
     this.oldMs = oldMs;
     this.browser = { ...BROWSER, ...browser };
@@ -84,6 +87,11 @@ export class FrameStream {
     this.link?.ask(this.request);
   }
 
+  // What came cannot be decoded without one.
+  requestKeyFrame() {
+    this.link?.requestKeyFrame();
+  }
+
   // Called when an attempt may work now.
   retryNow() {
     if (!this.running || this.link || this.asking) return;
@@ -114,6 +122,7 @@ export class FrameStream {
     const handlers = {
       request: this.request,
       onFrame: current((frame) => this.receiveFrame(frame)),
+      onGap: current(() => this.onGap()),
       onStatus: current((status) => this.receiveStatus(status)),
       onEnd: current((how) => this.lose(how)),
       ...this.browser,
@@ -168,6 +177,7 @@ export class FrameStream {
     clearTimeout(this.timer);
     this.link?.close();
     this.link = null;
+    this.onGap();
   }
 
   // What was seen on a link that has ended is over.
@@ -204,14 +214,17 @@ export class FrameStream {
 const CREDITS = 2; // number of frames on their way: one is shown while the next comes
 const SYNC_MS = 500;
 const SILENCE_MS = 4000; // time limit for silence of the sender, which answers every clock sync
+const KEY_FRAME_MS = 500; // least interval between two requests of a key frame
 
 class FramesLink {
-  // `request` as in docs/reference/media.md. `onFrame({jpeg, sequence, at, quality, byCamera, bytes})` may give a promise: the next
-  // frame is asked for when it has settled. `onStatus` gets the sender's own, `onEnd({code, reason, opened})` comes once.
-  constructor(socket, { request, onFrame, onStatus, onEnd, now, wall }) {
+  // `request` as in docs/reference/media.md. `onFrame` gets what readFrame gives, with `at` and `bytes`, and may give a promise: the
+  // next frame is asked for when it has settled. `onGap` as of FrameStream, `onStatus` gets the sender's own,
+  // `onEnd({code, reason, opened})` comes once.
+  constructor(socket, { request, onFrame, onGap, onStatus, onEnd, now, wall }) {
     this.socket = socket;
     this.request = request;
     this.onFrame = onFrame;
+    this.onGap = onGap;
     this.onStatus = onStatus;
     this.onEnd = onEnd;
     this.now = now;
@@ -219,6 +232,8 @@ class FramesLink {
     /** @type {Promise<unknown>} */
     this.turn = Promise.resolve();
     this.taken = null;
+    this.keyRequestedAt = -Infinity;
+    this.lacksKey = false; // and has not asked for it yet
     this.opened = false;
     this.receivedAt = now();
     this.timer = setInterval(() => this.tick(), SYNC_MS);
@@ -244,6 +259,16 @@ class FramesLink {
   tick() {
     if (this.now() - this.receivedAt > SILENCE_MS) this.end(1006, "");
     else this.sendSync();
+    if (this.lacksKey) this.requestKeyFrame();
+  }
+
+  // The sender gives no more of them; one that is asked for too early is asked for later.
+  requestKeyFrame() {
+    const now = this.now();
+    this.lacksKey = now - this.keyRequestedAt < KEY_FRAME_MS;
+    if (this.lacksKey) return;
+    this.keyRequestedAt = now;
+    this.send({ op: "key_frame" });
   }
 
   sendSync() {
@@ -277,13 +302,15 @@ class FramesLink {
     const frame = readFrame(data);
     const at = frame && this.senderClock.timestamp(frame.timestampMs);
     if (frame) this.taken = frame.sequence;
-    this.turn = this.turn.then(() => (at === null ? undefined : this.hand({ ...frame, at, bytes: data.byteLength })));
+    if (frame?.isKey) this.lacksKey = false;
+    this.turn = this.turn.then(() => this.hand({ ...frame, at, bytes: data.byteLength }));
     this.turn = this.turn.then(() => this.credit(1));
   }
 
   // A frame that cannot be decoded is one that is skipped.
   async hand(frame) {
-    if (this.onEnd) await Promise.resolve(this.onFrame(frame)).catch(() => {});
+    if (this.onEnd && frame.at === null) this.onGap();
+    else if (this.onEnd) await Promise.resolve(this.onFrame(frame)).catch(() => {});
   }
 
   // For a page that needs no more of it; nothing is reported any more.
@@ -311,22 +338,27 @@ function parse(text) {
 
 // Takes a frame of the frames protocol (docs/reference/media.md) apart. Pure.
 const LENGTH = 16; // Python's struct: !BBHId
-const JPEG = 1;
+const CODECS = { 1: "jpeg", 2: "h264", 3: "vp8" };
 const CAMERA_STAMP = 1;
+const KEY = 2;
 
-// Gives {sequence, quality, byCamera, timestampMs, jpeg}, the timestamp by the sender's clock; null for what this page
-// cannot show, such as a codec of a newer server. Nothing is copied: `jpeg` is a view of `data`.
+// Gives {codec, isKey, sequence, quality, byCamera, timestampMs, data}, the timestamp by the sender's clock; null for what this
+// page cannot show, such as a codec of a newer server. Nothing is copied: its `data` is a view of the message.
 export function readFrame(data) {
   if (data.byteLength <= LENGTH) return null;
   const view = new DataView(data);
   const timestampMs = view.getFloat64(8);
-  if (view.getUint8(0) !== JPEG || !Number.isFinite(timestampMs)) return null;
+  const codec = CODECS[view.getUint8(0)];
+  if (!codec || !Number.isFinite(timestampMs)) return null;
+  const flags = view.getUint8(1);
   return {
+    codec,
+    isKey: Boolean(flags & KEY),
     sequence: view.getUint32(4),
     quality: view.getUint16(2),
-    byCamera: Boolean(view.getUint8(1) & CAMERA_STAMP),
+    byCamera: Boolean(flags & CAMERA_STAMP),
     timestampMs,
-    jpeg: new Uint8Array(data, LENGTH),
+    data: new Uint8Array(data, LENGTH),
   };
 }
 

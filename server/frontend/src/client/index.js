@@ -1,13 +1,14 @@
 // robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
+import { DecoderChoice, FrameDecoder, jpegBlob } from "../decoders/frameDecoder.js";
 import { reasons } from "../texts/common.js";
 import { Api, TicketRefused, csrfToken, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
 import { GIVE_UP } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
-import { Painter, imageOf } from "./painter.js";
+import { Painter } from "./painter.js";
 import { Session } from "./session.js";
 import { ShownFrames } from "./shownFrames.js";
 
@@ -15,6 +16,7 @@ const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType:
 const MODULE = "/static/dist/robotether-client.js";
 const USUAL_CAMERA = "/camera/image_raw";
 const STOP_CONFIRM_MS = 3000;
+const CANVAS = "canvas"; // an <img> shows JPEG alone
 const MAX_SEEN = 8; // maximum number of frames that a command names
 
 export class Robot {
@@ -42,6 +44,7 @@ export class Robot {
     /** @type {number | null} */
     this.roundTripMs = null;
     this.publishers = new Map();
+    this.decoderChoice = new DecoderChoice();
     this.shown = new Set(); // {topic, stream, frames}, of each camera that showVideo has shown
     /** @type {number | null} */
     this.seenAgeMs = null;
@@ -210,7 +213,10 @@ export class Robot {
     element,
     /** @type {{topic?: string, onStatus?: (status: object) => void}} */ { topic = USUAL_CAMERA, onStatus, ...request } = {},
   ) {
-    const [show, frames] = [showOn(element), new ShownFrames()];
+    const { decoderChoice: choice } = this;
+    const askAnew = () => stream.ask({ codecs: choice.codecs });
+    const decoder = new FrameDecoder({ choice, onKeyFrame: () => stream.requestKeyFrame(), onCodecs: askAnew });
+    const [show, frames] = [showOn(element, decoder), new ShownFrames()];
     const stream = new FrameStream({
       url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
       request,
@@ -219,9 +225,11 @@ export class Robot {
         this.shown.add(shown); // after its end, too: what was seen stays in the driver's mind, and grows old
         frames.note({ ...frame, shownAt: performance.now() });
       },
+      onGap: () => decoder.close(),
       onStatus,
     });
     const shown = { topic, stream, frames };
+    if (element.localName === CANVAS) choice.ready.then(askAnew);
     stream.start();
     return stream;
   }
@@ -315,29 +323,30 @@ function credentials(token) {
 export { FrameStream, TicketRefused };
 
 // Shows frames in an <img> or on a <canvas> of the page, one at a time.
-// Gives the function that shows {jpeg} and settles when it is to be seen; it rejects for what is no image.
-function showOn(element) {
-  if (element.localName === "canvas") return canvasShower(element);
+// Gives the function that shows a frame and settles when it is to be seen; it rejects for what is no image.
+function showOn(element, decoder) {
+  if (element.localName === CANVAS) return canvasShower(element, decoder);
   if (element.localName === "img") return imageShower(element);
   throw new TypeError(`cannot show video in <${element.localName}>: give an <img> or a <canvas>`);
 }
 
 // The canvas stays as the page has it until the first frame.
-function canvasShower(canvas) {
+function canvasShower(canvas, decoder) {
   /** @type {Painter | undefined} */
   let painter;
-  return async ({ jpeg }) => {
+  return async (frame) => {
+    const image = await decoder.decode(frame);
     painter ??= new Painter(canvas);
-    await painter.show(jpeg);
+    painter.show(image);
   };
 }
 
 function imageShower(img) {
   /** @type {string | null} */
   let url = null;
-  return async ({ jpeg }) => {
+  return async ({ data }) => {
     const before = url;
-    url = URL.createObjectURL(imageOf(jpeg));
+    url = URL.createObjectURL(jpegBlob(data));
     try {
       await load(img, url);
     } finally {

@@ -1,26 +1,25 @@
-// Draws JPEGs on a canvas, turned as the camera needs it: on the drive page and, through index.js, on pages of others.
-// Decoding happens beside the page's own work, one frame at a time.
+// Draws frames on a canvas, turned as the camera needs it: on the drive page and, through index.js, on pages of others.
 
 export class Painter {
-  // `decode(jpeg)` gives a promise of what drawImage takes.
-  constructor(canvas, { decode = decodeBeside } = {}) {
+  constructor(canvas) {
     this.canvas = canvas;
-    this.decode = decode;
     this.context = canvas.getContext("2d", { alpha: false });
     this.turned = 0;
   }
 
-  // Gives the frame's own size; rejects for what is no image.
-  async show(jpeg) {
-    const image = await this.decode(jpeg);
-    const { width, height } = image;
-    this.draw(image);
-    image.close();
+  // `image` as of FrameDecoder; it is closed. Gives the frame's own size.
+  show(image) {
+    const width = image.displayWidth ?? image.width;
+    const height = image.displayHeight ?? image.height;
+    try {
+      this.draw(image, width, height);
+    } finally {
+      image.close();
+    }
     return { width, height };
   }
 
-  draw(image) {
-    const { width, height } = image;
+  draw(image, width, height) {
     const across = this.turned % 180 !== 0;
     fitCanvas(this.canvas, across ? height : width, across ? width : height);
     const { canvas, context } = this;
@@ -35,7 +34,3 @@ export function fitCanvas(canvas, width, height) {
   if (canvas.width !== width) canvas.width = width;
   if (canvas.height !== height) canvas.height = height;
 }
-
-export const imageOf = (jpeg) => new Blob([jpeg], { type: "image/jpeg" });
-
-const decodeBeside = (jpeg) => createImageBitmap(imageOf(jpeg));

@@ -8,6 +8,8 @@ const reason =
   (/** @type {string} */ detail = "") =>
     (detail ? because(detail) : usual) + then;
 
+const CODECS = { h264: "H.264", vp8: "VP8", jpeg: "JPEG" };
+
 export const frame = {
   of: (name) => `Live video of ${name}`,
   old: "This video is old.",
@@ -15,6 +17,13 @@ export const frame = {
   rate: (perSecond) => `${perSecond.toFixed(1)}/s`,
   quality: (percent) => `${percent} %`,
   size: ({ width, height }) => `${width}×${height}`,
+  codec: (codec) => CODECS[codec] ?? "",
+  // `reason`: why the robot does not encode; `isOnly`: this browser decodes nothing else.
+  encoding: ({ codec, encoder, reason, isOnly }) => {
+    if (codec !== "jpeg") return encoder ? `${CODECS[codec]}, encoded by ${encoder}` : CODECS[codec];
+    if (isOnly) return "JPEG: this browser decodes nothing else here.";
+    return reason ? `JPEG: ${because(reason)}` : CODECS.jpeg;
+  },
   enlarge: (name) => `Show ${name} large`,
   // Why there is no new frame, by the words of client/frames.js.
   why: {

@@ -7,7 +7,8 @@ const EVERY_MS = 2000; // interval between two requests; the server measures ove
 
 /**
  * @typedef {{kind: string, name: string, bytes_per_s: number | null, people: number | null, yours: boolean}} Stream
- * @typedef {{off: Set<string>, has: (name: string) => boolean, switchTo: (name: string, on: boolean) => void}} Switch
+ * @typedef {{off: Set<string>, has: (name: string) => boolean, switchTo: (name: string, on: boolean) => void,
+ *   note?: (name: string) => string}} Switch `note`: what this page knows besides
  */
 
 // The rows of the list: what the server reports, and what is switched off here and not among that. Pure.
@@ -16,7 +17,10 @@ const EVERY_MS = 2000; // interval between two requests; the server measures ove
 export function uplinkRows(streams, switches) {
   const isListed = (kind, name) => streams.some((stream) => stream.kind === kind && stream.name === name);
   /** @type {any[]} */
-  const rows = streams.map((stream) => ({ ...stream, offers: offerOf(switches[stream.kind], stream.name) }));
+  const rows = streams.map((stream) => {
+    const control = switches[stream.kind];
+    return { ...stream, offers: offerOf(control, stream.name), note: control?.note?.(stream.name) ?? "" };
+  });
   for (const [kind, { off }] of Object.entries(switches)) {
     for (const name of off) if (!isListed(kind, name)) rows.push({ kind, name, offers: "on" });
   }
@@ -38,9 +42,9 @@ export function totalText(streams, line) {
 }
 
 // Of a stream that the server does not report only what this page does with it.
-function factsOf({ kind, name, bytes_per_s: bytes, people = null, yours, offers }) {
+function factsOf({ kind, name, bytes_per_s: bytes, people = null, yours, offers, note = "" }) {
   const off = offers === "on" && texts.off;
-  return [name && (texts.kinds[kind] ?? kind), off, bytes !== undefined && rateText(bytes), texts.people({ people, yours })];
+  return [name && (texts.kinds[kind] ?? kind), off, bytes !== undefined && rateText(bytes), texts.people({ people, yours }), note];
 }
 
 export class Uplink {

@@ -2,14 +2,16 @@
 
 import { Painter } from "../client/painter.js";
 import { ShownFrames } from "../client/shownFrames.js";
+import { FrameDecoder } from "../decoders/frameDecoder.js";
 import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of client/frames.js; `common()` the
   // part of `request` that is the same for all cameras; `set` the settings' {width, height}. `oldMs`: from when a frame is grey.
-  // `onDown(topic)`: its source gives no frames.
-  constructor(element, { camera, openFrames, common, set, oldMs, onPainted, onDown, now, painter = new Painter(part(element, "canvas")) }) {
+  // `onDown(topic)`: its source gives no frames. `choice` is a DecoderChoice.
+  constructor(element, options) {
+    const { camera, openFrames, common, set, oldMs, onPainted, onDown, now, choice } = options;
     this.element = element;
     this.camera = camera;
     this.openFrames = openFrames;
@@ -19,10 +21,13 @@ export class CameraTile {
     this.onPainted = onPainted;
     this.onDown = onDown;
     this.now = now;
-    this.painter = painter;
+    this.choice = choice;
+    this.painter = options.painter ?? new Painter(part(element, "canvas"));
+    this.decoder = options.decoder ?? this.makeDecoder();
     this.rate = new FrameRate();
     this.at = null; // of the frame that is seen
     this.shownFrames = new ShownFrames();
+    this.codec = null; // of the frame that is seen
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
     this.turned = 0;
@@ -30,6 +35,15 @@ export class CameraTile {
     element.dataset.topic = camera.topic;
     part(element, "canvas").setAttribute("aria-label", texts.of(camera.name));
     this.showState();
+    choice.ready.then(() => this.ask());
+  }
+
+  makeDecoder() {
+    return new FrameDecoder({
+      choice: this.choice,
+      onKeyFrame: () => this.stream?.requestKeyFrame(),
+      onCodecs: () => this.ask(),
+    });
   }
 
   start() {
@@ -39,6 +53,7 @@ export class CameraTile {
     this.stream = this.openFrames(this.camera.topic, {
       request,
       onFrame: (frame) => this.paint(frame),
+      onGap: () => this.decoder.close(),
       onStatus: (status) => this.receiveStatus(status),
     });
     this.stream.start();
@@ -75,7 +90,8 @@ export class CameraTile {
   }
 
   streamRequest() {
-    return { ...this.common(), ...requestedSize({ full: this.full, set: this.set, box: this.box(), turned: this.turned }) };
+    const { choice, full, set, turned } = this;
+    return { ...this.common(), codecs: choice.codecs, ...requestedSize({ full, set, box: this.box(), turned }) };
   }
 
   box() {
@@ -94,10 +110,16 @@ export class CameraTile {
   }
 
   // Only what is seen counts: the timestamp is kept when the frame is on the page.
-  async paint({ jpeg, at, sequence }) {
+  async paint(frame) {
     const { stream } = this;
-    const size = await this.painter.show(jpeg);
-    if (stream !== this.stream || !stream) return;
+    const image = await this.decoder.decode(frame);
+    if (stream === this.stream && stream) this.show(image, frame);
+    else image.close();
+  }
+
+  show(image, { codec, at, sequence }) {
+    const size = this.painter.show(image);
+    this.codec = codec;
     this.at = at;
     const shownAt = this.now();
     this.shownFrames.note({ sequence, at, shownAt });
@@ -154,7 +176,15 @@ export class CameraTile {
   details() {
     const rate = this.rate.perSecond(this.now());
     const { quality } = this.status;
-    return [rate === null ? "" : texts.rate(rate), quality ? texts.quality(quality) : "", texts.size(this.size)].filter(Boolean);
+    const parts = [texts.codec(this.codec), rate !== null && texts.rate(rate), quality && texts.quality(quality), texts.size(this.size)];
+    return parts.filter(Boolean);
+  }
+
+  // How its frames are encoded, and why they are no better encoded; empty while there are none.
+  get encoding() {
+    if (this.state === "none") return "";
+    const { encoder, no_encoder: reason } = this.status;
+    return texts.encoding({ codec: this.codec, encoder, reason, isOnly: this.choice.codecs.length === 1 });
   }
 }
 

@@ -1,6 +1,7 @@
 // The places of the video: makes a tile for what is shown, ends what is not, and says which is the main one.
 // What is not seen has no stream.
 
+import { DecoderChoice } from "../decoders/frameDecoder.js";
 import { onPress, part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
@@ -13,6 +14,7 @@ export class Tiles {
     this.stage = stage;
     this.options = options;
     this.tiles = new Map();
+    this.choice = new DecoderChoice();
     this.off = new Set(); // cameras that the person switched off
     this.playing = false;
     this.lastSeen = [];
@@ -72,6 +74,11 @@ export class Tiles {
     else if (this.playing) this.get(id)?.start();
   }
 
+  // How the frames of a camera are encoded.
+  note(id) {
+    return this.get(id)?.encoding ?? "";
+  }
+
   drop(id, tile) {
     tile.close();
     this.tiles.delete(id);
@@ -98,6 +105,6 @@ export class Tiles {
     const element = template.content.firstElementChild.cloneNode(true);
     this.stage.append(element);
     onPress(part(element, "enlarge"), () => this.options.onChoose(source.topic));
-    return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, camera: source });
+    return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, choice: this.choice, camera: source });
   }
 }

@@ -1,16 +1,16 @@
 // Test doubles of the client's tests: what a server sends, and a WebSocket that the test plays the server of.
 
 // A binary message of the frames protocol.
-export function framed({ codec = 1, flags = 0, quality = 70, sequence = 1, timestampMs = 0, jpeg = [255] } = {}) {
-  const data = new ArrayBuffer(16 + jpeg.length);
-  const view = new DataView(data);
+export function framed({ codec = 1, flags = 0, quality = 70, sequence = 1, timestampMs = 0, data = [255] } = {}) {
+  const message = new ArrayBuffer(16 + data.length);
+  const view = new DataView(message);
   view.setUint8(0, codec);
   view.setUint8(1, flags);
   view.setUint16(2, quality);
   view.setUint32(4, sequence);
   view.setFloat64(8, timestampMs);
-  new Uint8Array(data, 16).set(jpeg);
-  return data;
+  new Uint8Array(message, 16).set(data);
+  return message;
 }
 
 export class FakeWebSocket {

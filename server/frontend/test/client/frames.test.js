@@ -6,7 +6,7 @@ import { FakeWebSocket, framed } from "./fakes.js";
 
 const AHEAD = 50_000;
 
-let clock, sockets, frames, statuses, refusal, hold, stream;
+let clock, sockets, frames, gaps, statuses, refusal, hold, stream;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -14,6 +14,7 @@ beforeEach(() => {
   clock = 1000;
   sockets = [];
   frames = [];
+  gaps = 0;
   statuses = [];
   refusal = null;
   hold = null;
@@ -23,10 +24,11 @@ beforeEach(() => {
       return "wss://server/robots/sim1/video/frames?topic=%2Fcamera";
     },
     request: { quality_max: 70 },
-    onFrame: ({ sequence, at, jpeg }) => {
-      frames.push({ sequence, at, jpeg: [...jpeg] });
+    onFrame: ({ sequence, at, data }) => {
+      frames.push({ sequence, at, data: [...data] });
       return hold?.promise;
     },
+    onGap: () => (gaps += 1),
     onStatus: (status) => statuses.push(status),
     now: () => clock,
     wall: () => clock,
@@ -82,8 +84,8 @@ test("it says what it asks for, syncs clocks, and gives two credits", async () =
 
 test("a frame comes with its timestamp on this page's clock", async () => {
   await goOpen();
-  await receive({ sequence: 7, timestampMs: AHEAD + 940, jpeg: [1, 2], quality: 60 });
-  assert.deepEqual(frames, [{ sequence: 7, at: 940, jpeg: [1, 2] }]);
+  await receive({ sequence: 7, timestampMs: AHEAD + 940, data: [1, 2], quality: 60 });
+  assert.deepEqual(frames, [{ sequence: 7, at: 940, data: [1, 2] }]);
   assert.equal(last().frame, "live");
   assert.equal(last().quality, 60);
   assert.equal(stream.ageMs, 60);
@@ -140,7 +142,7 @@ test("a frame that cannot be shown, of another codec or without a known timestam
   hold = withResolvers();
   hold.reject(new Error("broken JPEG"));
   await receive({ sequence: 7, timestampMs: AHEAD });
-  await receive({ sequence: 8, codec: 2 });
+  await receive({ sequence: 8, codec: 9 });
   assert.equal(socket.said("credit").length, 3);
   assert.equal(frames.length, 1);
 });
@@ -248,18 +250,42 @@ test("another request goes out on the open link and on the next ones", async () 
   assert.deepEqual(sockets[1].sent[0], { op: "stream_request", quality_max: 70, fps: 5 });
 });
 
-test("a frame is taken out with its sequence, quality and timestamp, without a copy", () => {
-  const data = framed({ sequence: 4_000_000_000, quality: 70, flags: 1, timestampMs: 5123456.75, jpeg: [1, 2, 3] });
-  const frame = readFrame(data);
-  assert.deepEqual(
-    { ...frame, jpeg: [...frame.jpeg] },
-    { sequence: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75, jpeg: [1, 2, 3] },
-  );
-  assert.equal(frame.jpeg.buffer, data);
+test("key frames are asked for at most twice a second, and none that has come", async () => {
+  const socket = await goOpen();
+  const count = () => socket.said("key_frame").length;
+  for (let i = 0; i < 3; i++) stream.requestKeyFrame();
+  assert.equal(count(), 1);
+  socket.answerClockSync(AHEAD);
+  await pass(600);
+  assert.equal(count(), 2);
+  stream.requestKeyFrame();
+  await receive({ codec: 2, flags: 2, timestampMs: AHEAD });
+  await pass(600);
+  assert.equal(count(), 2);
+});
+
+test("after a frame that was left out, and on another link, the next one does not continue those before", async () => {
+  await goOpen();
+  await receive({ codec: 2, flags: 2, timestampMs: AHEAD });
+  const before = gaps;
+  clock += 40_000; // no clock sync is known any more
+  await receive({ codec: 2, timestampMs: AHEAD });
+  assert.deepEqual([frames.length, gaps], [1, before + 1]);
+  sockets[0].end(1006);
+  assert.equal(gaps, before + 2);
+});
+
+test("a frame is taken out with its codec, flags, sequence, quality and timestamp, without a copy", () => {
+  const message = framed({ codec: 2, sequence: 4_000_000_000, quality: 70, flags: 3, timestampMs: 5123456.75, data: [1, 2, 3] });
+  const { data, ...frame } = readFrame(message);
+  const header = { sequence: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75 };
+  assert.deepEqual(frame, { ...header, codec: "h264", isKey: true });
+  assert.deepEqual([...data], [1, 2, 3]);
+  assert.equal(data.buffer, message);
 });
 
 test("other codecs, timestamps that are no number and too short messages are none", () => {
-  const messages = [framed({ codec: 2 }), framed({ timestampMs: NaN }), framed({ jpeg: [] }), new ArrayBuffer(3)];
+  const messages = [framed({ codec: 9 }), framed({ timestampMs: NaN }), framed({ data: [] }), new ArrayBuffer(3)];
   assert.deepEqual(messages.map(readFrame), [null, null, null, null]);
 });
 

@@ -3,6 +3,8 @@ import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
+import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
+import { FakeVideoDecoder, H264_KEY } from "../decoders/fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
 let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
@@ -308,6 +310,41 @@ test("video is shown on a canvas or in an <img>, and nowhere else", async () => 
   assert.match(sockets[0].url, /video\/frames\?topic=\/front&ticket=t1$/);
   assert.throws(() => make().showVideo({ localName: "p" }), /cannot show video in <p>/);
 });
+
+test("a canvas gets H.264 where the browser decodes it, with key frames on request, and an <img> JPEG", async () => {
+  FakeVideoDecoder.install();
+  const context = { setTransform() {}, rotate() {}, drawImage() {} };
+  const canvas = { localName: "canvas", width: 0, height: 0, getContext: () => context };
+  for (const element of [canvas, { localName: "img" }]) {
+    const robot = make();
+    robot.decoderChoice = new DecoderChoice({ supported: Promise.resolve(["h264", "jpeg"]) });
+    const stream = robot.showVideo(element, { topic: "/front" });
+    await settle();
+    sockets.at(-1).open();
+    sockets.at(-1).answerClockSync(0);
+    assert.deepEqual(sockets.at(-1).sent[0].codecs, element === canvas ? ["h264", "jpeg"] : undefined);
+    if (element === canvas) await showH264(stream, sockets.at(-1));
+    stream.stop();
+  }
+  delete globalThis.VideoDecoder;
+});
+
+async function showH264(stream, socket) {
+  const timestampMs = performance.now();
+  socket.frame({ codec: 2, timestampMs });
+  await settle();
+  assert.equal(socket.said("key_frame").length, 1);
+  socket.frame({ codec: 2, flags: 2, timestampMs, data: [...H264_KEY] });
+  await settle();
+  const [decoder] = FakeVideoDecoder.made;
+  assert.equal(stream.ageMs, null);
+  const image = decoder.give();
+  await settle();
+  assert.ok(stream.ageMs >= 0);
+  assert.equal(image.closed, true);
+  stream.stop();
+  assert.equal(decoder.state, "closed");
+}
 
 test("commands name the frames of the cameras that are shown, else of the last ones; before the first none", async () => {
   class Image {

@@ -4,7 +4,7 @@ import { beforeEach, test } from "node:test";
 import { CameraTile, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
 import { frame } from "../../src/texts/video.js";
 
-let clock, streams, parts, element, tile, paintings, downs;
+let clock, streams, parts, element, tile, choice, paintings, downs;
 
 const part = () => ({ textContent: "", setAttribute() {} });
 
@@ -18,8 +18,8 @@ function openFrames(topic, options) {
   return stream;
 }
 
-// Snapshots stand on the page when the test says so.
-const painter = () => ({ turned: 0, show: (jpeg) => new Promise((done, failed) => paintings.push({ jpeg, done, failed })) });
+// Frames are decoded when the test says so, each to its size.
+const decoder = () => ({ decode: () => new Promise((done, failed) => paintings.push({ done, failed })), close() {} });
 
 beforeEach(() => {
   clock = 1000;
@@ -34,6 +34,7 @@ beforeEach(() => {
     querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]],
     remove() {},
   };
+  choice = { codecs: ["h264", "jpeg"], ready: Promise.resolve() };
   tile = new CameraTile(element, {
     camera: { topic: "/front", name: "front" },
     openFrames,
@@ -43,13 +44,15 @@ beforeEach(() => {
     onPainted: () => {},
     onDown: (topic) => downs.push(topic),
     now: () => clock,
-    painter: painter(),
+    choice,
+    painter: { turned: 0, show: (size) => size },
+    decoder: decoder(),
   });
   tile.start();
 });
 
 test("the frame that a driver saw is the one that stood on the page then", async () => {
-  const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900, sequence: 41 });
+  const shown = streams[0].onFrame({ codec: "h264", at: 900, sequence: 41 });
   assert.equal(tile.shownFrames.seenAt(clock), null);
   clock = 1020;
   paintings[0].done({ width: 640, height: 480 });
@@ -61,13 +64,13 @@ test("the frame that a driver saw is the one that stood on the page then", async
 });
 
 async function paint(at, size = { width: 640, height: 480 }) {
-  const shown = streams.at(-1).onFrame({ jpeg: new Uint8Array(), at });
+  const shown = streams.at(-1).onFrame({ codec: "h264", at });
   paintings.at(-1).done(size);
   await shown;
 }
 
 test("a frame counts from when it stands on the page, with the timestamp at which it was taken", async () => {
-  const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
+  const shown = streams[0].onFrame({ codec: "h264", at: 900 });
   assert.deepEqual([tile.at, tile.state], [null, "none"]);
   paintings[0].done({ width: 640, height: 480 });
   await shown;
@@ -75,7 +78,7 @@ test("a frame counts from when it stands on the page, with the timestamp at whic
 });
 
 test("a frame that cannot be decoded is none", async () => {
-  const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
+  const shown = streams[0].onFrame({ codec: "h264", at: 900 });
   paintings[0].failed(new Error("broken"));
   await assert.rejects(shown);
   assert.equal(tile.at, null);
@@ -107,12 +110,13 @@ test("the reason that the server or the robot gave is never replaced", () => {
 });
 
 test("a frame that is decoded after the stream has ended counts no more", async () => {
-  const shown = streams[0].onFrame({ jpeg: new Uint8Array(), at: 900 });
+  const shown = streams[0].onFrame({ codec: "h264", at: 900 });
   tile.stop();
   tile.start();
-  paintings[0].done({ width: 640, height: 480 });
+  const image = { close: () => (image.closed = true) };
+  paintings[0].done(image);
   await shown;
-  assert.equal(tile.at, null);
+  assert.deepEqual([tile.at, image.closed], [null, true]);
   assert.deepEqual(
     streams.map(({ started }) => started),
     [false, true],
@@ -124,8 +128,35 @@ test("a small tile asks for less as soon as the camera's size is known, and once
   await paint(900);
   await paint(950, { width: 320, height: 240 });
   tile.ask();
-  assert.deepEqual(streams[0].asked.slice(1), [{ fps: 15, width: 320, height: 240 }]);
+  assert.deepEqual(streams[0].asked.slice(1), [{ fps: 15, codecs: ["h264", "jpeg"], width: 320, height: 240 }]);
 });
+
+test("what the browser turns out to decode, or no more, is asked for", async () => {
+  choice.codecs = ["jpeg"];
+  tile.ask();
+  assert.deepEqual(
+    streams[0].asked.map(({ codecs }) => codecs),
+    [["h264", "jpeg"], ["jpeg"]],
+  );
+});
+
+for (const [name, codec, codecs, status, note] of [
+  ["the encoder", "h264", ["h264", "jpeg"], { encoder: "libx264", no_encoder: "" }, "H.264, encoded by libx264"],
+  ["a camera's own", "h264", ["h264", "jpeg"], { encoder: null, no_encoder: "" }, "H.264"],
+  ["why there is none", "jpeg", ["h264", "jpeg"], { no_encoder: "PyAV is not installed" }, "JPEG: PyAV is not installed."],
+  ["what the browser lacks", "jpeg", ["jpeg"], { no_encoder: "" }, "JPEG: this browser decodes nothing else here."],
+]) {
+  test(`how frames are encoded is known of those that are shown: ${name}`, async () => {
+    choice.codecs = codecs;
+    streams[0].onStatus({ frame: "live", why: "", ...status });
+    assert.equal(tile.encoding, "");
+    const shown = streams[0].onFrame({ codec, at: 900 });
+    paintings[0].done({ width: 640, height: 480 });
+    await shown;
+    assert.equal(tile.encoding, note);
+    assert.match(parts.facts.textContent, new RegExp(`^${codec === "h264" ? "H.264" : "JPEG"} · .*640×480$`));
+  });
+}
 
 test("after a sleep of the machine the frame is not trusted, and the next one is", async () => {
   await paint(900);

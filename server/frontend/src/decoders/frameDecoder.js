@@ -1,0 +1,108 @@
+// Decodes a camera's frames of any codec, and goes over to the next decoder where one fails: shared by the drive page and, through
+// client/index.js, by pages of others.
+
+import { KeyFrameMissingError, StreamDecoder } from "./streamDecoder.js";
+
+// Their codec strings, to ask the browser: H.264 in Main profile up to 1080p.
+const ASKED = { h264: "avc1.4D0028", vp8: "vp8" };
+const JPEG = "jpeg"; // every browser decodes it
+const FORGIVE_MS = 60_000; // least interval between failures of a decoder that works for all that
+
+/** @typedef {{codecs: string[], failedAt: Record<string, number>}} Choice codecs to ask for, best first, and when one last failed, in ms */
+
+// What to decode with after a failure: the same codec in software; after one there, within a minute, no more of that codec. Pure.
+/** @param {Choice} choice @param {string} codec @param {number} now @returns {Choice} */
+export function afterFailure({ codecs, failedAt }, codec, now) {
+  const before = failedAt[codec];
+  const goesOn = before === undefined || now - before > FORGIVE_MS;
+  return { codecs: goesOn ? codecs : codecs.filter((name) => name !== codec), failedAt: { ...failedAt, [codec]: now } };
+}
+
+// What this page asks for and decodes with, as long as it is open: another page may have another decoder.
+export class DecoderChoice {
+  constructor({ supported = supportedCodecs(), now = () => performance.now() } = {}) {
+    /** @type {Choice} */
+    this.choice = { codecs: [JPEG], failedAt: {} };
+    this.now = now;
+    this.ready = supported.then((codecs) => (this.choice = { ...this.choice, codecs }));
+  }
+
+  // JPEG alone until it is known what the browser decodes: see `ready`.
+  get codecs() {
+    return this.choice.codecs;
+  }
+
+  /** @returns {HardwareAcceleration} */
+  accelerationOf(codec) {
+    return codec in this.choice.failedAt ? "prefer-software" : "no-preference";
+  }
+
+  fail(codec) {
+    this.choice = afterFailure(this.choice, codec, this.now());
+  }
+}
+
+/** @type {Promise<string[]> | undefined} */
+let browserCodecs;
+
+// Asked once a page, the best first. There is no VideoDecoder in older browsers, nor on pages without TLS.
+function supportedCodecs() {
+  return (browserCodecs ??= Promise.all(Object.keys(ASKED).map(supports)).then((answers) => [...answers.flat(), JPEG]));
+}
+
+async function supports(name) {
+  const config = { codec: ASKED[name], optimizeForLatency: true };
+  const answer = await globalThis.VideoDecoder?.isConfigSupported(config).catch(() => null);
+  return answer?.supported ? [name] : [];
+}
+
+export class FrameDecoder {
+  // `choice` is a DecoderChoice. `onKeyFrame()`: nothing can be decoded before a key frame. `onCodecs()`: `choice` has other codecs
+  // to ask for.
+  constructor({ choice, onKeyFrame, onCodecs }) {
+    this.choice = choice;
+    this.onKeyFrame = onKeyFrame;
+    this.onCodecs = onCodecs;
+    /** @type {StreamDecoder | null} */
+    this.decoder = null;
+  }
+
+  // `frame` as of readFrame in client/frames.js, in their order. Gives a promise of what drawImage takes, which the caller closes.
+  async decode(frame) {
+    const { codec } = frame;
+    if (codec === JPEG) return createImageBitmap(jpegBlob(frame.data));
+    if (!this.choice.codecs.includes(codec)) throw new Error(`cannot decode a frame: ${codec} has failed on this page`);
+    const decoder = this.decoderOf(codec);
+    try {
+      return await decoder.decode(frame);
+    } catch (error) {
+      if (decoder === this.decoder) this.receiveError(codec, error);
+      throw error;
+    }
+  }
+
+  decoderOf(codec) {
+    const { decoder } = this;
+    if (decoder && decoder.codec === codec && !decoder.isClosed) return decoder;
+    this.close();
+    return (this.decoder = new StreamDecoder({ codec, hardwareAcceleration: this.choice.accelerationOf(codec) }));
+  }
+
+  receiveError(codec, error) {
+    if (!(error instanceof KeyFrameMissingError)) {
+      this.close();
+      this.choice.fail(codec);
+    }
+    if (this.choice.codecs.includes(codec)) this.onKeyFrame();
+    else this.onCodecs();
+  }
+
+  // What comes next does not continue what was decoded, or nothing comes; the next frame opens a new one.
+  close() {
+    const { decoder } = this;
+    this.decoder = null;
+    decoder?.close();
+  }
+}
+
+export const jpegBlob = (data) => new Blob([data], { type: "image/jpeg" });
