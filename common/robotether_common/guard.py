@@ -22,6 +22,8 @@ MAX_SEEN_FRAMES = 8
 MAX_SEEN_S = 10.0
 # Maximum number of frames of one camera that each of them remembers, some more than come at 60 a second.
 MAX_FRAMES = 1000
+# Maximum time in one report for which commands were slowed; reports go out each half second.
+MAX_SLOWED_S = 3600.0
 
 DEFAULT_TOPICS = ("/cmd_vel", "*/cmd_vel")
 # Default limit, in ms, of the deadman and of a command's age: a robot can stop within it.

@@ -287,6 +287,8 @@ class GuardReporter:
             "type": "guard",
             "state": "ready",
             **asdict(state),
+            # An older guard ignores `blind_m` and `blind_deg`, and lacks this.
+            "blind_limits": True,
             "answers": answers,
             "refused": dict(refused),
         }

@@ -315,10 +315,12 @@ class DriveController:
         self, source: CommandSource, stamp: Mapping[str, object], now: float
     ) -> SeenFrames | None:
         """Return what the driver saw; a client that has named frames once is one that names them."""
-        source.view.names_frames = source.view.names_frames or "seen" in stamp
-        if not (source.view.names_frames or self._config.blind.needs_frames):
+        view = source.view
+        view.names_frames = view.names_frames or "seen" in stamp
+        if not (view.names_frames or self._config.blind.needs_frames):
             return None
-        return SeenFrames(self.frame_times.oldest_s(stamp.get("seen"), now))
+        taken_s = self.frame_times.oldest_s(stamp.get("seen"), now)
+        return SeenFrames(taken_s, view, source.authorization.fence)
 
     def _check_shape(self, topic: Topic, shape: Shape) -> None:
         """Refuse another shape than the robot is moved with: it may not take it, and would drive on."""
@@ -450,44 +452,43 @@ class DriveController:
 
     async def _slow_down(self, topic: Topic) -> None:
         """Send the last command again, slower, if none comes while what its driver saw grows old."""
-        now = self._clock()
-        if not self._grows_old(topic) or topic.sent is None or now < topic.slow_at:
+        seen, now = self._seen_in_motion(topic), self._clock()
+        if seen is None or topic.sent is None or now < topic.slow_at:
             return
         topic.slow_at = now + SLOWED_EVERY_S
         if self._deadman.owes or not self._publisher.can_send:
             return
-        command = self._within_limits(topic, topic.sent, now)
+        command = self._within_limits(seen, topic.sent, now)
         if command != topic.sent:
             self._count_slowed(topic, now)
-            topic.is_slowed = topic.source is not None and topic.source.authorization.fence > 0
+            topic.is_slowed = seen.fence > 0
             topic.sent, topic.sent_at = command, now
             await self._publisher.send(_publish(topic, command, None))
 
-    def _grows_old(self, topic: Topic) -> bool:
-        """Return whether the robot moves on by what somebody saw at the last command, and that is limited."""
-        is_seen = topic.seen is not None and topic.source is not None
-        return self._config.blind.any and is_seen and self._deadman.is_moving(topic.name)
+    def _seen_in_motion(self, topic: Topic) -> SeenFrames | None:
+        """Return what somebody saw at the last command, by which the robot moves on, if that is limited."""
+        is_limited = self._config.blind.any and self._deadman.is_moving(topic.name)
+        return topic.seen if is_limited else None
 
     def _seen_and_slowed(self, topic: Topic, command: CheckedCommand, now: float) -> CheckedCommand:
         """Return a new command as fast as its driver's view allows, and count both for the drive's record."""
         self._count_slowed(topic, now)
         topic.slow_at = now + SLOWED_EVERY_S
-        if topic.seen is None or topic.source is None:
+        if (seen := topic.seen) is None:
             return command
-        fence = topic.source.authorization.fence
-        self.seen_ages.begin(fence)
+        self.seen_ages.begin(seen.fence)
         self.seen_ages.limits = None
-        allowed = self._within_limits(topic, command, now)
-        if fence:
-            self.seen_ages.add(topic.seen.age_s(now))
+        allowed = self._within_limits(seen, command, now)
+        if seen.fence:
+            self.seen_ages.add(seen.age_s(now))
             topic.is_slowed = allowed != command
         return allowed
 
-    def _within_limits(self, topic: Topic, command: CheckedCommand, now: float) -> CheckedCommand:
-        """Return the command as fast as the view of the topic's driver allows now."""
-        if topic.seen is None or topic.source is None:
-            return command
-        age_s = topic.source.view.limiting_age.at(topic.seen.age_s(now), now)
+    def _within_limits(
+        self, seen: SeenFrames, command: CheckedCommand, now: float
+    ) -> CheckedCommand:
+        """Return the command as fast as what its driver saw allows now."""
+        age_s = seen.limiting_age_s(now)
         speed, turn = self._config.blind.speed(age_s), self._config.blind.turn(age_s)
         allowed = slowed(command, speed, turn)
         if allowed != command:
@@ -522,7 +523,7 @@ class DriveController:
             times.append(due)
         if self._deadman.moving():
             times.append(self._authorizer.silent_at)
-        times += [topic.slow_at for topic in self._topics if self._grows_old(topic)]
+        times += [topic.slow_at for topic in self._topics if self._seen_in_motion(topic)]
         now = self._clock()
         times += [t.withheld_until for t in self._topics if t.withheld_until > now]
         if self._motion.ends_at is not None and not self.moving:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S, MAX_SLOWED_S
 
 from robotether_agent.guard.blind_limits import LimitingAge
 
@@ -64,17 +64,6 @@ class FrameTimes:
         return None if taken_s is None or now - taken_s > MAX_SEEN_S else taken_s
 
 
-@dataclass(frozen=True)
-class SeenFrames:
-    """What a driver saw at a command: when the oldest frame on the screens was taken; None: unknown."""
-
-    taken_s: float | None = None
-
-    def age_s(self, now: float) -> float | None:
-        """Return how old it is now; None: unknown."""
-        return None if self.taken_s is None else max(0.0, now - self.taken_s)
-
-
 @dataclass
 class DriverView:
     """What the guard knows of one connection's driver, beside the frames of a command."""
@@ -82,6 +71,24 @@ class DriverView:
     # Whether a command has named frames.
     names_frames: bool = False
     limiting_age: LimitingAge = field(default_factory=LimitingAge)
+
+
+@dataclass(frozen=True)
+class SeenFrames:
+    """What a driver saw at a command: when the oldest frame on the screens was taken; None: unknown."""
+
+    taken_s: float | None
+    view: DriverView
+    # Of the driver's lease; 0: none.
+    fence: int
+
+    def age_s(self, now: float) -> float | None:
+        """Return how old it is now; None: unknown."""
+        return None if self.taken_s is None else max(0.0, now - self.taken_s)
+
+    def limiting_age_s(self, now: float) -> float:
+        """Return the age by which the driver's commands are limited now."""
+        return self.view.limiting_age.at(self.age_s(now), now)
 
 
 class SeenAges:
@@ -108,7 +115,7 @@ class SeenAges:
         return {
             "fence": self.fence,
             "ages_ms": self.ages_ms,
-            "slowed_s": round(self.slowed_s, 3),
+            "slowed_s": round(min(self.slowed_s, MAX_SLOWED_S), 3),
             "max_speed_m_s": round(speed, 4) if math.isfinite(speed) else None,
             "max_turn_rad_s": round(turn, 4) if math.isfinite(turn) else None,
         }

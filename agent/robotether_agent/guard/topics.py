@@ -106,7 +106,8 @@ class Topic:
     sent: CheckedCommand | None = None
     sent_at: float = 0.0
     source: CommandSource | None = None
-    # What the driver saw at the last command, whether that was slowed for it, and when to look again.
+    # What the driver saw at the last command if that moves and its age counts, whether it was slowed
+    # for it, and when to look again.
     seen: SeenFrames | None = None
     is_slowed: bool = False
     slow_at: float = 0.0
@@ -230,7 +231,7 @@ class Topics:
         """Let go of a source that is gone."""
         for topic in self:
             if topic.source is source:
-                topic.source = None
+                topic.source = topic.seen = None
 
 
 @dataclass

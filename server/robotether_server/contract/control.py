@@ -97,13 +97,17 @@ class LeaseAction(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ControlObject(Struct, frozen=True):
-    """The control object: who drives, who asks, who stopped the robot."""
+    """The control object: who drives, who asks, who stopped the robot.
+
+    `blind_limits`: whether its guard has the limits `blind_m` and `blind_deg` (older ones ignore them); null: unknown.
+    """
 
     driver: DriverObject | None
     waiting: RequestObject | None
     reserved: ReservationObject | None
     stopped: StopObject | None
     guard: GuardText
+    blind_limits: bool | None = None
 
 
 NO_CONTROL = ControlObject(None, None, None, None, "unknown")

@@ -22,6 +22,7 @@ import { RttProbe, median } from "./rtt.js";
  *   reserved: {user: string, until: string} | null,
  *   stopped: {by: string, at: string, confirmed: boolean} | null,
  *   guard: string,
+ *   blind_limits?: boolean | null,
  * }} Control
  */
 

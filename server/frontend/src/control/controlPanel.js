@@ -12,12 +12,13 @@ const TICK_MS = 500;
 const FRESH_MS = 8000; // time for which a note lies over the video
 
 export class ControlPanel {
-  // `busy` as of Question, `driveTopic` as of settings.js.
-  constructor(root, { robot, driveMode, driveTopic, busy }) {
+  // `busy` as of Question, `driveTopic` and `isLimitedByAge` as of settings.js.
+  constructor(root, { robot, driveMode, driveTopic, isLimitedByAge, busy }) {
     this.root = root;
     this.robot = robot;
     this.driveMode = driveMode;
     this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
+    this.isLimitedByAge = isLimitedByAge;
     this.live = false;
     this.waits = false;
     this.outdated = false; // whether rights or settings are others than those that the page was made with
@@ -61,7 +62,8 @@ export class ControlPanel {
     const { driveMode } = this;
     this.element.dataset.mode = driveMode.mode;
     this.showDriver(driverText(driveMode, waits));
-    this.showNote(driveMode.note, [this.lack, live && this.outdated ? texts.outdated : "", guardText(driveMode.control)]);
+    const outdated = live && this.outdated ? texts.outdated : "";
+    this.showNote(driveMode.note, [this.lack, outdated, guardText(driveMode.control, this.isLimitedByAge)]);
     setText(this.button("drive"), driveMode.busy === "busy_window" ? texts.driveHere : texts.drive);
     const actions = driveMode.actions(live, waits);
     this.showActions(actions);
@@ -165,9 +167,10 @@ const failure = ({ detail }) => ({ why: "failed", reason: texts.failed(detail) }
 
 const noteText = (note) => notes[note?.why]?.(note) ?? "";
 
-function guardText({ guard }) {
+function guardText({ guard, blind_limits }, isLimitedByAge) {
   if (guard === "down") return texts.guardDown;
-  return guard === "off" ? texts.guardOff : "";
+  if (guard === "off") return texts.guardOff;
+  return isLimitedByAge && blind_limits === false ? texts.guardOld : "";
 }
 
 // Empty while nobody says who drives.

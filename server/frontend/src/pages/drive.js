@@ -33,7 +33,7 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
 const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
-const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs } = driveSettings(settings);
+const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
 const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0 };
 
 const loginUse = new LoginUse();
@@ -82,7 +82,7 @@ const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(sp
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 arming.use(controls);
-const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, busy: () => controls.held() });
+const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, isLimitedByAge, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),

@@ -70,6 +70,7 @@ export const control = {
   outdated: "Your rights or this robot's settings have changed. Reload the page.",
   guardDown: "The robot's guard does not answer. The robot accepts no commands until it is back.",
   guardOff: "This robot's guard is switched off. The robot does not stop by itself.",
+  guardOld: "This robot's agent is too old to drive slower when you see late. Its administrator should upgrade it.",
   asks: (user) => `${user} asks for control.`,
   passes: (user, seconds) => `If you neither reply nor drive, control passes to ${user} in ${seconds} s.`,
   arrives: (user, seconds) => `You asked ${user}. If ${user} neither replies nor drives, you get control in ${seconds} s.`,

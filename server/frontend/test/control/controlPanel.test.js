@@ -33,6 +33,19 @@ test("a robot without a drive topic is said to have none, for as long as the pag
   assert.equal(note().dataset.fresh, "true");
 });
 
+test("a guard that is too old for a limit of the settings is said to be, and one of which that is not known is not", () => {
+  for (const [isLimitedByAge, blind_limits, expected] of [
+    [true, false, /too old to drive slower/],
+    [true, true, /^$/],
+    [true, null, /^$/],
+    [false, false, /^$/],
+  ]) {
+    open({ isLimitedByAge });
+    driveMode.receive({ guard: "ready", blind_limits });
+    assert.match(note().textContent, expected);
+  }
+});
+
 test("who drives is left out while it is not known", () => {
   open();
   const driver = () => byTestId("control").querySelector('[data-part="driver"]').textContent;

@@ -96,12 +96,14 @@ class Control:
     def describe(self, robot_id: int) -> ControlObject:
         """Build the control object of the contract."""
         lease, timestamp = self.leasing.of(robot_id), now()
+        presence = self._registry.presence(robot_id)
         return ControlObject(
             driver=_driver(lease.driver),
             waiting=_waiting(lease),
             reserved=_reserved(lease.reserved(timestamp)),
             stopped=self._stopped(robot_id),
-            guard=self._registry.presence(robot_id).guard,
+            guard=presence.guard,
+            blind_limits=presence.report.blind_limits if presence.guard == "ready" else None,
         )
 
     def on_robot_change(self, change: Change) -> None:

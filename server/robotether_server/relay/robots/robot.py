@@ -81,6 +81,7 @@ class GuardReport:
     """What a robot's guard last reported of itself.
 
     `refused` counts drive commands by kind since its start, `fence` is the newest number of a lease that it knows.
+    `blind_limits`: it has the limits `blind_m` and `blind_deg`, which older guards ignore.
     """
 
     state: GuardState = "down"
@@ -89,6 +90,7 @@ class GuardReport:
     moving: bool = False
     refused: tuple[tuple[str, int], ...] = ()
     fence: int = 0
+    blind_limits: bool = False
 
 
 NO_REPORT = GuardReport()

@@ -12,7 +12,7 @@ from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta, Struct
-from robotether_common.guard import MAX_NUMBER, REFUSED_KINDS
+from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS
 from robotether_common.services import SERVICES
 from robotether_common.session import (
     MAX_EPOCH,
@@ -99,6 +99,7 @@ class GuardLine(Struct, tag="guard"):
     moving: bool
     refused: dict[str, Count] = {}
     fence: Annotated[int, Meta(ge=0, le=MAX_FENCE)] = 0
+    blind_limits: bool = False
     answers: Annotated[str, Meta(max_length=64)] | None = None
 
     def __post_init__(self) -> None:
@@ -112,7 +113,9 @@ class GuardLine(Struct, tag="guard"):
         )
         # A robot that lies leaves numbers above its own, which the next guard accepts.
         fence = min(self.fence, MAX_COUNT)
-        return GuardReport(self.state, self.stopped, self.by, self.moving, refused, fence)
+        return GuardReport(
+            self.state, self.stopped, self.by, self.moving, refused, fence, self.blind_limits
+        )
 
 
 class SeenLine(Struct, tag="seen"):
@@ -120,7 +123,7 @@ class SeenLine(Struct, tag="seen"):
 
     fence: Annotated[int, Meta(ge=1, le=MAX_FENCE)]
     ages_ms: Annotated[list[AgeMs | None], Meta(max_length=MAX_AGES)]
-    slowed_s: Annotated[float, Meta(ge=0, le=MAX_AGE_MS)] | None = None
+    slowed_s: Annotated[float, Meta(ge=0)] | None = None
     max_speed_m_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
     max_turn_rad_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
 
@@ -130,7 +133,8 @@ class SeenLine(Struct, tag="seen"):
         return SeenReport(
             self.fence,
             tuple(self.ages_ms),
-            self.slowed_s,
+            # A longer time costs its report some accuracy, but no session.
+            None if self.slowed_s is None else min(self.slowed_s, MAX_SLOWED_S),
             self.max_speed_m_s,
             self.max_turn_rad_s,
         )

@@ -280,7 +280,8 @@ def _reset(tx: Transaction, source: Source, name: str) -> None:
 def _confirmation_words(name: str) -> Words:
     with context().database.transaction() as tx:
         _settings(tx, name, SAFETY)
-    return {"name": name}
+    guard = robot_settings.DEFAULTS.guard
+    return {"name": name, "blind": f"{guard.blind_m:g} m and {guard.blind_deg:g} degrees unseen"}
 
 
 confirmation.register(
@@ -291,7 +292,8 @@ confirmation.register(
         path="/defaults",
         title="Reset safety and permissions of robot {name} to the defaults?",
         effects=(
-            "No limits of speed and acceleration; it stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
+            "No limits of speed and acceleration but one: the later the driver sees, the slower it drives ({blind}). "
+            "It stops by itself after 0.5 s; drive topics /cmd_vel and */cmd_vel.",
             "Observers subscribe to everything, drivers drive, managers may do everything. The shell user stays.",
             "It applies at once. If it changes drive topics, command age or permissions, it stops the robot and "
             "disconnects everyone. They must reopen the page.",

@@ -160,6 +160,7 @@ def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
         "unheard": [],
         "answers": None,
         "refused": COUNTS,
+        "blind_limits": True,
     }
 
 

@@ -6,11 +6,12 @@ import pytest
 from robotether_agent.guard.seen_age import (
     MAX_AGES,
     MAX_CAMERAS,
+    DriverView,
     FrameTimes,
     SeenAges,
     SeenFrames,
 )
-from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S
+from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S, MAX_SLOWED_S
 
 NOW = 1000.0
 
@@ -111,10 +112,14 @@ def test_memory_of_frames_is_bounded() -> None:
     assert len(times._cameras["/0"]) == 1
 
 
+def seen_frames(taken_s: float | None) -> SeenFrames:
+    return SeenFrames(taken_s, DriverView(), 13)
+
+
 def test_an_age_is_never_negative() -> None:
-    assert SeenFrames(NOW).age_s(NOW - 0.01) == 0
-    assert SeenFrames(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
-    assert SeenFrames().age_s(NOW) is None
+    assert seen_frames(NOW).age_s(NOW - 0.01) == 0
+    assert seen_frames(NOW).age_s(NOW + 0.14) == pytest.approx(0.14)
+    assert seen_frames(None).age_s(NOW) is None
 
 
 def test_ages_are_of_one_drive() -> None:
@@ -127,6 +132,14 @@ def test_ages_are_of_one_drive() -> None:
     ages.begin(14)
     ages.add(0.2)
     assert (ages.fence, ages.ages_ms, ages.slowed_s, ages.limits) == (14, [200.0], 0.0, None)
+
+
+def test_a_time_beyond_its_bound_is_reported_as_the_bound() -> None:
+    """The relay counts no more; older ones end a session for it."""
+    ages = SeenAges()
+    ages.begin(13)
+    ages.slowed_s = 1e9
+    assert ages.report()["slowed_s"] == MAX_SLOWED_S
 
 
 def test_nothing_is_reported_of_a_program_on_the_robot() -> None:

@@ -450,7 +450,7 @@ class OwnOperations:
         return _written(operation, t_ms=own.get("t_ms"), relay_ms=relay_ms, **self._key)
 
     def show_seen(self, report: SeenReport) -> None:
-        """Send how old is what the client's operator saw at the newest command."""
+        """Send how old is what the client's operator saw, at most, at the commands of a report."""
         self._seen = report
         if self._clock_syncs:
             self._update_due.set()
@@ -462,7 +462,10 @@ class OwnOperations:
             seen, self._seen = self._seen, None
             self._update_due.clear()
             limits = {"max_speed_m_s": seen.max_speed_m_s, "max_turn_rad_s": seen.max_turn_rad_s}
-            return _written("robotether.seen", age_ms=seen.ages_ms[-1], **limits, **self._key)
+            # What is unknown may be older than all others.
+            known_ms = [age_ms for age_ms in seen.ages_ms if age_ms is not None]
+            age_ms = max(known_ms) if len(known_ms) == len(seen.ages_ms) else None
+            return _written("robotether.seen", age_ms=age_ms, **limits, **self._key)
         self._has_changed = False
         if self._seen is None:
             self._update_due.clear()

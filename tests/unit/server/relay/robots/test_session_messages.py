@@ -8,6 +8,7 @@ import json
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_common.guard import MAX_SLOWED_S
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
@@ -85,6 +86,17 @@ def test_a_guard_tells_of_itself():
     assert told.answers == "a1"
     assert parse(GUARD).answers is None
     assert parse(GUARD).report.fence == 0
+    assert [parse(GUARD, **has).report.blind_limits for has in ({}, {"blind_limits": True})] == [
+        False,
+        True,
+    ]
+
+
+def test_a_time_beyond_its_bound_costs_no_session():
+    seen = {"type": "seen", "fence": 13, "ages_ms": [140.0]}
+    times = (None, 0.05, 60_001, 1e300)
+    bounded = [parse(seen, slowed_s=slowed_s).report.slowed_s for slowed_s in times]
+    assert bounded == [None, 0.05, MAX_SLOWED_S, MAX_SLOWED_S]
 
 
 def test_an_agent_may_give_no_epoch():

@@ -383,7 +383,7 @@ async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, htt
 
 
 async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, http):
-    """The newest age of a report on this drive; unknown as such, and nobody else reads it."""
+    """The greatest age of a report on this drive; unknown is greater, and nobody else reads it."""
     async with (
         FakeOperator(http, relay.ros_url(sim1)) as ann,
         FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob,
@@ -394,12 +394,12 @@ async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, h
         await until(lambda: relay.relay.registry.robot(sim1.id).newest_drive, "the drive began")
         guarded.session.send(type="seen", fence=2, ages_ms=[999.0])
         guarded.session.send(type="seen", fence=1, ages_ms=[])
-        guarded.session.send(type="seen", fence=1, ages_ms=[None, 120.5, 140.2])
+        guarded.session.send(type="seen", fence=1, ages_ms=[120.5, 140.2, 130.0])
         seen = await ann.until("robotether.seen")
         unlimited = {"max_speed_m_s": None, "max_turn_rad_s": None}
         assert seen == {"op": "robotether.seen", "age_ms": 140.2, **unlimited, "key": "k"}
         slowed = {"slowed_s": 0.4, "max_speed_m_s": 0.52, "max_turn_rad_s": 1.1}
-        guarded.session.send(type="seen", fence=1, ages_ms=[120.5, None], **slowed)
+        guarded.session.send(type="seen", fence=1, ages_ms=[None, 120.5], **slowed)
         seen = await ann.until("robotether.seen")
         assert (seen["age_ms"], seen["max_speed_m_s"], seen["max_turn_rad_s"]) == (None, 0.52, 1.1)
         relay.relay.control.stops.stop(sim1, "carl")
