@@ -16,6 +16,7 @@ from contextlib import suppress
 
 import aiohttp
 from aiohttp import WSCloseCode, WSMsgType, web
+from robotether_common.guard import REASON_HEADER
 from robotether_common.topics import (
     KNOWN,
     KNOWN_OP,
@@ -26,7 +27,14 @@ from robotether_common.topics import (
 )
 
 from robotether_agent.describe_error import describe_error
-from robotether_agent.fields import TOPIC, FieldError, JsonObject, get_match, parse_object
+from robotether_agent.fields import (
+    TOPIC,
+    FieldError,
+    JsonObject,
+    get_match,
+    parse_object,
+    printable,
+)
 from robotether_agent.rosbridge_socket import (
     CONNECT_WITHIN_S,
     FAREWELL_S,
@@ -67,7 +75,8 @@ class TopicsService:
         if not relay.can_prepare(request):
             raise web.HTTPNotFound(text="connect with a WebSocket\n")
         if self._count >= MAX_CONNECTIONS:
-            raise web.HTTPServiceUnavailable(text=f"{self._count} topics are open\n")
+            why = f"{self._count} topics are open"
+            raise web.HTTPServiceUnavailable(headers={REASON_HEADER: why})
         self._count += 1
         try:
             return await self._join(request, relay)
@@ -83,7 +92,8 @@ class TopicsService:
             rosbridge = await open_rosbridge(self._http, self._url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             why = describe_error(error, CONNECT_WITHIN_S)
-            raise web.HTTPBadGateway(text=f"rosbridge does not answer: {why}\n") from error
+            reason = printable(f"rosbridge does not answer: {why}")
+            raise web.HTTPBadGateway(headers={REASON_HEADER: reason}) from error
         try:
             keep_little_unsent(request)
             await relay.prepare(request)

@@ -14,6 +14,8 @@ MODE_HEADER = "Robotether-Mode"
 FENCE_HEADER = "Robotether-Fence"
 FENCE_REFUSED = 409
 DISK_REFUSED = 507
+# Header in which guard, topics and frames service say why they refuse a WebSocket, for people.
+REASON_HEADER = "Robotether-Reason"
 # The member beside `msg` in a drive command, with `t_ms` and `fence`, and `seen` of a client that names frames.
 STAMP = "robotether"
 # Maximum number of frames that one command names, of as many cameras.

@@ -20,9 +20,16 @@ from typing import Literal
 
 import aiohttp
 from aiohttp import WSMsgType, web
-from robotether_common.guard import DISK_REFUSED, KEY_HEADER, MODE_HEADER, RefusedKind
+from robotether_common.guard import (
+    DISK_REFUSED,
+    KEY_HEADER,
+    MODE_HEADER,
+    REASON_HEADER,
+    RefusedKind,
+)
 
 from robotether_agent.describe_error import describe_error
+from robotether_agent.fields import printable
 from robotether_agent.guard.agent_messages import GuardConfig
 from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedError
 from robotether_agent.guard.drive_controller import DriveController
@@ -310,7 +317,8 @@ class Server:
         try:
             rosbridge = await open_rosbridge(self._http, url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            return _problem(502, f"rosbridge at {url} does not answer: {describe_error(error, 3)}")
+            why = describe_error(error, 3)
+            return _problem(502, f"rosbridge at {url} does not answer: {why}", why)
         try:
             await client.open(request)
             await proxy.run(rosbridge)
@@ -325,8 +333,11 @@ class Server:
         self.end_those(lambda authorization: not self._authorizer.keeps(authorization))
 
 
-def _problem(status: int, text: str) -> web.Response:
-    return web.Response(status=status, reason=HTTPStatus(status).phrase, text=text + "\n")
+def _problem(status: int, text: str, why: str = "") -> web.Response:
+    """Answer with a sentence; the relay passes on `why`, which may be shorter."""
+    headers = {REASON_HEADER: printable(why or text.removeprefix("cannot drive: "))}
+    phrase = HTTPStatus(status).phrase
+    return web.Response(status=status, reason=phrase, text=text + "\n", headers=headers)
 
 
 def _code(of_rosbridge: int | None) -> int:

@@ -21,6 +21,7 @@ from contextlib import AsyncExitStack, suppress
 import aiohttp
 from aiohttp import web
 from robotether_common.frames import MAX_TEXT_BYTES, PATH, StreamRequest
+from robotether_common.guard import REASON_HEADER
 
 from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph
@@ -139,7 +140,8 @@ class FramesService:
         if self._topics.total() >= MAX_RECEIVERS or (
             is_new and len(self._topics) >= MAX_SHARED_SOURCES
         ):
-            raise web.HTTPServiceUnavailable(text=f"{len(self._topics)} cameras are open\n")
+            why = f"{len(self._topics)} cameras are open"
+            raise web.HTTPServiceUnavailable(text=f"{why}\n", headers={REASON_HEADER: why})
 
     async def _list(self, request: web.Request) -> web.Response:
         """Answer whoever looks whether video works; without any as if nothing listened, which the server asks for."""

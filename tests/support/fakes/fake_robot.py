@@ -10,6 +10,7 @@ These have the guard switched off, as `guard_off` does, which behaves. With a gu
 
     guarded        behaves
     guard_refuses  answers 409 to every driver
+    guard_says_why answers 409 with a reason
     guard_quiet    reports nothing by itself
     disk_full      answers 507 to every driver
 """
@@ -26,7 +27,7 @@ from aiohttp import WSMsgType, web
 from fake_frames import FakeFrames
 
 Unguarded = Literal["guard_off", "port_taken", "slow_reader", "no_rosbridge"]
-Guarded = Literal["guarded", "guard_refuses", "guard_quiet", "disk_full"]
+Guarded = Literal["guarded", "guard_refuses", "guard_says_why", "guard_quiet", "disk_full"]
 Mode = Unguarded | Guarded
 GUARDED = get_args(Guarded)
 # How far the robot's clock is from this machine's.
@@ -291,7 +292,9 @@ class FakeRobot:
         self.handshakes.append(dict(request.headers))
         self._connected.set()
         if self.mode in GUARDED and (status := self._refusal(request)) is not None:
-            return web.Response(status=status)  # type: ignore[return-value]  # no upgrade
+            says_why = self.mode == "guard_says_why"
+            reason = {"Robotether-Reason": "the robot is stopped"} if says_why else {}
+            return web.Response(status=status, headers=reason)  # type: ignore[return-value]  # no upgrade
         client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)
         await client.prepare(request)
         assert request.transport is not None
@@ -316,7 +319,7 @@ class FakeRobot:
         if self.mode == "disk_full":
             return 507
         newest = max(session.leases[-1]["fence"], session.fence)
-        refused = self.mode == "guard_refuses" or session.stopped
+        refused = self.mode in ("guard_refuses", "guard_says_why") or session.stopped
         return 409 if refused or int(headers["Robotether-Fence"]) < newest else None
 
     async def _echo(self, client: web.WebSocketResponse) -> None:

@@ -136,4 +136,6 @@ async def test_without_rosbridge_the_answer_says_so(world):
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         await world.open()
     assert refused.value.status == 502
+    why = refused.value.headers["Robotether-Reason"]
+    assert why == "rosbridge does not answer: Connection refused"
     await world.rosbridge.start()

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import logging
 import time
-from contextlib import suppress
 from functools import partial
 
 from aiohttp import ClientError, WebSocketError, WSMsgType, web
@@ -190,23 +189,17 @@ class ForwardedObserver(OperatorConnection):
                 return close_reasons.client_vanished(self.name)
 
     async def _pump_to_client(self) -> CloseReason:
-        count = 0
         while True:
-            count = await next_turn(count)
-            message = await self._cell.receive()
+            message = await self._cell.next_message()
             if message.type is WSMsgType.BINARY and message.data.startswith(self._key):
                 notice = read_notice(self._key, message.data)
                 if isinstance(notice, ShareNotice):
                     self._topics.share(notice.topic, notice.subscription, notice.message_id)
             elif message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 await self._deliver(message.data, message.type)
-            elif message.type is WSMsgType.PING:
-                # Why it broke is what is read next.
-                with suppress(ConnectionError):
-                    await self._cell.pong(message.data)
             elif message.type is WSMsgType.CLOSE and message.data in NAMES:
                 return CloseReason(NAMES[message.data], str(message.extra))
-            elif message.type is not WSMsgType.PONG:
+            else:
                 return close_reasons.link_lost(self.name)
 
     async def _deliver(self, data: bytes, kind: WSMsgType) -> None:

@@ -179,6 +179,11 @@ def topics_unknown(robot: str) -> CloseReason:
     return CloseReason("video_down", f"{robot} has no topics service; upgrade its agent")
 
 
+def topics_down(robot: str, why: str) -> CloseReason:
+    """The robot's topics service cannot be reached; a status tells it, and the connection goes on."""
+    return CloseReason("video_down", f"{robot} sends no topics: {why}")
+
+
 def frames_broken(why: str) -> CloseReason:
     """A viewer broke the frames protocol, or sent over 200 messages a second."""
     return CloseReason("protocol_broken", f"you broke the frames protocol: {why}")

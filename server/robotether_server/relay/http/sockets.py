@@ -11,6 +11,7 @@ import logging
 import struct
 import time
 from collections.abc import Callable, Coroutine, Mapping
+from contextlib import suppress
 from socket import IPPROTO_TCP, SO_SNDBUF, SOL_SOCKET, TCP_INFO, TCP_NOTSENT_LOWAT
 from types import SimpleNamespace
 from typing import Any, Literal, NoReturn, cast
@@ -26,13 +27,17 @@ from aiohttp import (
     TraceConfig,
     TraceRequestRedirectParams,
     WSMsgType,
+    WSServerHandshakeError,
     web,
 )
 from aiohttp.abc import AbstractStreamWriter
+from aiohttp.http_websocket import WSMessageNoDecodeText
+from robotether_common.guard import REASON_HEADER
 from yarl import URL
 
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.timing import Liveness, LivenessLimits
 
 log = logging.getLogger(__name__)
@@ -53,6 +58,8 @@ ROBOT_FAREWELL_S = 0.5
 NEVER_SENT = 1006
 # Margin of aiohttp's limit, which rejects a message of exactly that size.
 LIMIT_MARGIN = 1
+# Maximum length of a robot's own words for why it refused or closed a connection.
+MAX_ROBOT_REASON = 200
 # linux/tcp.h, struct tcp_info: `tcpi_bytes_received`, since Linux 4.1.
 RECEIVED_BYTES = struct.Struct("=128xQ")
 
@@ -241,6 +248,25 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
         self._answer: ClientResponse = response
         self._transport: asyncio.Transport = writer.transport
         self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
+        self._turn = 0
+
+    async def next_message(
+        self, on_control: Callable[[WSMsgType], None] = lambda _: None
+    ) -> WSMessageNoDecodeText:
+        """Return the next message, or how the connection ended; meanwhile answer pings, and let others have turns.
+
+        `on_control` is called for each ping and pong before it.
+        """
+        while True:
+            self._turn = await next_turn(self._turn)
+            message = await self.receive()
+            if message.type is not WSMsgType.PING and message.type is not WSMsgType.PONG:
+                return message
+            on_control(message.type)
+            if message.type is WSMsgType.PING:
+                # Why it broke is what is read next.
+                with suppress(ConnectionError):
+                    await self.pong(message.data)
 
     def waiting_bytes(self) -> int:
         """Return how much of what was sent is still in this program."""
@@ -295,6 +321,24 @@ async def connect_robot(
         **options,
     )
     return cast(RobotSocket, socket)
+
+
+def why_refused(error: WSServerHandshakeError, usual: str = "") -> str:
+    """Return why a robot refused a WebSocket, in its own words; an older agent gives none."""
+    words = own_words(error.headers.get(REASON_HEADER)) if error.headers else ""
+    return words or usual or f"it answered HTTP {error.status}"
+
+
+def why_closed(close: WSMessageNoDecodeText) -> str:
+    """Return why a robot closed a connection, in its own words if it has any."""
+    words = own_words(close.extra)
+    return f"it closed the connection: {words}" if words else "it closed the connection"
+
+
+def own_words(text: object) -> str:
+    """Return what a robot says of itself if people may read it, else an empty text."""
+    is_fit = isinstance(text, str) and text.isprintable()
+    return str(text)[:MAX_ROBOT_REASON] if is_fit else ""
 
 
 def keep_little_unsent(transport: asyncio.Transport) -> None:

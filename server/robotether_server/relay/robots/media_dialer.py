@@ -7,7 +7,7 @@ A camera's feed and a topic's each open a WebSocket; whoever opens one has count
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -20,27 +20,34 @@ from yarl import URL
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot, why_refused
 from robotether_server.relay.robots.demand import RETRY_S
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.times import utc_now
+from robotether_server.times import delays, utc_now
 
 # Time limit and maximum size of a robot's answer that says what its line carries.
 LINE_RATE_WITHIN_S = 1.0
 MAX_LINE_RATE_BYTES = 200
 TOO_MANY = 429
+# Maximum time between two tries.
+MAX_RETRY_S = 1.0
 SERVER_ERRORS = 500
 
 
 @dataclass(frozen=True)
 class MediaPath:
-    """What to open: `unknown` is why there is none where the robot answers, and knows no such path."""
+    """What to open.
+
+    `unknown` is why there is none where the robot answers, and knows no such path; `down(robot, why)` where it has none
+    to offer.
+    """
 
     path: str
     query: Mapping[str, str]
     message_limit: int
     unknown: CloseReason
+    down: Callable[[str, str], CloseReason]
 
 
 class LineRate(Struct):
@@ -61,7 +68,10 @@ class MediaDialer:
         """Open a WebSocket; ConnectionClosedError when the robot has none to offer within that time."""
         loop = asyncio.get_running_loop()
         deadline = loop.time() + within_s
+        # What a robot refuses by itself needs longer than a media connection that is about to open.
+        pauses = delays(RETRY_S, MAX_RETRY_S)
         while True:
+            pause_s = RETRY_S
             presence = self.registry.presence(robot.id)
             if not presence.online:
                 raise ConnectionClosedError(
@@ -76,14 +86,14 @@ class MediaDialer:
                 # web_video_server knows no such path; other servers of video answer any path.
                 if exc.status < SERVER_ERRORS and exc.status != TOO_MANY:
                     raise ConnectionClosedError(media_path.unknown) from exc
-                why = f"it answered HTTP {exc.status}"
+                why, pause_s = why_refused(exc), next(pauses)
             except TimeoutError:
                 why = "no answer in time"
             except (ClientError, OSError):
-                why = "the robot refuses the connection"
-            if loop.time() > deadline:
-                raise ConnectionClosedError(close_reasons.video_down(robot.name, why))
-            await asyncio.sleep(RETRY_S)
+                why, pause_s = "the robot refuses the connection", next(pauses)
+            if (left_s := deadline - loop.time()) < 0:
+                raise ConnectionClosedError(media_path.down(robot.name, why))
+            await asyncio.sleep(min(pause_s, left_s))
 
     async def line_rate(self, robot: RelayRobot) -> int | None:
         """Ask the robot what its line carries, in bytes a second; None: it is not full, or the robot does not say."""

@@ -26,7 +26,7 @@ from yarl import URL
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
-from robotether_server.relay.http.sockets import RobotSocket, connect_robot
+from robotether_server.relay.http.sockets import RobotSocket, connect_robot, why_refused
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Presence
 from robotether_server.times import utc_now
@@ -107,10 +107,9 @@ class RobotDialer:
             return "the tunnel has no port for it"
         except WSServerHandshakeError as exc:
             if exc.status == FENCE_REFUSED:
-                return "its guard reports that somebody else drives, or that it is stopped"
-            why = f"it answered HTTP {exc.status}"
-            if exc.status == DISK_REFUSED:
-                why = "its guard cannot write to the robot's disk"
+                return why_refused(exc, "somebody else drives, or it is stopped, as its guard says")
+            is_full = exc.status == DISK_REFUSED
+            why = why_refused(exc, "its guard cannot write to the robot's disk" if is_full else "")
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
         except (ClientError, OSError) as exc:
             why = "the robot refuses the connection"

@@ -53,12 +53,19 @@ async def running(
         await fences.settled()
 
 
-async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
+async def refusal(
+    port: int, fence: int | None = 0, key: str = KEY
+) -> aiohttp.WSServerHandshakeError:
     """What a handshake is refused with."""
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         async with GuardClient(port, fence, key):
             pass
-    return refused.value.status
+    return refused.value
+
+
+async def status(port: int, fence: int | None = 0, key: str = KEY) -> int:
+    """The status that a handshake is refused with."""
+    return (await refusal(port, fence, key)).status
 
 
 async def looked_up(port: int) -> int:
@@ -101,6 +108,18 @@ async def test_without_rosbridge_or_settings_it_is_502(tmp_path: Path) -> None:
         running(rosbridge.port, tmp_path) as (port, _, _),
     ):
         assert await status(port, 13) == 502
+
+
+async def test_the_relay_reads_why_it_is_refused(tmp_path: Path) -> None:
+    """A close reason has room for some 80 characters of it."""
+    async with (
+        FakeRosbridge("refuses") as rosbridge,
+        running(rosbridge.port, tmp_path) as (port, authorizer, _),
+    ):
+        reasons = [(await refusal(port, 13)).headers["Robotether-Reason"]]
+        authorizer.stop()
+        reasons.append((await refusal(port, 13)).headers["Robotether-Reason"])
+    assert reasons == ["Connection refused", "the robot is stopped"]
 
 
 async def direct_door(stack: AsyncExitStack, place: Path) -> int:

@@ -15,7 +15,7 @@ import json
 import time
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -50,6 +50,7 @@ from robotether_server.relay.http.sockets import (
     OperatorConnection,
     OperatorSocket,
     RobotSocket,
+    why_closed,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits
 from robotether_server.relay.robots.robot import SeenReport
@@ -335,18 +336,11 @@ class Bridge(OperatorConnection):
             return await self._close_reason_by_robot("its connection broke")
 
     async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
-        count = 0
         while True:
-            count = await next_turn(count)
-            message = await robot.receive()
-            if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
-                await self._deliver(message.data, message.type)
-            elif message.type is WSMsgType.PING:
-                # Why it broke is what is read next.
-                with suppress(ConnectionError):
-                    await robot.pong(message.data)
-            elif message.type is not WSMsgType.PONG:
-                return await self._close_reason_of_robot(message.type, message.data)
+            message = await robot.next_message()
+            if message.type is not WSMsgType.TEXT and message.type is not WSMsgType.BINARY:
+                return await self._close_reason_of_robot(message)
+            await self._deliver(message.data, message.type)
 
     async def _deliver(self, data: bytes, kind: WSMsgType) -> None:
         self._traffic.messages_to_client += 1
@@ -391,12 +385,12 @@ class Bridge(OperatorConnection):
         of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
         return of_intent(self.name)
 
-    async def _close_reason_of_robot(self, kind: WSMsgType, data: object) -> CloseReason:
-        if kind is WSMsgType.CLOSE:
-            return close_reasons.rosbridge_down(self.name, "it closed the connection")
-        if isinstance(data, WebSocketError):
+    async def _close_reason_of_robot(self, last: WSMessageNoDecodeText) -> CloseReason:
+        if last.type is WSMsgType.CLOSE:
+            return close_reasons.rosbridge_down(self.name, why_closed(last))
+        if isinstance(last.data, WebSocketError):
             sender, limit = f"robot {self.name}", self._message_limit
-            return close_reason_of_broken(data, sender, limit)
+            return close_reason_of_broken(last.data, sender, limit)
         return await self._close_reason_by_robot("its connection broke")
 
     async def _close_reason_by_robot(self, why: str) -> CloseReason:

@@ -31,8 +31,7 @@ from robotether_server.relay.channels.rosbridge.operations import NotJsonError, 
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
-from robotether_server.relay.http.event_loop import next_turn
-from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.http.sockets import RobotSocket, why_closed
 from robotether_server.relay.robots.connection import Connection, Use
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 
@@ -131,20 +130,18 @@ class ServiceApi:
             socket.drop()
 
     async def _response(self, socket: RobotSocket, robot: str) -> ServiceAnswer:
-        count = 0
         while True:
-            count = await next_turn(count)
-            message = await socket.receive()
+            message = await socket.next_message()
             if message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 if (answer := _answer(message.data)) is not None:
                     return answer
-            elif message.type is WSMsgType.PING:
-                await socket.pong(message.data)
             elif isinstance(message.data, WebSocketError):
                 sender, limit = f"robot {robot}", self._message_limit
                 raise ConnectionClosedError(close_reason_of_broken(message.data, sender, limit))
-            elif message.type is not WSMsgType.PONG:
-                raise await self._closed(robot, "it closed the connection")
+            else:
+                is_said = message.type is WSMsgType.CLOSE
+                why = why_closed(message) if is_said else "its connection broke"
+                raise await self._closed(robot, why)
 
     async def _closed(self, robot: str, why: str) -> ConnectionClosedError:
         # A lost link, lease or stop ends the call itself meanwhile, which says more.

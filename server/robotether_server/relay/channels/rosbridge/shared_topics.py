@@ -11,8 +11,9 @@ import asyncio
 import logging
 import secrets
 from collections import deque
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
+from functools import partial
 from operator import attrgetter
 from typing import Any, Protocol
 
@@ -33,6 +34,9 @@ log = logging.getLogger(__name__)
 
 # Maximum size of the messages that newcomers may get, besides the newest.
 MAX_REMEMBERED_BYTES = 1024 * 1024
+# Maximum size of all messages of one robot that are larger than that, unless it is one.
+MAX_LARGE_BYTES = 32 * 1024 * 1024
+UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
 
 
 @dataclass(frozen=True)
@@ -125,8 +129,14 @@ class ReceivedMessage:
 class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     """One subscription on a robot, and who shares it."""
 
-    def __init__(self, robot: RelayRobot, subscription: TopicRequest) -> None:
+    def __init__(
+        self,
+        robot: RelayRobot,
+        subscription: TopicRequest,
+        all_of_robot: Callable[[], Iterable[SharedTopic]] = tuple,
+    ) -> None:
         super().__init__(robot, subscription)
+        self._all_of_robot = all_of_robot
         # Whether rosbridge has the subscription.
         self.is_ready = False
         # Why it brings nothing now; None: it does, or that is not known yet.
@@ -134,6 +144,8 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         # What newcomers may get, the newest last.
         self._remembered: deque[ReceivedMessage] = deque()
         self._remembered_bytes = 0
+        # Whether the newest message was too large to be kept beside the robot's others.
+        self.is_unkept = False
         # Who came since the robot was asked what it repeats, with the digests of what was there before.
         self.newcomers: dict[TopicClient, Collection[str]] = {}
         self.is_asked_for = False
@@ -173,15 +185,34 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         """The message that came last, if any did."""
         return self._remembered[-1] if self._remembered else None
 
+    @property
+    def large_bytes(self) -> int:
+        """The size of the newest message if it is a large one."""
+        is_large = self._remembered_bytes > MAX_REMEMBERED_BYTES
+        return self._remembered_bytes if is_large else 0
+
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
         self._count += 1
+        self.is_unkept = not self._has_room(len(message))
+        if self.is_unkept:
+            # An older one must not pass for the newest.
+            remembered.clear()
+            self._remembered_bytes = 0
+            return
         remembered.append(ReceivedMessage(message, kind, self._clock(), self._name, self._count))
         self._remembered_bytes += len(message)
         while len(remembered) > MAX_KNOWN or (
             self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1
         ):
             self._remembered_bytes -= len(remembered.popleft().data)
+
+    def _has_room(self, size: int) -> bool:
+        """Return whether a message may be kept; what is already kept of others stays, as it may never come again."""
+        if size <= MAX_REMEMBERED_BYTES:
+            return True
+        others = sum(topic.large_bytes for topic in self._all_of_robot() if topic is not self)
+        return others == 0 or others + size <= MAX_LARGE_BYTES
 
 
 class TopicConnector(Protocol):
@@ -210,6 +241,8 @@ class SharedTopics(SharedCopies[SharedTopic]):
             return None
         if topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
+        elif topic.is_unkept:
+            subscriber.on_topic_failed(subscription.topic, UNKEPT)
         elif by_digest := topic.by_digest():
             topic.newcomers[subscriber] = by_digest.keys()
             if not topic.is_asked_for:
@@ -226,7 +259,8 @@ class SharedTopics(SharedCopies[SharedTopic]):
         if topic is None:
             if len(topics) >= limit and not self._end_any_unused(robot.id):
                 return None
-            topic = self._open(SharedTopic(robot, subscription))
+            all_of_robot = partial(self._topics_of, robot.id)
+            topic = self._open(SharedTopic(robot, subscription, all_of_robot))
         topic.users.add(subscriber)
         return topic
 
@@ -237,6 +271,9 @@ class SharedTopics(SharedCopies[SharedTopic]):
         topic.users.discard(subscriber)
         topic.newcomers.pop(subscriber, None)
         self._let_linger(topic, linger_s)
+
+    def _topics_of(self, robot_id: int) -> list[SharedTopic]:
+        return list(self._of(robot_id).values())
 
     async def _bring(self, copy: SharedTopic) -> None:
         try:

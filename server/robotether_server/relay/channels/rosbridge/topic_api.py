@@ -25,6 +25,7 @@ from robotether_server.relay.channels.rosbridge.http_calls import (
     read_raw,
 )
 from robotether_server.relay.channels.rosbridge.shared_topics import (
+    UNKEPT,
     ReceivedMessage,
     SharedTopic,
     SharedTopics,
@@ -72,8 +73,8 @@ class TopicPoll:
         """Wait for a message other than this one; return the newest with its content."""
         name = topic.key.topic
         while True:
-            if topic.failure is not None:
-                raise TopicDownError(f"cannot read {name}: {topic.failure}")
+            if (why := UNKEPT if topic.is_unkept else topic.failure) is not None:
+                raise TopicDownError(f"cannot read {name}: {why}")
             newest = topic.newest
             if newest is not None and newest.sequence != since:
                 if (content := _content(name, newest)) is not None:

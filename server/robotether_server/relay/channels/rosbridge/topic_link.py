@@ -26,8 +26,7 @@ from robotether_server.relay.channels.rosbridge.operations import NotJsonError, 
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
-from robotether_server.relay.http.event_loop import next_turn
-from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.http.sockets import RobotSocket, own_words
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaPath
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -68,8 +67,7 @@ class TopicLinks:
         while True:
             opened_s = time.monotonic()
             try:
-                await self._bring(topic)
-                why = "rosbridge ended the subscription"
+                why = await self._bring(topic)
             except ConnectionClosedError as closed:
                 why = closed.close_reason.reason
             except (ClientError, OSError):
@@ -98,23 +96,27 @@ class TopicLinks:
             log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
         return list(repeated)
 
-    async def _bring(self, topic: SharedTopic) -> None:
+    async def _bring(self, topic: SharedTopic) -> str:
+        """Bring a topic's messages until the connection ends; return why."""
         socket = await self._open(topic, {})
         uplink = self.dialer.registry.ensure_robot(topic.robot.id).uplink
         name = topic.key.topic
         try:
             with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
-                await self._pass_on(socket, topic)
+                return await self._pass_on(socket, topic)
         finally:
             socket.drop()
 
-    async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> None:
+    async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> str:
         # It reads in order: its answer says that rosbridge has got the subscription before.
         await socket.ping()
-        count = 0
+
+        def on_control(kind: WSMsgType) -> None:
+            if kind is WSMsgType.PONG:
+                topic.on_ready()
+
         while True:
-            count = await next_turn(count)
-            message = await socket.receive()
+            message = await socket.next_message(on_control)
             is_binary = message.type is WSMsgType.BINARY
             if is_binary and message.data.startswith(self.notices_key):
                 notice = read_notice(self.notices_key, message.data)
@@ -122,16 +124,14 @@ class TopicLinks:
                     topic.on_failed(notice.why)
             elif is_binary or message.type is WSMsgType.TEXT:
                 topic.on_message(message.data, message.type)
-            elif message.type is WSMsgType.PING:
-                await socket.pong(message.data)
-            elif message.type is WSMsgType.PONG:
-                topic.on_ready()
+            elif message.type is WSMsgType.CLOSE:
+                return own_words(message.extra) or "rosbridge ended the subscription"
             else:
-                return
+                return "the connection broke"
 
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
         unknown = close_reasons.topics_unknown(topic.robot.name)
-        path = MediaPath(PATH, query, self.message_limit, unknown)
+        path = MediaPath(PATH, query, self.message_limit, unknown, close_reasons.topics_down)
         socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket

@@ -123,19 +123,21 @@ class FeedLink:
     async def _read(self, socket: RobotSocket) -> None:
         now_s = time.monotonic()
         limiter = RateLimiter(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
-        while True:
-            message = await socket.receive()
-            self._received_s = now_s = time.monotonic()
-            if message.type is WSMsgType.BINARY:
-                self._feed.on_frame(message.data, now_s, self._clock)
-                continue
-            if not limiter.allow(now_s):
+
+        def on_other(_: WSMsgType) -> None:
+            self._received_s = time.monotonic()
+            if not limiter.allow(self._received_s):
                 raise ProtocolError(f"more than {MESSAGES_PER_S} messages a second")
-            if message.type is WSMsgType.TEXT:
-                self._on_text(message.data, now_s)
-            elif message.type is WSMsgType.PING:
-                await socket.pong(message.data)
-            elif message.type is not WSMsgType.PONG:
+
+        while True:
+            message = await socket.next_message(on_other)
+            if message.type is WSMsgType.BINARY:
+                self._received_s = now_s = time.monotonic()
+                self._feed.on_frame(message.data, now_s, self._clock)
+            elif message.type is WSMsgType.TEXT:
+                on_other(message.type)
+                self._on_text(message.data, self._received_s)
+            else:
                 return
 
     def _on_text(self, data: bytes, now_s: float) -> None:
@@ -171,6 +173,7 @@ class FeedLink:
             {"topic": self._feed.key},
             HEADER.size + MAX_FRAME_BYTES,
             close_reasons.frames_unknown(robot.name),
+            close_reasons.video_down,
         )
         return await self._dialer.open(robot, frames, within_s)
 

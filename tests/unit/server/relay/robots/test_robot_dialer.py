@@ -32,6 +32,7 @@ async def test_the_guard_is_shown_key_mode_and_number(relay, guarded, sim1, http
         ("guard_refuses", None, "guard"),
         # The try that is cut short has no answer, and those before it had one.
         ("guard_refuses", 60.0, "guard"),
+        ("guard_says_why", None, "sim1 does not answer: the robot is stopped"),
         ("disk_full", None, "its guard cannot write to the robot's disk"),
     ],
 )

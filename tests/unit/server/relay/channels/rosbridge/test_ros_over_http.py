@@ -23,6 +23,7 @@ from robotether_server.relay.channels.rosbridge import http_calls, topic_api
 from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.settings.robot import LevelPolicy, Policy
 from stopwatch import Stopwatch
 from yarl import URL
@@ -155,11 +156,11 @@ async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, s
     assert await calling == (200, {"result": True, "values": {}})
 
 
-class FloodingSocket:
+class FloodingSocket(RobotSocket):
     """A robot's end with a message at any time; until somebody else has had a turn, none is the answer."""
 
     def __init__(self) -> None:
-        self.read = 0
+        self._turn = self.read = 0
         self.others = asyncio.create_task(asyncio.sleep(0))
 
     async def receive(self) -> aiohttp.WSMessage:

@@ -15,6 +15,8 @@ from relay_server import until
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
+    MAX_LARGE_BYTES,
+    UNKEPT,
     SharedTopic,
     TopicRequest,
     combined,
@@ -355,6 +357,32 @@ async def test_what_the_robot_does_not_take_is_not_read(wide, relay, robot, http
         await closing(driver)
     [held] = opened
     assert sum(len(held._released.get_nowait()) for _ in range(held._released.qsize())) < 2500
+
+
+async def test_large_messages_of_one_robot_have_a_common_bound(relay, sim1):
+    """What was kept stays, as it may never come again; what is not kept leaves no older one in its place."""
+    shared, said = relay.relay.shared_topics, []
+    topics = [shared.watch(sim1, TopicRequest(f"/{name}"), Client(), 9) for name in "abcdef"]
+    for topic in topics[:5]:
+        topic.on_message(b"small", aiohttp.WSMsgType.BINARY)
+        topic.on_message(b"x" * 8 * 2**20, aiohttp.WSMsgType.BINARY)
+    topics[5].on_message(b"small", aiohttp.WSMsgType.BINARY)
+    sizes = [topic.newest and len(topic.newest.data) for topic in topics]
+    assert sizes == [8 * 2**20] * 4 + [None, 5]
+    newcomer = Client()
+    newcomer.on_topic_failed = lambda topic, why: said.append((topic, why))
+    shared.join(sim1, TopicRequest("/e"), newcomer, 9)
+    assert said == [("/e", UNKEPT)]
+    topics[0].on_message(b"small", aiohttp.WSMsgType.BINARY)
+    topics[4].on_message(b"x" * 8 * 2**20, aiohttp.WSMsgType.BINARY)
+    assert (topics[4].is_unkept, len(topics[4].newest.data)) == (False, 8 * 2**20)
+
+
+async def test_a_message_over_the_bound_alone_is_kept(sim1):
+    """`MESSAGE_LIMIT_MB` may be larger."""
+    topic = SharedTopic(sim1, TopicRequest("/odom"))
+    topic.on_message(b"x" * (MAX_LARGE_BYTES + 1), aiohttp.WSMsgType.BINARY)
+    assert topic.newest is not None
 
 
 async def test_a_topic_of_a_robot_that_was_dropped_is_no_others(relay, sim1):
