@@ -42,6 +42,11 @@ PARTS: dict[str, dict[str, str]] = {
     "/admin/sites/": {"name": SITE, "robot": "sim2"},
     "/": {"name": "sim1", "place": "1"},
 }
+# What is ticked where a page is about that.
+TICKED = {
+    "/admin/selected-robots/": "?robot=sim1",
+    "/admin/selected-users/": f"?user={OPERATOR}&group={GROUP}&scope=all&level=drive",
+}
 TABLES = {
     "grant_id": "grants",
     "key_id": "user_ssh_keys",
@@ -115,9 +120,9 @@ def rules_of_pages() -> list[str]:
 
 
 def address(rule: str, numbers: dict[str, str]) -> str:
-    """Return the rule with its parts filled in, and a robot ticked where a page is about those."""
+    """Return the rule with its parts filled in, and a box ticked where a page is about those."""
     parts = next(parts for start, parts in PARTS.items() if rule.startswith(start)) | numbers
-    ticked = "?robot=sim1" if "/selected-robots/" in rule else ""
+    ticked = next((query for start, query in TICKED.items() if rule.startswith(start)), "")
     return re.sub(r"<(?:\w+:)?(\w+)>", lambda part: parts[part[1]], rule) + ticked
 
 

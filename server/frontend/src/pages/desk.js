@@ -7,6 +7,7 @@ import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/pag
 import { Presses } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { Uplink } from "../topics/uplink.js";
+import { Ticks } from "./ticks.js";
 
 const SHOWN_MS = 2000;
 const DAY_LENGTH = 10;
@@ -65,17 +66,8 @@ export function wireDays(form) {
   });
 }
 
-// Ticks all boxes of the name that the button has, or none if all are ticked.
-export function wireTickAll(page) {
-  for (const button of page.querySelectorAll("[data-tick-all]")) {
-    button.hidden = false;
-    button.addEventListener("click", () => {
-      const boxes = [...page.querySelectorAll(`input[name="${button.dataset.tickAll}"]`)];
-      const ticked = !boxes.every((box) => box.checked);
-      for (const box of boxes) box.checked = ticked;
-    });
-  }
-}
+// Whether the address has a filter, and not only a page of the list or what is ticked in it.
+export const isFiltered = (form, query) => [...form.elements].some(({ name }) => name && query.get(name));
 
 const MANY_OPTIONS = 12;
 
@@ -149,11 +141,11 @@ if (typeof document !== "undefined") {
   setInterval(() => showLocalTimes(document), RENEW_MS);
   wireDrive(document);
   wireUplink(document);
-  wireTickAll(document);
+  for (const bar of document.querySelectorAll('[data-part="ticks"]')) new Ticks(document, bar, window).wire();
   for (const select of document.querySelectorAll("select")) wireSearch(select);
   for (const table of document.querySelectorAll("table.list")) wireList(table);
   for (const form of document.querySelectorAll("form.filter")) {
     wireDays(form);
-    foldFilters(form, location.search !== "");
+    foldFilters(form, isFiltered(form, new URLSearchParams(location.search)));
   }
 }

@@ -29,6 +29,9 @@ export const fleet = {
   count: (online, all) => `${online} of ${all} online`,
   shown: (count, listed) => `${count}, ${listed} shown`,
   more: (next, left) => `Show ${next} more of ${left}`,
+  // `unseen`: those on other pages, or that a search hides.
+  ticked: (count, one, unseen) => `${count} ${one}${count === 1 ? "" : "s"} ticked${unseen ? `, ${unseen} not shown here` : ""}`,
+  tickedMost: (most, one) => `At most ${most} ${one}s at once`,
   allSites: "All sites",
   noSite: "No site",
 };

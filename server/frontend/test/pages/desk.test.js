@@ -3,10 +3,10 @@ import { mock, test } from "node:test";
 
 import {
   dayOf,
+  isFiltered,
   offerSearch,
   offerWindow,
   startOrEnd,
-  wireTickAll,
   showLocalTimes,
   wireCopyButtons,
   wireDays,
@@ -111,17 +111,14 @@ test("a filter asks for the reader's days, and for nothing where no day is given
   assert.deepEqual(Object.fromEntries(query), { since: "2026-07-01T00:00:00Z", until: "" });
 });
 
-test("one press ticks all boxes of the list, and the next none", () => {
-  const boxes = [{ checked: true }, { checked: false }];
-  const button = { hidden: true, dataset: { tickAll: "robot" }, addEventListener: (_, listener) => (button.click = listener) };
-  wireTickAll({ querySelectorAll: (query) => (query === "[data-tick-all]" ? [button] : boxes) });
-  assert.equal(button.hidden, false);
-  for (const expected of [true, false]) {
-    button.click();
-    assert.deepEqual(
-      boxes.map((box) => box.checked),
-      [expected, expected],
-    );
+test("filters stay folded for a page of the list, and for what is ticked in it", () => {
+  const form = { elements: [{ name: "q" }, { name: "" }] };
+  for (const [query, expected] of [
+    ["q=lab", true],
+    ["q=&page=2&robot=sim1", false],
+    ["", false],
+  ]) {
+    assert.equal(isFiltered(form, new URLSearchParams(query)), expected, query);
   }
 });
 

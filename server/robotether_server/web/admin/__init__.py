@@ -17,6 +17,7 @@ from robotether_server.web.admin import (
     pending,
     robots,
     selected_robots,
+    selected_users,
     tokens,
     users,
 )
@@ -29,6 +30,7 @@ for part in (
     add_robot,
     pending,
     users,
+    selected_users,
     groups_and_sites,
     grants,
     tokens,

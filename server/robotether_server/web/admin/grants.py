@@ -119,7 +119,7 @@ def register_form(
 
 def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
-    to, scope = grantee(), _scope()
+    to, scope = grantee(), chosen_scope()
     level = forms.choice("level", "May", LEVELS)
     grant, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
     words = f"{grant.holder_words} may {level} {grant.scope_words}"
@@ -147,7 +147,14 @@ def grantee() -> Grantee:
     raise FieldInvalidError("cannot use Who: choose a user or a group", "holder")
 
 
-def _scope() -> Scope:
+def usual_end() -> dt.datetime | None:
+    """Return the end that the field `hours` chooses from ENDS; raise FieldInvalidError."""
+    hours = forms.choice("hours", "Until", tuple(value for value, _ in ENDS))
+    return times.utc_now() + dt.timedelta(hours=int(hours)) if hours else None
+
+
+def chosen_scope() -> Scope:
+    """Return what the form's field `scope` chooses; raise FieldInvalidError."""
     kind, _, name = forms.text("scope", "What", MAX_CHOICE_LENGTH).partition(":")
     if kind == "all" and not name:
         return ALL

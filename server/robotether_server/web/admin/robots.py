@@ -23,10 +23,12 @@ from robotether_server.services import robots
 from robotether_server.settings.robot import put_path, remove_path
 from robotether_server.web import confirmation, current_user, filters, forms
 from robotether_server.web.admin import grants
+from robotether_server.web.admin.selection import Selection
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
 from robotether_server.web.pages import robot_settings, setting_fields
 
+ROBOTS = Selection("robot")
 blueprint = Blueprint("robots", __name__)
 
 # Maximum number of sessions in a robot's history, and of sessions and events at first.
@@ -85,12 +87,16 @@ def show_all() -> str:
         sites = SITES.names(tx)
         holders = grants.holders(tx)
     hits = [seen for seen in everyone if search.finds(seen, control.get(seen.robot.id, FREE))]
+    ticked = ROBOTS.of_list(seen.robot.name for seen in everyone)
     first = max(request.args.get("page", 1, type=int) - 1, 0) * filters.PER_PAGE
+    rows = hits[first : first + filters.PER_PAGE]
     return render_template(
         "admin/robots.html",
-        robots=hits[first : first + filters.PER_PAGE],
+        robots=rows,
         first=first,
         pages=_pages(search, first, len(hits)),
+        ticked=ticked,
+        others=[name for name in ticked if name not in {seen.robot.name for seen in rows}],
         found=len(hits),
         total=len(everyone),
         sites=sites,

@@ -1,10 +1,7 @@
 """/admin/selected-robots: what an admin does with all robots that are ticked in the list, after one question.
 
-GET has them as they are ticked (`robot`, several times); the answer sends them back in one field. Each robot is
-changed, and written to the audit log, as alone; if one cannot be, none is.
+Each robot is changed, and written to the audit log, as alone; if one cannot be, none is.
 """
-
-import datetime as dt
 
 from flask import Blueprint, request
 
@@ -12,72 +9,56 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS
-from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
 from robotether_server.services.grants import Scope
-from robotether_server.times import utc_now
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin import grants
-from robotether_server.web.admin.robots import find
+from robotether_server.web.admin.robots import ROBOTS, find
+from robotether_server.web.admin.selection import grant_words
 from robotether_server.web.confirmation import ConfirmedAction, Words
 
 blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots")
 
-ROBOTS = ("robots", "{robots}")
-
-
-def _names() -> list[str]:
-    names = request.values.get("robots", "").split() or request.args.getlist("robot")
-    if not names:
-        raise FieldInvalidError("cannot continue: tick at least one robot", "robot")
-    return list(dict.fromkeys(names))
-
 
 def _words() -> Words:
-    names = _names()
+    words = ROBOTS.words()
     with context().database.transaction() as tx:
-        for name in names:
+        for name in ROBOTS.names():
             find(tx, name)
-    site, hours = request.values.get("site", ""), request.values.get("hours", "")
-    who = request.values.get("holder", "").replace("user:", "").replace(":", " ")
+    site, holder = request.values.get("site", ""), request.values.get("holder", "")
     return {
-        "robots": " ".join(names),
-        "names": ", ".join(names),
-        "count": "1 robot" if len(names) == 1 else f"{len(names)} robots",
+        **words,
+        **grant_words(),
         "site": site,
         "where": f"at site {site}" if site else "at no site",
-        "holder": request.values.get("holder", ""),
-        "who": who,
-        "level": request.values.get("level", ""),
-        "hours": hours,
-        "end": f", for {dict(grants.ENDS).get(hours, hours)}" if hours else "",
+        "holder": holder,
+        "who": holder.replace("user:", "").replace(":", " "),
     }
 
 
 def _disable(tx: Transaction, source: Source) -> None:
-    for name in _names():
+    for name in ROBOTS.names():
         robots.disable(tx, source, name)
 
 
 def _place(tx: Transaction, source: Source) -> None:
     site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
-    for name in _names():
+    for name in ROBOTS.names():
         grant_service.place_robot(tx, source, name, site)
 
 
 def _give(tx: Transaction, source: Source) -> None:
     grantee, level = grants.grantee(), forms.choice("level", "May", LEVELS)
-    hours = forms.choice("hours", "Until", tuple(value for value, _ in grants.ENDS))
-    ends_at = utc_now() + dt.timedelta(hours=int(hours)) if hours else None
-    for name in _names():
+    ends_at = grants.usual_end()
+    for name in ROBOTS.names():
         grant_service.give(tx, source, grantee, Scope("robot", name), level, ends_at=ends_at)
 
 
 confirmation.register(
     blueprint,
-    "/admin/robots",
+    "/admin/robots?{ticked}",
     _words,
     ConfirmedAction(
         path="/disable",
@@ -92,7 +73,8 @@ confirmation.register(
         button="Disable",
         done="Disabled: {names}.",
         do=_disable,
-        hidden=(ROBOTS,),
+        onward="/admin/robots",
+        hidden=(ROBOTS.hidden,),
     ),
     ConfirmedAction(
         path="/site",
@@ -106,7 +88,8 @@ confirmation.register(
         button="Put there",
         done="Now {where}: {names}.",
         do=_place,
-        hidden=(ROBOTS, ("site", "{site}")),
+        onward="/admin/robots",
+        hidden=(ROBOTS.hidden, ("site", "{site}")),
     ),
     ConfirmedAction(
         path="/grant",
@@ -119,7 +102,8 @@ confirmation.register(
         button="Give",
         done="{who} may {level}{end}: {names}.",
         do=_give,
-        hidden=(ROBOTS, ("holder", "{holder}"), ("level", "{level}"), ("hours", "{hours}")),
+        onward="/admin/robots",
+        hidden=(ROBOTS.hidden, ("holder", "{holder}"), ("level", "{level}"), ("hours", "{hours}")),
         is_harmless=True,
     ),
 )

@@ -16,9 +16,11 @@ from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import users as user_service
 from robotether_server.web import confirmation, forms
 from robotether_server.web.admin import grants
+from robotether_server.web.admin.selection import Selection
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
 
+USERS = Selection("user")
 blueprint = Blueprint("users", __name__, url_prefix="/users")
 
 
@@ -27,10 +29,17 @@ def show_all(problem: RobotetherError | None = None) -> str:
     with context().database.transaction() as tx:
         everyone = users.list_all(tx)
         seen = seen_robots.count_seen(tx)
+        groups = GROUPS.names(tx)
+        scopes = grants.scopes(tx)
     return render_template(
         "admin/users.html",
         users=everyone,
         seen=seen,
+        ticked=USERS.of_list(user.name for user in everyone),
+        groups=groups,
+        scopes=scopes,
+        levels=LEVELS,
+        ends=grants.ENDS,
         shortest_password=passwords.MIN_LENGTH,
         problem=problem,
         values=request.form,

@@ -119,7 +119,8 @@ async def test_the_relay_reads_why_it_is_refused(tmp_path: Path) -> None:
         reasons = [(await refusal(port, 13)).headers["Robotether-Reason"]]
         authorizer.stop()
         reasons.append((await refusal(port, 13)).headers["Robotether-Reason"])
-    assert reasons == ["Connection refused", "the robot is stopped"]
+    unreached = "it answers with HTTP status 503, not with a WebSocket"
+    assert reasons == [unreached, "the robot is stopped"]
 
 
 async def direct_door(stack: AsyncExitStack, place: Path) -> int:

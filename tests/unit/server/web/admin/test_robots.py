@@ -82,7 +82,7 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
     assert "1 of 2" in page
     page = admin.ask("GET", "/admin/robots?q=ghost").text
     assert "None of the 2 robots matches" in page
-    assert 'href="/admin/robots">Show all' in page
+    assert 'href="/admin/robots" data-keeps-ticks>Show all' in page
 
 
 def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
@@ -329,9 +329,31 @@ def test_ticked_robots_are_changed_after_one_question(
     assert 'name="robots" value="sim1 sim2"' in question.text
     answer = send(admin, path, robots="sim1 sim2", **form)
     assert (answer.status_code, answer.location) == (303, "/admin/robots")
+    assert (
+        'href="/admin/robots?robot=sim1&amp;robot=sim2" data-testid="deed-cancel"' in question.text
+    )
     assert [each for each, *_ in audit_kinds(database)].count(kind) == len(names)
     assert "tick at least one robot" in admin.ask("GET", path).text
     assert send(admin, path, robots="sim1 ghost", **form).status_code == 404
+
+
+def test_ticks_stay_where_a_search_shows_others(admin: Browser) -> None:
+    """What is not shown is sent along, and counted; a robot that is no more is not."""
+    page = admin.ask("GET", "/admin/robots?q=sim1&robot=sim1&robot=sim2&robot=ghost").text
+    assert 'value="sim1" aria-label="Select sim1" checked' in page
+    assert '<input type="hidden" form="selected" name="robot" value="sim2">' in page
+    assert "2 robots ticked, 1 not shown here" in page
+    assert "ghost" not in page
+    none = admin.ask("GET", "/admin/robots?q=nothing&robot=sim2").text
+    assert "1 robot ticked, 1 not shown here" in none
+    assert 'data-testid="ticks" hidden' in admin.ask("GET", "/admin/robots").text
+
+
+def test_no_more_is_ticked_than_an_address_holds(admin: Browser) -> None:
+    names = [f"sim{number}" for number in range(101)]
+    path = "/admin/selected-robots/disable"
+    answer = admin.ask("GET", path, query_string={"robot": names})
+    assert "tick at most 100 robots at once" in answer.text
 
 
 def test_a_list_of_robots_has_pages(admin: Browser, admin_database: Database) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from admin_visitor import send
 from flask import Flask
 from robotether_server.db import Database, users
@@ -94,3 +95,48 @@ def test_what_an_admin_leaves_behind_is_said(admin: Browser) -> None:
         said = "Join tokens that root made"
         assert said in admin.ask("GET", f"/admin/users/root/{action}").text
         assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text
+
+
+@pytest.mark.parametrize(
+    ("action", "form", "kind", "asked"),
+    [
+        ("disable", {}, "user_disabled", "Disable 2 users?"),
+        ("group", {"group": "crew"}, "group_member_added", "Put 2 users into group crew?"),
+        (
+            "grant",
+            {"scope": "robot:sim2", "level": "observe", "hours": "24"},
+            "grant_given",
+            "Let 2 users observe sim2, for 1 day?",
+        ),
+    ],
+)
+def test_ticked_users_are_changed_after_one_question(
+    *,
+    admin: Browser,
+    database: Database,
+    action: str,
+    form: dict[str, str],
+    kind: str,
+    asked: str,
+) -> None:
+    """The question names each; one who is not there changes nothing."""
+    send(admin, "/admin/groups", name="crew")
+    path = f"/admin/selected-users/{action}"
+    question = admin.ask("GET", path, query_string={"user": ["ann", "olga"], **form}).text
+    assert (asked in question, "ann, olga" in question) == (True, True)
+    assert send(admin, path, users="ann ghost", **form).status_code == 404
+    assert [each for each, *_ in audit_kinds(database)].count(kind) == 0
+    answer = send(admin, path, users="ann olga", **form)
+    assert (answer.status_code, answer.location) == (303, "/admin/users")
+    assert [each for each, *_ in audit_kinds(database)].count(kind) == 2
+    assert "tick at least one user" in admin.ask("GET", path).text
+
+
+def test_ticked_users_are_enabled_again_and_the_last_admin_stays(admin: Browser) -> None:
+    send(admin, "/admin/selected-users/disable", users="ann olga")
+    assert send(admin, "/admin/selected-users/enable", users="ann olga").status_code == 303
+    assert admin.ask("GET", "/admin/users?user=ann").text.count(">Enabled<") == 3
+    own = admin.ask("GET", "/admin/selected-users/disable?user=root&user=ann").text
+    assert ("You are one of them." in own, "Join tokens of root" in own) == (True, True)
+    assert send(admin, "/admin/selected-users/disable", users="ann root").status_code == 409
+    assert admin.ask("GET", "/admin/users").text.count(">Enabled<") == 3
