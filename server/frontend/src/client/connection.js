@@ -300,11 +300,12 @@ export const LINK_LOST = retrying("link_lost");
 const NOT_OPENED = retrying("server_unreachable");
 const ROSBRIDGE_SILENT = retrying("rosbridge_down");
 
-// A code that is not listed is a cut by the network (1006) or by something in between.
+// A code that is not listed is a cut by the network (1006) or by something in between, or a fault that the server explains.
 export function afterClose({ code, reason = "", wasLive = false }) {
   const verdict = BY_CLOSE_CODE[code];
   if (verdict) return verdict(reason);
-  return retrying(wasLive ? "link_lost" : "server_unreachable");
+  if (wasLive) return retrying("link_lost", reason);
+  return retrying("server_unreachable", reason && explained(reason, reasons.trying));
 }
 
 // `status` 0 stands for a server that gave no answer at all.

@@ -144,10 +144,14 @@ export function parse(data) {
 }
 
 const TOPIC = /"topic"\s*:\s*"([^"\\]+)"/;
+const ANSWER = /"op"\s*:\s*"service_response"/;
+const ID = /"id"\s*:\s*"([^"\\]+)"/;
 
-// What stands for a message that is no JSON: one of the topic that it names, with nothing in it.
+// What stands for a message that is no JSON: one of the topic that it names, with nothing in it, or a call that has failed.
 function unread(data) {
-  const topic = typeof data === "string" && TOPIC.exec(data)?.[1];
+  if (typeof data !== "string") return null;
+  const [topic, id] = [TOPIC, ID].map((member) => member.exec(data)?.[1]);
+  if (id && ANSWER.test(data)) return { op: "service_response", id, result: false, values: "its answer cannot be read" };
   return topic ? { op: "publish", topic, msg: null } : null;
 }
 

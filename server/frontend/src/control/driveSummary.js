@@ -125,6 +125,7 @@ function slowedText({ slowed_s }) {
 }
 
 function framesText({ frames, frame_bytes, viewed_s }) {
+  if (!Number.isFinite(frames)) return texts.unknown;
   if (!frames || !viewed_s) return texts.noVideo;
   return texts.frames(shortNumber(frames / viewed_s), sizeText(frame_bytes ?? 0));
 }

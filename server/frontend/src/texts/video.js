@@ -42,8 +42,8 @@ export const frame = {
     slow: reason("This device receives the video too slowly.", " Starting it again."),
     restarting: reason("The server is restarting."),
     link_lost: reason("The link to the robot was lost.", " Reconnecting."),
-    cut: () => "The video was cut off. Starting it again.",
-    unreachable: () => "The server does not answer. Trying again.",
+    cut: reason("The video was cut off.", " Starting it again."),
+    unreachable: reason("The server does not answer.", " Trying again."),
     refused: because,
   },
 };

@@ -55,6 +55,14 @@ test("a message that cannot be read is no value, and each subscriber of its topi
   assert.deepEqual([values, unread], [[{ x: null }], Array(5).fill("/odom")]);
 });
 
+test("a call whose answer cannot be read has failed, and nobody waits for it", async () => {
+  open();
+  const answer = link.call("/dock", {});
+  const { id } = socket.sent.at(-1);
+  socket.onmessage({ data: `{"op": "service_response", "id": "${id}", "values": {"topic": "/odom", "x": nan}, "result": true}` });
+  assert.deepEqual(await answer, { ok: false, values: "its answer cannot be read" });
+});
+
 test("a command carries its timestamp beside the message", () => {
   open();
   const channel = link.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });

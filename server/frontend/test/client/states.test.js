@@ -35,7 +35,7 @@ test("a cut without a code is a lost link when it was live, else an unreachable 
 });
 
 test("the reason that the server wrote is shown, and what to do beside it", () => {
-  for (const code of [1001, 1008, 1009, 4408, 4413, 4429, 4504, 4505, 4510]) {
+  for (const code of [1001, 1002, 1008, 1009, 1011, 4408, 4413, 4429, 4504, 4505, 4510]) {
     const { name, reason } = afterClose({ code, reason: "rosbridge on robot sim1 does not answer: its port 9091 is taken" });
     assert.match(texts[name].detail({ reason }), /^Rosbridge on robot sim1 does not answer: its port 9091 is taken\. \S/, code);
     const unsaid = texts[name].detail({ reason: afterClose({ code }).reason });

@@ -72,6 +72,7 @@ test("what was not measured is not written as nothing", () => {
     [latency, seen, slowed, pictures, bytes, stops, refused, ended],
     ["Not measured", "Not measured", "Not measured", "No video", "Not measured", "None", "None", "newly_made"],
   );
+  assert.equal(words({ ...DRIVE, frames: null }).pictures, "Not measured");
 });
 
 test("a record is asked for until it is there, for 10 s", async () => {
