@@ -12,6 +12,7 @@ checked, never move the robot by itself, and never publish where nobody has driv
     drive_messages    finds what concerns drive topics, reads it field by field and limits it, or refuses it
     drive_controller  decides who may drive: key, lease, stop, session, a living agent; checks and sends commands, and
                       the zeros that are due
+    seen_age          how old is what a driver sees, and how fast the robot may be for it
     topics            what it knows of each topic: the command, the deadman, the file that says that the robot moves
     rosbridge         the connections to it: each operator's, and the one on which commands and zeros go
     latch             the stop

@@ -32,9 +32,8 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
-from robotether_agent.guard.blind_limits import BlindLimits
 from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
-from robotether_agent.guard.seen_age import SeenAges
+from robotether_agent.guard.seen_age import BlindLimits, SeenAges
 
 MAX_LIMIT = 1e6
 # Minimum of what a robot may move unseen, in m or degrees; nothing at all would be no limit but a stop.

@@ -1,8 +1,12 @@
-"""How old is what a driver sees: when frames left the robot, and the ages of the commands that name them.
+"""How old is what a driver sees, and how fast the robot may move by that: the older, the slower.
 
 The agent reports each frame to the guard as it sends it, and each drive command names the frames that were on the
 driver's screens. Both times are on the robot's clock, so the age contains camera, screen, hand and way back. What the
-guard was not told is unknown, never young. Pure: times in seconds are given.
+guard was not told is unknown, never young: it counts as MAX_SEEN_S old.
+
+The guard never lets a robot move further than a given length, or turn further than a given angle, in the time in which
+its driver has not seen what it does: speed times age stays within it at each command that goes out. Pure: times in
+seconds are given.
 """
 
 from __future__ import annotations
@@ -12,12 +16,16 @@ from dataclasses import dataclass, field
 
 from robotether_common.guard import MAX_FRAMES, MAX_SEEN_FRAMES, MAX_SEEN_S, MAX_SLOWED_S
 
-from robotether_agent.guard.blind_limits import LimitingAge
-
 # Maximum number of cameras whose frames are remembered.
 MAX_CAMERAS = 16
 # Maximum number of ages in one report.
 MAX_AGES = 64
+# Time in which the age that limits the speed falls by half; it rises at once.
+HALVED_IN_S = 0.25
+# Minimum age, below what any camera brings; no number is divided by less.
+MIN_AGE_S = 0.001
+# Part of a limit that rounding may not exceed.
+ROUNDED = 1 - 1e-9
 
 
 class FrameTimes:
@@ -62,6 +70,51 @@ class FrameTimes:
             return None
         taken_s = self._cameras.get(camera, {}).get(frame)
         return None if taken_s is None or now - taken_s > MAX_SEEN_S else taken_s
+
+
+@dataclass(frozen=True)
+class BlindLimits:
+    """The length and the angle that the robot may move unseen; None: no limit."""
+
+    blind_m: float | None = None
+    blind_rad: float | None = None
+    # Delay of the camera before its frames have a timestamp.
+    camera_s: float = 0.0
+    # Whether a client that names no frames is limited, too.
+    needs_frames: bool = False
+
+    @property
+    def any(self) -> bool:
+        """Whether there is a limit at all."""
+        return self.blind_m is not None or self.blind_rad is not None
+
+    def speed(self, age_s: float) -> float:
+        """Return the greatest speed in m/s for what is this old."""
+        return self._within(self.blind_m, age_s)
+
+    def turn(self, age_s: float) -> float:
+        """Return the greatest turn in rad/s for what is this old."""
+        return self._within(self.blind_rad, age_s)
+
+    def _within(self, most: float | None, age_s: float) -> float:
+        if most is None:
+            return math.inf
+        return most / max(age_s + self.camera_s, MIN_AGE_S) * ROUNDED
+
+
+class LimitingAge:
+    """The age by which one driver is limited: never less than the true one, and without a step down: no speed jumps."""
+
+    def __init__(self) -> None:
+        self._age_s = 0.0
+        self._at = 0.0
+
+    def at(self, age_s: float | None, now: float) -> float:
+        """Return the age that counts `now`, when what the driver saw is so old; None: unknown."""
+        fallen_s = self._age_s * 0.5 ** (max(0.0, now - self._at) / HALVED_IN_S)
+        self._age_s = max(MAX_SEEN_S if age_s is None else age_s, fallen_s)
+        self._at = now
+        return self._age_s
 
 
 @dataclass

@@ -28,8 +28,7 @@ from robotether_agent.guard.agent_messages import (
     Tick,
     parse,
 )
-from robotether_agent.guard.blind_limits import BlindLimits
-from robotether_agent.guard.seen_age import SeenAges
+from robotether_agent.guard.seen_age import BlindLimits, SeenAges
 from robotether_common.guard import REFUSED_KINDS
 
 URL = "ws://127.0.0.1:9090"

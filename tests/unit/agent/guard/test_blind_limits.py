@@ -10,7 +10,6 @@ from itertools import pairwise
 
 import pytest
 from controller_world import CONFIG, FakePublisher, FakeSource, World
-from robotether_agent.guard.blind_limits import HALVED_IN_S, BlindLimits, LimitingAge
 from robotether_agent.guard.drive_controller import SLOWED_EVERY_S
 from robotether_agent.guard.drive_messages import (
     MAX_STEP_S,
@@ -21,6 +20,7 @@ from robotether_agent.guard.drive_messages import (
     limited,
     slowed,
 )
+from robotether_agent.guard.seen_age import HALVED_IN_S, BlindLimits, LimitingAge
 from robotether_common.guard import MAX_SEEN_S
 
 LIMITS = BlindLimits(blind_m=0.25, blind_rad=0.5, camera_s=0.04)
