@@ -122,10 +122,10 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (so
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT):common:agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
-experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1, PAGE_ONLY=1); needs root
+experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1); needs root
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) benchmarks/paper $(if $(ONLY),-k "$(subst $(comma), or ,$(ONLY))") \
-	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart) $(if $(PAGE_ONLY),--page-only)
+	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart)
 
 screenshots: venv ## pictures of all pages into tests/artifacts, README's into docs; needs make demo
 	@tools/ensure_test_hosts

@@ -84,15 +84,6 @@ def plain(text: str) -> str:
     return _SIGNS.sub(r"\\\1", " ".join(text.split()))
 
 
-def number(value: float) -> str:
-    """Four digits that count; whole numbers and large ones in full, with commas between thousands."""
-    if not math.isfinite(value):
-        return str(value)
-    if value == int(value) or abs(value) >= 1000:
-        return f"{value:,.0f}"
-    return f"{value:.4g}"
-
-
 def duration(seconds: float) -> str:
     """`12.3 s`, `4 min 10 s` or `1 h 2 min`."""
     if seconds < MINUTE_S:
@@ -115,7 +106,7 @@ def page(template: str, **values: Any) -> str:
         keep_trailing_newline=True,
         autoescape=False,
     )
-    filters = (bullets, cell, duration, number, plain, table, wrapped)
+    filters = (bullets, cell, duration, plain, table, wrapped)
     environment.filters |= {each.__name__: each for each in filters}
     return environment.get_template(template).render(values)
 

@@ -15,7 +15,7 @@ from typing import Any
 import docker
 import pytest
 from demo import ROOT
-from report import commit, machine, number
+from report import cell, commit, machine
 
 from paper.page import Chapter, chapter, write_page
 from paper.step import Key, ResultStore, Scale, now
@@ -44,7 +44,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     add("--quick", action="store_true", help="all of it small; the page goes to tests/artifacts")
     add("--full", action="store_true", help="what lasts, for longer")
     add("--restart", action="store_true", help="measure anew what an earlier run has measured")
-    add("--page-only", action="store_true", help="run nothing; write the page of what was measured")
 
 
 def scale_of(config: pytest.Config) -> Scale:
@@ -70,12 +69,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
     """Leave out what has run; when that is all, run it all again."""
     store = config.stash[STORE]
     asked = config.stash[ASKED] = {key_of(item) for item in items}
-    if config.getoption("page_only"):
-        waiting = set()
-    else:
-        if config.getoption("restart") or asked <= store.keys():
-            store.set_aside(asked)
-        waiting = asked - store.keys()
+    if config.getoption("restart") or asked <= store.keys():
+        store.set_aside(asked)
+    waiting = asked - store.keys()
     config.hook.pytest_deselected(items=[entry for entry in items if key_of(entry) not in waiting])
     items[:] = [entry for entry in items if key_of(entry) in waiting]
 
@@ -148,7 +144,7 @@ def summary(item: Chapter) -> Iterator[str]:
     yield f"{item.part.name}: {good} of {len(item.steps)} steps succeeded, {failed}"
     yield from (f"  {line}" for line in item.problems)
     for row in item.unmet:
-        yield f"  {row.what} is {number(row.ours)} and has to be {number(row.reference)} {row.unit}"
+        yield f"  {row.what} is {cell(row.ours)} and has to be {cell(row.reference)} {row.unit}"
 
 
 def pytest_terminal_summary(

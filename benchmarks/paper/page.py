@@ -18,7 +18,7 @@ from report import duration, page, plain
 
 from paper.step import Comparison, Outcome, Part, Report, ResultStore, Scale
 
-MOST_TITLES, LONGEST_FAILURE = 5, 300
+LONGEST_FAILURE = 300
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,14 +67,10 @@ class Chapter:
 
     @property
     def failures(self) -> list[str]:
-        """A line a reason, in Markdown: how many steps failed for it, and which."""
-        by_reason: dict[str, list[str]] = {}
-        for name in self.failed:
-            by_reason.setdefault(self.outcomes[name].failure, []).append(plain(self.steps[name]))
+        """Which steps failed, and why, in Markdown."""
         return [
-            f"{len(titles)} failed: {plain(reason)} ({'; '.join(titles[:MOST_TITLES])}"
-            f"{f'; and {len(titles) - MOST_TITLES} more' if len(titles) > MOST_TITLES else ''})"
-            for reason, titles in by_reason.items()
+            f"{plain(self.steps[name])}: {plain(self.outcomes[name].failure)}"
+            for name in self.failed
         ]
 
 

@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from report import NONE, Row, number, plain
+from report import Row, cell, plain
 
 if TYPE_CHECKING:
     from paper.world import World
@@ -104,9 +104,9 @@ class Comparison:
         return {
             "what": plain(self.what),
             "against": plain(self.against),
-            "reference": plain(f"{number(self.reference)} {self.unit}"),
-            "ours": plain(f"{number(self.ours)} {self.unit}"),
-            "ratio": NONE if self.ratio is None else number(self.ratio),
+            "reference": plain(f"{cell(self.reference)} {self.unit}"),
+            "ours": plain(f"{cell(self.ours)} {self.unit}"),
+            "ratio": self.ratio,
             "better is": self.better,
             "verdict": "**falls short**" if self.is_short else "met",
         }

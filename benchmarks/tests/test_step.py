@@ -52,7 +52,7 @@ def test_failed_missing_and_unmet_are_on_the_page_and_are_not_fine(
     chapters = [chapter(each, QUICK, store) for each in parts]
     assert [each.is_fine for each in chapters] == [False, False, True]
     bad, unmet, _ = [write_page(tmp_path, each, QUICK, store).read_text() for each in chapters]
-    assert "1 failed: OSError: gone (step bad)" in bad
+    assert "step bad: OSError: gone" in bad
     assert "0 of 2 steps succeeded, 1 failed, 1 have not run" in bad
     assert "| success | paper | 100 % | 99.9 % | 0.999 | equal | **falls short** |" in unmet
 
