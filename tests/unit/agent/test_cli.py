@@ -45,6 +45,16 @@ def test_status_of_an_agent_that_never_ran(place, capsys):
     assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
 
 
+def test_show_settings_prints_all_and_hides_secrets(capsys):
+    secrets = {"token": "s3cret", "http_proxy": "http://me:s3cret@proxy.example:3128"}
+    shown = {"server": "a.example", "tls_fingerprint": "ab" * 32, **secrets}
+    assert main(["show-settings"], {f"ROBOTETHER_{k.upper()}": shown[k] for k in shown}) == 0
+    out = capsys.readouterr().out
+    assert "server = a.example\n" in out
+    assert "token = (hidden)\n" in out
+    assert "s3cret" not in out
+
+
 def test_for_programs_it_is_one_object(place, capsys):
     """What the file holds, and whether whoever wrote it runs; the exit code is the same as for people."""
     settings = Settings(server="a.example", run_dir=place)

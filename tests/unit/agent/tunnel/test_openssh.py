@@ -103,6 +103,11 @@ def test_forwards_listen_on_all_addresses(url, spec):
     assert command[-4:] == ["-R", spec, "--", "robotether-server"]
 
 
+def test_a_url_without_a_port_is_refused():
+    with pytest.raises(ValueError, match="no host and port"):
+        target_of("ws://127.0.0.1")
+
+
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
     monkeypatch.setenv("SSH_AUTH_SOCK", "/x")
     assert set(child_environment()) == {"PATH", "LC_ALL"}
