@@ -1,9 +1,9 @@
 """Draws what the simulated robot's cameras see, and gives the newest frame to whoever asks.
 
-Used by video_server.py, and by `CompressedCamera` for a topic. first_person.py draws what the front camera sees; the
-view from above is the list LAYERS, from bottom to top. All viewers who want the same size and quality share one
-drawing. It happens in one thread beside the robot's loop, only when somebody wants it, and never more often than the
-camera's rate. That thread gets everything in a Scene and touches nothing else.
+Used by video_server.py, and by `CompressedCamera` for a topic. first_person.py draws what the front camera sees, and
+the one that turns; the view from above is the list LAYERS, from bottom to top. All viewers who want the same size and
+quality share one drawing. It happens in one thread beside the robot's loop, only when somebody wants it, and never more
+often than the camera's rate. That thread gets everything in a Scene and touches nothing else.
 """
 
 import asyncio
@@ -14,10 +14,10 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageChops, ImageDraw, ImageFont
 
 from sim_robot import first_person
 from sim_robot.first_person import PAINTS, WALLS, Point, Size
@@ -25,17 +25,21 @@ from sim_robot.graph import Graph, Node
 from sim_robot.kinematics import Pose, Velocity
 from sim_robot.world import Box, World
 
-AHEAD, ABOVE = "front", "above"  # the cameras
+AHEAD, ABOVE, AROUND = "front", "above", "turret"  # the cameras
 GROUND, GRID, GRID_STRONG, LABEL = "#f4f1e8", "#ddd8c8", "#c4bda6", "#6b6450"
 PATH, BODY, NOSE, TEXT, TEXT_GROUND = "#2f6fb0", "#c8502e", "#ffffff", "#20201c", "#fffdf6"
 ROBOT_RADIUS_M, ROBOT_RADIUS_MIN_PX = 0.4, 9
 GRID_LINES_MAX, GRID_STRONG_EVERY, LABEL_PX = 40, 5, 11
 BACKGROUNDS = 8
+# Of the camera that turns, and of its noise, a standard deviation of levels: nothing in its frames stays as it was.
+TURN_RAD_S, NOISE = 1.5, 10
+NOISE_SPARE_PX = 64
 STAMP_COLUMNS, STAMP_ROWS = 32, 2
 STAMP_ROW_PART = 1 / 40  # of the picture's height
 SMALLEST_STAMPED = (128, 96)
 STAMP_BYTES = 6
 _NS_A_TENTH_MS = 100_000
+_NS_PER_S = 1_000_000_000
 _CRC_BEGIN = 0xFFFF
 MAX_FORMATS = 8
 NODE = Node("/camera")
@@ -77,13 +81,32 @@ class View:
 
 def draw(scene: Scene, size: Size) -> Image.Image:
     """Draw one picture, with its moment along the lower edge."""
-    if scene.camera == AHEAD:
-        image = first_person.draw(World(scene.world_size_m), scene.pose, size)
-        _put_caption(image, f"{scene.name} {scene.camera} (simulated)")
-    else:
+    if scene.camera == ABOVE:
         image = _draw_from_above(scene, View(size, scene.world_size_m))
+    else:
+        image = _draw_from_robot(scene, size)
+        _put_caption(image, f"{scene.name} {scene.camera} (simulated)")
     _put_stamp(image, scene.stamp_ns)
     return image
+
+
+def _draw_from_robot(scene: Scene, size: Size) -> Image.Image:
+    world = World(scene.world_size_m)
+    if scene.camera == AHEAD:
+        return first_person.draw(world, scene.pose, size)
+    turned = scene.pose.theta + scene.stamp_ns / _NS_PER_S * TURN_RAD_S % math.tau
+    image = first_person.draw(world, replace(scene.pose, theta=turned), size)
+    left, top = (scene.stamp_ns // prime % NOISE_SPARE_PX for prime in (1_000_003, 1_299_709))
+    noise = _noise(size).crop((left, top, left + size[0], top + size[1]))
+    return ImageChops.add(image, noise, offset=-128)
+
+
+@lru_cache(maxsize=2)
+def _noise(size: Size) -> Image.Image:
+    """Draw a sensor's noise, larger than the frame: each frame cuts out another part of it."""
+    width, height = size
+    noise = Image.effect_noise((width + NOISE_SPARE_PX, height + NOISE_SPARE_PX), NOISE)
+    return Image.merge("RGB", (noise, noise, noise))
 
 
 def _draw_from_above(scene: Scene, view: View) -> Image.Image:

@@ -26,7 +26,7 @@ class SimSettings:
     world_size_m: float = 20.0
     kind: str = "differential"
     ros_version: int = 2
-    cameras: int = 2
+    cameras: int = 3
     bind_address: str = "0.0.0.0"  # noqa: S104  as the real servers do; the network is the container's
     rosbridge_port: int = 9090
     video_port: int = 8080
@@ -45,11 +45,11 @@ def from_environment(environment: Mapping[str, str]) -> SimSettings:
         ros_version=int(
             _one_of(values, "SIM_ROS_VERSION", str(SimSettings.ros_version), ("1", "2"))
         ),
-        cameras=int(_one_of(values, "SIM_CAMERAS", str(SimSettings.cameras), ("0", "1", "2"))),
+        cameras=int(_one_of(values, "SIM_CAMERAS", str(SimSettings.cameras), ("0", "1", "2", "3"))),
         bind_address=values.get("SIM_BIND_ADDRESS", SimSettings.bind_address),
         rosbridge_port=_port(values, "SIM_ROSBRIDGE_PORT", SimSettings.rosbridge_port),
         video_port=_port(values, "SIM_VIDEO_PORT", SimSettings.video_port),
-        camera_fps=_number(values, "SIM_CAMERA_FPS", SimSettings.camera_fps, 1, 15),
+        camera_fps=_number(values, "SIM_CAMERA_FPS", SimSettings.camera_fps, 1, 30),
         log_level=_one_of(values, "SIM_LOG_LEVEL", SimSettings.log_level, LOG_LEVELS),
     )
 

@@ -15,7 +15,7 @@ from typing import Self
 from aiohttp import web
 
 from sim_robot import devices
-from sim_robot.camera import ABOVE, AHEAD, CompressedCamera, FrameFeed, Scene
+from sim_robot.camera import ABOVE, AHEAD, AROUND, CompressedCamera, FrameFeed, Scene
 from sim_robot.camera import NODE as CAMERA_NODE
 from sim_robot.devices import Devices, Sensors
 from sim_robot.graph import make_graph
@@ -33,7 +33,7 @@ log = logging.getLogger(__name__)
 LATE_LIMIT_S = 0.25
 WARN_EVERY_S = 10.0
 SHUTDOWN_TIMEOUT_S = 1.0
-CAMERAS = {"/camera/image_raw": AHEAD, "/rear/image_raw": ABOVE}
+CAMERAS = {"/camera/image_raw": AHEAD, "/rear/image_raw": ABOVE, "/turret/image_raw": AROUND}
 # Drivers differ: some publish reliably, some with the QoS of sensors.
 BEST_EFFORT = ("/rear/image_raw",)
 

@@ -25,11 +25,11 @@ def test_every_variable_is_read() -> None:
         ("SIM_WORLD_SIZE_M", "1", "2 to 1000"),
         ("SIM_KIND", "legged", "differential or holonomic or ackermann"),
         ("SIM_ROS_VERSION", "3", "1 or 2"),
-        ("SIM_CAMERAS", "3", "0 or 1 or 2"),
+        ("SIM_CAMERAS", "4", "0 or 1 or 2 or 3"),
         ("SIM_ROSBRIDGE_PORT", "http", "1 to 65535"),
         ("SIM_VIDEO_PORT", "65536", "1 to 65535"),
         ("SIM_VIDEO_PORT", "-1", "1 to 65535"),
-        ("SIM_CAMERA_FPS", "30", "1 to 15"),
+        ("SIM_CAMERA_FPS", "60", "1 to 30"),
         ("SIM_LOG_LEVEL", "loud", "debug or info"),
     ],
 )
