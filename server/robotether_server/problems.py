@@ -317,6 +317,10 @@ class NoFramesError(VideoDownError, code="no_frames"):
     """web_video_server is there; the camera's topic gives no frame."""
 
 
+class NoEncoderError(RobotetherError, code="no_encoder", status=409):
+    """The robot sends its video in another codec than was asked for."""
+
+
 # Python 3.13 took new phrases from RFC 9110; a code must not change with Python.
 OLD_PHRASES = {
     413: "Request Entity Too Large",

@@ -1,1 +1,1 @@
-"""Robots' cameras to viewers: the frames protocol, multipart streams, and web_video_server passed through."""
+"""Robots' cameras to viewers: the frames protocol, streams, and web_video_server passed through."""

@@ -1,6 +1,6 @@
-"""Answers /robots/NAME/video/stream out of a feed: multipart frames, for <img> and programs.
+"""Answers /robots/NAME/video/stream out of a feed: multipart JPEGs for <img> and programs, H.264 for players.
 
-`video` asks here first. Such a viewer gives no credit: it is sent the newest frame whenever the system has
+`video` asks here first. Such a viewer gives no credit: it is sent the frame that is next whenever the system has
 taken the last one, and what waits in the system is kept small.
 """
 
@@ -10,12 +10,16 @@ import asyncio
 import logging
 import secrets
 import time
+from collections.abc import Callable
+from dataclasses import dataclass
 
 from aiohttp import web
+from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import QOS_NAME, StreamRequest
 
 from robotether_server.problems import (
     FieldInvalidError,
+    NoEncoderError,
     NoFramesError,
     ProtocolError,
     RobotetherError,
@@ -26,6 +30,7 @@ from robotether_server.relay.auth.access import Permit
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import Frame, parse_stream_request
 from robotether_server.relay.channels.video.headers import headers_of_stream
+from robotether_server.relay.channels.video.mpeg_ts import TransportStream
 from robotether_server.relay.channels.video.viewers import (
     Cursor,
     VideoContext,
@@ -46,19 +51,55 @@ BOUNDARY = secrets.token_hex(16)
 CHANGES_FRAME = frozenset({"default_transport", "invert", QOS_NAME})
 
 
+@dataclass(frozen=True)
+class StreamFormat:
+    """How one answer is written: its type, the codec of its frames, what comes before them, and each frame."""
+
+    mime_type: str
+    codec: Codec
+    start: bytes
+    write: Callable[[Frame], bytes]
+
+
+def multipart() -> StreamFormat:
+    """JPEGs, each of which takes the place of the one before."""
+    return StreamFormat(
+        f"multipart/x-mixed-replace;boundary={BOUNDARY}",
+        JPEG,
+        f"--{BOUNDARY}\r\n".encode(),
+        lambda frame: frame.part(BOUNDARY, time.time() - time.monotonic()),
+    )
+
+
+def transport_stream() -> StreamFormat:
+    """H.264 as players read it."""
+    stream = TransportStream()
+    return StreamFormat(
+        "video/mp2t",
+        H264,
+        b"",
+        lambda frame: stream.write(frame.data, frame.timestamp_s, is_key=frame.is_key),
+    )
+
+
+FORMATS = {JPEG.name: multipart, H264.name: transport_stream}
+
+
 def is_for_feed(request: web.Request) -> bool:
-    """Return whether a feed can answer the request."""
+    """Return whether a feed answers the request, or nobody does."""
     query = request.query
-    return (
-        request.match_info.get("path") == "stream"
-        and query.get("type", "mjpeg") == "mjpeg"
-        and "topic" in query
-        and not CHANGES_FRAME & query.keys()
+    return request.match_info.get("path") == "stream" and (
+        "codec" in query
+        or (
+            query.get("type", "mjpeg") == "mjpeg"
+            and "topic" in query
+            and not CHANGES_FRAME & query.keys()
+        )
     )
 
 
 class StreamViewer:
-    """Who follows a feed for a multipart answer."""
+    """Who follows a feed for a stream."""
 
     def __init__(self, user_id: int, stream_request: StreamRequest) -> None:
         self._user_id = user_id
@@ -84,13 +125,17 @@ class StreamViewer:
         while self.close_reason is None:
             if (frame := cursor.next()) is not None:
                 return frame
-            await self._changed.wait()
-            self._changed.clear()
+            await self.changed()
         return None
+
+    async def changed(self) -> None:
+        """Wait for what the feed has new."""
+        await self._changed.wait()
+        self._changed.clear()
 
 
 class Streams:
-    """Writes feeds as multipart answers."""
+    """Writes feeds as streams."""
 
     def __init__(self, context: VideoContext) -> None:
         self._context = context
@@ -100,31 +145,76 @@ class Streams:
     ) -> web.StreamResponse | None:
         """Answer until either side ends; None when the robot has no frames service."""
         robot, user = permit.robot, permit.user
-        viewer = StreamViewer(user.id, stream_request_of(request))
+        stream_format = format_of(request)
+        viewer = StreamViewer(user.id, stream_request_of(request, stream_format.codec))
         with (
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
             self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
         ):
             cursor = Cursor(feed, viewer, time.monotonic())
-            first = await self._first(feed, viewer, cursor)
+            first = await FirstFrame(feed, viewer, cursor, stream_format.codec).wait()
             if first is None:
                 return None
             session = StreamSession(self._context, permit, feed, viewer, cursor)
-            return await session.answer(request, first, headers_of_stream(embeddable=embeddable))
+            headers = {
+                "Content-Type": stream_format.mime_type,
+                **headers_of_stream(embeddable=embeddable),
+            }
+            return await session.answer(request, first, headers, stream_format)
 
-    async def _first(self, feed: Feed, viewer: StreamViewer, cursor: Cursor) -> Frame | None:
-        """Wait for the first frame; None when the robot has no frames service."""
-        robot = feed.robot.name
+
+class FirstFrame:
+    """Waits for a stream's first frame, or for the reason why there is none."""
+
+    def __init__(self, feed: Feed, viewer: StreamViewer, cursor: Cursor, codec: Codec) -> None:
+        self._feed = feed
+        self._viewer = viewer
+        self._cursor = cursor
+        self._codec = codec
+        self._other_codec: Codec | None = None
+
+    async def wait(self) -> Frame | None:
+        """Return the first frame; None when the robot has no frames service, but may show its video without one."""
         try:
             async with asyncio.timeout(FIRST_FRAME_WITHIN_S):
-                frame = await viewer.next(cursor)
+                frame = await self._next()
         except TimeoutError as exc:
-            detail = "" if feed.status is None else feed.status.detail
-            why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
-            raise NoFramesError(f"cannot show video of robot {robot}: {why}") from exc
-        if frame is None and viewer.close_reason != close_reasons.frames_unknown(robot):
-            raise _problem_of(robot, viewer.close_reason)
+            raise self._no_frame() from exc
+        robot, close_reason = self._feed.robot.name, self._viewer.close_reason
+        if frame is None and close_reason != close_reasons.frames_unknown(robot):
+            raise _problem_of(robot, close_reason)
+        if frame is None and self._codec is not JPEG:
+            raise self._no_encoder("it sends no frames; upgrade its agent")
         return frame
+
+    async def _next(self) -> Frame | None:
+        """Wait for a frame of the codec; a robot may begin with JPEG, and still send it for who was here before."""
+        while True:
+            frame = await self._viewer.next(self._cursor)
+            if frame is None or frame.codec is self._codec:
+                return frame
+            if why := self._why_other_codec():
+                raise self._no_encoder(why)
+            self._other_codec = frame.codec
+            self._feed.taken(frame.sequence)
+            await self._viewer.changed()
+
+    def _why_other_codec(self) -> str:
+        request, status = self._feed.stream_request(), self._feed.status
+        if request is not None and self._codec.name not in request.codecs:
+            return "somebody who sees the same camera decodes only JPEG"
+        return "" if status is None else status.no_encoder
+
+    def _no_frame(self) -> RobotetherError:
+        if self._other_codec is not None:
+            return self._no_encoder(f"its agent sends {self._other_codec.name}")
+        detail = "" if self._feed.status is None else self._feed.status.detail
+        why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
+        return NoFramesError(f"cannot show video of robot {self._feed.robot.name}: {why}")
+
+    def _no_encoder(self, why: str) -> NoEncoderError:
+        robot = self._feed.robot.name
+        return NoEncoderError(f"cannot show video of robot {robot} as {self._codec.name}: {why}")
 
 
 class StreamSession:
@@ -145,23 +235,27 @@ class StreamSession:
         self._cursor = cursor
 
     async def answer(
-        self, request: web.Request, frame: Frame | None, headers: dict[str, str]
+        self,
+        request: web.Request,
+        frame: Frame | None,
+        headers: dict[str, str],
+        stream_format: StreamFormat,
     ) -> web.StreamResponse:
-        """Write frames until either side ends."""
-        kind = f"multipart/x-mixed-replace;boundary={BOUNDARY}"
-        response = web.StreamResponse(headers={"Content-Type": kind, **headers})
+        """Write frames until either side ends, or the robot goes over to another codec."""
+        response = web.StreamResponse(headers=headers)
         response.force_close()
         writer = await response.prepare(request)
         if request.method != "GET" or writer is None or request.transport is None:
             return response
         keep_little_unsent(request.transport)
         try:
-            await response.write(f"--{BOUNDARY}\r\n".encode())
-            while frame is not None:
+            if stream_format.start:
+                await response.write(stream_format.start)
+            while frame is not None and frame.codec is stream_format.codec:
                 self._cursor.sent(frame)
                 note_sent(self._context, self._permit, self._feed.key, frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
-                    await response.write(frame.part(BOUNDARY, time.time() - time.monotonic()))
+                    await response.write(stream_format.write(frame))
                     await writer.drain()
                 self._feed.taken(frame.sequence)
                 frame = await self._viewer.next(self._cursor)
@@ -173,9 +267,20 @@ class StreamSession:
         return response
 
 
-def stream_request_of(request: web.Request) -> StreamRequest:
+def format_of(request: web.Request) -> StreamFormat:
+    """Read out of a stream's query how it is written."""
+    query = request.query
+    made = FORMATS.get(query.get("codec", JPEG.name))
+    if made is None or ("codec" in query and {"type", *CHANGES_FRAME} & query.keys()):
+        raise FieldInvalidError(
+            f"cannot show a stream: codec is {' or '.join(FORMATS)}, and goes with topic, quality, width and height"
+        )
+    return made()
+
+
+def stream_request_of(request: web.Request, codec: Codec) -> StreamRequest:
     """Read out of a stream's query what is wanted; a quality is the best, and less on a narrow link."""
-    members: dict[str, object] = {}
+    members: dict[str, object] = {"codecs": [codec.name]}
     names = {"quality": "quality_max", "width": "width", "height": "height"}
     try:
         for name, member in names.items():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import io
 import time
 
 import aiohttp
+import av
 import pytest
 from fake_robot import JPEG
+from h264_frames import encoded_frames
 from relay_server import until
 from robotether_common.frames import QOS
 from robotether_server.db.fleet import RelayUser
@@ -92,8 +95,10 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
 
 
 @pytest.mark.parametrize(
-    "query", ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2"]
-)
+    "query",
+    ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2", "codec=vp9",
+     "codec=h264&invert=1", "codec=h264&type=mjpeg"],
+)  # fmt: skip
 async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air, query):
     async with http.get(
         video_url(relay, sim1, f"stream?topic=/a&{query}"), headers=login
@@ -128,6 +133,78 @@ async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
     async with http.get(url, headers={"Origin": "https://evil.example"}) as answer:
         assert answer.status == 403
         assert "Access-Control-Allow-Origin" not in answer.headers
+
+
+async def show_each(camera, frames, codec: int) -> None:
+    """Show each frame when the robot may send it."""
+    for frame, is_key in frames:
+        await until(lambda: all(camera.credits.values()), "the robot has credit")
+        await camera.show(frame, codec=codec, is_key=is_key)
+
+
+async def test_a_player_gets_h264(*, relay, sim1, http, camera):
+    """With a ticket, from the first key frame on, until the robot sends JPEG."""
+    url = video_url(relay, sim1, f"stream?topic=/a&codec=h264&ticket={relay.ticket(sim1)}")
+    asking = asyncio.create_task(http.get(url))
+    await camera.wait_for("stream_request", codecs=["h264", "jpeg"])
+    await camera.wait_for("credit")
+    # An encoder takes some time to begin.
+    await show_each(camera, [(JPEG, False)] * 3, 1)
+    frames, stream = encoded_frames(9), b""
+    await show_each(camera, frames, 2)
+    async with await asking as answer, asyncio.timeout(10):
+        assert (answer.status, answer.content_type) == (200, "video/mp2t")
+        assert answer.headers["Content-Security-Policy"] == "sandbox"
+        assert answer.headers["Cross-Origin-Resource-Policy"] == "cross-origin"
+        # The last one has begun.
+        while stream.count(b"\0\0\1\xe0") < len(frames):
+            stream += await answer.content.readany()
+        await camera.show(JPEG)
+        with pytest.raises(aiohttp.ClientError):
+            await answer.read()
+    with av.open(io.BytesIO(stream), format="mpegts") as player:
+        assert len(list(player.decode(video=0))) >= len(frames) - 1
+    assert relay.relay.registry.robot(7).viewer_stats.of(ANN.id).frames == len(frames)
+
+
+async def ask_in_vain(http, url: str, login) -> tuple[int, str, str]:
+    """Ask for a stream that is refused; return status, code and reason."""
+    async with http.get(url, headers=login) as answer:
+        problem = await answer.json()
+    return answer.status, problem["code"], problem["detail"].partition(": ")[2]
+
+
+@pytest.mark.parametrize(
+    ("no_encoder", "why"),
+    [("PyAV is missing", "PyAV is missing"), ("", "its agent sends jpeg")],
+    ids=["says why", "is older"],
+)
+async def test_a_robot_that_sends_jpeg_has_no_h264(
+    *, relay, sim1, http, login, on_air, monkeypatch, no_encoder, why
+):
+    monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 1.0)
+    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
+    asking = asyncio.create_task(ask_in_vain(http, url, login))
+    await on_air.wait_for("credit")
+    await on_air.send_status(state="live", no_encoder=no_encoder)
+    assert await asking == (409, "no_encoder", why)
+
+
+async def test_nobody_gets_h264_while_somebody_decodes_only_jpeg(
+    *, relay, sim1, http, login, on_air, watch
+):
+    await watch()
+    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
+    status, code, why = await ask_in_vain(http, url, login)
+    assert (status, code) == (409, "no_encoder")
+    assert "decodes only JPEG" in why
+
+
+async def test_an_agent_without_frames_has_no_h264(*, relay, sim1, http, login, robot):
+    """It is not asked for what it would answer with MJPEG."""
+    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
+    assert (await ask_in_vain(http, url, login))[:2] == (409, "no_encoder")
+    assert robot.video_requests == []
 
 
 async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):

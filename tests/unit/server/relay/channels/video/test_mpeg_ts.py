@@ -1,0 +1,135 @@
+"""MPEG transport streams: as the standard says, and as a player reads them."""
+
+from __future__ import annotations
+
+import io
+from collections import defaultdict
+from itertools import pairwise
+
+import av
+from h264_frames import FPS, encoded_frames
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.relay.channels.video.mpeg_ts import (
+    DELIMITER,
+    PAT,
+    PMT,
+    TransportStream,
+    crc32,
+)
+
+PACKET_BYTES = 188
+VIDEO_PID = 0x100
+
+
+def test_tables_have_their_checksums():
+    """The check value of CRC-32/MPEG-2, and two tables as other programs write them."""
+    assert crc32(b"123456789") == 0x0376E6E7
+    assert PAT.hex() == "00b00d0001c100000001f0002ab104b2"
+    assert PMT.hex() == "02b0120001c10000e100f0001be100f00015bd4d56"
+
+
+class Demuxer:
+    """Reads a stream by the letter of the standard."""
+
+    def __init__(self, stream: bytes) -> None:
+        assert len(stream) % PACKET_BYTES == 0
+        self.payloads: dict[int, list[bytes]] = defaultdict(list)
+        self.clocks: list[int] = []
+        self._counters: dict[int, int] = {}
+        for begin in range(0, len(stream), PACKET_BYTES):
+            self._read(stream[begin : begin + PACKET_BYTES])
+
+    def _read(self, packet: bytes) -> None:
+        pid, counter = int.from_bytes(packet[1:3], "big"), packet[3] & 0x0F
+        starts, pid = bool(pid & 0x4000), pid & 0x1FFF
+        assert packet[0] == 0x47
+        assert counter == self._counters.get(pid, counter)
+        self._counters[pid] = (counter + 1) % 16
+        begin = 4
+        if packet[3] & 0x20:
+            begin += 1 + packet[4]
+            assert begin <= PACKET_BYTES
+            if packet[4] and packet[5] & 0x10:
+                self.clocks.append(int.from_bytes(packet[6:12], "big") >> 15)
+        if starts:
+            self.payloads[pid].append(b"")
+        self.payloads[pid][-1] += packet[begin:]
+
+    def frames(self) -> list[tuple[int, bytes]]:
+        """The timestamp and what else is in each packet of the video."""
+        return [(self._timestamp(pes), pes[14:]) for pes in self.payloads[VIDEO_PID]]
+
+    @staticmethod
+    def _timestamp(pes: bytes) -> int:
+        assert pes[:4] == b"\0\0\1\xe0"
+        length = int.from_bytes(pes[4:6], "big")
+        assert length == (len(pes) - 6 if len(pes) < 2**16 + 6 else 0)
+        bits = f"{int.from_bytes(pes[9:14], 'big'):040b}"
+        assert (bits[:4], bits[7], bits[23], bits[39]) == ("0010", "1", "1", "1")
+        return int(bits[4:7] + bits[8:23] + bits[24:39], 2)
+
+
+FRAMES = st.lists(
+    st.tuples(st.one_of(st.integers(1, 800), st.integers(65_400, 66_000)), st.booleans()),
+    min_size=1,
+    max_size=5,
+)
+
+
+@given(FRAMES, st.floats(-1e9, 1e9), st.lists(st.floats(-1, 3600), min_size=5, max_size=5))
+def test_each_frame_comes_out_as_it_went_in(frames, begin_s, steps_s):
+    """Whole packets, counters without a gap, and timestamps that only grow and are ahead of the clock."""
+    stream, timestamp_s, written, expected = TransportStream(), begin_s, b"", []
+    for (size, is_key), step_s in zip(frames, steps_s, strict=False):
+        frame = bytes(index % 251 for index in range(size))
+        written += stream.write(memoryview(frame), timestamp_s, is_key=is_key)
+        expected.append(DELIMITER + frame)
+        timestamp_s += step_s
+    demuxer = Demuxer(written)
+    assert [frame for _, frame in demuxer.frames()] == expected
+    timestamps = [timestamp for timestamp, _ in demuxer.frames()]
+    assert timestamps == sorted(set(timestamps))
+    behind = zip(timestamps, demuxer.clocks, strict=True)
+    assert {timestamp - clock for timestamp, clock in behind} == {9000}
+    assert demuxer.payloads[0][0].startswith(b"\0" + PAT)
+    assert demuxer.payloads[0x1000][0].startswith(b"\0" + PMT)
+
+
+def test_timestamps_have_33_bits():
+    """A stream of days begins them anew, and a player counts on."""
+    stream = TransportStream()
+    first = stream.write(b"x", 0.0, is_key=True)
+    later = stream.write(b"x", 2**33 / 90_000, is_key=True)
+    assert [timestamp for timestamp, _ in Demuxer(first + later).frames()] == [90_000] * 2
+
+
+def test_tables_come_again_for_who_begins_later():
+    """Before each key frame, and every half second."""
+    stream = TransportStream()
+    tables = [
+        Demuxer(stream.write(b"x", number / 10, is_key=number == 13)) for number in range(1, 21)
+    ]
+    assert [number for number, each in enumerate(tables, 1) if 0 in each.payloads] == [
+        1,
+        6,
+        11,
+        13,
+        18,
+    ]
+
+
+def test_a_player_reads_what_was_encoded():
+    stream, frames = TransportStream(), encoded_frames(20)
+    written = b"".join(
+        stream.write(frame, 100 + number / FPS, is_key=is_key)
+        for number, (frame, is_key) in enumerate(frames)
+    )
+    with av.open(io.BytesIO(written), format="mpegts") as player:
+        assert player.streams.video[0].codec_context.name == "h264"
+        packets = [packet for packet in player.demux(video=0) if packet.size]
+    assert [bytes(packet).removeprefix(DELIMITER) for packet in packets] == [f for f, _ in frames]
+    assert [packet.is_keyframe for packet in packets] == [is_key for _, is_key in frames]
+    assert {packet.pts - before.pts for before, packet in pairwise(packets)} == {90_000 // FPS}
+    with av.open(io.BytesIO(written), format="mpegts") as player:
+        assert len(list(player.decode(video=0))) == len(frames)
