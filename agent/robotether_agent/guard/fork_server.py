@@ -21,15 +21,13 @@ import socket
 import subprocess
 import sys
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-import robotether_common
-
-import robotether_agent
+from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import GuardDownError
 
 FORK, WAIT, PING = b"fork", b"wait", b"ping"
@@ -40,15 +38,6 @@ SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 START_S = 20.0
 ANSWER_S = 1.0
 
-# Where the guard's packages lie: one folder once they are installed, two in a checkout.
-PACKAGE_PARENTS = tuple(
-    dict.fromkeys(
-        str(Path(package.__path__[0]).resolve().parent)
-        for package in (robotether_agent, robotether_common)
-    )
-)
-# What only the agent itself may say to systemd.
-NOT_INHERITED = frozenset({"NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"})
 RunGuard = Callable[[], int]
 
 log = logging.getLogger(__name__)
@@ -58,20 +47,6 @@ def fork_server_command(state_dir: Path, run_dir: Path, log_level: str) -> list[
     """Return the command of a fork server of guards, by the Python that runs the agent."""
     arguments = ["--state-dir", str(state_dir), "--run-dir", str(run_dir), "--log-level", log_level]
     return [sys.executable, "-m", "robotether_agent.guard", "--fork-server", *arguments]
-
-
-def guard_environment(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return the agent's environment, but for its settings: the guard needs no join token.
-
-    The guard is the one that came with this agent, whatever else Python would find.
-    """
-    inherited = {
-        name: value
-        for name, value in environ.items()
-        if not name.startswith("ROBOTETHER_") and name not in NOT_INHERITED
-    }
-    paths = [*PACKAGE_PARENTS, *filter(None, [environ.get("PYTHONPATH")])]
-    return {**inherited, "PYTHONPATH": os.pathsep.join(paths)}
 
 
 def serve(control: socket.socket, run_guard: RunGuard) -> NoReturn:
@@ -178,7 +153,7 @@ class ForkServer:
                 process = subprocess.Popen(  # noqa: S603 - the agent's own program, no shell
                     command,
                     stdin=theirs.fileno(),
-                    env=guard_environment(os.environ),
+                    env=program_environment(os.environ),
                     start_new_session=True,
                 )
         except OSError as error:

@@ -25,8 +25,8 @@ from robotether_agent.guard.fork_server import (
     GUARD_NAME,
     START_S,
     ForkServer,
-    guard_environment,
 )
+from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import GuardDownError
 
 TEN_S = 10.0
@@ -153,13 +153,13 @@ def test_a_start_may_take_longer_than_a_silence():
 def test_the_guard_gets_no_secret():
     """Settings of the agent, its join token among them, and systemd's socket stay with the agent."""
     given = {"PATH": "/bin", "ROBOTETHER_TOKEN": "rj_x", "NOTIFY_SOCKET": "/run/x", "LANG": "C"}
-    passed_on = guard_environment(given)
+    passed_on = program_environment(given)
     assert {**passed_on, "PYTHONPATH": ""} == {"PATH": "/bin", "LANG": "C", "PYTHONPATH": ""}
 
 
 def test_the_guard_is_the_one_that_came_with_the_agent():
     """The agent's own packages come before whatever else Python would find."""
-    places = guard_environment({"PYTHONPATH": "/opt/more"})["PYTHONPATH"].split(":")
+    places = program_environment({"PYTHONPATH": "/opt/more"})["PYTHONPATH"].split(":")
     assert Path(places[0], "robotether_agent", "guard", "__main__.py").is_file()
     assert Path(places[-2], "robotether_common").is_dir()
     assert places[-1] == "/opt/more"
