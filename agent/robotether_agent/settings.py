@@ -63,6 +63,7 @@ class Settings:
     rosbridge_url: str = "ws://127.0.0.1:9090"
     video_url: str = "http://127.0.0.1:8080"
     video_source: str = "auto"
+    video_encoder: str = "auto"
     # NAME=URL each; a URL may contain a password.
     cameras: tuple[str, ...] = field(default=(), repr=False)
     shell_address: str = "127.0.0.1:22"
@@ -305,6 +306,7 @@ PARSERS: dict[str, Callable[[object], Any]] = {
     "rosbridge_url": partial(_service_url, "ws", 9090),
     "video_url": partial(_service_url, "http", 8080),
     "video_source": partial(_one_of, ("auto", "web_video_server", "rosbridge")),
+    "video_encoder": partial(_one_of, ("auto", "off")),
     "cameras": _cameras,
     "shell_address": _shell_address,
     "guard": _on_off,

@@ -39,9 +39,10 @@ from robotether_agent.fields import (
     parse_object,
 )
 from robotether_agent.tasks import first_of
+from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.quality import Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
-from robotether_agent.video.sources import CameraFrame, SourceRequest, jpeg_size
+from robotether_agent.video.sources import CameraFrame, SourceRequest
 
 # Maximum number of frames saved for jitter: a camera at the requested rate is early as often as
 # late.

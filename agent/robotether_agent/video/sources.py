@@ -12,7 +12,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
-import struct
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -39,6 +38,7 @@ from robotether_agent.rosbridge import (
     connected,
 )
 from robotether_agent.tasks import first_of, within
+from robotether_agent.video.jpeg import JPEG_START
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
     MultipartParser,
@@ -63,12 +63,6 @@ MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # Part of the interval between frames that rosbridge waits; all of it would drop every second frame
 # of a camera at the requested rate.
 THROTTLE = 0.75
-JPEG_START = b"\xff\xd8"
-# The markers that begin a frame's own header: start of frame, without the tables that share their range (C4, C8, CC).
-FRAME_MARKERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})
-MARKER = 0xFF
-_SEGMENT = struct.Struct("!H")
-_FRAME = struct.Struct("!HBHH")
 
 
 @dataclass(frozen=True)
@@ -449,17 +443,4 @@ def stamp_of(message: JsonObject) -> float | None:
         seconds, nanoseconds = stamp.get(whole), stamp.get(part)
         if isinstance(seconds, int) and isinstance(nanoseconds, int):
             return seconds + nanoseconds / 1e9 or None
-    return None
-
-
-def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
-    """Return width and height in pixels as the frame's own header says, or nothing if it has none."""
-    at = len(JPEG_START)
-    while at + 4 <= len(jpeg) and jpeg[at] == MARKER:
-        if jpeg[at + 1] in FRAME_MARKERS:
-            if at + 2 + _FRAME.size > len(jpeg):
-                return None
-            _, _, height, width = _FRAME.unpack_from(jpeg, at + 2)
-            return (width, height) if width and height else None
-        at += 2 + _SEGMENT.unpack_from(jpeg, at + 2)[0]
     return None

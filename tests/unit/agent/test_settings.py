@@ -110,6 +110,7 @@ def test_what_was_parsed_parses_to_itself(key, value):
         ("guard", "OFF", "off"),
         ("guard", True, "on"),
         ("video_source", "rosbridge", "rosbridge"),
+        ("video_encoder", "OFF", "off"),
         ("cameras", [], ()),
         ("cameras", ["rear=http://a/v?x=1&y=a=b"], ("rear=http://a/v?x=1&y=a=b",)),
         (
@@ -181,6 +182,7 @@ def test_takes_every_usual_spelling(key, value, parsed):
         ("http_proxy", "http://ann@proxy:3128", "USER:PASSWORD"),
         ("http_proxy", "http://-oProxyCommand=x:80", "a host name or an address"),
         ("video_source", "ros", "web_video_server"),
+        ("video_encoder", "on", "auto"),
         ("cameras", "rear", "NAME=URL"),
         ("cameras", ["rear=http://a", "rear=http://b"], "different names"),
         ("cameras", ["rear=rtsp://a/b"], "http://"),

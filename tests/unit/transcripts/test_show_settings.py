@@ -29,6 +29,7 @@ AGENT_SETTINGS = {
     "allow_local_mac": "yes",
     "name": "turtle",
     "video_source": "rosbridge",
+    "video_encoder": "off",
     "cameras": "front=http://me:secret@10.0.0.7/1 back=http://127.0.0.1:81/stream",
     "guard": "off",
     "token": "rtj_secret",

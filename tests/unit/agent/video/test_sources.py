@@ -19,6 +19,7 @@ from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import multipart
 from robotether_agent.video import sources as sources_module
+from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
     MultipartParser,
@@ -33,7 +34,6 @@ from robotether_agent.video.sources import (
     SourceRequest,
     Sources,
     SourceSettings,
-    jpeg_size,
     stamp_of,
     stream_url,
     timestamp_of,

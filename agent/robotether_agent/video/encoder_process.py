@@ -1,0 +1,294 @@
+"""Encodes a camera's frames: `python -m robotether_agent.video.encoder_process`, requests on stdin, answers on stdout.
+
+Started by video.encoder, one for a camera; the only program that imports PyAV. It must never take the processor or the
+memory from the guard: it has the lowest priority, is the first that the kernel ends for want of memory, and has a
+limit. It ends with its standard input, or with the agent. A frame that it cannot encode does not end it.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import resource
+import signal
+import sys
+import time
+from contextlib import suppress
+from dataclasses import replace
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import av
+from av.video.frame import PictureType
+from robotether_common.codecs import H264, VP8, Codec
+from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_SIDE
+
+from robotether_agent.video.encoder_messages import (
+    LENGTH,
+    MAX_REQUEST_BYTES,
+    PRESETS,
+    EncodedFrame,
+    EncodeRequest,
+    FrameRefusedError,
+    refusal,
+)
+from robotether_agent.video.jpeg import jpeg_size
+
+NICENESS = 10
+# Maximum memory in bytes that is not shared with other programs: enough for 1920x1080, and not for 3840x2160.
+MAX_DATA_BYTES = 192 * 1024 * 1024
+PR_SET_PDEATHSIG = 1
+# FFmpeg's encoders by codec, in the order in which they are tried.
+HARDWARE: dict[Codec, tuple[str, ...]] = {H264: ("h264_v4l2m2m", "h264_nvenc", "h264_qsv"), VP8: ()}
+SOFTWARE: dict[Codec, str] = {H264: "libx264", VP8: "libvpx"}
+# Encoders that follow `bit_rate` while they are open.
+FOLLOWS_RATE = frozenset({"libx264", "h264_nvenc", "h264_qsv"})
+# Part of the rate that an encoder was opened with to which it may fall on the open one: a step of the quality and back.
+# The bound of one frame's bits stays, since PyAV does not change it; so a lower rate needs a new encoder.
+MIN_PART = 0.65
+PIXEL_FORMATS = {"h264_qsv": "nv12"}
+# Number of frames between key frames that nobody requests.
+KEY_FRAME_INTERVAL = 1_000_000
+# Minimum quantiser, on each codec's own scale: no bits for what the camera's own JPEG does not have.
+MIN_QUANTISERS: dict[Codec, int] = {H264: 20, VP8: 8}
+# Number of frames whose bits one frame may have, below and from NARROW_BITS_PER_S on.
+NARROW_BITS_PER_S = 5_000_000
+NARROW_BUFFER, WIDE_BUFFER = 2, 4
+# Maximum size of VP8's key frames in percent of a frame's.
+VP8_KEY_PERCENT = 300
+VP8_SPEEDS = dict(zip(PRESETS, ("6", "8", "12"), strict=True))
+# Number of the NAL unit SPS in Annex B, with which a key frame begins that can be decoded by itself.
+SPS = 7
+# BT.601 in limited range, as decoders expect it of video and as JPEG's own matrix is.
+BT601, LIMITED, FULL = 6, 1, 2
+
+
+class OpenEncoder:
+    """One of FFmpeg's encoders, opened for a codec, size, rate and preset."""
+
+    def __init__(self, name: str, request: EncodeRequest) -> None:
+        self.name = name
+        self._request = request
+        self._number = 0
+        context: Any = av.CodecContext.create(name, "w")
+        context.width, context.height = request.width, request.height
+        context.pix_fmt = PIXEL_FORMATS.get(name, "yuv420p")
+        context.time_base = Fraction(1, 1000)
+        context.framerate = Fraction(request.fps).limit_denominator(1000)
+        context.bit_rate = int(request.bits_per_s)
+        context.gop_size = KEY_FRAME_INTERVAL
+        context.max_b_frames = 0
+        context.thread_count = 1
+        context.color_range, context.colorspace = LIMITED, BT601
+        context.color_primaries = context.color_trc = BT601
+        context.qmin = MIN_QUANTISERS[request.codec]
+        context.options = options_of(name, request)
+        self._context = context
+
+    def fits(self, request: EncodeRequest) -> bool:
+        """Whether it can encode the request's frame, after those before it."""
+        mine = self._request
+        part = request.bits_per_s / mine.bits_per_s
+        return (
+            (request.codec, request.width, request.height, request.fps)
+            == (mine.codec, mine.width, mine.height, mine.fps)
+            and (request.preset == mine.preset or self.name in HARDWARE[mine.codec])
+            and (request.allows_hardware or self.name == SOFTWARE[mine.codec])
+            and (part == 1 or (self.name in FOLLOWS_RATE and MIN_PART <= part < 1))
+        )
+
+    def encode(self, frame: Any, request: EncodeRequest) -> tuple[bytes, bool]:
+        """Return the frame as one access unit, and whether it is a key frame; FrameRefusedError if it is none."""
+        scaled = frame.reformat(
+            width=request.width,
+            height=request.height,
+            format=self._context.pix_fmt,
+            src_color_range=FULL if frame.color_range != LIMITED else LIMITED,
+            dst_color_range=LIMITED,
+            interpolation="BILINEAR",
+            threads=1,
+        )
+        scaled.pts = self._number * max(1, round(1000 / request.fps))
+        scaled.time_base = self._context.time_base
+        scaled.pict_type = PictureType.I if request.requests_key else PictureType.NONE
+        self._number += 1
+        self._context.bit_rate = int(request.bits_per_s)
+        packets = self._context.encode(scaled)
+        if len(packets) != 1:
+            raise FrameRefusedError(f"{self.name} made {len(packets)} packets of one frame")
+        data = bytes(packets[0])
+        if len(data) > MAX_DEPENDENT_FRAME_BYTES:
+            raise FrameRefusedError(f"{self.name} made a frame of {len(data)} bytes")
+        return data, packets[0].is_keyframe
+
+
+def options_of(name: str, request: EncodeRequest) -> dict[str, str]:
+    """Return FFmpeg's options of an encoder: no delay, no key frame that nobody requests, one frame's bits bounded."""
+    rate = request.bits_per_s
+    frames = NARROW_BUFFER if rate < NARROW_BITS_PER_S else WIDE_BUFFER
+    bounds = {
+        # Not above the rate: x264 would no longer follow another one.
+        "maxrate": str(int(rate)),
+        "bufsize": str(max(1000, int(frames * rate / request.fps))),
+    }
+    if name == "libx264":
+        # Constant frame durations: a frame has its bits, however many are skipped between.
+        return {
+            **bounds,
+            "preset": request.preset,
+            "tune": "zerolatency",
+            "profile": "main",
+            "forced-idr": "1",
+            "x264-params": "repeat-headers=1:annexb=1:scenecut=0:keyint=infinite",
+        }
+    if name == "libvpx":
+        return {
+            **bounds,
+            "minrate": bounds["maxrate"],
+            "deadline": "realtime",
+            "cpu-used": VP8_SPEEDS[request.preset],
+            "lag-in-frames": "0",
+            "max-intra-rate": str(VP8_KEY_PERCENT),
+        }
+    return {**bounds, **HARDWARE_OPTIONS.get(name, {})}
+
+
+HARDWARE_OPTIONS = {
+    "h264_nvenc": {
+        "preset": "p2",
+        "tune": "ull",
+        "zerolatency": "1",
+        "delay": "0",
+        "forced-idr": "1",
+        "profile": "main",
+        "rc": "cbr",
+    },
+    "h264_qsv": {
+        "preset": "veryfast",
+        "async_depth": "1",
+        "low_delay_brc": "1",
+        "forced_idr": "1",
+        "profile": "main",
+    },
+}
+
+
+class FrameTranscoder:
+    """JPEGs to access units, by an encoder that stays open while requests fit."""
+
+    def __init__(self) -> None:
+        self._decoder: Any = None
+        self._encoder: OpenEncoder | None = None
+        # Hardware that did not pass its trial.
+        self._unfit: set[str] = set()
+
+    def encode(self, request: EncodeRequest) -> EncodedFrame:
+        """Return the request's frame; FrameRefusedError says why there is none."""
+        began_s = time.perf_counter()
+        frame = self._decoded(request.jpeg)
+        try:
+            encoder = self._encoder_for(request, frame)
+            data, is_key = encoder.encode(frame, request)
+        except (FrameRefusedError, av.FFmpegError, MemoryError, ValueError) as error:
+            # What it may have encoded nobody gets: the next frame begins a new sequence.
+            self._encoder = None
+            raise FrameRefusedError(f"the encoder failed: {error}") from error
+        return EncodedFrame(data, is_key, encoder.name, time.perf_counter() - began_s)
+
+    def _decoded(self, jpeg: bytes) -> Any:
+        size = jpeg_size(jpeg)
+        if size is None or max(size) > MAX_SIDE:
+            raise FrameRefusedError(
+                "the camera's frame is no JPEG"
+                if size is None
+                else f"the camera's frame claims {size[0]}x{size[1]} pixels"
+            )
+        if self._decoder is None:
+            self._decoder = av.CodecContext.create("mjpeg", "r")
+            self._decoder.thread_count = 1
+            # Its header may be followed by another one, which claims more.
+            self._decoder.options = {"max_pixels": str(MAX_SIDE * MAX_SIDE)}
+        try:
+            (frame,) = self._decoder.decode(av.Packet(jpeg))
+        except (av.FFmpegError, MemoryError, ValueError) as error:
+            self._decoder = None
+            raise FrameRefusedError(f"the camera's JPEG cannot be decoded: {error}") from error
+        return frame
+
+    def _encoder_for(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
+        if self._encoder is None or not self._encoder.fits(request):
+            # The one before ends first, which frees its memory.
+            self._encoder = None
+            self._encoder = self._opened(request, frame)
+        return self._encoder
+
+    def _opened(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
+        hardware = HARDWARE[request.codec] if request.allows_hardware else ()
+        for name in hardware:
+            if name not in self._unfit:
+                with suppress(av.FFmpegError, FrameRefusedError, ValueError, MemoryError):
+                    check_hardware(OpenEncoder(name, request), frame, request)
+                    return OpenEncoder(name, request)
+                self._unfit.add(name)
+        return OpenEncoder(SOFTWARE[request.codec], request)
+
+
+def check_hardware(encoder: OpenEncoder, frame: Any, request: EncodeRequest) -> None:
+    """Raise what speaks against an encoder: each frame must come out at once, and a key frame by request."""
+    for requests_key in (True, False, True):
+        data, is_key = encoder.encode(frame, replace(request, requests_key=requests_key))
+        if is_key != requests_key or (is_key and SPS not in nal_types(data)):
+            raise FrameRefusedError(f"{encoder.name} makes key frames of its own kind")
+
+
+def nal_types(data: bytes) -> set[int]:
+    """Return the types of the NAL units of an access unit in Annex B."""
+    return {part[0] & 31 for part in data.split(b"\x00\x00\x01")[1:] if part}
+
+
+def serve(requests: BinaryIO, answers: BinaryIO) -> None:
+    """Answer each request in turn, until there are no more."""
+    transcoder = FrameTranscoder()
+    # Nothing: it has started.
+    answers.write(LENGTH.pack(0))
+    answers.flush()
+    while head := requests.read(LENGTH.size):
+        (length,) = LENGTH.unpack(head)
+        if length > MAX_REQUEST_BYTES:
+            return
+        try:
+            answer = transcoder.encode(EncodeRequest.unpacked(requests.read(length))).packed()
+        except FrameRefusedError as refused:
+            answer = refusal(str(refused))
+        answers.write(answer)
+        answers.flush()
+
+
+def step_back() -> None:
+    """Leave processor and memory to the robot, and end with the agent."""
+    os.nice(NICENESS)
+    resource.setrlimit(resource.RLIMIT_DATA, (MAX_DATA_BYTES, MAX_DATA_BYTES))
+    with suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000")
+    # Its standard input, which also ends with the agent, is not read while it encodes.
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+
+
+def main() -> int:
+    """Run the process."""
+    # Ctrl-C at a terminal is for the agent, which ends this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    step_back()
+    av.logging.set_level(av.logging.PANIC)
+    # What a library prints must not be an answer.
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    with suppress(BrokenPipeError):
+        serve(sys.stdin.buffer, answers)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,264 @@
+"""The encoder's process with PyAV, and what its client says when there is none."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import resource
+import signal
+import struct
+import sys
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import suppress
+from dataclasses import replace
+from importlib import util
+from pathlib import Path
+
+import pytest
+from fake_cameras import fake_jpeg
+from fake_cloud import eventually
+from openssh_server import descendants
+from robotether_agent.video import encoder as encoder_module
+from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
+from robotether_agent.video.encoder_messages import (
+    EncodeRequest,
+    EncoderError,
+    FrameRefusedError,
+)
+from robotether_agent.video.encoding import bits_per_s
+from robotether_common.codecs import H264, VP8
+from video_clips import Decoder, clip, jpeg_of, pixels_of, psnr
+
+SIZE = (320, 240)
+RATE = bits_per_s(50, SIZE, 15)
+NOTHING = EncodeRequest(b"", H264, *SIZE, bits_per_s=RATE, fps=15, allows_hardware=False)
+
+Start = Callable[..., Awaitable[VideoEncoder]]
+
+
+@pytest.fixture
+async def start() -> AsyncIterator[Start]:
+    """Starts encoders of a command, and ends them."""
+    tasks = []
+
+    async def started(command=COMMAND) -> VideoEncoder:
+        encoder = VideoEncoder(lambda: None, command)
+        tasks.append(asyncio.ensure_future(encoder.run()))
+        await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
+        return encoder
+
+    yield started
+    for task in tasks:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Callable[[str], tuple[str, ...]]:
+    """Writes a process of one's own in the encoder's place."""
+
+    def command(code: str) -> tuple[str, ...]:
+        lines = (
+            "import os, sys, time",
+            "os.write(1, bytes(4))",
+            "length = int.from_bytes(sys.stdin.buffer.read(4), 'big')",
+            code,
+        )
+        file = tmp_path / "encoder.py"
+        file.write_text("\n".join(lines))
+        return (sys.executable, str(file))
+
+    return command
+
+
+@pytest.mark.parametrize(("codec", "worst_allowed"), [(H264, -1.5), (VP8, -3.0)])
+async def test_a_stream_decodes_frame_by_frame_and_is_about_as_good_as_jpeg(
+    start, codec, worst_allowed
+):
+    """Less than half of a JPEG's bytes, one key frame, and no frame that waits for the next."""
+    encoder, decoder = await start(), Decoder(codec.name)
+    total, jpegs, keys, worst = 0, 0, 0, 99.0
+    for number, picture in enumerate(clip(30, step=2)):
+        request = replace(NOTHING, jpeg=jpeg_of(picture), codec=codec)
+        frame = await encoder.encode(request)
+        shown = decoder.decode(frame.data)
+        keys += frame.is_key
+        if number >= 5:
+            as_jpeg = jpeg_of(picture, 50)
+            total, jpegs = total + len(frame.data), jpegs + len(as_jpeg)
+            worst = min(worst, psnr(picture, shown) - psnr(picture, pixels_of(as_jpeg)))
+    assert keys == 1
+    assert total < 0.45 * jpegs
+    assert worst > worst_allowed
+    assert frame.encoder == {"h264": "libx264", "vp8": "libvpx"}[codec.name]
+    assert 0 < frame.took_s < 3
+
+
+async def test_colours_are_those_of_the_camera(start):
+    """JPEG has the full range and video the limited one: white stays white, black black, and red red."""
+    encoder, decoder = await start(), Decoder()
+    for colour in ((255, 255, 255), (0, 0, 0), (200, 30, 30)):
+        picture = next(clip(1, step=0)) * 0 + colour
+        jpeg = jpeg_of(picture.astype("uint8"))
+        shown = decoder.decode((await encoder.encode(replace(NOTHING, jpeg=jpeg))).data)
+        assert abs(shown.astype(int) - picture).max() <= 8
+
+
+async def test_a_frame_has_the_bits_of_its_request_and_another_size_begins_a_stream(start):
+    """A step down and back needs no key frame, two steps need one; no frame has more than twice its bits."""
+    encoder, decoder = await start(), Decoder()
+    jpegs = [jpeg_of(picture) for picture in clip(25, step=9, noise=8)]
+    means = []
+    for part, size, begins in (
+        (1.0, SIZE, True),
+        (0.68, SIZE, False),
+        (1.0, SIZE, False),
+        (0.4, SIZE, True),
+        (0.4, (160, 120), True),
+    ):
+        request = replace(NOTHING, width=size[0], height=size[1], bits_per_s=part * RATE)
+        frames = [await encoder.encode(replace(request, jpeg=jpeg)) for jpeg in jpegs]
+        assert [frame.is_key for frame in frames] == [begins] + 24 * [False]
+        opened = 1.0 if part == 0.68 else part
+        assert max(len(frame.data) for frame in frames) < 2.1 * opened * RATE / 15 / 8
+        assert {decoder.decode(frame.data).shape[1::-1] for frame in frames} == {size}
+        means.append(sum(len(frame.data) for frame in frames[5:]) / 20)
+    assert 0.55 < means[1] / means[0] < 0.9
+    assert 0.3 < means[3] / means[0] < 0.5
+
+
+async def test_a_key_frame_by_request_begins_a_stream(start):
+    """It has its parameter sets, and can be decoded without what was before."""
+    encoder = await start()
+    jpegs = [jpeg_of(picture) for picture in clip(4, step=2)]
+    frames = [
+        await encoder.encode(replace(NOTHING, jpeg=jpeg, requests_key=number == 2))
+        for number, jpeg in enumerate(jpegs)
+    ]
+    assert [frame.is_key for frame in frames] == [True, False, True, False]
+    late = Decoder()
+    for frame in frames[2:]:
+        late.decode(frame.data)
+
+
+def lying_twice(jpeg: bytes) -> bytes:
+    """A JPEG with another frame header after its own."""
+    header = b"\xff\xc0" + struct.pack("!HBHHB", 17, 8, 60000, 60000, 3)
+    components = bytes((1, 0x11, 0, 2, 0x11, 0, 3, 0x11, 0))
+    at = jpeg.index(b"\xff\xc4")
+    return jpeg[:at] + header + components + jpeg[at:]
+
+
+@pytest.mark.parametrize(
+    ("jpeg", "reason"),
+    [
+        (b"\xff\xd8 and no more", "no JPEG"),
+        (fake_jpeg(1), "cannot be decoded"),
+        (fake_jpeg(1, size=(60000, 60000)), "60000x60000"),
+        (lying_twice(jpeg_of(next(clip(1, step=0)))), "cannot be decoded"),
+    ],
+    ids=["no_header", "no_data", "lying_header", "second_header"],
+)
+async def test_a_frame_that_cannot_be_decoded_is_refused_and_harms_no_other(start, jpeg, reason):
+    encoder, decoder = await start(), Decoder()
+    good = [jpeg_of(picture) for picture in clip(3, step=2)]
+    decoder.decode((await encoder.encode(replace(NOTHING, jpeg=good[0]))).data)
+    with pytest.raises(FrameRefusedError, match=reason):
+        await encoder.encode(replace(NOTHING, jpeg=jpeg))
+    for each in good[1:]:
+        frame = await encoder.encode(replace(NOTHING, jpeg=each))
+        assert not frame.is_key
+        decoder.decode(frame.data)
+
+
+async def test_frames_refused_in_a_row_end_the_encoder(start):
+    encoder = await start()
+    for _ in range(3):
+        with pytest.raises(FrameRefusedError):
+            await encoder.encode(replace(NOTHING, jpeg=b"\xff\xd8"))
+    assert "no JPEG" in encoder.down_reason
+
+
+def of_process(pid: int, name: str) -> str:
+    return Path(f"/proc/{pid}/{name}").read_text().strip()
+
+
+async def test_the_process_steps_back_behind_the_robots_own(start):
+    """Its priority is the least, it is the first that ends for want of memory, and it has a limit."""
+    await start()
+    (pid,) = descendants(os.getpid())
+    assert os.getpriority(os.PRIO_PROCESS, pid) >= 10
+    assert of_process(pid, "oom_score_adj") == "1000"
+    assert resource.prlimit(pid, resource.RLIMIT_DATA) == (192 * 2**20, 192 * 2**20)
+
+
+async def test_a_killed_process_is_an_error_and_starts_again(start, monkeypatch):
+    monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
+    encoder = await start()
+    jpeg = jpeg_of(next(clip(1, step=0)))
+    (pid,) = descendants(os.getpid())
+    os.kill(pid, signal.SIGKILL)
+    with pytest.raises(EncoderError, match="the encoder ended: SIGKILL"):
+        await encoder.encode(replace(NOTHING, jpeg=jpeg))
+    await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
+    assert (await encoder.encode(replace(NOTHING, jpeg=jpeg))).is_key
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        ("time.sleep(60)", "made no frame within 0.5 s"),
+        ("sys.exit(3)", "the encoder ended: exit code 3"),
+        ("os.write(1, b'\\xff' * 8); time.sleep(60)", "makes no sense"),
+        ("os.write(1, bytes((0, 0, 0, 1, 9))); time.sleep(60)", "makes no sense"),
+    ],
+    ids=["hangs", "ends", "endless", "garbled"],
+)
+async def test_a_broken_process_is_an_error_with_its_reason(
+    start, program, monkeypatch, code, reason
+):
+    monkeypatch.setattr(encoder_module, "ANSWER_S", 0.5)
+    encoder = await start(program(code))
+    with pytest.raises(EncoderError, match=reason):
+        await encoder.encode(replace(NOTHING, jpeg=b"x"))
+    assert reason.removeprefix("made ") in encoder.down_reason
+    with pytest.raises(EncoderError, match=reason):
+        await encoder.encode(NOTHING)
+
+
+async def test_pauses_between_failed_starts_grow(program, monkeypatch):
+    """Else a broken installation would take the processor for itself."""
+    pauses: list[float] = []
+    real_sleep = asyncio.sleep
+
+    async def sleep(delay: float) -> None:
+        pauses.append(delay)
+        await real_sleep(0)
+
+    monkeypatch.setattr(encoder_module.asyncio, "sleep", sleep)
+    encoder = VideoEncoder(lambda: None, (sys.executable, "-c", "raise SystemExit(1)"))
+    task = asyncio.ensure_future(encoder.run())
+    while len([pause for pause in pauses if pause >= 2]) < 3:
+        await real_sleep(0.01)
+    assert encoder.down_reason == "the encoder ended: exit code 1"
+    task.cancel()
+    with suppress(asyncio.CancelledError):
+        await task
+    assert [pause for pause in pauses if pause >= 2][:3] == [2, 4, 8]
+
+
+@pytest.mark.parametrize(
+    ("setting", "has_av", "cores", "reason"),
+    [
+        ("auto", True, 2, ""),
+        ("off", True, 2, "the setting video_encoder is off"),
+        ("auto", False, 2, "PyAV is not installed: install robotether-agent[video]"),
+        ("auto", True, 1, "this robot has one processor core"),
+    ],
+)
+def test_availability_names_what_is_missing(monkeypatch, setting, has_av, cores, reason):
+    spec = util.find_spec("av") if has_av else None
+    monkeypatch.setattr(encoder_module, "find_spec", lambda _: spec)
+    monkeypatch.setattr(os, "cpu_count", lambda: cores)
+    assert availability(setting) == reason

@@ -1,0 +1,113 @@
+"""Bits, sizes, presets and key frames of encoded video."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.video.encoding import (
+    KeyFrameLimiter,
+    PresetSteps,
+    bits_per_s,
+    encoded_size,
+)
+
+VGA = (640, 480)
+INTERVAL_S = 1 / 15
+
+
+def test_bits_follow_quality_and_size():
+    rates = [bits_per_s(quality, VGA, 15) for quality in (20, 50, 80)]
+    assert rates == [pytest.approx(rate, rel=0.01) for rate in (291_000, 922_000, 2_914_000)]
+    assert bits_per_s(50, (320, 240), 15) == pytest.approx(rates[1] / 4**0.75, rel=0.01)
+    assert bits_per_s(1, (16, 16), 0.1) == 20_000
+
+
+def test_twice_the_rate_is_less_than_twice_the_bits():
+    """Frames that follow each other sooner differ less; below 5 a second that no longer counts."""
+    assert 1.6 < bits_per_s(50, VGA, 30) / bits_per_s(50, VGA, 15) < 1.8
+    assert bits_per_s(50, VGA, 2) == pytest.approx(2 * bits_per_s(50, VGA, 1), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("own", "requested", "scale", "size"),
+    [
+        ((640, 480), None, 1.0, (640, 480)),
+        ((641, 361), None, 1.0, (640, 360)),
+        ((1280, 720), (640, 480), 1.0, (640, 360)),
+        ((640, 480), (1280, 960), 0.5, (320, 240)),
+        ((1280, 720), (640, 360), 0.35, (224, 126)),
+        ((30, 2000), None, 0.35, (16, 700)),
+    ],
+)
+def test_a_size_keeps_the_cameras_shape_and_never_grows(own, requested, scale, size):
+    assert encoded_size(own, requested, scale) == size
+
+
+class Clock:
+    """A camera of 15 frames a second, whose encoder takes a part of each interval."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+        self.steps = PresetSteps(0.0)
+
+    def run(self, seconds: float, share: float) -> bool:
+        keeps = True
+        for _ in range(round(15 * seconds)):
+            self.now_s += INTERVAL_S
+            keeps = self.steps.on_encoded(self.now_s, share * INTERVAL_S, INTERVAL_S) and keeps
+        return keeps
+
+
+def test_a_busy_processor_brings_the_next_faster_preset():
+    clock = Clock()
+    assert clock.run(10, 0.25)
+    assert clock.steps.preset == "veryfast"
+    clock.run(1, 0.5)
+    assert clock.steps.preset == "superfast"
+    clock.run(1, 0.5)
+    assert clock.steps.preset == "ultrafast"
+
+
+def test_one_slow_frame_changes_nothing():
+    clock = Clock()
+    clock.run(2, 0.1)
+    clock.run(1 / 15, 20)
+    clock.run(2, 0.1)
+    assert clock.steps.preset == "veryfast"
+
+
+def test_a_slower_preset_returns_seldom_and_later_where_it_was_wrong():
+    """Each change is a key frame: half a minute of room first, a minute where that led back at once."""
+    clock = Clock()
+    clock.run(1.5, 0.5)
+    clock.run(25, 0.05)
+    assert clock.steps.preset == "superfast"
+    clock.run(10, 0.05)
+    assert clock.steps.preset == "veryfast"
+    clock.run(1, 0.5)
+    clock.run(50, 0.05)
+    assert clock.steps.preset == "superfast"
+    clock.run(15, 0.05)
+    assert clock.steps.preset == "veryfast"
+
+
+def test_the_fastest_preset_is_given_up_after_seconds_of_overload():
+    clock = Clock()
+    clock.run(3, 0.5)
+    assert clock.steps.preset == "ultrafast"
+    assert clock.run(10, 0.5)
+    assert clock.run(2, 0.9)
+    assert clock.run(1, 0.3)
+    assert not clock.run(6, 0.9)
+
+
+def test_key_frames_by_request_keep_their_interval():
+    limiter = KeyFrameLimiter()
+    assert not limiter.is_due(0.0)
+    limiter.request()
+    assert limiter.is_due(0.0)
+    limiter.on_key_frame(0.0)
+    assert not limiter.is_due(1.0)
+    limiter.on_key_frame(1.0)
+    limiter.request()
+    assert not limiter.is_due(1.4)
+    assert limiter.is_due(1.5)
