@@ -126,6 +126,7 @@ async def serve_video(
     frames = FramesService(
         source_settings,
         graph,
+        video_encoder=settings.video_encoder,
         has_video=has_video,
         routes={TOPICS_PATH: topics.answer, LINE_PATH: answer_line_rate},
         on_frame_sent=on_frame_sent,

@@ -27,6 +27,7 @@ from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.tasks import within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
+from robotether_agent.video.frame_encoder import EncoderPool
 from robotether_agent.video.receiver import OnFrameSent, Receiver
 from robotether_agent.video.shared_sources import MAX_SHARED_SOURCES, SharedSources
 from robotether_agent.video.sources import (
@@ -59,6 +60,7 @@ class FramesService:
         source_settings: SourceSettings,
         graph: RosGraph,
         *,
+        video_encoder: str = "off",
         has_video: Callable[[], bool] = lambda: True,
         routes: Mapping[str, Handler] | None = None,
         on_frame_sent: OnFrameSent = lambda *_: None,
@@ -68,6 +70,7 @@ class FramesService:
         self._graph = graph
         self._has_video = has_video
         self._on_frame_sent = on_frame_sent
+        self._encoders = EncoderPool(video_encoder)
         self._topics: Counter[str] = Counter()
 
     async def start(self) -> int:
@@ -123,6 +126,7 @@ class FramesService:
             topic,
             self._shared_sources,
             steps_quality=steps_quality,
+            encoders=self._encoders,
             on_frame_sent=self._on_frame_sent,
         )
         try:

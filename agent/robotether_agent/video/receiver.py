@@ -1,8 +1,7 @@
 """One receiver of a camera's frames: its messages (docs/reference/media.md), its credit, and the newest frame for it.
 
 Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
-nothing for IDLE_S has no source open. Holds one frame and a few texts. A broken text names its field; an unknown `op`
-is nothing, so that the other side may be newer.
+nothing for IDLE_S has no source open. Holds one frame, another one while it is encoded, and a few texts.
 """
 
 from __future__ import annotations
@@ -16,31 +15,22 @@ from typing import Any
 
 from aiohttp import WSMsgType, web
 from robotether_common.codecs import JPEG, Codec
-from robotether_common.frames import (
-    FPS,
-    HEADER,
-    LATENCIES_MS,
-    MAX_CREDITS,
-    QUALITIES,
-    SEQUENCES,
-    SIDES,
-    STAMPED,
-    StreamRequest,
-    VideoStatus,
-)
+from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_agent.clock import robot_time
-from robotether_agent.fields import (
-    FieldError,
-    JsonObject,
-    get_int,
-    get_number,
-    get_text,
-    parse_object,
-)
 from robotether_agent.tasks import first_of
+from robotether_agent.video.encoder_messages import EncoderError
+from robotether_agent.video.encoding import MIN_SIDE
+from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder, requested_size
+from robotether_agent.video.frame_messages import (
+    ClockSync,
+    Credit,
+    Header,
+    KeyFrameRequest,
+    parse,
+)
 from robotether_agent.video.jpeg import jpeg_size
-from robotether_agent.video.quality import Steps, ladder
+from robotether_agent.video.quality import Level, Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 
@@ -53,14 +43,11 @@ STATUS_EVERY_S = 1.0
 MAX_TEXTS = 8
 # Maximum number of unconfirmed frames; a receiver that keeps the rules never has as many.
 MAX_IN_FLIGHT = 8
-MIN_SIZE = 16
+# Default quality of JPEGs that are encoded again, whatever the level: a step opens no other source.
+SOURCE_QUALITY = 90
 # Time over which frames are counted for a rate.
 COUNTED_S = 2.0
 
-# Maximum clock of a browser in ms, so that a sum never loses its fractions.
-MAX_CLOCK_MS = 1e13
-
-Getter = Callable[[JsonObject, str, Any, Any], Any]
 JsonFields = dict[str, object]
 # Is notified of the camera, number and timestamp in seconds of each frame that leaves the robot.
 OnFrameSent = Callable[[str, int, float], None]
@@ -103,13 +90,38 @@ class FrameRateCounter:
         return len(self._times) / COUNTED_S
 
 
+# What a frame shows of the line: its source's request, and the level at which it was encoded.
+Basis = tuple[SourceRequest, "Level | None"]
+
+
 @dataclass(frozen=True)
 class SentFrame:
-    """A frame that is under way."""
+    """A frame that is under way; without a basis it shows nothing of the line."""
 
     sequence: int
     arrived_s: float
+    basis: Basis | None
+
+
+@dataclass(frozen=True)
+class NewFrame:
+    """A camera's frame that nobody has sent yet."""
+
+    sequence: int
+    frame: CameraFrame
     source_request: SourceRequest
+
+
+@dataclass(frozen=True)
+class OutgoingFrame:
+    """A frame as it goes out."""
+
+    new: NewFrame
+    data: bytes
+    codec: Codec
+    quality: int
+    basis: Basis | None
+    is_key: bool = False
 
 
 class Receiver:
@@ -122,6 +134,7 @@ class Receiver:
         shared_sources: SharedSources,
         *,
         steps_quality: bool,
+        encoders: EncoderPool | None = None,
         on_frame_sent: OnFrameSent = lambda *_: None,
         clock: Callable[[], float] = robot_time,
     ) -> None:
@@ -133,6 +146,7 @@ class Receiver:
         self._can_scale = True
         self._own_size: tuple[int, int] | None = None
         self._source_switch = SourceSwitch(shared_sources, self._on_frame, clock)
+        self._encoder = FrameEncoder(encoders or EncoderPool(), self._on_encoder, clock)
         self._stream_request: StreamRequest | None = None
         self._steps: Steps | None = None
         self._limiter = FrameRateLimiter(StreamRequest.fps)
@@ -140,7 +154,12 @@ class Receiver:
         self._credit_s = clock()
         # No receiver of this camera uses the numbers of another one, which takes fewer than 1000 frames a second.
         self._sequence = int(clock() * 1000) % SEQUENCES
-        self._newest: tuple[int, CameraFrame, SourceRequest] | None = None
+        self._newest: NewFrame | None = None
+        # At most one frame is being encoded or waits encoded, and the next one waits for it.
+        self._to_encode: NewFrame | None = None
+        self._has_to_encode = asyncio.Event()
+        self._encoded: OutgoingFrame | None = None
+        self._codec: Codec | None = None
         self._in_flight: deque[SentFrame] = deque(maxlen=MAX_IN_FLIGHT)
         self._texts: deque[JsonFields] = deque(maxlen=MAX_TEXTS)
         self._status: VideoStatus | None = None
@@ -151,7 +170,13 @@ class Receiver:
     async def run(self) -> None:
         """Serve until the receiver leaves; FieldError for a text that breaks the protocol."""
         try:
-            await first_of(self._listen(), self._send(), self._keep_checking())
+            await first_of(
+                self._listen(),
+                self._send(),
+                self._keep_checking(),
+                self._encode(),
+                self._encoder.run(),
+            )
         finally:
             self._source_switch.leave()
 
@@ -169,6 +194,8 @@ class Receiver:
             )
         elif isinstance(request, Credit):
             self._on_credit(request)
+        elif isinstance(request, KeyFrameRequest):
+            self._encoder.request_key_frame()
         elif isinstance(request, StreamRequest):
             self._on_request(request)
 
@@ -177,9 +204,21 @@ class Receiver:
             self._limiter = FrameRateLimiter(stream_request.fps)
         self._stream_request = stream_request
         self._credit_s = self._clock()
+        self._encoder.use(stream_request)
         self._use_levels(stream_request)
         self._follow()
         self._check()
+
+    def _on_encoder(self) -> None:
+        """Request of the source what is encoded from now on, or what is sent as it comes."""
+        if self._stream_request is not None:
+            self._use_levels(self._stream_request)
+            self._follow()
+        self._wake.set()
+
+    @property
+    def _is_encoding(self) -> bool:
+        return self._encoder.codec is not JPEG
 
     def _use_levels(self, stream_request: StreamRequest) -> None:
         """Make quality and size steps of what is wanted, and of what is known of the camera."""
@@ -187,7 +226,7 @@ class Receiver:
         levels = ladder(
             stream_request.quality_min,
             stream_request.quality_max,
-            scales=self._can_scale and has_size,
+            scales=self._is_encoding or (self._can_scale and has_size),
         )
         now_s, latency_s = self._clock(), stream_request.latency_ms / 1000
         if self._steps is None:
@@ -213,7 +252,8 @@ class Receiver:
             sent = self._in_flight.popleft()
         if (
             self._steps is None
-            or sent.source_request != self._source_switch.source_request
+            or sent.basis is None
+            or sent.basis != self._basis()
             or not self._can_step()
         ):
             return
@@ -221,8 +261,18 @@ class Receiver:
             self._follow()
 
     def _can_step(self) -> bool:
-        """Whether the source gives the quality that it is asked for."""
-        return self._steps_quality and self._source_switch.condition().source == "web_video_server"
+        """Whether frames have the quality that is in force."""
+        return self._is_encoding or (
+            self._steps_quality and self._source_switch.condition().source == "web_video_server"
+        )
+
+    def _basis(self) -> Basis | None:
+        """Return what a frame that is sent now shows of the line."""
+        source_request = self._source_switch.source_request
+        if source_request is None:
+            return None
+        level = self._steps.level if self._is_encoding and self._steps is not None else None
+        return source_request, level
 
     def _follow(self) -> None:
         if self._stream_request is not None and self._steps is not None:
@@ -231,14 +281,12 @@ class Receiver:
     def _source_request(self, stream_request: StreamRequest, steps: Steps) -> SourceRequest:
         if not self._steps_quality:
             return SourceRequest(self._topic, 0, None, None, stream_request.fps)
-        level = steps.level
+        level = Level(SOURCE_QUALITY) if self._is_encoding else steps.level
         width, height = stream_request.width, stream_request.height
         if level.scale < 1:
-            whole = self._own_size
-            if stream_request.width is not None and stream_request.height is not None:
-                whole = stream_request.width, stream_request.height
+            whole = requested_size(stream_request) or self._own_size
             if whole is not None:
-                width, height = (max(MIN_SIZE, int(side * level.scale) // 2 * 2) for side in whole)
+                width, height = (max(MIN_SIDE, int(side * level.scale) // 2 * 2) for side in whole)
         return SourceRequest(self._topic, level.quality, width, height, stream_request.fps)
 
     def _on_frame(self, frame: CameraFrame, source_request: SourceRequest) -> None:
@@ -249,7 +297,7 @@ class Receiver:
         if not self._limiter.allows(now_s):
             return
         self._offered.note(now_s)
-        self._newest = self._sequence, frame, source_request
+        self._newest = NewFrame(self._sequence, frame, source_request)
         self._wake.set()
 
     def _learn_size(self, frame: CameraFrame) -> None:
@@ -263,22 +311,69 @@ class Receiver:
             self._wake.clear()
             while self._texts:
                 await self._socket.send_str(json.dumps(self._texts.popleft()))
-            if self._credit and self._newest is not None:
-                await self._send_frame(*self._newest)
+            if self._encoded is not None:
+                outgoing, self._encoded = self._encoded, None
+                await self._send_frame(outgoing)
                 self._wake.set()
+            elif self._credit and self._newest is not None and self._to_encode is None:
+                new, self._newest = self._newest, None
+                self._credit -= 1
+                if self._is_encoding and new.frame.codec is JPEG:
+                    self._to_encode = new
+                    self._has_to_encode.set()
+                else:
+                    await self._send_frame(self._unencoded(new))
+                    self._wake.set()
 
-    async def _send_frame(
-        self, sequence: int, frame: CameraFrame, source_request: SourceRequest
-    ) -> None:
-        self._newest = None
-        self._credit -= 1
-        self._in_flight.append(SentFrame(sequence, frame.arrived_s, source_request))
+    async def _encode(self) -> None:
+        """Encode beside `_send`, which answers clock syncs meanwhile."""
+        while True:
+            await self._has_to_encode.wait()
+            self._has_to_encode.clear()
+            if self._to_encode is not None:
+                self._encoded = await self._as_encoded(self._to_encode)
+            self._to_encode = None
+            self._wake.set()
+
+    async def _as_encoded(self, new: NewFrame) -> OutgoingFrame | None:
+        """Return a frame encoded, or as it came if that fails; nothing if there is a newer one to send in its place."""
+        if self._stream_request is None or self._steps is None:
+            return None
+        level, codec, basis = self._steps.level, self._encoder.codec, self._basis()
+        rate = self._offered.rate(self._clock())
+        try:
+            encoded = await self._encoder.encode(new.frame.data, level, self._stream_request, rate)
+        except EncoderError:
+            # What follows must not depend on a frame that is none.
+            self._encoder.request_key_frame()
+            if self._newest is not None:
+                self._credit += 1
+                return None
+            return self._unencoded(new)
+        return OutgoingFrame(new, encoded.data, codec, level.quality, basis, encoded.is_key)
+
+    def _unencoded(self, new: NewFrame) -> OutgoingFrame:
+        can_step = self._can_step() and not self._is_encoding
+        quality = new.source_request.quality if can_step else 0
+        basis = None if self._is_encoding else (new.source_request, None)
+        return OutgoingFrame(new, new.frame.data, new.frame.codec, quality, basis)
+
+    async def _send_frame(self, outgoing: OutgoingFrame) -> None:
+        sequence, frame = outgoing.new.sequence, outgoing.new.frame
+        self._in_flight.append(SentFrame(sequence, frame.arrived_s, outgoing.basis))
         self._sent.note(self._clock())
-        quality = source_request.quality if self._can_step() else 0
+        self._codec = outgoing.codec
         # Before it can be seen.
         self._on_frame_sent(self._topic, sequence, frame.timestamp_s)
-        header = Header(sequence, frame.timestamp_s * 1000, quality, frame.is_stamped, frame.codec)
-        await self._socket.send_bytes(header.packed() + frame.data)
+        header = Header(
+            sequence,
+            frame.timestamp_s * 1000,
+            outgoing.quality,
+            frame.is_stamped,
+            outgoing.codec,
+            outgoing.is_key,
+        )
+        await self._socket.send_bytes(header.packed() + outgoing.data)
 
     def _queue_text(self, text: JsonFields) -> None:
         self._texts.append(text)
@@ -316,98 +411,30 @@ class Receiver:
             self._follow()
 
     def _send_status(self, now_s: float) -> None:
-        source_request = self._source_switch.source_request if self._can_step() else None
         status = replace(
             self._source_switch.condition(),
-            quality=0 if source_request is None else source_request.quality,
-            width=None if source_request is None else source_request.width,
-            height=None if source_request is None else source_request.height,
             fps=round(self._sent.rate(now_s), 1),
+            codec=None if self._codec is None else self._codec.name,
+            no_encoder=self._encoder.down_reason,
+            **(self._encoded_status() if self._is_encoding else self._source_status()),
         )
         if status != self._status:
             self._status, self._status_s = status, now_s
             self._queue_text({"op": "status", **asdict(status)})
 
+    def _source_status(self) -> dict[str, Any]:
+        source_request = self._source_switch.source_request if self._can_step() else None
+        return {
+            "quality": 0 if source_request is None else source_request.quality,
+            "width": None if source_request is None else source_request.width,
+            "height": None if source_request is None else source_request.height,
+        }
 
-@dataclass(frozen=True)
-class Header:
-    """What a frame's header says; `timestamp_ms` is on the sender's clock, `quality` 0 is unknown."""
-
-    sequence: int
-    timestamp_ms: float
-    quality: int = 0
-    is_stamped: bool = False
-    codec: Codec = JPEG
-
-    def packed(self) -> bytes:
-        """Return the header as it is on the wire."""
-        flags = STAMPED if self.is_stamped else 0
-        return HEADER.pack(
-            self.codec.number, flags, self.quality, self.sequence % SEQUENCES, self.timestamp_ms
-        )
-
-
-@dataclass(frozen=True)
-class Credit:
-    """A grant of `frames` more frames; `taken` is the number of the newest that has arrived."""
-
-    frames: int
-    taken: int | None
-
-
-@dataclass(frozen=True)
-class ClockSync:
-    """Asks for the clock; `t_ms` goes back as it came."""
-
-    t_ms: float
-
-
-Request = StreamRequest | Credit | ClockSync
-
-
-def parse(text: bytes | str) -> Request | None:
-    """Return what a text asks, or nothing for an unknown `op`; FieldError for a broken one."""
-    message = parse_object(text, "the text")
-    reader = READERS.get(get_text(message, "op", limit=50))
-    return None if reader is None else reader(message)
-
-
-def _stream_request(message: JsonObject) -> StreamRequest:
-    request = StreamRequest(
-        quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=QUALITIES),
-        quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=QUALITIES),
-        fps=_or(message, "fps", StreamRequest.fps, get_number, of=FPS),
-        latency_ms=_or(
-            message, "latency_ms", StreamRequest.latency_ms, get_number, of=LATENCIES_MS
-        ),
-        width=_or(message, "width", None, get_int, of=SIDES),
-        height=_or(message, "height", None, get_int, of=SIDES),
-    )
-    if request.quality_min > request.quality_max:
-        raise FieldError("field quality_min must not be over quality_max")
-    if (request.width is None) != (request.height is None):
-        raise FieldError("fields width and height must be both there, or none")
-    return request
-
-
-def _credit(message: JsonObject) -> Credit:
-    frames = _or(message, "frames", 1, get_int, of=(0, 2**31))
-    return Credit(
-        min(frames, MAX_CREDITS), _or(message, "taken", None, get_int, of=(0, SEQUENCES - 1))
-    )
-
-
-def _clock_sync(message: JsonObject) -> ClockSync:
-    return ClockSync(get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS))
-
-
-def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[Any, Any]) -> Any:
-    """Return the field, within the bounds `of`, or its default where it is missing or null."""
-    return default if message.get(name) is None else get(message, name, *of)
-
-
-READERS: dict[str, Callable[[JsonObject], Request]] = {
-    "stream_request": _stream_request,
-    "credit": _credit,
-    "clock_sync": _clock_sync,
-}
+    def _encoded_status(self) -> dict[str, Any]:
+        width, height = self._encoder.size or (None, None)
+        return {
+            "quality": 0 if self._steps is None else self._steps.level.quality,
+            "width": width,
+            "height": height,
+            "encoder": self._encoder.name,
+        }

@@ -60,4 +60,4 @@ class Decoder:
         """Return the frame of one access unit, which a decoder gives at once; an error for one that it cannot."""
         (frame,) = self._context.decode(av.Packet(data))
         assert not frame.is_corrupt
-        return frame.to_ndarray(format="rgb24")  # type: ignore[no-any-return]
+        return frame.to_ndarray(format="rgb24")

@@ -18,8 +18,8 @@ from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import frames_service as service_module
 from robotether_agent.video import receiver as receiver_module
+from robotether_agent.video.frame_messages import Header
 from robotether_agent.video.frames_service import FramesService
-from robotether_agent.video.receiver import Header
 from robotether_agent.video.sources import SourceSettings
 from timed_websocket import timed_session
 

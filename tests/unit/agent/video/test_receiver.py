@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import json
-from collections import deque
 from collections.abc import AsyncIterator
 from random import Random
 
 import pytest
-from aiohttp import WSMsgType
-from fake_cameras import fake_jpeg, number_of
 from fake_cloud import eventually
-from frame_header import SIZE, unpacked
+from frame_header import unpacked
+from receiver_world import FIRST, World
 from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
-from robotether_agent.video.receiver import (
-    ClockSync,
-    Credit,
-    FrameRateCounter,
-    FrameRateLimiter,
-    Receiver,
-    parse,
-)
-from robotether_agent.video.shared_sources import SharedSources
-from robotether_agent.video.sources import CameraFrame, SourceRequest
+from robotether_agent.video.frame_messages import ClockSync, Credit, KeyFrameRequest, parse
+from robotether_agent.video.receiver import FrameRateCounter, FrameRateLimiter
+from robotether_agent.video.sources import SourceRequest
 from robotether_common.frames import StreamRequest
 
 
@@ -64,94 +54,6 @@ def test_the_meter_forgets():
         counter.note(n / 10)
     assert counter.rate(2.9) == pytest.approx(10, abs=0.5)
     assert counter.rate(10) == 0
-
-
-class FakeMessage:
-    def __init__(self, data: str) -> None:
-        self.type = WSMsgType.TEXT
-        self.data = data
-
-
-class FakeSocket:
-    """What a receiver reads from and writes to; `stuck` is a link that takes nothing."""
-
-    def __init__(self) -> None:
-        self.texts: list[dict] = []
-        self.pictures: list[bytes] = []
-        self.stuck = False
-        self._asked: deque[str] = deque()
-        self._more = asyncio.Event()
-
-    def ask(self, op: str, **fields: object) -> None:
-        self._asked.append(json.dumps({"op": op, **fields}))
-        self._more.set()
-
-    def __aiter__(self):
-        return self
-
-    async def __anext__(self) -> FakeMessage:
-        while not self._asked:
-            self._more.clear()
-            await self._more.wait()
-        return FakeMessage(self._asked.popleft())
-
-    async def send_str(self, text: str) -> None:
-        self.texts.append(json.loads(text))
-
-    async def send_bytes(self, data: bytes) -> None:
-        self.pictures.append(data)
-        if self.stuck:
-            await asyncio.Event().wait()
-
-
-# The numbers of a receiver begin at its clock in ms.
-FIRST = 100_000
-
-
-class World:
-    """A receiver, its socket, its source, and the clock of all."""
-
-    def __init__(self, *, steps_quality: bool = True) -> None:
-        self.now_s = FIRST / 1000
-        self.sent: list[tuple[str, int, float]] = []
-        self.socket = FakeSocket()
-        self.open: dict[SourceRequest, object] = {}
-        self.shared_sources = SharedSources(self._run, lambda: self.now_s)
-        self.receiver = Receiver(
-            self.socket,
-            "/camera",
-            self.shared_sources,
-            steps_quality=steps_quality,
-            on_frame_sent=lambda *frame: self.sent.append(frame),
-            clock=lambda: self.now_s,
-        )
-        self.task = asyncio.ensure_future(self.receiver.run())
-
-    async def _run(self, source_request, take, tell) -> None:
-        tell("web_video_server")
-        self.open[source_request] = take
-        try:
-            await asyncio.Event().wait()
-        finally:
-            del self.open[source_request]
-
-    async def end(self) -> None:
-        self.task.cancel()
-        await asyncio.gather(self.task, return_exceptions=True)
-        await self.shared_sources.close()
-
-    async def until_open(self) -> SourceRequest:
-        await eventually(lambda: bool(self.open), lambda: "a source is open")
-        return list(self.open)[-1]
-
-    def give(self, number: int, after_s: float = 0.1) -> None:
-        self.now_s += after_s
-        for take in tuple(self.open.values()):
-            take(CameraFrame(fake_jpeg(number), self.now_s, self.now_s))
-
-    async def got(self, count: int) -> list[int]:
-        await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))
-        return [number_of(data[SIZE:]) for data in self.socket.pictures]
 
 
 @pytest.fixture
@@ -295,7 +197,15 @@ def test_each_request_with_its_defaults():
     assert parse('{"op": "credit"}') == Credit(1, None)
     assert parse('{"op": "credit", "frames": 99, "taken": 41}') == Credit(2, 41)
     assert parse('{"op": "clock_sync", "t_ms": 81.2}') == ClockSync(81.2)
+    assert parse('{"op": "key_frame"}') == KeyFrameRequest()
     assert parse('{"op": "of a newer side"}') is None
+
+
+def test_codecs_that_nobody_knows_are_skipped():
+    """What is left is in the order of preference, and JPEG is always there."""
+    codecs = '"codecs": ["jpeg", "av1", 7, "vp8", "h264"]'
+    assert parse(f'{{"op": "stream_request", {codecs}}}').codecs == ("h264", "vp8", "jpeg")
+    assert parse('{"op": "stream_request", "codecs": "h264"}').codecs == ("jpeg",)
 
 
 @pytest.mark.parametrize(

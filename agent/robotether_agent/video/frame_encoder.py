@@ -1,0 +1,144 @@
+"""Encodes one receiver's frames in the codec that it decodes, or says why they stay JPEGs.
+
+Run by the receiver, which hands over the newest frame when there is credit for it. What is encoded must be sent: the
+frames after it depend on it.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Sequence
+from typing import NoReturn
+
+from robotether_common.codecs import CODECS, JPEG, Codec
+from robotether_common.frames import StreamRequest
+
+from robotether_agent.tasks import first_of
+from robotether_agent.video.encoder import COMMAND, STARTS, VideoEncoder, availability
+from robotether_agent.video.encoder_messages import EncodedFrame, EncodeRequest, FrameRefusedError
+from robotether_agent.video.encoding import KeyFrameLimiter, PresetSteps, bits_per_s, encoded_size
+from robotether_agent.video.jpeg import jpeg_size
+from robotether_agent.video.quality import Level
+
+# Maximum number of cameras that are encoded at once; each takes some 25 MB, with 1920x1080 80.
+MAX_ENCODERS = 4
+FULL = f"this robot encodes {MAX_ENCODERS} other cameras"
+TOO_SLOW = "the encoder does not keep the camera's rate"
+# Time without an encoder after one that was too slow.
+TOO_SLOW_PAUSE_S = 60.0
+# Minimum rate that the encoder is told: it gives each frame its part of the bits a second.
+MIN_FPS = 5.0
+# Minimum rate of a camera that is taken as its interval: in the first seconds few have been counted.
+MIN_RATE = 0.5
+
+CODEC_BY_NAME = {codec.name: codec for codec in CODECS.values()}
+
+
+class EncoderPool:
+    """What the receivers of a robot share: whether it encodes, and for how many cameras at once."""
+
+    def __init__(self, setting: str = "off", command: Sequence[str] = COMMAND) -> None:
+        self.unavailable = availability(setting)
+        self.command = command
+        self.slots = asyncio.Semaphore(MAX_ENCODERS)
+
+
+class FrameEncoder:
+    """Which codec one receiver gets; `on_change` is called when that changes."""
+
+    def __init__(
+        self, pool: EncoderPool, on_change: Callable[[], None], clock: Callable[[], float]
+    ) -> None:
+        self._pool = pool
+        self._clock = clock
+        self._requested = JPEG
+        self._needed, self._unneeded = asyncio.Event(), asyncio.Event()
+        self._encoder = VideoEncoder(on_change, pool.command, clock)
+        self._key_frames = KeyFrameLimiter()
+        self._presets = PresetSteps(clock())
+        self.name: str | None = None
+        self.size: tuple[int, int] | None = None
+
+    @property
+    def codec(self) -> Codec:
+        """The codec of frames that are sent now; JPEG: as the source gives them."""
+        return JPEG if self.down_reason else self._requested
+
+    @property
+    def down_reason(self) -> str:
+        """Why a receiver that decodes more than JPEG gets JPEGs; empty where it does not."""
+        if self._requested is JPEG:
+            return ""
+        return self._pool.unavailable or self._encoder.down_reason
+
+    def use(self, stream_request: StreamRequest) -> None:
+        """Encode in the first codec that the receiver decodes, as soon as the encoder runs."""
+        requested = CODEC_BY_NAME[stream_request.codecs[0]]
+        if requested is not self._requested:
+            self._key_frames.request()
+        self._requested = requested
+        if requested is JPEG:
+            self._needed.clear()
+            self._unneeded.set()
+        elif not self._pool.unavailable:
+            self._unneeded.clear()
+            self._needed.set()
+
+    def request_key_frame(self) -> None:
+        """Make one of the next frames a key frame."""
+        self._key_frames.request()
+
+    async def run(self) -> NoReturn:
+        """Keep an encoder running while the receiver wants one; none runs after this was cancelled."""
+        while True:
+            await self._needed.wait()
+            await first_of(self._keep_ready(), self._until_unneeded())
+
+    async def encode(
+        self, jpeg: bytes, level: Level, stream_request: StreamRequest, rate: float
+    ) -> EncodedFrame:
+        """Return a camera's frame at a level; `rate` is the camera's in frames a second. Raises EncoderError."""
+        own = jpeg_size(jpeg)
+        if self.codec is JPEG or own is None:
+            raise FrameRefusedError(self.down_reason or "the camera's frame is no JPEG")
+        size = encoded_size(own, requested_size(stream_request), level.scale)
+        fps = max(MIN_FPS, stream_request.fps)
+        request = EncodeRequest(
+            jpeg=jpeg,
+            codec=self._requested,
+            width=size[0],
+            height=size[1],
+            bits_per_s=bits_per_s(level.quality, size, fps),
+            fps=fps,
+            preset=self._presets.preset,
+            requests_key=self._key_frames.is_due(self._clock()),
+        )
+        frame = await self._encoder.encode(request)
+        self.name, self.size = frame.encoder, size
+        if frame.is_key:
+            self._key_frames.on_key_frame(self._clock())
+        self._judge(frame.took_s, 1 / min(stream_request.fps, max(MIN_RATE, rate)))
+        return frame
+
+    def _judge(self, took_s: float, interval_s: float) -> None:
+        now_s = self._clock()
+        if not self._presets.on_encoded(now_s, took_s, interval_s):
+            self._presets.restart(now_s)
+            self._encoder.fail(TOO_SLOW, min_pause_s=TOO_SLOW_PAUSE_S)
+
+    async def _keep_ready(self) -> None:
+        if self._pool.slots.locked():
+            self._encoder.down_reason = FULL
+        async with self._pool.slots:
+            self._encoder.down_reason = STARTS
+            await self._encoder.run()
+
+    async def _until_unneeded(self) -> None:
+        await self._unneeded.wait()
+
+
+def requested_size(stream_request: StreamRequest) -> tuple[int, int] | None:
+    """Return the requested width and height; nothing for the camera's own."""
+    if stream_request.width is None or stream_request.height is None:
+        return None
+    return stream_request.width, stream_request.height

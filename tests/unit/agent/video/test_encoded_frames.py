@@ -1,0 +1,239 @@
+"""A receiver that decodes more than JPEG: what it gets, in which order, and when it gets JPEGs after all."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack
+from typing import Any
+
+import pytest
+from fake_cameras import fake_jpeg
+from fake_cloud import eventually
+from frame_header import SIZE, unpacked
+from openssh_server import command_line, descendants
+from receiver_world import World
+from robotether_agent.video import encoder as encoder_module
+from robotether_agent.video.encoder import COMMAND
+from robotether_agent.video.frame_encoder import EncoderPool
+from robotether_agent.video.sources import SourceRequest
+from robotether_common.codecs import H264, JPEG
+from video_clips import Decoder, clip, jpeg_of
+
+HANGS = "import os, time; os.write(1, bytes(4)); time.sleep(60)"
+CODECS = ["h264", "jpeg"]
+# An encoder starts, on a busy machine.
+STARTS_WITHIN_S = 30
+
+MakeWorld = Callable[..., World]
+
+
+@pytest.fixture(autouse=True)
+def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tests encode on any machine."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+
+
+@pytest.fixture
+async def make_world() -> AsyncIterator[MakeWorld]:
+    """Makes receivers that run, with an encoder of a command."""
+    async with AsyncExitStack() as ends:
+
+        def make(*command: str, setting: str = "auto", steps_quality: bool = True) -> World:
+            pool = EncoderPool(setting, command or COMMAND)
+            world = World(steps_quality=steps_quality, encoders=pool)
+            ends.push_async_callback(world.end)
+            return world
+
+        yield make
+
+
+async def until_encoding(world: World, **fields: Any) -> None:
+    """Send a stream request, and wait until the encoder has started."""
+    world.socket.ask("stream_request", codecs=CODECS, **fields)
+    await world.until_open()
+    await eventually(
+        lambda: world.receiver._encoder.codec is H264,
+        lambda: world.receiver._encoder.down_reason,
+        STARTS_WITHIN_S,
+    )
+
+
+async def sent(world: World, count: int) -> list[bytes]:
+    await eventually(lambda: len(world.socket.pictures) >= count, lambda: str(world.socket.texts))
+    return world.socket.pictures
+
+
+async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(make_world):
+    """Though two of three are skipped for want of credit, and the source is asked for a size alone."""
+    world, decoder = make_world(), Decoder()
+    await until_encoding(world, quality_max=60, width=320, height=240)
+    for number, picture in enumerate(clip(30, step=2)):
+        world.give_data(jpeg_of(picture))
+        if number % 3 == 2:
+            world.socket.ask("credit")
+            await sent(world, (number + 1) // 3)
+    headers = [unpacked(message) for message in world.socket.pictures]
+    # The camera's source is opened again for its encoder, and the first frame comes from both.
+    assert [header.sequence - headers[0].sequence for header in headers] == [*range(0, 30, 3)]
+    assert [header.is_key for header in headers] == [True] + 9 * [False]
+    assert {(header.codec, header.quality) for header in headers} == {(H264, 60)}
+    for message in world.socket.pictures:
+        assert decoder.decode(message[SIZE:]).shape == (240, 320, 3)
+    assert world.sent == [("/camera", each.sequence, each.timestamp_ms / 1000) for each in headers]
+    assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0)
+
+
+async def test_the_status_names_codec_and_encoder(make_world):
+    world = make_world()
+    await until_encoding(world, quality_max=60)
+    world.socket.ask("credit")
+    world.give_data(jpeg_of(next(clip(1, step=0))))
+    await sent(world, 1)
+    world.now_s += 1
+    world.receiver._check()
+    await eventually(lambda: world.socket.texts[-1].get("codec") == "h264", lambda: "a status")
+    status = world.socket.texts[-1]
+    assert (status["encoder"], status["no_encoder"], status["quality"]) == ("libx264", "", 60)
+    assert (status["width"], status["height"]) == (320, 240)
+
+
+async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(make_world):
+    world = make_world()
+    await until_encoding(world)
+    for number, picture in enumerate(clip(21, step=2)):
+        if number:
+            # A storm of requests.
+            world.socket.ask("key_frame")
+        world.socket.ask("credit")
+        world.give_data(jpeg_of(picture), 0.11)
+        await sent(world, number + 1)
+    keys = [n for n, data in enumerate(world.socket.pictures) if unpacked(data).is_key]
+    assert keys == [0, 5, 10, 15, 20]
+
+
+async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
+    """Late frames bring the quality down, then the size, and the source stays open as it is."""
+    world = make_world(steps_quality=False)
+    await until_encoding(world, quality_min=50, quality_max=60, latency_ms=100)
+    decoder, shapes, qualities = Decoder(), [], []
+    for number, picture in enumerate(clip(8, step=2)):
+        world.socket.ask("credit")
+        world.give_data(jpeg_of(picture))
+        message = (await sent(world, number + 1))[-1]
+        shapes.append(decoder.decode(message[SIZE:]).shape[:2])
+        qualities.append(unpacked(message).quality)
+        world.now_s += 0.15
+        world.socket.ask("credit", taken=unpacked(message).sequence)
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    assert qualities == 3 * [60] + 5 * [50]
+    assert shapes == 6 * [(240, 320)] + 2 * [(180, 240)]
+    assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0)]
+
+
+async def test_a_clock_sync_is_answered_while_a_frame_is_encoded(make_world):
+    world = make_world(sys.executable, "-c", HANGS)
+    await until_encoding(world)
+    world.socket.ask("credit")
+    world.give(1)
+    await eventually(lambda: world.receiver._to_encode is not None, lambda: "it is encoded")
+    world.socket.ask("clock_sync", t_ms=1.0)
+    await eventually(lambda: world.socket.texts[-1]["op"] == "clock_sync", lambda: "the answer")
+    assert not world.socket.pictures
+
+
+@pytest.mark.parametrize(
+    ("code", "reason"),
+    [
+        (HANGS, "the encoder made no frame within 0.5 s"),
+        ("import os; os.write(1, bytes(4)); os.read(0, 1)", "the encoder ended: exit code 0"),
+        ("raise SystemExit(1)", "the encoder ended: exit code 1"),
+    ],
+    ids=["hangs", "ends", "does_not_start"],
+)
+async def test_without_its_encoder_a_receiver_gets_jpegs_and_the_reason(
+    make_world, monkeypatch, code, reason
+):
+    """The frame that was in work, too; then in the quality in force, as the source gives it."""
+    monkeypatch.setattr(encoder_module, "ANSWER_S", 0.5)
+    world = make_world(sys.executable, "-c", code)
+    world.socket.ask("stream_request", codecs=CODECS)
+    await world.until_open()
+    encoder = world.receiver._encoder
+    if "raise" not in code:
+        await eventually(lambda: encoder.codec is H264, lambda: encoder.down_reason, 30)
+    else:
+        await eventually(lambda: encoder.down_reason == reason, lambda: encoder.down_reason, 30)
+    world.socket.ask("credit", frames=2)
+    world.give(1)
+    assert await world.got(1) == [1]
+    assert unpacked(world.socket.pictures[0]).codec is JPEG
+    world.now_s += 1
+    world.receiver._check()
+    await eventually(
+        lambda: world.socket.texts[-1].get("no_encoder") == reason, lambda: str(world.socket.texts)
+    )
+    assert world.socket.texts[-1]["encoder"] is None
+    await eventually(lambda: list(world.open)[-1].quality == 80, lambda: str(list(world.open)))
+
+
+async def test_a_frame_that_cannot_be_encoded_goes_out_as_it_came(make_world):
+    """The next one is a key frame: it depends on none that is no H.264."""
+    world, good = make_world(), [jpeg_of(picture) for picture in clip(3, step=2)]
+    await until_encoding(world)
+    for number, jpeg in enumerate((good[0], fake_jpeg(9), good[1], good[2]), 1):
+        world.socket.ask("credit")
+        world.give_data(jpeg, 1.0)
+        await sent(world, number)
+    headers = [unpacked(message) for message in world.socket.pictures]
+    assert [(header.codec, header.is_key) for header in headers] == [
+        (H264, True),
+        (JPEG, False),
+        (H264, True),
+        (H264, False),
+    ]
+    assert world.socket.pictures[1][SIZE:] == fake_jpeg(9)
+
+
+@pytest.mark.parametrize(
+    ("setting", "codecs", "reason"),
+    [
+        ("off", CODECS, "the setting video_encoder is off"),
+        ("auto", ["jpeg"], ""),
+        ("auto", None, ""),
+    ],
+)
+async def test_no_encoder_runs_that_nobody_wants(make_world, setting, codecs, reason):
+    """JPEGs go out as ever, in the quality that the source was asked for."""
+    world = make_world(setting=setting)
+    world.socket.ask("stream_request", codecs=codecs)
+    assert (await world.until_open()).quality == 80
+    world.socket.ask("credit")
+    world.give(1)
+    assert await world.got(1) == [1]
+    header = unpacked(world.socket.pictures[0])
+    assert (header.codec, header.quality, header.is_key) == (JPEG, 80, False)
+    assert world.socket.texts[0]["no_encoder"] == reason
+    assert descendants(os.getpid()) == []
+
+
+async def test_what_a_camera_encodes_itself_passes_untouched(make_world):
+    world = make_world()
+    await until_encoding(world)
+    world.socket.ask("credit")
+    world.give_data(b"one access unit", codec=H264)
+    assert (await sent(world, 1))[0][SIZE:] == b"one access unit"
+
+
+async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(make_world):
+    world = make_world()
+    await until_encoding(world)
+    assert len(descendants(os.getpid())) == 1
+    world.socket.ask("stream_request", codecs=["jpeg"])
+    await eventually(lambda: descendants(os.getpid()) == [], lambda: "the process ends")
+    await until_encoding(world)
+    (pid,) = descendants(os.getpid())
+    assert "encoder_process" in command_line(pid)
+    await world.end()
+    assert descendants(os.getpid()) == []
