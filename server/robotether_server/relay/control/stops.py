@@ -132,7 +132,7 @@ class Stops:
         self, robot: RelayRobot, by: str, *, reason: str | None = None, address: str | None = None
     ) -> None:
         """Stop the robot, also when it is stopped already or offline."""
-        if self._same_press(robot.id, by) and not self._pending_releases(robot.id):
+        if self._same_press(robot.id, by, reason) and not self._pending_releases(robot.id):
             self._insist(robot.id)
             return
         self._fail_releases(robot, by)
@@ -206,10 +206,10 @@ class Stops:
         if change.what in {"guard_status", "updated"}:
             self._watch(change.robot_id)
 
-    def _same_press(self, robot_id: int, by: str) -> bool:
-        """Return whether the robot is stopped by what this person did."""
+    def _same_press(self, robot_id: int, by: str, reason: str | None) -> bool:
+        """Return whether the robot is stopped by what this person did; another reason makes another stop."""
         stop = self.of(robot_id)
-        if stop is None:
+        if stop is None or reason not in {None, stop.reason}:
             return False
         # At another cell it may have ended since, which must hear of a new one even if this one hears nothing of it.
         if stop.by == by and self._registry.presence(robot_id).online:

@@ -380,6 +380,15 @@ async def test_one_press_on_two_ways_does_not_hide_a_stop_between_them(world, mo
     assert world.stops.of(SIM1.id).by == "ann"
 
 
+async def test_a_reason_of_its_own_makes_another_stop(world):
+    """The log has each reason that the server confirmed; the same press without one adds nothing."""
+    world.online()
+    for reason in ("smoke", "smoke", None, "fire"):
+        world.stops.stop(SIM1, "ann", reason=reason)
+    assert world.stops.of(SIM1.id).reason == "fire"
+    assert [entry.details for entry in world.audit] == [{"reason": "smoke"}, {"reason": "fire"}]
+
+
 async def test_a_release_ends_the_stop_that_was_seen_and_no_other(world):
     """Neither another person's nor a later one; a robot that is free already is no error."""
     world.online("off")
