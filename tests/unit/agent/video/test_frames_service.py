@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import time
 from collections.abc import AsyncIterator
 from typing import Any
@@ -21,7 +22,9 @@ from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frame_messages import Header
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
+from robotether_common.codecs import H264, JPEG
 from timed_websocket import timed_session
+from video_clips import Decoder, clip, jpeg_of
 
 WITHIN_S = 5
 TOPIC = "/camera/image_raw"
@@ -84,10 +87,17 @@ class World:
         self.receivers: list[FakeReceiver] = []
         self.has_video = True
 
-    async def start(self, source_settings: SourceSettings | None = None) -> None:
+    async def start(
+        self, source_settings: SourceSettings | None = None, video_encoder: str = "off"
+    ) -> None:
         chosen = source_settings or self.source_settings
         self.graph = RosGraph(chosen.rosbridge_url)
-        self.service = FramesService(chosen, self.graph, has_video=lambda: self.has_video)
+        self.service = FramesService(
+            chosen,
+            self.graph,
+            video_encoder=video_encoder,
+            has_video=lambda: self.has_video,
+        )
         self.port = await self.service.start()
 
     async def receive(
@@ -140,6 +150,25 @@ async def test_frames_come_with_their_timestamp_and_sequence(world):
     assert all(0.1 <= age_s < 1 for age_s in receiver.ages_s)
     shown = [number_of(jpeg) for _, jpeg in receiver.pictures]
     assert shown == sorted(set(shown))
+
+
+async def test_a_receiver_that_decodes_h264_gets_it_once_the_encoder_runs(world, monkeypatch):
+    """JPEGs come first, then each frame can be decoded after those before it, and none is older."""
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    world.camera.picture = jpeg_of(next(clip(1, step=0)))
+    await world.service.close()
+    await world.start(video_encoder="auto")
+    receiver = await world.receive(codecs=["h264", "vp8", "jpeg"])
+
+    def encoded() -> list[tuple[Header, bytes]]:
+        return [frame for frame in receiver.pictures if frame[0].codec is H264]
+
+    await eventually(lambda: len(encoded()) >= 30, receiver.told, 30)
+    decoder = Decoder()
+    for _, data in encoded():
+        assert decoder.decode(data).shape == (240, 320, 3)
+    assert receiver.pictures[0][0].codec is JPEG
+    assert all(age_s < 1 for age_s in receiver.ages_s)
 
 
 async def test_a_receiver_that_takes_nothing_costs_nothing(world, monkeypatch):
