@@ -67,6 +67,8 @@ ANSWER_EVERY_S = 1.0
 # Maximum size of unsent answers; a client that reads nothing gets no more.
 ANSWERS_WAITING_BYTES = 16 * 1024
 GOING_AWAY = 1001
+# Maximum size of a close reason.
+MAX_REASON_BYTES = 123
 # RFC 6455 reserves these for connections that ended without a code.
 NEVER_SENT = (0, 1005, 1006, 1015)
 
@@ -96,10 +98,11 @@ class ClientSocket(web.WebSocketResponse[Literal[False]]):
         """Return how much of what was sent is still in this process."""
         return self._transport.get_write_buffer_size() if self._transport else 0
 
-    async def leave(self, code: int) -> None:
-        """Say goodbye, without waiting for long for a client that does not read."""
+    async def leave(self, code: int, why: str) -> None:
+        """Say goodbye and why, without waiting for long for a client that does not read."""
+        reason = printable(why).encode()[:MAX_REASON_BYTES].decode(errors="ignore")
         with suppress(asyncio.TimeoutError, ConnectionError):
-            await within(FAREWELL_S, self.close(code=code))
+            await within(FAREWELL_S, self.close(code=code, message=reason.encode()))
 
     def drop(self) -> None:
         """End the connection at once; a client that has taken all that was sent keeps it, and its reason."""
@@ -130,9 +133,12 @@ class ClientProxy:
         self._answered_at: dict[RefusedKind, float] = {}
         self._answers: set[asyncio.Task[None]] = set()
         self._over = asyncio.Event()
+        # Why it ends, for people: what rosbridge said, or `end`.
+        self._why = "the connection to rosbridge broke"
 
-    def end(self) -> None:
-        """End the connection: its right is over."""
+    def end(self, why: str) -> None:
+        """End the connection."""
+        self._why = why
         self._over.set()
 
     def refuse(self, kind: RefusedKind, text: str, message_id: MessageId) -> None:
@@ -167,7 +173,9 @@ class ClientProxy:
             self._controller.on_disconnected(self)
             for task in tuple(self._answers):
                 task.cancel()
-        await asyncio.gather(rosbridge.leave(), self._client.leave(_code(rosbridge.close_code)))
+        await asyncio.gather(
+            rosbridge.leave(), self._client.leave(_code(rosbridge.close_code), self._why)
+        )
 
     async def _to_robot(self, rosbridge: RosbridgeSocket) -> None:
         client = self._client
@@ -200,6 +208,8 @@ class ClientProxy:
         while True:
             message = await rosbridge.receive()
             kind = message.type
+            if kind is WSMsgType.CLOSE:
+                self._why = message.extra or "rosbridge closed the connection"
             if kind not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
                 return
             await client.send_frame(message.data, kind)
@@ -246,14 +256,14 @@ class Server:
 
     async def stop(self) -> None:
         """End all connections."""
-        self.end_those(lambda _: True)
+        self.end_those(lambda _: True, "its guard ends")
         await self._runner.cleanup()
 
-    def end_those(self, concerned: Callable[[Authorization], bool]) -> None:
+    def end_those(self, concerned: Callable[[Authorization], bool], why: str) -> None:
         """End the connections with such an authorization."""
         for proxy in tuple(self._proxies):
             if concerned(proxy.authorization):
-                proxy.end()
+                proxy.end(why)
 
     async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
         client = ClientSocket()
@@ -330,7 +340,8 @@ class Server:
     def rights_changed(self) -> None:
         """Stop and end whoever may not drive any more."""
         self._controller.rights_changed()
-        self.end_those(lambda authorization: not self._authorizer.keeps(authorization))
+        why = "its guard reports that the right to drive is over"
+        self.end_those(lambda authorization: not self._authorizer.keeps(authorization), why)
 
 
 def _problem(status: int, text: str, why: str = "") -> web.Response:

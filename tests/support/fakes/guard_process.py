@@ -214,6 +214,12 @@ class GuardClient(SocketClient):
 
     async def closed(self) -> int:
         """Wait until the guard closes it; the code."""
+        return (await self.close_reason())[0]
+
+    async def close_reason(self) -> tuple[int, str]:
+        """Wait until the guard closes it; the code and the reason."""
+        reason = ""
         while not self.socket.closed:
-            await self.socket.receive(timeout=WAIT_S)
-        return int(self.socket.close_code or 0)
+            message = await self.socket.receive(timeout=WAIT_S)
+            reason = message.extra or reason
+        return int(self.socket.close_code or 0), reason

@@ -331,8 +331,7 @@ def why_refused(error: WSServerHandshakeError, usual: str = "") -> str:
 
 def why_closed(close: WSMessageNoDecodeText) -> str:
     """Return why a robot closed a connection, in its own words if it has any."""
-    words = own_words(close.extra)
-    return f"it closed the connection: {words}" if words else "it closed the connection"
+    return own_words(close.extra) or "it closed the connection"
 
 
 def own_words(text: object) -> str:

@@ -74,7 +74,7 @@ async def test_the_end_of_either_side_is_the_end_of_both(
         await until("it is joined", lambda: len(rosbridge.sockets) == 2)
         mine = rosbridge.sockets[1]
         closing = asyncio.create_task(mine.close(code=4321))
-        assert await client.closed() == 4321
+        assert await client.close_reason() == (4321, "rosbridge closed the connection")
         await closing
     async with GuardClient(guard.port, 0) as client:
         await until("it is joined", lambda: len(rosbridge.sockets) == 3)
@@ -84,6 +84,16 @@ async def test_the_end_of_either_side_is_the_end_of_both(
         await until("it is joined", lambda: len(rosbridge.sockets) == 4)
         await rosbridge.stop()
         assert await client.closed() == 1001
+
+
+async def test_why_rosbridge_closes_is_passed_on(
+    guard: GuardHere, rosbridge: FakeRosbridge
+) -> None:
+    async with GuardClient(guard.port, 0) as client:
+        await until("it is joined", lambda: len(rosbridge.sockets) == 2)
+        closing = asyncio.create_task(rosbridge.sockets[1].close(code=4321, message=b"too slow"))
+        assert await client.close_reason() == (4321, "too slow")
+        await closing
 
 
 async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(

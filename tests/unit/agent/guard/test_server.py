@@ -82,7 +82,8 @@ async def test_a_newer_driver_ends_the_older_one(tmp_path: Path) -> None:
         observer, old, new = [
             await stack.enter_async_context(GuardClient(port, fence)) for fence in (0, 13, 14)
         ]
-        assert await old.closed() == 1001
+        why = "its guard reports that the right to drive is over"
+        assert await old.close_reason() == (1001, why)
         await new.send(op="publish", topic="/echo")
         assert (await new.receive())["topic"] == "/echo"
         assert not observer.socket.closed
