@@ -12,6 +12,7 @@ from typing import Any, Literal, cast
 from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPConnector
 from aiohttp import ClientWSTimeout as Timeouts
 
+from robotether_agent.fields import printable
 from robotether_agent.tasks import within
 
 CONNECT_WITHIN_S = 3.0
@@ -19,6 +20,15 @@ FAREWELL_S = 0.5
 FROM_ROBOT_BYTES = 64 * 1024 * 1024
 # Maximum unsent size before a socket counts as full and the other end is no longer read.
 SEND_BUFFER_BYTES = 64 * 1024
+
+
+# Maximum size of a close reason: a control frame carries 125 bytes, two of them the code (RFC 6455).
+MAX_REASON_BYTES = 123
+
+
+def close_reason(words: str) -> bytes:
+    """Return words as the reason in a close frame, cut between characters."""
+    return printable(words).encode()[:MAX_REASON_BYTES].decode(errors="ignore").encode()
 
 
 class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):

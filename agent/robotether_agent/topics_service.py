@@ -39,6 +39,7 @@ from robotether_agent.rosbridge_socket import (
     CONNECT_WITHIN_S,
     FAREWELL_S,
     RosbridgeSocket,
+    close_reason,
     new_http,
     open_rosbridge,
 )
@@ -117,9 +118,7 @@ class TopicsService:
             try:
                 subscription = parse_subscription(first.data)
             except FieldError as error:
-                await relay.close(
-                    code=WSCloseCode.PROTOCOL_ERROR, message=str(error).encode()[:120]
-                )
+                await relay.close(code=WSCloseCode.PROTOCOL_ERROR, message=close_reason(str(error)))
                 return
             await rosbridge.send_frame(json.dumps(subscription).encode(), WSMsgType.TEXT)
             stream = TopicStream(relay, rosbridge, subscription)
@@ -127,7 +126,7 @@ class TopicsService:
                 await first_of(stream.read(), stream.send(), stream.until_left())
             else:
                 await first_of(stream.name_repeated(frozenset(digests)), stream.until_left())
-            await relay.close()
+            await relay.close(message=close_reason(stream.why))
 
 
 class TopicStream:
@@ -149,6 +148,8 @@ class TopicStream:
         self._clock = asyncio.get_running_loop().time
         self._has_message = asyncio.Event()
         self._has_room = asyncio.Event()
+        # Why rosbridge ended it, for people; empty: it did not say.
+        self.why = ""
 
     async def read(self) -> None:
         """Take what rosbridge sends until it ends; parts wait in rosbridge while others wait here."""
@@ -192,6 +193,8 @@ class TopicStream:
             if message.type is WSMsgType.PING:
                 await self._rosbridge.pong(message.data)
             elif message.type is not WSMsgType.PONG:
+                is_closed = message.type is WSMsgType.CLOSE
+                self.why = message.extra or "" if is_closed else "the connection to rosbridge broke"
                 return None
 
 

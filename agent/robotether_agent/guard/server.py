@@ -46,6 +46,7 @@ from robotether_agent.rosbridge_socket import (
     FAREWELL_S,
     SEND_BUFFER_BYTES,
     RosbridgeSocket,
+    close_reason,
     open_rosbridge,
 )
 from robotether_agent.tasks import first_of, within
@@ -67,8 +68,6 @@ ANSWER_EVERY_S = 1.0
 # Maximum size of unsent answers; a client that reads nothing gets no more.
 ANSWERS_WAITING_BYTES = 16 * 1024
 GOING_AWAY = 1001
-# Maximum size of a close reason.
-MAX_REASON_BYTES = 123
 # RFC 6455 reserves these for connections that ended without a code.
 NEVER_SENT = (0, 1005, 1006, 1015)
 
@@ -100,9 +99,8 @@ class ClientSocket(web.WebSocketResponse[Literal[False]]):
 
     async def leave(self, code: int, why: str) -> None:
         """Say goodbye and why, without waiting for long for a client that does not read."""
-        reason = printable(why).encode()[:MAX_REASON_BYTES].decode(errors="ignore")
         with suppress(asyncio.TimeoutError, ConnectionError):
-            await within(FAREWELL_S, self.close(code=code, message=reason.encode()))
+            await within(FAREWELL_S, self.close(code=code, message=close_reason(why)))
 
     def drop(self) -> None:
         """End the connection at once; a client that has taken all that was sent keeps it, and its reason."""

@@ -25,6 +25,7 @@ from robotether_common.guard import REASON_HEADER
 
 from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge import RosGraph
+from robotether_agent.rosbridge_socket import close_reason
 from robotether_agent.tasks import within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
 from robotether_agent.video.frame_encoder import EncoderPool
@@ -134,7 +135,7 @@ class FramesService:
         except FieldError as error:
             log.warning("ended a receiver of %s: %s", topic, error)
             await answer.close(
-                code=aiohttp.WSCloseCode.PROTOCOL_ERROR, message=str(error).encode()[:120]
+                code=aiohttp.WSCloseCode.PROTOCOL_ERROR, message=close_reason(str(error))
             )
         except ConnectionError as error:
             log.debug("a receiver of %s left: %r", topic, error)

@@ -13,6 +13,7 @@ from aiohttp import web
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from robotether_agent.fields import FieldError
+from robotether_agent.rosbridge_socket import close_reason
 from robotether_agent.topics_service import TopicsService, parse_subscription
 from robotether_common.topics import FRESH_BYTES, PATH, digest
 from timed_websocket import timed_session
@@ -129,6 +130,20 @@ async def test_what_rosbridge_repeats_to_a_newcomer_is_named_up_to_the_first_tha
             "digest": digest(text),
         }
     assert (await relay.receive(timeout=5)).type is aiohttp.WSMsgType.CLOSE
+
+
+async def test_why_rosbridge_closes_is_passed_on(world):
+    relay = await world.open()
+    [socket] = world.rosbridge._sockets
+    closing = asyncio.create_task(socket.close(message=b"too slow"))
+    message = await relay.receive(timeout=5)
+    assert (message.type, message.extra) == (aiohttp.WSMsgType.CLOSE, "too slow")
+    await closing
+
+
+def test_a_close_reason_is_cut_between_characters():
+    """A close frame with half of one is an error."""
+    assert close_reason("x" + "é" * 80) == b"x" + "é".encode() * 61
 
 
 async def test_without_rosbridge_the_answer_says_so(world):
