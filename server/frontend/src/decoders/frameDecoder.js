@@ -6,23 +6,29 @@ import { KeyFrameMissingError, StreamDecoder } from "./streamDecoder.js";
 // Their codec strings, to ask the browser: H.264 in Main profile up to 1080p.
 const ASKED = { h264: "avc1.4D0028", vp8: "vp8" };
 const JPEG = "jpeg"; // every browser decodes it
-const FORGIVE_MS = 60_000; // least interval between failures of a decoder that works for all that
+const REMEMBER_MS = 60_000; // time for which a failure counts
+// Maximum number of failures that count: the first leads to software, and a device that was busy may have more.
+const MAX_FAILURES = 1;
+const MAX_FAILURES_OF_WORKING = 3;
 
-/** @typedef {{codecs: string[], failedAt: Record<string, number>}} Choice codecs to ask for, best first, and when one last failed, in ms */
+/**
+ * @typedef {{codecs: string[], failures: Record<string, number[]>, working: string[]}} Choice codecs to ask for, best first; when
+ *   each failed, in ms; and those of which frames have come out
+ */
 
-// What to decode with after a failure: the same codec in software; after one there, within a minute, no more of that codec. Pure.
+// What to decode with after a failure: the same codec in software, and when it fails too often, no more of that codec. Pure.
 /** @param {Choice} choice @param {string} codec @param {number} now @returns {Choice} */
-export function afterFailure({ codecs, failedAt }, codec, now) {
-  const before = failedAt[codec];
-  const goesOn = before === undefined || now - before > FORGIVE_MS;
-  return { codecs: goesOn ? codecs : codecs.filter((name) => name !== codec), failedAt: { ...failedAt, [codec]: now } };
+export function afterFailure({ codecs, failures, working }, codec, now) {
+  const counted = [...(failures[codec] ?? []).filter((at) => now - at <= REMEMBER_MS), now];
+  const goesOn = counted.length <= (working.includes(codec) ? MAX_FAILURES_OF_WORKING : MAX_FAILURES);
+  return { codecs: goesOn ? codecs : codecs.filter((name) => name !== codec), failures: { ...failures, [codec]: counted }, working };
 }
 
 // What this page asks for and decodes with, as long as it is open: another page may have another decoder.
 export class DecoderChoice {
   constructor({ supported = supportedCodecs(), now = () => performance.now() } = {}) {
     /** @type {Choice} */
-    this.choice = { codecs: [JPEG], failedAt: {} };
+    this.choice = { codecs: [JPEG], failures: {}, working: [] };
     this.now = now;
     this.ready = supported.then((codecs) => (this.choice = { ...this.choice, codecs }));
   }
@@ -34,7 +40,12 @@ export class DecoderChoice {
 
   /** @returns {HardwareAcceleration} */
   accelerationOf(codec) {
-    return codec in this.choice.failedAt ? "prefer-software" : "no-preference";
+    return codec in this.choice.failures ? "prefer-software" : "no-preference";
+  }
+
+  succeed(codec) {
+    const { working } = this.choice;
+    if (!working.includes(codec)) this.choice = { ...this.choice, working: [...working, codec] };
   }
 
   fail(codec) {
@@ -74,7 +85,9 @@ export class FrameDecoder {
     if (!this.choice.codecs.includes(codec)) throw new Error(`cannot decode a frame: ${codec} has failed on this page`);
     const decoder = this.decoderOf(codec);
     try {
-      return await decoder.decode(frame);
+      const image = await decoder.decode(frame);
+      this.choice.succeed(codec);
+      return image;
     } catch (error) {
       if (decoder === this.decoder) this.receiveError(codec, error);
       throw error;

@@ -3,8 +3,6 @@ import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
-import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
-import { FakeVideoDecoder, H264_KEY } from "../decoders/fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
 let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
@@ -282,101 +280,6 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
   assert.equal(robot.driving, false);
   robot.close();
   mock.restoreAll();
-});
-
-test("video is shown on a canvas or in an <img>, and nowhere else", async () => {
-  globalThis.createImageBitmap = async () => ({ width: 64, height: 48, close() {} });
-  const context = { setTransform() {}, rotate() {}, drawImage() {} };
-  const canvas = { localName: "canvas", width: 0, height: 0, getContext: () => context };
-  const img = {
-    localName: "img",
-    set src(url) {
-      this.url = url;
-      this.onload();
-    },
-  };
-  for (const element of [canvas, img]) {
-    const stream = make().showVideo(element, { topic: "/front" });
-    await settle();
-    sockets.at(-1).open();
-    sockets.at(-1).answerClockSync(0);
-    sockets.at(-1).frame({ timestampMs: performance.now() });
-    await settle();
-    assert.ok(stream.ageMs >= 0);
-    stream.stop();
-  }
-  assert.deepEqual([canvas.width, canvas.height], [64, 48]);
-  assert.match(img.url, /^blob:/);
-  assert.match(sockets[0].url, /video\/frames\?topic=\/front&ticket=t1$/);
-  assert.throws(() => make().showVideo({ localName: "p" }), /cannot show video in <p>/);
-});
-
-test("a canvas gets H.264 where the browser decodes it, with key frames on request, and an <img> JPEG", async () => {
-  FakeVideoDecoder.install();
-  const context = { setTransform() {}, rotate() {}, drawImage() {} };
-  const canvas = { localName: "canvas", width: 0, height: 0, getContext: () => context };
-  for (const element of [canvas, { localName: "img" }]) {
-    const robot = make();
-    robot.decoderChoice = new DecoderChoice({ supported: Promise.resolve(["h264", "jpeg"]) });
-    const stream = robot.showVideo(element, { topic: "/front" });
-    await settle();
-    sockets.at(-1).open();
-    sockets.at(-1).answerClockSync(0);
-    assert.deepEqual(sockets.at(-1).sent[0].codecs, element === canvas ? ["h264", "jpeg"] : undefined);
-    if (element === canvas) await showH264(stream, sockets.at(-1));
-    stream.stop();
-  }
-  delete globalThis.VideoDecoder;
-});
-
-async function showH264(stream, socket) {
-  const timestampMs = performance.now();
-  socket.frame({ codec: 2, timestampMs });
-  await settle();
-  assert.equal(socket.said("key_frame").length, 1);
-  socket.frame({ codec: 2, flags: 2, timestampMs, data: [...H264_KEY] });
-  await settle();
-  const [decoder] = FakeVideoDecoder.made;
-  assert.equal(stream.ageMs, null);
-  const image = decoder.give();
-  await settle();
-  assert.ok(stream.ageMs >= 0);
-  assert.equal(image.closed, true);
-  stream.stop();
-  assert.equal(decoder.state, "closed");
-}
-
-test("commands name the frames of the cameras that are shown, else of the last ones; before the first none", async () => {
-  class Image {
-    localName = "img";
-    set src(_) {
-      this.onload();
-    }
-  }
-  const robot = make();
-  const seen = () => robot.session.stamp(performance.now())?.seen;
-  assert.equal(seen(), undefined);
-  const streams = [];
-  for (const [topic, sequence] of [
-    ["/front", 41],
-    ["/rear", 7],
-  ]) {
-    streams.push(robot.showVideo(new Image(), { topic }));
-    await settle();
-    sockets.at(-1).open();
-    sockets.at(-1).answerClockSync(0);
-    sockets.at(-1).frame({ sequence, timestampMs: performance.now() });
-    await settle();
-  }
-  const [front, rear] = [
-    { camera: "/front", frame: 41 },
-    { camera: "/rear", frame: 7 },
-  ];
-  assert.deepEqual(seen(), [front, rear]);
-  streams[0].stop();
-  assert.deepEqual(seen(), [rear]);
-  streams[1].stop();
-  assert.deepEqual(seen(), [rear]);
 });
 
 test("it has the age of what its driver sees, as the server reports it", async () => {

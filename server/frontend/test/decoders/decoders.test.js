@@ -28,15 +28,16 @@ for (const [name, codec, data, expected] of [
 
 const BOTH = ["h264", "vp8", "jpeg"];
 
-for (const [name, failures, codecs] of [
-  ["once: the same codec, in software", [["h264", 0]], BOTH],
-  ["again: another codec", [["h264", 0], ["h264", 2000]], ["vp8", "jpeg"]], // prettier-ignore
-  ["again after long: the same", [["h264", 0], ["h264", 60_001]], BOTH], // prettier-ignore
-  ["each of them: JPEG", ["h264", "h264", "vp8", "vp8"].map((codec) => [codec, 0]), ["jpeg"]],
+for (const [name, times, working, codecs] of [
+  ["once: the same codec, in software", [0], [], BOTH],
+  ["again: another codec", [0, 2000], [], ["vp8", "jpeg"]],
+  ["again after long: the same", [0, 60_001], [], BOTH],
+  ["three times, and worked between: the same", [0, 2000, 4000], ["h264"], BOTH],
+  ["a fourth time within a minute: another codec", [0, 2000, 4000, 6000], ["h264"], ["vp8", "jpeg"]],
 ]) {
   test(`what is asked for when a decoder failed ${name}`, () => {
-    const start = { codecs: BOTH, failedAt: {} };
-    assert.deepEqual(failures.reduce((choice, failure) => afterFailure(choice, ...failure), start).codecs, codecs);
+    const start = { codecs: BOTH, failures: {}, working };
+    assert.deepEqual(times.reduce((before, now) => afterFailure(before, "h264", now), start).codecs, codecs);
   });
 }
 
