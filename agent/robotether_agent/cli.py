@@ -46,6 +46,7 @@ from robotether_agent.status import CONNECTED, is_alive, read_status, render
 from robotether_agent.systemd import Notifier, set_up_log
 from robotether_agent.tasks import within
 from robotether_agent.upgrade import Layout, Upgrade, UpgradeReport
+from robotether_agent.video.encoder import availability
 
 AGENT_USER = "robotether"
 ACTIVE, REFUSED, PENDING = 0, 1, 10
@@ -284,7 +285,7 @@ def status(settings: Settings, *, as_json: bool) -> int:
         print(f"state         not running (no status in {settings.run_dir})")
         print("what to do    start it: sudo systemctl start robotether-agent")
     else:
-        print(render(report, now))
+        print(render(report, now, availability(settings.video_encoder)))
     return 0 if report is not None and alive and report.state == CONNECTED else 1
 
 

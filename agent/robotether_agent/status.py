@@ -176,8 +176,8 @@ def is_alive(status: Status, now: float) -> bool:
     return status.state != "stopped" and abs(now - status.written_at) < STALE_S
 
 
-def render(status: Status, now: float) -> str:
-    """Return `status` for a person."""
+def render(status: Status, now: float, no_encoder: str = "") -> str:
+    """Return `status` for a person; `no_encoder` says why video is JPEG."""
     state = MEANINGS.get(status.state, status.state)
     if not is_alive(status, now) and status.state != "stopped":
         state = f"not running (last sign of life {_when(status.written_at)})"
@@ -204,6 +204,8 @@ def render(status: Status, now: float) -> str:
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
+    if no_encoder:
+        rows += [("encoder", f"none: {no_encoder}")]
     if status.ros_exposed:
         advice = status.ros_exposed_advice
         exposed = f"rosbridge answers at {status.ros_exposed}: {PAST_GUARD}; {advice}"

@@ -4,6 +4,7 @@ It changes nothing on the robot, joins nothing, and logs in nowhere.
 
     checks    all in order, and those of the robot itself
     server    the server, as seen from here
+    encoder   what encodes video
     tunnel    SSH, the boot service, and the agent's own status
 """
 

@@ -15,6 +15,7 @@ import aiohttp
 from robotether_agent import systemd
 from robotether_agent.describe_error import describe_error
 from robotether_agent.doctor import Finding, fail, ok, server, skipped, tunnel, warning
+from robotether_agent.doctor.encoder import check_encoder
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.identity import IdentityStore, interface_with
@@ -62,6 +63,7 @@ async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
     yield await check_rosapi(settings)
     yield tunnel.check_guard(settings, status)
     yield await check_video(settings)
+    yield await check_encoder(settings)
     yield await check_shell(settings)
     yield tunnel.check_session(status, above)
     yield tunnel.check_end_to_end(status)

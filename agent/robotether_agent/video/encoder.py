@@ -54,7 +54,7 @@ def availability(setting: str) -> str:
     if setting == "off":
         return "the setting video_encoder is off"
     if find_spec("av") is None:
-        return "PyAV is not installed: install robotether-agent[video]"
+        return "PyAV is not installed (sudo robotether-agent install-video)"
     if (os.cpu_count() or 1) < MIN_CORES:
         return "this robot has one processor core"
     return ""

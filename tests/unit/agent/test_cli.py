@@ -55,6 +55,13 @@ def test_show_settings_prints_all_and_hides_secrets(capsys):
     assert "s3cret" not in out
 
 
+def test_status_says_why_video_is_jpeg(place, capsys):
+    StatusWriter(place, "a.example", on_state=lambda _: None).set(state="connected")
+    settings = Settings(server="a.example", run_dir=place, video_encoder="off")
+    status(settings, as_json=False)
+    assert "encoder       none: the setting video_encoder is off\n" in capsys.readouterr().out
+
+
 def test_for_programs_it_is_one_object(place, capsys):
     """What the file holds, and whether whoever wrote it runs; the exit code is the same as for people."""
     settings = Settings(server="a.example", run_dir=place)

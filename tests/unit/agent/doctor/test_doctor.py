@@ -21,6 +21,7 @@ LAST_STEPS = [
     "rosapi",
     "guard",
     "video",
+    "encoder",
     "shell",
     "connection",
     "end to end",
@@ -36,6 +37,7 @@ def no_systemd(monkeypatch, place):
 async def test_a_robot_that_works(cloud, start_agent, monkeypatch):
     """While the agent runs every step is well, in the order of a connection; the double has no rosapi."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.2)
+    monkeypatch.setattr("os.cpu_count", lambda: 2)
     cloud.checked["video"] = "ok"
     agent = start_agent(cloud, guard="on", shell_address="none")
     await agent.until(

@@ -253,7 +253,7 @@ async def test_pauses_between_failed_starts_grow(program, monkeypatch):
     [
         ("auto", True, 2, ""),
         ("off", True, 2, "the setting video_encoder is off"),
-        ("auto", False, 2, "PyAV is not installed: install robotether-agent[video]"),
+        ("auto", False, 2, "PyAV is not installed (sudo robotether-agent install-video)"),
         ("auto", True, 1, "this robot has one processor core"),
     ],
 )
