@@ -31,6 +31,7 @@ usage: join.sh --server HOST[:PORT] [options]     make this machine a robot of t
   --allow-local-mac        a locally administered MAC may name it
   --rosbridge-url URL      where rosbridge is, if not at ws://127.0.0.1:9090
   --no-guard               a bare forward to rosbridge: nothing stops the robot when its commands stop
+  --no-video               leave out PyAV, which encodes H.264: cameras send JPEG (video_encoder = "off" in the settings)
   --http-proxy URL         http://[USER:PASSWORD@]HOST:PORT that the agent and this line go through to the server; pip and
                            apt go by https_proxy
   --wheelhouse DIR         take Python packages from this folder, not from the internet
@@ -76,7 +77,7 @@ at_exit() {
 # --- the options ---
 
 read_options() {
-  server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse='' proxy='' no_guard=''
+  server='' fingerprint='' token='' name='' interface='' mac='' local_mac='' rosbridge='' wheelhouse='' proxy='' no_guard='' no_video=''
   image='' package='' uninstall='' yes=''
   while [ $# -gt 0 ]; do
     case $1 in
@@ -87,6 +88,7 @@ read_options() {
         ;;
       --allow-local-mac) local_mac=true ;;
       --no-guard) no_guard=1 ;;
+      --no-video) no_video=1 ;;
       --image) image=1 ;;
       --uninstall) uninstall=1 ;;
       --yes) yes=1 ;;
@@ -339,6 +341,20 @@ ensure_agent() {
     fail 'cannot install the Python packages: see above. Without internet, use --wheelhouse DIR'
 }
 
+has_video() {
+  set -- "$venv"/lib/python3*/site-packages/av-*.dist-info
+  [ -e "$1" ]
+}
+
+# With one core the agent does not encode. A robot works without it, so a failure is no reason to stop.
+ensure_video() {
+  if [ -n "$no_video" ] || [ "$(configured video_encoder)" = off ] || [ "$(nproc)" = 1 ] || has_video; then return; fi
+  if [ -n "$wheelhouse" ]; then set -- --wheelhouse "$wheelhouse"; else set --; fi
+  say 'installing PyAV, which encodes H.264 (some 100 MB; --no-video leaves it out)'
+  if why=$("$venv/bin/robotether-agent" install-video "$@" 2>&1); then did=1; return; fi
+  say "${why#robotether-agent: }. Without it cameras send JPEG, and nothing else changes. Later: sudo robotether-agent install-video"
+}
+
 # All keys of agent.toml are flat, so their order is free; what a person wrote there stays.
 set_key() { # file, key, value as TOML
   if grep -qxF "$2 = $3" "$1"; then return; fi
@@ -365,6 +381,7 @@ write_config() { # file
   set_text "$1" rosbridge_url "$rosbridge"
   set_text "$1" http_proxy "$proxy"
   if [ -n "$no_guard" ]; then set_text "$1" guard off; fi
+  if [ -n "$no_video" ]; then set_text "$1" video_encoder off; fi
   if [ -n "$local_mac" ]; then set_key "$1" allow_local_mac true; fi
   if [ -n "$token" ]; then remove_key "$1" token; set_text "$1" token_file "$TOKEN"; fi
 }
@@ -576,6 +593,7 @@ main() {
   ensure_packages
   ensure_account
   ensure_agent
+  ensure_video
   ensure_config
   ensure_unit
   ensure_link

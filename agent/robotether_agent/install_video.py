@@ -88,4 +88,6 @@ def _download(folder: Path, lock: Path, options: Sequence[str]) -> str:
 
 
 if __name__ == "__main__":
+    # For the agent's user to read, whoever's shell this is.
+    os.umask(0o022)
     sys.exit(install_video(Path(sys.prefix), sys.argv[1:]) or 0)

@@ -11,7 +11,15 @@ from typing import Any
 import pytest
 from playbooks import Site
 from programs import Program, drive_forward
-from robot_hosts import IMAGE, NEWER_IMAGE, ROOT, RobotHost, RobotHosts, newer_systemd_boots
+from robot_hosts import (
+    IMAGE,
+    NEWER_IMAGE,
+    ROOT,
+    VIDEO_WHEELHOUSE,
+    RobotHost,
+    RobotHosts,
+    newer_systemd_boots,
+)
 
 INSTALL = "DEBIAN_FRONTEND=noninteractive apt-get install -y --reinstall /root/agent.deb"
 # A container's interface is virtual, so the agent would find none by itself.
@@ -124,6 +132,9 @@ async def test_package_without_settings_waits_for_the_line(site: Site, hosts: Ro
     assert "has no server yet" in said
     assert not robot.is_running()
     assert not robot.host.succeeds("systemctl is-enabled robotether-agent")
+    # The package has no PyAV, and the robot no index.
+    assert "Without it cameras send JPEG" in said
+    robot.host.run(f"robotether-agent install-video --wheelhouse {VIDEO_WHEELHOUSE}")
     line = f"{robot.invite()['command']} --interface eth0 --name {robot.name}"
     assert "installing the agent" not in robot.host.run(line)
     assert await robot.drives()

@@ -66,6 +66,12 @@ def test_second_run_changes_nothing(enrolled: Enrolled) -> None:
     assert enrolled.second.recaps["turtle"].changed == 0
 
 
+def test_robot_encodes_video(enrolled: Enrolled) -> None:
+    """PyAV has come with the agent, and works under the Python of this Debian."""
+    said = enrolled.robot.run("robotether-agent doctor", check=False)
+    assert "libx264 encodes H.264" in said
+
+
 def test_it_is_proved_from_the_controller(enrolled: Enrolled) -> None:
     """Each run ends with a message that went through the server to rosbridge and back."""
     assert re.search(r"a message went to its rosbridge and back in [0-9.]+ ms", enrolled.first.text)

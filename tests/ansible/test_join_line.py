@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from inside import run_inside
-from robot_hosts import CA_BUNDLE, ROOT, WHEELHOUSE, RobotHost, RobotHosts
+from robot_hosts import CA_BUNDLE, ROOT, VIDEO_WHEELHOUSE, WHEELHOUSE, RobotHost, RobotHosts
 from stack import Stack
 
 INSTALLER = "/root/join.sh"
@@ -187,8 +187,10 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     """The printed line brings a machine online; a second run finds nothing to do; uninstalling leaves nothing."""
     robot.host.ros_listens_on("0.0.0.0")
     line = invite(stack, admin)
-    # Without --wheelhouse: as most robots do, with packages from the index.
+    # Without --wheelhouse: as most robots do, with packages from the index; but PyAV, which is large, from a folder.
+    robot.host.run(f"echo 'find-links = {VIDEO_WHEELHOUSE}' >> /etc/pip.conf")
     good, said = robot.install(line, "--interface eth0 --name turtle")
+    robot.host.run("sed -i /find-links/d /etc/pip.conf")
     assert good, said
     assert f"done: this robot is turtle, at https://cloud:{stack.https_port}/robots/turtle" in said
     stack.wait("turtle online", lambda: online(stack, robot.host.mac), "relay", "sshd")
@@ -202,6 +204,8 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     doctor = robot.host.run("robotether-agent doctor", check=False)
     assert re.search(r"^warning +rosbridge +answers at [0-9.]+: anyone", doctor, re.MULTILINE)
     robot.host.ros_listens_on("127.0.0.1")
+
+    assert "libx264 encodes H.264" in doctor
 
     before = robot.state()
     good, said = robot.install(line, "--interface eth0 --name turtle")
@@ -228,8 +232,9 @@ def test_without_a_token_an_admin_approves(
     stack: Stack, admin: dict[str, str], robot: Robot
 ) -> None:
     """The line says how to approve, and which key to compare; the robot is online a moment after."""
-    good, said = robot.install(without_token(invite(stack, admin)))
+    good, said = robot.install(without_token(invite(stack, admin)), f"{USUAL} --no-video")
     assert good, said
+    assert 'video_encoder = "off"' in robot.host.run("cat /etc/robotether/agent.toml")
     assert robot.key() in said
     assert "robot approve" in said
     name = rows(stack)[robot.host.mac]["name"]

@@ -19,13 +19,26 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robot_hosts import CA_BUNDLE, PIP_CACHE, ROOT, WHEELHOUSE, RobotHost, RobotHosts
+from robot_hosts import (
+    CA_BUNDLE,
+    PIP_CACHE,
+    ROOT,
+    VIDEO_WHEELHOUSE,
+    WHEELHOUSE,
+    RobotHost,
+    RobotHosts,
+)
 from stack import Stack
 
 ANSIBLE = ROOT / "ansible"
 # How a robot's pip gets what the agent needs: from the package index, this machine's way, as behind an inspecting
-# proxy; or from the folder that the tests' hosts have, which costs neither the network nor a copy of each wheel.
-FROM_INDEX = {"PIP_CERT": CA_BUNDLE, "PIP_CACHE_DIR": PIP_CACHE}
+# proxy; or from the folder that the tests' hosts have, which costs neither the network nor a copy of each wheel. PyAV,
+# which is large, comes from a folder, or not at all.
+FROM_INDEX = {
+    "PIP_CERT": CA_BUNDLE,
+    "PIP_CACHE_DIR": PIP_CACHE,
+    "PIP_FIND_LINKS": VIDEO_WHEELHOUSE,
+}
 FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELHOUSE}
 # Some two minutes are usual for twenty hosts on two cores; this is for a playbook that hangs.
 ENDS_WITHIN_S = 1200

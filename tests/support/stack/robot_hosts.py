@@ -40,6 +40,7 @@ CA_BUNDLE = "/etc/ssl/site-ca.pem"
 PIP_CACHE = "/var/cache/pip"
 # What the agent needs, in the image.
 WHEELHOUSE = "/opt/wheelhouse"
+VIDEO_WHEELHOUSE = "/opt/wheelhouse-video"
 # What systemd needs beyond Docker's usual: to mount, and its own control group, on cgroup v1 and v2.
 SYSTEMD: dict[str, Any] = {
     "cap_add": ["SYS_ADMIN", "NET_ADMIN"],

@@ -42,6 +42,31 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
     assert not (version / "lib").exists()
 
 
+@pytest.mark.parametrize(("exit_code", "changed"), [(0, 3), (1, 2)])
+def test_robot_without_what_encodes_video_goes_on(
+    tmp_path: Path, exit_code: int, changed: int
+) -> None:
+    """The robot sends JPEG then, and the run says so; no copy of a wheel stays."""
+    (tmp_path / "wheels").mkdir()
+    for name in ("av-18.1.0-cp311-abi3-x.whl", "aiohttp-3.14.5-x.whl"):
+        (tmp_path / "wheels" / name).touch()
+    command = tmp_path / "version/bin/robotether-agent"
+    command.parent.mkdir(parents=True)
+    command.write_text(f"#!/bin/sh\necho $1: $(ls $3) >&2\nexit {exit_code}\n")
+    command.chmod(0o755)
+    done = play(
+        tmp_path,
+        [of_role("robotether_agent", "install_video")],
+        robotether_agent_venv=str(tmp_path / "version"),
+        robotether_agent_wheelhouse=str(tmp_path / "wheels"),
+    )
+    assert done.returncode == 0, done.stdout
+    assert f"changed={changed} " in done.stdout
+    said = "WARNING: install-video: av-18.1.0-cp311-abi3-x.whl. localhost sends JPEG"
+    assert (said in done.stdout) is bool(exit_code), done.stdout
+    assert not (tmp_path / "version/packages").exists()
+
+
 @pytest.mark.skipif(os.geteuid() != 0, reason="the settings are root's")
 @pytest.mark.parametrize(
     ("url", "mode"),

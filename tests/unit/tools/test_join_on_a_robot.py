@@ -130,6 +130,34 @@ def test_room_is_needed_for_what_is_installed(robot: Robot) -> None:
     assert robot.run(f"{places}; {few}; check_room") == ""
 
 
+@pytest.mark.parametrize(
+    ("options", "settings", "cores", "is_tried"),
+    [
+        ((), "", 2, True),
+        ((), "", 1, False),
+        (("--no-video",), "", 2, False),
+        ((), 'video_encoder = "off"', 2, False),
+    ],
+)
+def test_video_is_installed_where_it_will_run(
+    robot: Robot, options: tuple[str, ...], settings: str, cores: int, is_tried: bool
+) -> None:
+    """The choice stays in the settings, so that the next upgrade knows it, and a failure ends nothing."""
+    with robot.settings.open("a") as file:
+        file.write(f"{settings}\n")
+    agent = robot.place / "versions/1/bin/robotether-agent"
+    agent.parent.mkdir(parents=True)
+    agent.write_text(
+        '#!/bin/sh\necho "robotether-agent: cannot install PyAV: no way" >&2\nexit 1\n'
+    )
+    agent.chmod(0o755)
+    places = f"venv={robot.place}/versions/1; nproc() {{ echo {cores}; }}"
+    said = robot.run(f"{places}; ensure_video; ensure_config", "--server", "old.example", *options)
+    assert ("cannot install PyAV: no way. Without it cameras send JPEG" in said) is is_tried
+    written = tomllib.loads((robot.place / "new/agent.toml").read_text())
+    assert (written.get("video_encoder") == "off") is ("off" in settings or bool(options))
+
+
 def test_upgrade_starts_an_agent_that_had_failed(robot: Robot) -> None:
     """`switch` leaves such a service alone, and the line says at its end that the agent runs."""
     versions = f"ROOT={robot.place} venv={robot.place}/versions/2 version=2"

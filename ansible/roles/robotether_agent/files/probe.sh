@@ -4,6 +4,7 @@ has() { command -v "$1" >/dev/null 2>&1 && echo yes || echo no; }
 echo "python=$(python3 -c 'import sys; print("%d.%d.%d" % sys.version_info[:3])' 2>/dev/null)"
 python3 -c 'import ensurepip, venv' 2>/dev/null && echo venv=yes || echo venv=no
 echo "ssh=$(has ssh-keygen)"
+echo "cores=$(nproc)"
 echo "apt=$(has apt-get)"
 docker info >/dev/null 2>&1 && echo docker=yes || echo docker=no
 echo "docker_root=$(docker info 2>/dev/null | sed -n 's/^ *Docker Root Dir: //p')"
