@@ -90,6 +90,7 @@ class Services:
             "moving": self._moving,
             "fence": self._authorizer.fence,
             "unheard": [],
+            "blind_limits": True,
             "refused": dict.fromkeys(REFUSED_KINDS, 0),
         }
 
