@@ -16,8 +16,8 @@ from dataclasses import dataclass
 
 import aiohttp
 from demo import Demo
-from paper.robots import ROSBRIDGE_PORT
 from report import Row, Section
+from round_trip import ROSBRIDGE_PORT
 from video import RELAY_PORT, ROBOT, Usage, going_on
 
 SENSORS = ("/scan", "/odom", "/map")

@@ -12,11 +12,14 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import socket
+import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import aiohttp
 import pandas as pd
@@ -24,14 +27,26 @@ from bare_tunnel import bare_tunnel
 from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
-from paper.networks import made_in
-from paper.robots import ROSBRIDGE_PORT, WholeRobot
-from paper.world import World
+from paper.programs import Program, our_environment
+from paper.world import World, environment
 from report import Row, Section, quantiles
 
 FRAME_BYTES = 200
 RATE_HZ = 100
 COUNT, WARM_UP = 3000, 50
+ROSBRIDGE_PORT = 9090
+ONLINE_WITHIN_S = 60.0
+
+
+def made_in(namespace: Namespace) -> dict[str, Any]:
+    """What has a TCPConnector make its sockets inside a namespace, where they stay; names are looked up outside."""
+
+    def make(address: Any) -> socket.socket:
+        family, kind, protocol, *_ = address
+        with namespace.entered():
+            return socket.socket(family, kind, protocol)
+
+    return {"socket_factory": make}
 
 
 class Route:
@@ -99,37 +114,65 @@ async def measure_all(
 
 
 @contextmanager
-def whole_robot(demo: Demo) -> Iterator[WholeRobot]:
-    """A robot of the demo's server, in a network of its own, which is online."""
+def whole_robot(demo: Demo) -> Iterator[tuple[World, str, Namespace]]:
+    """A robot of the demo's server, the ROS side and the real agent with its guard, in a network of its own; online."""
     with TemporaryDirectory(prefix="rt-x-") as folder, ExitStack() as stack:
         world = World(demo.container, Path(folder))
         world.token = demo.token
-        [uplink] = stack.enter_context(world.uplinks(1))
-        [enrolled] = world.enrol(world.names("round-trip", 1))
-        stack.callback(world.remove, [enrolled])
-        robot = stack.enter_context(WholeRobot(world, enrolled, uplink))
-        robot.wait_online()
-        yield robot
+        [inside] = stack.enter_context(world.uplinks(1))
+        [robot] = world.enrol(world.names("round-trip", 1))
+        stack.callback(world.remove, [robot])
+        settings = {
+            **robot.settings,
+            "run_dir": f"{folder}/run",
+            "rosbridge_url": f"ws://127.0.0.1:{ROSBRIDGE_PORT}",
+            # A bus has no frames; so nobody looks for them every 2 s.
+            "video_source": "rosbridge",
+            "shell_address": "none",
+        }
+        programs = []
+        for words in (
+            ("paper.bus_robot", "127.0.0.1", str(ROSBRIDGE_PORT)),
+            ("robotether_agent", "run"),
+        ):
+            command = (sys.executable, "-m", *words)
+            environ = {**our_environment(), **environment(settings)}
+            program = Program(inside, command, robot.folder / f"{words[0]}.log", environ)
+            stack.callback(program.end)
+            programs.append(program)
+        wait_online(world, robot.name, programs)
+        yield world, robot.name, inside
+
+
+def wait_online(world: World, name: str, programs: Sequence[Program]) -> None:
+    """Wait until the server says that the robot is online and its rosbridge answers."""
+    end = time.monotonic() + ONLINE_WITHIN_S
+    while not any(
+        robot["name"] == name and robot["online"] and robot["ros"] == "ok"
+        for robot in world.api("GET", "/robots")["robots"]
+    ):
+        for program in programs:
+            program.check()
+        if time.monotonic() > end:
+            logs = "\n".join(program.tail() for program in programs)
+            raise RuntimeError(f"{name} is not online within {ONLINE_WITHIN_S:g} s\n{logs}")
+        time.sleep(0.25)
 
 
 def measure(demo: Demo, count: int = COUNT) -> Section:
     """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper; all from its network."""
+    rosbridge = f"127.0.0.1:{ROSBRIDGE_PORT}"
     with (
-        whole_robot(demo) as robot,
-        bare_tunnel(
-            f"{robot.address}:{ROSBRIDGE_PORT}",
-            "0.0.0.0",
-            host=robot.uplink.machine,
-            inside=robot.uplink.inside,
-        ) as bare_port,
+        whole_robot(demo) as (world, name, inside),
+        bare_tunnel(rosbridge, "0.0.0.0", host=world.machine, inside=inside) as bare_port,
     ):
-        ticket = robot.world.ticket(robot.name, "drive")
+        ticket = world.ticket(name, "drive")
         urls = {
-            "straight to rosbridge": robot.ros_url,
-            "bare ssh -R": f"ws://{robot.uplink.machine}:{bare_port}/",
-            "whole path with TLS": f"wss://{robot.world.address}/robots/{robot.name}/ros?ticket={ticket}",
+            "straight to rosbridge": f"ws://{rosbridge}",
+            "bare ssh -R": f"ws://{world.machine}:{bare_port}/",
+            "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={ticket}",
         }
-        routes = asyncio.run(measure_all(urls, count, inside=robot.uplink.inside))
+        routes = asyncio.run(measure_all(urls, count, inside=inside))
     table = pd.DataFrame([route.row(0.5, 0.99, 1) for route in routes])
     bare = table.iloc[1]
     table["p50 above bare ssh -R, ms"] = table["p50, ms"] - bare["p50, ms"]

@@ -1,6 +1,6 @@
 """A robot's ROS side without a robot: the simulator's rosbridge and bus alone, with no camera, sensor and motion.
 
-Started by robots.py as `python -m paper.bus_robot ADDRESS PORT` for experiments that count or time messages; idle it
+Started as `python -m paper.bus_robot ADDRESS PORT` for experiments that count or time messages; idle it
 does nothing. Stands in for ROS and rosbridge, as the simulator does. Ends on SIGTERM.
 """
 

@@ -1,6 +1,6 @@
 """The stack that experiments run against: its ports, its API as an admin, its containers, and robots enrolled there.
 
-    with World.own() as world, world.uplinks(1) as [uplink]:
+    with World.own() as world, world.uplinks(1) as [inside]:
         [robot] = world.enrol(world.names("fleet", 1))
 
 `World.own()` starts a stack for itself and removes it. Robots join by the agent's own code against the server itself.
@@ -17,7 +17,7 @@ import ssl
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from http import HTTPStatus
@@ -30,11 +30,10 @@ from docker.models.containers import Container
 from docker_engine import machine_address
 from inside import run_inside
 from local_network import request_json
+from namespaces import Namespace, make_joined, sweep
 from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
-
-from paper.networks import Uplink, uplinks
 
 # The containers' own, whatever they are published as.
 HTTPS = "8443/tcp"
@@ -135,9 +134,16 @@ class World:
             self.api("DELETE", f"/robots/{robot.name}")
             shutil.rmtree(robot.folder, ignore_errors=True)
 
-    def uplinks(self, how_many: int) -> AbstractContextManager[list[Uplink]]:
-        """So many networks, with this machine behind each."""
-        return uplinks(how_many, self.machine)
+    @contextmanager
+    def uplinks(self, how_many: int) -> Iterator[list[Namespace]]:
+        """So many networks of robots, whose only way out is a cable to this machine; needs root.
+
+        Packets are routed and never translated, so that the server sees the address that the robot has; published ports
+        are reached by the kernel's own translation, as from outside, and not by a proxy process.
+        """
+        sweep()
+        with ExitStack() as made:
+            yield [make_joined(made, "uplink")[0] for _ in range(how_many)]
 
     @cached_property
     def token(self) -> str:
@@ -156,7 +162,6 @@ class World:
         number = next(_numbers)
         return Enrolled(
             name=name,
-            number=number,
             mac=local_mac(os.getpid(), number),
             server=self.address,
             tls_fingerprint=self.tls_fingerprint,
@@ -199,8 +204,6 @@ class Enrolled:
     """One robot as the server and its own disk know it."""
 
     name: str
-    # In its World; gives it addresses of its own beside others in one network.
-    number: int
     mac: str
     # HOST:PORT of the server's https, the same from every uplink: a robot may start behind any of them.
     server: str

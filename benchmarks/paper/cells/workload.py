@@ -20,13 +20,13 @@ from random import Random
 from typing import Any
 
 from local_network import insecure_tls
+from namespaces import Namespace
 
 from paper.cells.checker import Database
 from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
 from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, placed, workers_for
-from paper.networks import Uplink
 from paper.programs import LineProgram
 from paper.world import Enrolled
 
@@ -66,7 +66,7 @@ class RobotProcess(Worker):
         self,
         *,
         source: str,
-        uplink: Uplink,
+        uplink: Namespace,
         agents: Sequence[Enrolled],
         virtual: Sequence[Enrolled],
         folder: Path,
@@ -76,7 +76,7 @@ class RobotProcess(Worker):
         self.source = source
         self.disk = place / f"disk-{source}"
         self.names = [item.name for item in robots]
-        self.inside = uplink.inside.command
+        self.inside = uplink.command
         # What robots said that ended, which none may.
         self.failed: list[str] = []
         folders = [item.state_dir for item in robots]

@@ -12,10 +12,11 @@ a world; the fleet ends with the `with` block.
 from __future__ import annotations
 
 import asyncio
+import os
 import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -23,18 +24,21 @@ from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import aiohttp
+from namespaces import Namespace
+from openssh_server import descendants
 from robotether_server.relay.robots.robot import USE_KEPT_S
 
 from paper.client import Client, new_http
-from paper.costs import Reading, cpu_between, limits_met, memory_between
+from paper.costs import PROC, Reading, cpu_between, limits_met, memory_between
 from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import allow_files
-from paper.networks import Uplink
 from paper.programs import LineProgram
-from paper.robots import ASIDE, no_longer_aside
 from paper.world import Enrolled, World
 
+# Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
+# both have to share here, what is measured would be how that is decided; so the server comes first while they start.
+ASIDE = ("nice", "-n", "19")
 SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # sshd lets 20 log-ins of one address begin at a time, of 60 in all: so few addresses must not be what limits a fleet.
@@ -62,8 +66,8 @@ def robots_of(world: World, count: int) -> list[Enrolled]:
 
 
 def placed(
-    robots: Sequence[Enrolled], uplinks: Sequence[Uplink]
-) -> list[tuple[Uplink, list[Enrolled]]]:
+    robots: Sequence[Enrolled], uplinks: Sequence[Namespace]
+) -> list[tuple[Namespace, list[Enrolled]]]:
     """As many robots behind each uplink as it has, all nearly alike."""
     each, more = divmod(len(robots), len(uplinks))
     left = iter(robots)
@@ -83,10 +87,10 @@ def watched_s(count: int) -> float:
 class Worker(LineProgram):
     """A process of robots behind an uplink; takes orders, and tells what its robots do."""
 
-    def __init__(self, module: str, uplink: Uplink, log: Path, told: object) -> None:
+    def __init__(self, module: str, inside: Namespace, log: Path, told: object) -> None:
         # Called in a thread of its own.
         self.on_message: Callable[[dict[str, Any]], None] = lambda _: None
-        super().__init__(module, log, uplink.inside.command(*ASIDE))
+        super().__init__(module, log, inside.command(*ASIDE))
         self.send(told)
 
     def handle(self, message: dict[str, Any]) -> bool:
@@ -227,6 +231,16 @@ def with_fleet(
         return asyncio.run(run())
 
 
+def no_longer_aside(pids: Sequence[int]) -> None:
+    """Give these processes, all that they have started, and what these start from now on, the normal priority."""
+    for pid in [*pids, *(below for root in pids for below in descendants(root))]:
+        # One may have ended meanwhile.
+        with suppress(FileNotFoundError, ProcessLookupError):
+            # To Linux a priority is a thread's, and one with a lock of the interpreter makes the others wait.
+            for thread in (PROC / str(pid) / "task").iterdir():
+                os.setpriority(os.PRIO_PROCESS, int(thread.name), 0)
+
+
 @asynccontextmanager
 async def following(
     world: World, robots: Sequence[Enrolled], sides: Sequence[Worker]
@@ -244,7 +258,7 @@ async def following(
 
 @asynccontextmanager
 async def workers(
-    places: Iterable[tuple[Uplink, Sequence[Enrolled]]], logs: Path, module: str = LIGHT
+    places: Iterable[tuple[Namespace, Sequence[Enrolled]]], logs: Path, module: str = LIGHT
 ) -> AsyncIterator[list[Worker]]:
     """A worker for each place; all robots have their rosbridge, and no agent yet."""
     made: list[Worker] = []
