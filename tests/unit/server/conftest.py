@@ -1,14 +1,8 @@
 """The application of web with people and robots in the real database, and who visits it."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
-from flask import Flask
 from granted import give
-from mariadb_server import MariaDb
-from robotether_server.db import Database, robots, users
+from robotether_server.db import robots, users
 from robotether_server.settings.server import (
     JoinSettings,
     SiteAddressSettings,
@@ -23,7 +17,7 @@ TICKET_KEY = "t" * 32
 SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
 
 
-def settings_of(mariadb: MariaDb, folder: Path) -> WebSettings:
+def settings_of(mariadb, folder):
     """What web runs with, against the real database."""
     host_keys = folder / "host_keys"
     host_keys.mkdir()
@@ -42,19 +36,19 @@ def settings_of(mariadb: MariaDb, folder: Path) -> WebSettings:
 
 
 @pytest.fixture
-def web_settings(mariadb: MariaDb, tmp_path: Path) -> WebSettings:
+def web_settings(mariadb, tmp_path):
     """What web runs with in this test."""
     return settings_of(mariadb, tmp_path)
 
 
 @pytest.fixture(scope="session")
-def made_app(mariadb: MariaDb, tmp_path_factory: pytest.TempPathFactory) -> Flask:
+def made_app(mariadb, tmp_path_factory):
     """The application with its routes and compiled templates, which take longer than most tests."""
     return create_app(settings_of(mariadb, tmp_path_factory.mktemp("web")))
 
 
 @pytest.fixture
-def app(made_app: Flask, web_settings: WebSettings, database: Database) -> Flask:
+def app(made_app, web_settings, database):
     """The application, with users and robots: ann drives sim1, olga observes it, root is admin."""
     with database.transaction() as tx:
         ann, olga = users.add(tx, "ann", HASH, "user"), users.add(tx, "olga", HASH, "user")
@@ -69,12 +63,12 @@ def app(made_app: Flask, web_settings: WebSettings, database: Database) -> Flask
 
 
 @pytest.fixture
-def browser(app: Flask) -> Browser:
+def browser(app):
     """A visitor without a login."""
     return Browser(app.test_client())
 
 
 @pytest.fixture
-def program(app: Flask) -> Browser:
+def program(app):
     """A visitor without cookies."""
     return Browser(app.test_client(use_cookies=False))

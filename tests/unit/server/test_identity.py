@@ -1,11 +1,8 @@
 """MACs in every usual spelling (the twin in SQL is compared in db/test_robots.py), and OpenSSH public keys."""
 
-from __future__ import annotations
-
 import base64
 import struct
 import subprocess
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -42,7 +39,7 @@ MESSAGE = "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n"
         "0-1B-44-11-3A-B7",
     ],
 )
-def test_usual_spellings_become_one(text: str) -> None:
+def test_usual_spellings_become_one(text):
     """Lower case with colons, two digits a byte."""
     assert normalise_mac(text) == "00:1b:44:11:3a:b7"
 
@@ -62,7 +59,7 @@ def test_usual_spellings_become_one(text: str) -> None:
         "g" * 12,
     ],
 )
-def test_anything_else_is_refused(text: str) -> None:
+def test_anything_else_is_refused(text):
     """The sentence names the field and shows how to write it."""
     with pytest.raises(FieldInvalidError, match=r"cannot use mac .* write it as 00:1b:44:11:3a:b7"):
         normalise_mac(text)
@@ -72,7 +69,7 @@ def test_anything_else_is_refused(text: str) -> None:
     "text",
     ["00:00:00:00:00:00", "0:0:0:0:0:0", "ffff.ffff.ffff", "01:00:5e:00:00:fb", "330000000001"],
 )
-def test_macs_of_no_single_robot_are_refused(text: str) -> None:
+def test_macs_of_no_single_robot_are_refused(text):
     """Zero, broadcast and multicast, whatever the spelling."""
     with pytest.raises(FieldInvalidError, match=r"cannot use mac .* which no single robot has"):
         normalise_mac(text)
@@ -81,7 +78,7 @@ def test_macs_of_no_single_robot_are_refused(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["02:42:ac:11:00:02", "0242.ac11.0002", "2:42:ac:11:0:2", "fe0000000001"]
 )
-def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text: str) -> None:
+def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text):
     """The sentence says how an admin lets one in."""
     with pytest.raises(FieldInvalidError, match=r"locally administered.*--allow-local-mac"):
         normalise_mac(text, allow_local=False)
@@ -90,12 +87,12 @@ def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text: str
 
 
 @pytest.mark.parametrize("text", ["00:1b:44:11:3a:b7", "b8:27:eb:00:00:01"])
-def test_macs_of_makers_pass(text: str) -> None:
+def test_macs_of_makers_pass(text):
     """Those that stand on a network card."""
     assert normalise_mac(text, allow_local=False) == text
 
 
-def make_key(folder: Path, kind: str, bits: int) -> tuple[str, str]:
+def make_key(folder, kind, bits):
     """A real key line and its fingerprint."""
     file = folder / "key"
     size = ["-b", str(bits)] if bits else []
@@ -109,7 +106,7 @@ def make_key(folder: Path, kind: str, bits: int) -> tuple[str, str]:
 
 
 @pytest.fixture(scope="module")
-def ed25519(tmp_path_factory: pytest.TempPathFactory) -> str:
+def ed25519(tmp_path_factory):
     """A real key line."""
     return make_key(tmp_path_factory.mktemp("key"), "ed25519", 0)[0].strip()
 
@@ -117,7 +114,7 @@ def ed25519(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.mark.parametrize(
     ("kind", "bits"), [("ed25519", 0), ("ecdsa", 256), ("ecdsa", 521), ("rsa", 3072)]
 )
-def test_fingerprint_is_that_of_ssh_keygen(tmp_path: Path, kind: str, bits: int) -> None:
+def test_fingerprint_is_that_of_ssh_keygen(tmp_path, kind, bits):
     """What sshd passes to the lookup is what stands in the row; the comment is gone."""
     line, fingerprint = make_key(tmp_path, kind, bits)
     key = parse_persons_key(line.strip())
@@ -127,11 +124,11 @@ def test_fingerprint_is_that_of_ssh_keygen(tmp_path: Path, kind: str, bits: int)
     assert key_comment(line) == "a comment"
 
 
-def wire(*fields: bytes) -> str:
+def wire(*fields):
     return base64.b64encode(b"".join(struct.pack(">I", len(f)) + f for f in fields)).decode()
 
 
-def test_keys_of_security_keys_are_peoples(tmp_path: Path) -> None:
+def test_keys_of_security_keys_are_peoples(tmp_path):
     """Those that live in hardware, which ssh-keygen reads as we do."""
     for kind, *fields in (
         (b"sk-ssh-ed25519@openssh.com", b"p" * 32, b"ssh:"),
@@ -150,7 +147,7 @@ def test_keys_of_security_keys_are_peoples(tmp_path: Path) -> None:
             parse_persons_key(f"{kind.decode()} {wire(kind, *fields[:-1])}")
 
 
-def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
+def test_short_rsa_key_is_refused(tmp_path):
     """The sentence says how many bits it needs; 2048 are enough."""
     parse_persons_key(make_key(tmp_path, "rsa", 2048)[0])
     with pytest.raises(FieldInvalidError, match="2048 bits or more, this has 1024"):
@@ -175,7 +172,7 @@ def test_short_rsa_key_is_refused(tmp_path: Path) -> None:
         lambda line: line + " " + "x" * 3000,
     ],
 )
-def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
+def test_what_is_no_plain_key_is_refused(ed25519, change):
     """Options, a second line, control characters, damage and other types do not reach sshd."""
     assert callable(change)
     for read in (parse_robots_key, parse_persons_key):
@@ -184,25 +181,25 @@ def test_what_is_no_plain_key_is_refused(ed25519: str, change: object) -> None:
 
 
 @given(st.binary(max_size=120), st.sampled_from(["ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256"]))
-def test_rubbish_is_refused_with_a_problem(blob: bytes, kind: str) -> None:
+def test_rubbish_is_refused_with_a_problem(blob, kind):
     """No bytes from outside raise anything else."""
     with pytest.raises(FieldInvalidError):
         parse_persons_key(f"{kind} {base64.b64encode(blob).decode()}")
 
 
 @pytest.fixture
-def signer() -> RobotSigner:
+def signer():
     """A robot's key."""
     return RobotSigner()
 
 
-def test_signature_of_the_key_holds(signer: RobotSigner) -> None:
+def test_signature_of_the_key_holds(signer):
     """Over this message, for this namespace."""
     signature = signer.sign(NAMESPACE, MESSAGE)
     assert signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
 
 
-def test_any_other_signature_does_not(signer: RobotSigner) -> None:
+def test_any_other_signature_does_not(signer):
     """Another message, another namespace, another key, damage, or none at all."""
     stranger = RobotSigner()
     good = signer.sign(NAMESPACE, MESSAGE)

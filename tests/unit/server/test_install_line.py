@@ -1,12 +1,8 @@
 """The line that installs a robot, and the certificate that it pins."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import shlex
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 import tls_front
@@ -22,7 +18,7 @@ from robotether_server.install_line import (
 )
 from robotether_server.problems import FieldInvalidError, SiteCertificateUnavailableError
 from robotether_server.settings.server import SiteAddressSettings
-from tls_front import TlsFront, openssl
+from tls_front import openssl
 
 FINGERPRINT = "ab" * 32
 PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
@@ -31,16 +27,16 @@ PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
 class KnownCertificate(SiteCertificates):
     """A front whose certificate is given."""
 
-    def __init__(self, host: str | None, port: int, *, is_known: bool) -> None:
+    def __init__(self, host, port, *, is_known):
         super().__init__(SiteAddressSettings(host, port, ("nobody", 1)))
         self.given = Certificate(FINGERPRINT, PIN, is_known)
 
-    def certificate(self, host: str) -> Certificate:
+    def certificate(self, host):
         """The given one, whatever the name."""
         return self.given
 
 
-def test_self_signed_certificate_is_pinned_twice() -> None:
+def test_self_signed_certificate_is_pinned_twice():
     """By curl for the script, and by the script for all that follows."""
     certificates = KnownCertificate(None, 443, is_known=False)
     assert enrolment_lines(certificates, "robots.example:8443", "rj_abc").install == (
@@ -49,7 +45,7 @@ def test_self_signed_certificate_is_pinned_twice() -> None:
     )
 
 
-def test_known_certificate_is_left_to_the_authorities() -> None:
+def test_known_certificate_is_left_to_the_authorities():
     """A known certificate is left to the authorities, so that it may be renewed."""
     certificates = KnownCertificate("robots.example", 443, is_known=True)
     assert enrolment_lines(certificates, "10.0.0.1", "rj_abc").install == (
@@ -57,7 +53,7 @@ def test_known_certificate_is_left_to_the_authorities() -> None:
     )
 
 
-def test_token_is_one_word_whatever_it_is() -> None:
+def test_token_is_one_word_whatever_it_is():
     """The shell sees it as one argument."""
     certificates = KnownCertificate("a", 443, is_known=True)
     line = enrolment_lines(certificates, "", "rj_$(reboot) '; x").install
@@ -79,7 +75,7 @@ def test_token_is_one_word_whatever_it_is() -> None:
         "[::]",
     ],
 )
-def test_an_address_that_is_the_robot_itself_is_warned_of(asked: str) -> None:
+def test_an_address_that_is_the_robot_itself_is_warned_of(asked):
     """Whether the page was opened under it, or PUBLIC_HOST is it."""
     here = KnownCertificate(None, 443, is_known=False)
     assert "No robot can use this line" in enrolment_lines(here, asked, "rj_abc").warning
@@ -93,14 +89,14 @@ def test_an_address_that_is_the_robot_itself_is_warned_of(asked: str) -> None:
 @pytest.mark.parametrize(
     "asked", ["robots.example", "10.0.0.1:8443", "[2001:db8::1]", "localhost.example"]
 )
-def test_other_addresses_are_not_warned_of(asked: str) -> None:
+def test_other_addresses_are_not_warned_of(asked):
     """Nobody knows here what a robot's network reaches."""
     assert (
         enrolment_lines(KnownCertificate(None, 443, is_known=False), asked, "rj_abc").warning == ""
     )
 
 
-def test_each_way_has_its_line() -> None:
+def test_each_way_has_its_line():
     """All pin the certificate; the robot's name goes where it enrols itself."""
     certificates = KnownCertificate("2001:db8::1", 8443, is_known=False)
     lines = enrolment_lines(certificates, "", "rj_abc", "turtle")
@@ -124,7 +120,7 @@ def test_each_way_has_its_line() -> None:
         ("2001:db8::1", 8443, "[2001:db8::1]:8443"),
     ],
 )
-def test_public_host_and_port_win(host: str, port: int, authority: str) -> None:
+def test_public_host_and_port_win(host, port, authority):
     """An admin who works from inside still gets the line for robots outside."""
     assert (
         site_of(SiteAddressSettings(host, port, ("nginx", 8443)), "10.0.0.1").authority == authority
@@ -132,7 +128,7 @@ def test_public_host_and_port_win(host: str, port: int, authority: str) -> None:
 
 
 @pytest.mark.parametrize("text", ["robots.example", "robots.example:8443", "[::1]:444", "10.0.0.1"])
-def test_sites_are_read_as_they_are_written(text: str) -> None:
+def test_sites_are_read_as_they_are_written(text):
     """What the header Host has is what the line has."""
     assert parse_site_address(text).authority == text
 
@@ -140,24 +136,24 @@ def test_sites_are_read_as_they_are_written(text: str) -> None:
 @pytest.mark.parametrize(
     "text", ["", "a b", "a;reboot", "$(x)", "a/b", "a:b", "::1", "u@a", "a\nb", ".a", "a" * 64]
 )
-def test_host_that_is_none_is_refused(text: str) -> None:
+def test_host_that_is_none_is_refused(text):
     """A header is a stranger's text until it is checked."""
     with pytest.raises(FieldInvalidError, match="cannot use host"):
         parse_site_address(text)
 
 
 @pytest.fixture
-def shown(tmp_path: Path) -> Iterator[TlsFront]:
+def shown(tmp_path):
     """A server with a self-signed certificate."""
     with tls_front.running(tmp_path) as certificates:
         yield certificates
 
 
-def certificates_of(shown: TlsFront, **options: object) -> SiteCertificates:
-    return SiteCertificates(SiteAddressSettings(None, 443, shown.endpoint), **options)  # type: ignore[arg-type] # only `now`
+def certificates_of(shown, **options):
+    return SiteCertificates(SiteAddressSettings(None, 443, shown.endpoint), **options)
 
 
-def test_fingerprint_and_pin_are_those_of_openssl(shown: TlsFront) -> None:
+def test_fingerprint_and_pin_are_those_of_openssl(shown):
     """What people compare with openssl, and what curl computes."""
     found = certificates_of(shown).certificate("localhost")
     pem = str(shown.certificate)
@@ -172,15 +168,13 @@ def test_fingerprint_and_pin_are_those_of_openssl(shown: TlsFront) -> None:
 @pytest.mark.parametrize(
     ("host", "is_known"), [("localhost", True), ("127.0.0.1", True), ("elsewhere.example", False)]
 )
-def test_authorities_are_asked_for_a_name(
-    shown: TlsFront, monkeypatch: pytest.MonkeyPatch, host: str, is_known: bool
-) -> None:
+def test_authorities_are_asked_for_a_name(shown, monkeypatch, host, is_known):
     """A certificate that is trusted under another name alone is not known."""
     monkeypatch.setenv("SSL_CERT_FILE", str(shown.certificate))
     assert certificates_of(shown).certificate(host).is_known == is_known
 
 
-def test_certificate_is_kept_for_a_minute(shown: TlsFront) -> None:
+def test_certificate_is_kept_for_a_minute(shown):
     """Then a new one is seen."""
     now = 1000.0
     certificates = certificates_of(shown, now=lambda: now)
@@ -194,7 +188,7 @@ def test_certificate_is_kept_for_a_minute(shown: TlsFront) -> None:
     assert shown.handshakes == 2 * asked
 
 
-def test_many_names_do_not_fill_the_memory(shown: TlsFront) -> None:
+def test_many_names_do_not_fill_the_memory(shown):
     """The name comes from outside."""
     certificates = certificates_of(shown)
     for number in range(MAX_CACHED + 2):
@@ -202,7 +196,7 @@ def test_many_names_do_not_fill_the_memory(shown: TlsFront) -> None:
     assert len(certificates._cached) <= MAX_CACHED
 
 
-def test_no_certificate_is_said_so() -> None:
+def test_no_certificate_is_said_so():
     """Nobody listens: a sentence, not a traceback."""
     certificates = SiteCertificates(SiteAddressSettings(None, 443, ("127.0.0.1", free_port())))
     with pytest.raises(

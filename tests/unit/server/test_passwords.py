@@ -1,7 +1,5 @@
 """Passwords: argon2id hashes, and the same work for users who do not exist."""
 
-from __future__ import annotations
-
 import threading
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 
@@ -10,7 +8,7 @@ from robotether_server import passwords
 from robotether_server.problems import FieldInvalidError, ThrottledError
 
 
-def test_right_password_matches_and_wrong_does_not() -> None:
+def test_right_password_matches_and_wrong_does_not():
     """The hash is argon2id."""
     hashed = passwords.hash_password("correct horse battery")
     assert hashed.startswith("$argon2id$")
@@ -18,12 +16,12 @@ def test_right_password_matches_and_wrong_does_not() -> None:
     assert not passwords.matches("correct horse batterz", hashed)
 
 
-def test_nobody_has_no_password(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_has_no_password(monkeypatch):
     """An unknown user costs a verification of the same kind, and never matches."""
-    verified: list[str] = []
+    verified = []
 
     class Hasher:
-        def verify(self, password_hash: str, password: str) -> None:
+        def verify(self, password_hash, password):
             verified.append(password_hash)
 
     monkeypatch.setattr(passwords, "_hasher", Hasher())
@@ -31,12 +29,12 @@ def test_nobody_has_no_password(monkeypatch: pytest.MonkeyPatch) -> None:
     assert verified[0].split("$")[:4] == passwords._NOBODY.split("$")[:4]
 
 
-def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch):
     """Two are checked and two wait; who comes then is told to come again, and does not wait with them."""
     is_over = threading.Event()
 
     class Hasher:
-        def verify(self, _password_hash: str, _password: str) -> None:
+        def verify(self, _password_hash, _password):
             is_over.wait(20)
 
     monkeypatch.setattr(passwords, "_hasher", Hasher())
@@ -53,7 +51,7 @@ def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch: pytest.MonkeyPa
     assert passwords.matches("anything", "a hash")
 
 
-def test_damaged_hash_matches_nothing() -> None:
+def test_damaged_hash_matches_nothing():
     """A row that somebody wrote by hand does not let anybody in, nor fail the page."""
     assert not passwords.matches("anything", "plain text")
 
@@ -62,13 +60,13 @@ def test_damaged_hash_matches_nothing() -> None:
     ("password", "bound"),
     [("", "at least 12"), ("x" * 11, "at least 12"), ("x" * 1025, "at most 1024")],
 )
-def test_length_has_bounds(password: str, bound: str) -> None:
+def test_length_has_bounds(password, bound):
     """The sentence says which."""
     with pytest.raises(FieldInvalidError, match=bound):
         passwords.hash_password(password)
 
 
-def test_new_passwords_are_allowed_and_differ() -> None:
+def test_new_passwords_are_allowed_and_differ():
     """What is generated passes its own rule."""
     made = {passwords.new_password() for _ in range(20)}
     assert len(made) == 20
@@ -92,7 +90,7 @@ def test_new_passwords_are_allowed_and_differ() -> None:
         "robotether2026",
     ],
 )
-def test_common_password_is_refused(password: str) -> None:
+def test_common_password_is_refused(password):
     """As long as it may be: it is what an attacker tries first."""
     with pytest.raises(FieldInvalidError, match="tried first"):
         passwords.hash_password(password)
@@ -101,11 +99,11 @@ def test_common_password_is_refused(password: str) -> None:
 @pytest.mark.parametrize(
     "password", ["correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d"]
 )
-def test_other_password_is_taken(password: str) -> None:
+def test_other_password_is_taken(password):
     """A password may contain a common word."""
     assert passwords.matches(password, passwords.hash_password(password))
 
 
-def test_longest_password_is_judged_quickly() -> None:
+def test_longest_password_is_judged_quickly():
     """A text that is made of short common words can be read in very many ways."""
     assert not passwords.is_common("aisitoneyouyourmaymy" * 51 + "z.")

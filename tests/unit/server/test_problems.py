@@ -1,7 +1,5 @@
 """Problems: one tree, with codes that are each used once."""
 
-from __future__ import annotations
-
 import builtins
 import re
 import ssl
@@ -12,20 +10,20 @@ from robotether_server import problems
 from robotether_server.problems import HttpError, RobotetherError, TicketExpiredError, reason_in
 
 
-def tree(kind: type[RobotetherError]) -> list[type[RobotetherError]]:
+def tree(kind):
     return [kind, *(below for child in kind.__subclasses__() for below in tree(child))]
 
 
 OURS = [kind for kind in tree(RobotetherError) if kind.__module__ == problems.__name__]
 
 
-def test_codes_are_unique() -> None:
+def test_codes_are_unique():
     """A code in a log leads to one class."""
     codes = [kind.code for kind in OURS if "code" in vars(kind)]
     assert len(codes) == len(set(codes)) > 1
 
 
-def test_every_exception_of_the_server_is_in_the_tree() -> None:
+def test_every_exception_of_the_server_is_in_the_tree():
     """Each has a sentence for people, and a code or one from above."""
     texts = [path.read_text("utf-8") for path in Path(problems.__file__).parent.rglob("*.py")]
     classes = [found for text in texts for found in re.findall(r"^class (\w+)\((\w+)", text, re.M)]
@@ -37,7 +35,7 @@ def test_every_exception_of_the_server_is_in_the_tree() -> None:
     assert roots == ["RobotetherError"]
 
 
-def test_problem_is_rendered_as_in_the_contract() -> None:
+def test_problem_is_rendered_as_in_the_contract():
     """The members are those of RFC 9457 and the code."""
     assert TicketExpiredError("cannot open it").as_dict() == {
         "type": "about:blank",
@@ -60,7 +58,7 @@ def test_problem_is_rendered_as_in_the_contract() -> None:
         (500, "internal_server_error"),
     ],
 )
-def test_http_errors_have_codes_too(status: int, code: str) -> None:
+def test_http_errors_have_codes_too(status, code):
     """What HTTP names, the code names alike."""
     assert HttpError(status, "x").as_dict()["code"] == code
 
@@ -75,7 +73,7 @@ def test_http_errors_have_codes_too(status: int, code: str) -> None:
         (ZeroDivisionError("<object at 0x7f12>"), "no reason is known"),
     ],
 )
-def test_reasons_hold_nothing_of_python(error: Exception, told: str) -> None:
+def test_reasons_hold_nothing_of_python(error, told):
     """People get a sentence, and the log the rest."""
     reason = reason_in(error)
     assert told in reason

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import datetime as dt
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import pytest
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -49,26 +49,26 @@ class Thing(Struct, forbid_unknown_fields=True):
     several: Annotated[list[Publish | Call], Meta(max_length=2)] | UnsetType = UNSET
 
 
-def read(**given: object) -> Any:
+def read(**given):
     """The member that was given, as it was read."""
     [name] = given
     return getattr(schemas.read({"name": "x"} | given, Thing), name)
 
 
-def refused(given: dict[str, object]) -> str:
+def refused(given):
     """How an object is refused."""
     with pytest.raises(FieldInvalidError) as problem:
         schemas.read(given, Thing)
     return problem.value.detail
 
 
-def test_text_loses_the_space_around_it() -> None:
+def test_text_loses_the_space_around_it():
     """A key line may come with its newline."""
     assert read(name=" a b\n") == "a b"
 
 
 @pytest.mark.parametrize("value", [None, 1, [], "", "  ", "x" * 64, "a\nb", "a\x00", "\ud800"])
-def test_anything_else_is_refused_by_name(value: object) -> None:
+def test_anything_else_is_refused_by_name(value):
     """Of another type, empty, too long, not printable."""
     expected = "cannot use name: it must be a text of 1 to 63 printable characters"
     assert refused({"name": value}) == expected
@@ -76,13 +76,13 @@ def test_anything_else_is_refused_by_name(value: object) -> None:
 
 
 @pytest.mark.parametrize("value", ["Crew", "a b", "-a", "a/b", "x" * 64])
-def test_text_has_to_match_its_pattern(value: str) -> None:
+def test_text_has_to_match_its_pattern(value):
     """The sentence says what the pattern does."""
     assert read(plain="crew\n") == "crew"
     assert "plain: it must be 1 to 63 characters a-z" in refused({"name": "x", "plain": value})
 
 
-def test_name_of_what_is_there_may_be_any_text() -> None:
+def test_name_of_what_is_there_may_be_any_text():
     """Nothing of that name is found, which is another refusal; but a long text is none."""
     assert read(robot="No Robot") == "No Robot"
     assert "cannot use robot: it must be a text of 1 to 63" in refused(
@@ -91,7 +91,7 @@ def test_name_of_what_is_there_may_be_any_text() -> None:
 
 
 @pytest.mark.parametrize("value", [1, 10, 5.0])
-def test_number_within_bounds(value: object) -> None:
+def test_number_within_bounds(value):
     """5.0 is a whole number to JSON."""
     found = read(uses=value)
     assert (found, type(found)) == (value, int)
@@ -100,7 +100,7 @@ def test_number_within_bounds(value: object) -> None:
 @pytest.mark.parametrize(
     "value", [None, 0, 11, 1.5, True, "5", float("nan"), float("inf"), 10**400]
 )
-def test_number_out_of_bounds_is_refused(value: object) -> None:
+def test_number_out_of_bounds_is_refused(value):
     """Truth values and texts are no numbers."""
     assert refused({"name": "x", "uses": value}) == (
         "cannot use uses: it must be a whole number from 1 to 10"
@@ -108,7 +108,7 @@ def test_number_out_of_bounds_is_refused(value: object) -> None:
 
 
 @pytest.mark.parametrize("value", ["0", "11", "1.0", "+5", "5_0", "\u0665", "x", "", "9" * 5000])
-def test_number_in_a_query_is_plain_digits(value: str) -> None:
+def test_number_in_a_query_is_plain_digits(value):
     """Python takes more for a number than people mean."""
     assert schemas.read_query({"name": "7", "uses": "7"}, Thing) == Thing(name="7", uses=7)
     with pytest.raises(FieldInvalidError, match="uses: it must be a whole number from 1 to 10"):
@@ -116,13 +116,13 @@ def test_number_in_a_query_is_plain_digits(value: str) -> None:
 
 
 @pytest.mark.parametrize("value", [None, "c", ["a"], 1])
-def test_choice_tells_what_is_allowed(value: object) -> None:
+def test_choice_tells_what_is_allowed(value):
     """The sentence lists the choices."""
     assert read(level="a") == "a"
     assert refused({"name": "x", "level": value}) == "cannot use level: it must be one of a, b"
 
 
-def test_number_may_be_real() -> None:
+def test_number_may_be_real():
     """But neither NaN nor infinite; where null is a value the sentence says so."""
     assert (read(speed=1), type(read(speed=1))) == (1.0, float)
     assert read(speed=None) is None
@@ -132,14 +132,14 @@ def test_number_may_be_real() -> None:
         )
 
 
-def test_choice_of_numbers_is_one_of_numbers() -> None:
+def test_choice_of_numbers_is_one_of_numbers():
     """90.0 is 90, and false is not 0."""
     assert (read(turned=90.0), type(read(turned=90.0))) == (90, int)
     for value in (45, False, "90", None):
         assert "it must be one of 0, 90" in refused({"name": "x", "turned": value})
 
 
-def test_items_are_read_by_their_kind() -> None:
+def test_items_are_read_by_their_kind():
     """A refusal says which, from 1, and what nobody reads in it."""
     publish, call = {"kind": "publish", "topic": "/a"}, {"kind": "call", "service": "b"}
     assert read(several=[publish, call]) == [Publish("/a"), Call("b")]
@@ -154,14 +154,14 @@ def test_items_are_read_by_their_kind() -> None:
         assert refused({"name": "x", "several": wrong}).startswith(sentence), wrong
 
 
-def test_flag_is_true_or_false() -> None:
+def test_flag_is_true_or_false():
     """Nothing that merely counts as one."""
     assert read(disabled=False) is False
     for value in (None, 0, 1, "true"):
         assert "must be true or false" in refused({"name": "x", "disabled": value})
 
 
-def test_moment_has_its_offset() -> None:
+def test_moment_has_its_offset():
     """Null is no moment, where that may be."""
     assert read(ends_at="2026-01-31T13:00+01:00") == dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     assert read(ends_at=None) is None
@@ -169,7 +169,7 @@ def test_moment_has_its_offset() -> None:
         assert "a timestamp with its offset, such as" in refused({"name": "x", "ends_at": value})
 
 
-def test_object_is_no_list_of_pairs() -> None:
+def test_object_is_no_list_of_pairs():
     """Whatever its members are."""
     assert read(settings={"a": {}}) == {"a": {}}
     assert refused({"name": "x", "settings": []}) == (
@@ -177,14 +177,14 @@ def test_object_is_no_list_of_pairs() -> None:
     )
 
 
-def test_secret_is_taken_as_it_was_typed() -> None:
+def test_secret_is_taken_as_it_was_typed():
     """A secret keeps its spaces; half a character is no secret."""
     assert read(password=" a\n") == " a\n"
     for value in (None, 1, "\ud800"):
         assert refused({"name": "x", "password": value}) == "cannot use password: it must be a text"
 
 
-def test_inner_object_is_read_too() -> None:
+def test_inner_object_is_read_too():
     """A refusal says where the field stands; what nobody reads may be there if the object allows it."""
     assert read(inner={"name": "y", "more": 1}) == Inner("y")
     assert read(inner=None) is None
@@ -194,7 +194,7 @@ def test_inner_object_is_read_too() -> None:
     )
 
 
-def test_member_that_nobody_reads_is_named() -> None:
+def test_member_that_nobody_reads_is_named():
     """A typo does not pass silently."""
     assert "cannot use 'naem': there is no such field; known are name, plain, " in refused(
         {"naem": "x"}
@@ -202,13 +202,13 @@ def test_member_that_nobody_reads_is_named() -> None:
 
 
 @pytest.mark.parametrize("name", ["a", "Ann's desk", "x" * 63, "Küche"])
-def test_single_value_passes(name: str) -> None:
+def test_single_value_passes(name):
     """Whatever people call their things."""
     schemas.check("name", name, Label)
 
 
 @pytest.mark.parametrize("name", ["", " ", "a ", "a\tb", "a\x1b[2J", "x" * 64])
-def test_single_value_is_refused_unless_it_can_stay_as_it_is(name: str) -> None:
+def test_single_value_is_refused_unless_it_can_stay_as_it_is(name):
     """The sentence names the field."""
     with pytest.raises(FieldInvalidError, match="cannot use name"):
         schemas.check("name", name, Label)
@@ -232,8 +232,7 @@ def test_full_name_passes():
 
 
 @pytest.mark.parametrize(
-    "value",
-    ["a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", " /a", None, "/" + "a" * MAX_NAME_LENGTH],
+    "value", ["a", "/", "/a/", "//a", "/a*", "/ä", "/a\n", " /a", None, "/" + "a" * MAX_NAME_LENGTH]
 )
 def test_other_names_are_refused(value):
     """A name with white space around it is rejected, too."""

@@ -1,7 +1,5 @@
 """Tickets: what web signs the relay can verify, and nothing else."""
 
-from __future__ import annotations
-
 import datetime as dt
 import time
 from dataclasses import asdict, replace
@@ -23,23 +21,23 @@ SIGNER = TicketSigner(KEY, 30)
 TICKET = Ticket(new_id(), 3, "ann", 7, "sim1", "drive", "login", "0f" * 32)
 
 
-def sign_as_contract_says(fields: object) -> str:
+def sign_as_contract_says(fields):
     return str(URLSafeTimedSerializer(KEY, salt=SALT).dumps(fields))
 
 
-def test_ticket_comes_back_with_its_moment() -> None:
+def test_ticket_comes_back_with_its_moment():
     """Every field is the same, and the moment is aware and of now."""
     ticket, issued_at = SIGNER.verify(SIGNER.sign(TICKET))
     assert ticket == TICKET
     assert abs(dt.datetime.now(dt.UTC) - issued_at) < dt.timedelta(seconds=3)
 
 
-def test_format_is_that_of_the_contract() -> None:
+def test_format_is_that_of_the_contract():
     """docs/reference/protocols.md and this class name the same serializer, salt and fields."""
     assert TicketSigner(KEY, 30).verify(sign_as_contract_says(asdict(TICKET)))[0] == TICKET
 
 
-def test_ticket_from_memory_says_so_and_no_other_does() -> None:
+def test_ticket_from_memory_says_so_and_no_other_does():
     """A relay that does not know the word accepts tickets as before, and none from memory."""
     remembered = replace(TICKET, robot_id=None, remembered=True)
     assert SIGNER.verify(SIGNER.sign(remembered))[0] == remembered
@@ -48,9 +46,7 @@ def test_ticket_from_memory_says_so_and_no_other_does() -> None:
 
 
 @pytest.mark.parametrize(("later_s", "is_good"), [(-3, False), (-2, True), (30, True), (31, False)])
-def test_ticket_is_good_for_its_time(
-    monkeypatch: pytest.MonkeyPatch, later_s: int, is_good: bool
-) -> None:
+def test_ticket_is_good_for_its_time(monkeypatch, later_s, is_good):
     """And a little before, as another machine's clock may be ahead."""
     now = int(time.time())
     monkeypatch.setattr(time, "time", lambda: now)
@@ -63,7 +59,7 @@ def test_ticket_is_good_for_its_time(
             SIGNER.verify(text)
 
 
-def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_old_ticket_is_expired(monkeypatch):
     """The sentence says how long tickets are good."""
     signer = TicketSigner(KEY, 30)
     text = signer.sign(TICKET)
@@ -83,7 +79,7 @@ def test_old_ticket_is_expired(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
     ids=["foreign key", "cut", "changed", "compressed"],
 )
-def test_ticket_of_another_hand_is_forged(text: str) -> None:
+def test_ticket_of_another_hand_is_forged(text):
     """A signature that is not ours is told from a text that is no ticket."""
     with pytest.raises(TicketForgedError):
         SIGNER.verify(text)
@@ -106,20 +102,20 @@ def test_ticket_of_another_hand_is_forged(text: str) -> None:
         {name: value for name, value in asdict(TICKET).items() if name != "credential_sha256"},
     ],
 )
-def test_ticket_with_other_fields_is_malformed(fields: object) -> None:
+def test_ticket_with_other_fields_is_malformed(fields):
     """Our own signature does not make a wrong field right."""
     with pytest.raises(TicketMalformedError):
         SIGNER.verify(sign_as_contract_says(fields))
 
 
 @given(st.text(max_size=200))
-def test_rubbish_is_refused_with_a_problem(text: str) -> None:
+def test_rubbish_is_refused_with_a_problem(text):
     """No text from outside raises anything else."""
     with pytest.raises(TicketError):
         SIGNER.verify(text)
 
 
-def test_ids_differ() -> None:
+def test_ids_differ():
     """16 random bytes in hex."""
     assert len({new_id() for _ in range(100)}) == 100
     assert len(new_id()) == 32

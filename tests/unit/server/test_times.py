@@ -1,7 +1,5 @@
 """Times and days as people write them."""
 
-from __future__ import annotations
-
 import datetime as dt
 from itertools import islice
 
@@ -22,7 +20,7 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
         "2026-01-31T12:00:00.000000Z",
     ],
 )
-def test_moment_is_taken_with_its_offset(text: str) -> None:
+def test_moment_is_taken_with_its_offset(text):
     """A timestamp is read with its offset and returned in UTC."""
     found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
@@ -43,13 +41,13 @@ def test_moment_is_taken_with_its_offset(text: str) -> None:
         "1769860800",
     ],
 )
-def test_what_is_no_moment_is_refused_with_its_field(text: str) -> None:
+def test_what_is_no_moment_is_refused_with_its_field(text):
     """The sentence shows how to write one."""
     with pytest.raises(FieldInvalidError, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
         times.timestamp("until", text)
 
 
-def test_day_begins_and_ends_in_utc() -> None:
+def test_day_begins_and_ends_in_utc():
     """Its last second is still in it."""
     first = times.day_or_timestamp("d", "2026-01-31", is_end=False)
     last = times.day_or_timestamp("d", "2026-01-31", is_end=True)
@@ -58,7 +56,7 @@ def test_day_begins_and_ends_in_utc() -> None:
 
 
 @pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
-def test_what_is_no_day_is_refused(text: str) -> None:
+def test_what_is_no_day_is_refused(text):
     """The sentence shows both ways."""
     with pytest.raises(
         FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a timestamp"
@@ -70,7 +68,7 @@ def test_what_is_no_day_is_refused(text: str) -> None:
     ("wait", "why"),
     [(dt.timedelta(seconds=-1), "has passed"), (dt.timedelta(days=3661), "ten years")],
 )
-def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> None:
+def test_end_must_be_to_come_and_not_too_far(wait, why):
     """What lies between is taken."""
     now = dt.datetime.now(dt.UTC)
     times.check_end("ends_at", now + dt.timedelta(minutes=1))
@@ -90,9 +88,7 @@ def test_end_must_be_to_come_and_not_too_far(wait: dt.timedelta, why: str) -> No
         ),
     ],
 )
-def test_moments_are_written_in_utc_and_whole_seconds(
-    timestamp: dt.datetime | None, written: str | None
-) -> None:
+def test_moments_are_written_in_utc_and_whole_seconds(timestamp, written):
     """As the contract writes them, whatever zone they come in."""
     assert times.rfc3339(timestamp) == written
 
@@ -101,11 +97,11 @@ def test_moments_are_written_in_utc_and_whole_seconds(
     ("seconds", "words"),
     [(-1, "0 s"), (7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
 )
-def test_durations_have_two_units_at_most(seconds: float, words: str) -> None:
+def test_durations_have_two_units_at_most(seconds, words):
     """Durations below an hour have seconds."""
     assert times.duration_words(seconds) == words
 
 
-def test_pauses_double_up_to_the_longest() -> None:
+def test_pauses_double_up_to_the_longest():
     """Half a second first, five at most, for ever."""
     assert list(islice(times.delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]

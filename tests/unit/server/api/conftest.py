@@ -1,16 +1,11 @@
 """Programs of the application's users: ann drives sim1, root is admin."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
-from api_visitor import Program, program_of
-from flask import Flask
-from robotether_server.db import Database
+from api_visitor import program_of
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
-from web_visitor import Browser
 
 PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
 
@@ -18,13 +13,13 @@ PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
 class KnownCertificate(SiteCertificates):
     """Certificates of which one is known beforehand."""
 
-    def certificate(self, host: str) -> Certificate:
+    def certificate(self, host):
         """The same, whatever the name."""
         return Certificate("ab" * 32, PIN, is_known=False)
 
 
 @pytest.fixture
-def site_certificate(app: Flask) -> None:
+def site_certificate(app):
     """A certificate that nginx shows."""
     context = app.extensions["robotether"]
     settings = SiteAddressSettings(None, 443, ("nobody", 1))
@@ -32,12 +27,12 @@ def site_certificate(app: Flask) -> None:
 
 
 @pytest.fixture
-def root(program: Browser, database: Database) -> Program:
+def root(program, database):
     """An admin's program."""
     return program_of(program, database, "root")
 
 
 @pytest.fixture
-def ann(program: Browser, database: Database) -> Program:
+def ann(program, database):
     """A program of a user who may drive sim1 and nothing else."""
     return program_of(program, database, "ann")

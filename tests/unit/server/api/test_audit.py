@@ -1,35 +1,27 @@
 """What happened, as admins read it."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 import re
-from collections.abc import Iterator
 from http import HTTPStatus
-from typing import Any
 from urllib.parse import quote
 
 import pytest
 from api_visitor import Program, in_person, new_public_key
 from drive_settings import DOCK
-from flask import Flask
 from robot_signer import RobotSigner
-from robotether_server.db import Database
-from web_visitor import Browser
 
 
 @pytest.fixture
-def events(root: Program) -> list[dict[str, object]]:
+def events(root):
     """Three events: sim1 gets a shell, sim2 gets one, sim1 loses it; the newest first."""
     for robot, shell in (("sim1", True), ("sim2", True), ("sim1", False)):
         root.ask("PATCH", f"/robots/{robot}", {"shell": shell})
-    found: list[dict[str, object]] = root.get("/audit")["events"]
-    return found
+    return root.get("/audit")["events"]
 
 
-def test_events_are_chosen_and_paged(root: Program, events: list[dict[str, object]]) -> None:
+def test_events_are_chosen_and_paged(root, events):
     """All filters together, and on from an id."""
     assert root.get("/audit?robot=sim1&actor=root")["events"] == [events[0], events[2]]
     assert root.get(f"/audit?kind={events[0]['kind']}&robot=sim2&actor=ann")["events"] == []
@@ -37,7 +29,7 @@ def test_events_are_chosen_and_paged(root: Program, events: list[dict[str, objec
     assert root.get(f"/audit?before={events[1]['id']}")["events"] == [events[2]]
 
 
-def test_events_are_chosen_by_moment(root: Program, events: list[dict[str, object]]) -> None:
+def test_events_are_chosen_by_moment(root, events):
     """From one on, and before another, which must have its offset."""
     assert events
     assert len(root.get("/audit?since=2020-01-01T00:00:00Z")["events"]) >= len(events)
@@ -46,7 +38,7 @@ def test_events_are_chosen_by_moment(root: Program, events: list[dict[str, objec
     assert root.refused("GET", "/audit?since=2026-01-31") == (422, "field_invalid")
 
 
-def test_events_are_a_file_too(root: Program, events: list[dict[str, object]]) -> None:
+def test_events_are_a_file_too(root, events):
     """The same objects a line, or the same columns; all that fit, unless a limit is asked for."""
     answer = root.ask("GET", "/audit?format=jsonl")
     assert answer.content_type == "application/jsonl"
@@ -64,7 +56,7 @@ def test_events_are_a_file_too(root: Program, events: list[dict[str, object]]) -
     assert root.refused("GET", "/audit?format=pdf") == (422, "field_invalid")
 
 
-def test_claimed_name_is_no_formula(program: Browser, root: Program) -> None:
+def test_claimed_name_is_no_formula(program, root):
     """Whoever fails to log in chooses a name, which a spreadsheet must not run."""
     csrf = program.csrf()
     form = {"csrf_token": csrf, "name": "=cmd()", "password": "x", "next": ""}
@@ -87,14 +79,14 @@ LISTS = {
 }
 
 
-def finger(robot: RobotSigner) -> dict[str, Any]:
+def finger(robot):
     return {"fingerprint": robot.key.fingerprint}
 
 
 # Every change that the API can make, one after the other: method, path, body, kind of the line that it leaves.
 ZOE = {"name": "zoe", "role": "user", "password": PASSWORD}
 POLICY = {"policy": {"drive": {"call": ["/dock"]}}}
-STEPS: tuple[tuple[str, str, Any, str], ...] = (
+STEPS = (
     ("POST", "/users", ZOE, "user_added"),
     ("PATCH", "/users/zoe", {"role": "admin"}, "user_role_set"),
     ("PATCH", "/users/zoe", {"disabled": True}, "user_disabled"),
@@ -139,14 +131,14 @@ STEPS: tuple[tuple[str, str, Any, str], ...] = (
 )
 
 
-def lines_in(database: Database) -> list[tuple[str, str, str]]:
+def lines_in(database):
     """Kind, actor and details of all that is in the log, the oldest first."""
     with database.transaction() as tx:
         rows = tx.rows("SELECT kind, actor, details FROM audit_events ORDER BY id")
     return [(row["kind"], row["actor"], row["details"]) for row in rows]
 
 
-def numbered(root: Program, path: str) -> str:
+def numbered(root, path):
     """The path with the newest number of each kind."""
     numbers = {
         name: max(item["id"] for item in root.get(LISTS[name])[name])
@@ -156,9 +148,7 @@ def numbered(root: Program, path: str) -> str:
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_every_change_leaves_its_line(
-    program: Browser, browser: Browser, root: Program, database: Database
-) -> None:
+def test_every_change_leaves_its_line(program, browser, root, database):
     """By who made it, a machine that joins without a login included; a password or a token is in none."""
     in_browser = in_person(browser, "root")
     for step in STEPS:
@@ -181,7 +171,7 @@ ODD_TEXTS = ("x" * 300, "\N{ROBOT FACE}", "a\x00b", "\ud800", "'", " ")
 DATABASES_WORDS = re.compile(r"column|constraint|data too|incorrect|row \d|sql|`", re.IGNORECASE)
 
 
-def oddly_spelt(value: Any, odd: str) -> Iterator[Any]:
+def oddly_spelt(value, odd):
     """The value with this text in the place of one of its own, for each of them."""
     if isinstance(value, str):
         yield odd
@@ -194,9 +184,7 @@ def oddly_spelt(value: Any, odd: str) -> Iterator[Any]:
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_no_odd_text_is_answered_in_the_databases_words(
-    program: Browser, browser: Browser, root: Program
-) -> None:
+def test_no_odd_text_is_answered_in_the_databases_words(program, browser, root):
     """Wherever the API takes a text, in bodies and paths, at a moment when it would be saved."""
     in_browser = in_person(browser, "root")
     for method, path, body, _ in STEPS:
@@ -217,7 +205,7 @@ def test_no_odd_text_is_answered_in_the_databases_words(
         assert done.status_code in {200, 201, 202, 204, 409}, (method, path, done.text)
 
 
-def test_no_change_is_forgotten(app: Flask) -> None:
+def test_no_change_is_forgotten(app):
     """Whoever adds a path that changes something says here which line it leaves."""
     changes = {"POST", "PUT", "PATCH", "DELETE"}
     served = {

@@ -1,16 +1,10 @@
 """The description of the API, and the API itself."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import pytest
-from flask import Flask
 from jsonschema import Draft202012Validator
-from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
 from web_visitor import Browser
 
@@ -29,27 +23,24 @@ ELSEWHERE = {
 IN_PATHS = {"robot": "sim1", "user": "ann", "group": "crew", "site": "lab"}
 IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id", "drive_id"), "1")
 METHODS = {"get", "post", "put", "patch", "delete"}
-Document = dict[str, Any]
 
 
 @pytest.fixture
-def document(program: Browser) -> Document:
+def document(program):
     """What the API says of itself."""
     answer = program.ask("GET", "/api/v1/openapi.json")
     assert answer.content_type == "application/json"
     return dict(answer.json)
 
 
-def operations(document: Document) -> Iterator[tuple[str, str, Document]]:
+def operations(document):
     """Path, method and description of each operation."""
     for path, item in document["paths"].items():
         for method in METHODS & set(item):
             yield path, method, item[method]
 
 
-def test_each_route_is_described_and_each_description_routed(
-    app: Flask, document: Document
-) -> None:
+def test_each_route_is_described_and_each_description_routed(app, document):
     """Paths, methods and the names of what stands in the paths."""
     served = {
         (re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", rule.rule), method.lower())
@@ -61,7 +52,7 @@ def test_each_route_is_described_and_each_description_routed(
     assert served == described - ELSEWHERE
 
 
-def test_every_name_in_a_path_is_a_parameter(document: Document) -> None:
+def test_every_name_in_a_path_is_a_parameter(document):
     """No parameter of a path is left over from another path."""
     parameters = document["components"]["parameters"]
     for path, item in document["paths"].items():
@@ -70,15 +61,15 @@ def test_every_name_in_a_path_is_a_parameter(document: Document) -> None:
         assert given == set(re.findall(r"{(\w+)}", path)), path
 
 
-def test_every_reference_leads_somewhere(document: Document) -> None:
+def test_every_reference_leads_somewhere(document):
     """A misspelt one would let any answer pass."""
     for target in re.findall(r"'\$ref': '#/([^']+)'", str(document)):
-        found: Any = document
+        found = document
         for step in target.split("/"):
             found = found[step]
 
 
-def test_every_component_is_used(document: Document) -> None:
+def test_every_component_is_used(document):
     """Nothing is left over from an earlier version."""
     used = set(re.findall(r"'#/components/([^']+)'", str(document)))
     kinds = ("schemas", "responses", "parameters")
@@ -86,20 +77,20 @@ def test_every_component_is_used(document: Document) -> None:
     assert has == used
 
 
-def test_operations_have_names_of_their_own(document: Document) -> None:
+def test_operations_have_names_of_their_own(document):
     """Generated clients make methods of them."""
     names = [described["operationId"] for _, _, described in operations(document)]
     assert len(names) == len(set(names))
 
 
-def test_what_is_for_admins_is_tagged_and_may_be_refused(document: Document) -> None:
+def test_what_is_for_admins_is_tagged_and_may_be_refused(document):
     """403 stands wherever somebody may be too small for it."""
     for path, method, described in operations(document):
         if "admin" in described.get("tags", []):
             assert {"401", "403"} <= set(described["responses"]), (path, method)
 
 
-def test_every_schema_is_one(document: Document) -> None:
+def test_every_schema_is_one(document):
     """JSON Schema 2020-12, which OpenAPI 3.1 uses; an object names its required members among its own."""
     assert document["openapi"] == "3.1.0"
     for name, schema in document["components"]["schemas"].items():
@@ -108,9 +99,7 @@ def test_every_schema_is_one(document: Document) -> None:
         assert "\n " not in schema["description"], name
 
 
-def test_every_other_method_is_refused_with_those_that_there_are(
-    program: Browser, document: Document
-) -> None:
+def test_every_other_method_is_refused_with_those_that_there_are(program, document):
     """405 and the header Allow, whoever asks."""
     described = list(operations(document))
     for path, item in document["paths"].items():
@@ -125,7 +114,7 @@ def test_every_other_method_is_refused_with_those_that_there_are(
             assert allowed - {"HEAD", "OPTIONS"} == there_are
 
 
-def test_database_that_is_away_is_said_so(web_settings: WebSettings) -> None:
+def test_database_that_is_away_is_said_so(web_settings):
     """503 with a code; the health check still answers."""
     away = replace(web_settings, database=replace(web_settings.database, port=1))
     program = Browser(create_app(away).test_client())

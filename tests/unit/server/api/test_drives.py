@@ -1,19 +1,15 @@
 """Drives, as programs ask for them."""
 
-from __future__ import annotations
-
 import csv
 import io
 import json
 
 import pytest
-from api_visitor import Program
 from drive_records import add_drive
-from robotether_server.db import Database
 
 
 @pytest.fixture
-def drives(root: Program, ann: Program, admin_database: Database) -> list[int]:
+def drives(root, ann, admin_database):
     """Ann's of sim1 and somebody's of sim2; their numbers. The programs come first: they make the users."""
     assert root
     assert ann
@@ -21,7 +17,7 @@ def drives(root: Program, ann: Program, admin_database: Database) -> list[int]:
 
 
 @pytest.mark.usefixtures("drives")
-def test_each_filter_reaches_the_search(root: Program) -> None:
+def test_each_filter_reaches_the_search(root):
     """The list and both files have the same drives."""
     for query, found in (
         ("fence=13&since=2026-01-31T12:00:00Z", 2),
@@ -43,7 +39,7 @@ def test_each_filter_reaches_the_search(root: Program) -> None:
         ] * found
 
 
-def test_one_drive_is_a_file(root: Program, ann: Program, drives: list[int]) -> None:
+def test_one_drive_is_a_file(root, ann, drives):
     """With what the list says of it; drives of others are not there."""
     answer = ann.ask("GET", f"/drives/{drives[0]}")
     assert [answer.json] == ann.get("/drives")["drives"]

@@ -1,18 +1,14 @@
 """Grants, groups and sites through the API."""
 
-from __future__ import annotations
-
 import datetime as dt
 
-from api_visitor import Program
 
-
-def in_days(days: int) -> str:
+def in_days(days):
     """A moment, as programs write it."""
     return (dt.datetime.now(dt.UTC) + dt.timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def test_grant_of_a_group_for_a_site_is_each_members(root: Program, ann: Program) -> None:
+def test_grant_of_a_group_for_a_site_is_each_members(root, ann):
     """Until she leaves the group; given again it takes the place of the first, and its number goes away with it."""
     root.ask("POST", "/groups", {"name": "crew"})
     root.ask("POST", "/sites", {"name": "lab"})
@@ -31,7 +27,7 @@ def test_grant_of_a_group_for_a_site_is_each_members(root: Program, ann: Program
     assert root.refused("DELETE", f"/grants/{first.json['id']}") == (404, "record_missing")
 
 
-def test_grant_for_two_or_none_is_refused(root: Program) -> None:
+def test_grant_for_two_or_none_is_refused(root):
     """A grant has exactly one holder and exactly one scope; False is no way to say nothing."""
     who, what = {"user": "ann"}, {"robot": "sim1"}
     for body in (
@@ -44,7 +40,7 @@ def test_grant_for_two_or_none_is_refused(root: Program) -> None:
         assert root.refused("POST", "/grants", body | {"level": "drive"}) == (422, "field_invalid")
 
 
-def test_null_is_no_site(root: Program, ann: Program) -> None:
+def test_null_is_no_site(root, ann):
     """Whoever may see the robot sees where it is."""
     root.ask("POST", "/sites", {"name": "lab"})
     for site in ("lab", None):

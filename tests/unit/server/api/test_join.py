@@ -1,11 +1,7 @@
 """Joining, answer by answer as docs/reference/protocols.md has it."""
 
-from __future__ import annotations
-
 import datetime as dt
-from collections.abc import Callable
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 from relay_server import cell_settings
@@ -13,25 +9,25 @@ from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, join_message
 from robotether_server.api.join import MAX_AT_ONCE, _places, read_host_keys, ssh_of
 from robotether_server.api.operations import plain
-from robotether_server.db import Database, audit, cells, fleet, robots
+from robotether_server.db import audit, cells, fleet, robots
 from robotether_server.db.cells import SshAddresses
-from robotether_server.db.robots import RefusedJoin, Report
+from robotether_server.db.robots import Report
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import pending
 from robotether_server.services.joining import PresentedKey
 from robotether_server.settings.server import JoinSettings
-from web_visitor import Browser, bearer
+from web_visitor import bearer
 
 MAC = "02:00:00:00:61:01"
 
 
 @pytest.fixture
-def robot() -> RobotSigner:
+def robot():
     """A robot's key."""
     return RobotSigner()
 
 
-def test_rotated_key_is_active_at_once(program: Browser, database: Database) -> None:
+def test_rotated_key_is_active_at_once(program, database):
     """With the old key's signature, as ssh-keygen makes it."""
     old, new = (RobotSigner() for _ in range(2))
     program.ask("POST", "/api/v1/join", json=old.join(MAC))
@@ -61,12 +57,7 @@ def test_rotated_key_is_active_at_once(program: Browser, database: Database) -> 
         },
     ],
 )
-def test_nobody_joins_with_the_key_of_another(
-    program: Browser,
-    database: Database,
-    robot: RobotSigner,
-    forge: Callable[..., dict[str, object]],
-) -> None:
+def test_nobody_joins_with_the_key_of_another(program, database, robot, forge):
     """The signature is by the key that joins, over this token and MAC, and for no other purpose."""
     body = robot.join(MAC) | forge(robot, RobotSigner())
     answer = program.ask("POST", "/api/v1/join", json=body)
@@ -75,9 +66,7 @@ def test_nobody_joins_with_the_key_of_another(
         assert robots.find_by_key(tx, robot.key.fingerprint) is None
 
 
-def test_robot_that_is_in_needs_no_proof(
-    program: Browser, database: Database, robot: RobotSigner
-) -> None:
+def test_robot_that_is_in_needs_no_proof(program, database, robot):
     """An agent that is older than the server goes on asking where its tunnel goes."""
     body = robot.join(MAC)
     program.ask("POST", "/api/v1/join", json=body)
@@ -87,16 +76,14 @@ def test_robot_that_is_in_needs_no_proof(
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 200
 
 
-def test_null_is_as_good_as_nothing(program: Browser, robot: RobotSigner) -> None:
+def test_null_is_as_good_as_nothing(program, robot):
     """Null is accepted for every field that may be missing."""
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
     answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | nothing)
     assert answer.status_code == 202
 
 
-def test_joins_at_once_leave_threads_to_others(
-    program: Browser, database: Database, robot: RobotSigner
-) -> None:
+def test_joins_at_once_leave_threads_to_others(program, database, robot):
     """Unknown robots wait for each other in four threads; one that is in waits for none of them."""
     program.ask("POST", "/api/v1/join", json=robot.join(MAC))
     with database.transaction() as tx:
@@ -112,7 +99,7 @@ def test_joins_at_once_leave_threads_to_others(
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
-def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
+def test_robot_is_told_where_its_tunnel_goes(tmp_path):
     """The robot learns the tunnel's address only when sshd has its keys."""
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
     with pytest.raises(StoreUnavailableError):
@@ -128,9 +115,7 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path: Path) -> None:
     assert shown["cells"] == [{"host": "b.example", "ports": [2222]}]
 
 
-def test_robot_is_sent_to_the_emptiest_cell_first(
-    program: Browser, database: Database, relay_database: Database, robot: RobotSigner
-) -> None:
+def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_database, robot):
     """Once it is active, by each way of joining; of those of its region, if it has one."""
     with relay_database.transaction() as tx:
         for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
@@ -164,7 +149,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(
         assert hosts == ["a.example", "c.example", "b.example"]
 
 
-def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:
+def test_public_keys_are_read_without_their_comments(tmp_path):
     """By file name, and only *.pub."""
     (tmp_path / "b.pub").write_text("ssh-rsa BBBB root@x\n")
     (tmp_path / "a.pub").write_text("ssh-ed25519 AAAA\n")
@@ -173,21 +158,19 @@ def test_public_keys_are_read_without_their_comments(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["empty.pub", "other.txt"])
-def test_no_key_yet_is_said_so(tmp_path: Path, name: str) -> None:
+def test_no_key_yet_is_said_so(tmp_path, name):
     """A robot must not be told to trust nothing."""
     (tmp_path / name).write_text("")
     with pytest.raises(StoreUnavailableError, match="host keys"):
         read_host_keys(tmp_path)
 
 
-def refused(database: Database) -> list[RefusedJoin]:
+def refused(database):
     with database.transaction() as tx:
         return pending.refused(tx)
 
 
-def test_a_refused_join_is_kept_until_it_is_let_in(
-    program: Browser, database: Database, robot: RobotSigner
-) -> None:
+def test_a_refused_join_is_kept_until_it_is_let_in(program, database, robot):
     """A machine has one record with the newest reason, and the audit log has none."""
     for _ in range(3):
         program.ask("POST", "/api/v1/join", json=robot.join(MAC, "rj_wrong"))
@@ -200,9 +183,7 @@ def test_a_refused_join_is_kept_until_it_is_let_in(
     assert refused(database) == []
 
 
-def test_refused_joins_of_one_network_push_out_its_own_alone(
-    database: Database, robot: RobotSigner
-) -> None:
+def test_refused_joins_of_one_network_push_out_its_own_alone(database, robot):
     """The newest stay, so that the machine somebody waits for is among them."""
     joins = [("aa", "192.0.2.1"), *((f"{number:02x}", "192.0.2.2") for number in range(16))]
     for end, address in joins:
@@ -216,8 +197,8 @@ def test_refused_joins_of_one_network_push_out_its_own_alone(
 
 
 def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
-    program: Browser, database: Database, relay_database: Database, robot: RobotSigner
-) -> None:
+    program, database, relay_database, robot
+):
     """On the page that adds robots, and at the relay as the reason why it is offline, until it joins anew."""
     name = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json["robot"]
     with database.transaction() as tx:

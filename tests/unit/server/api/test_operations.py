@@ -6,7 +6,6 @@ import datetime as dt
 from typing import Any
 
 import pytest
-from api_visitor import Program
 from msgspec import UNSET, Struct, UnsetType
 from robotether_server.api.operations import plain
 
@@ -19,7 +18,7 @@ class Answer(Struct):
     more: int | UnsetType = UNSET
 
 
-def test_moments_are_texts_of_whole_seconds() -> None:
+def test_moments_are_texts_of_whole_seconds():
     """What else an answer has stays as it is."""
     moment = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
     assert plain([Answer(moment, {"a": [None, 1.5]})]) == [
@@ -27,7 +26,7 @@ def test_moments_are_texts_of_whole_seconds() -> None:
     ]
 
 
-def sent(root: Program, path: str, body: bytes, kind: str | None) -> tuple[int, str]:
+def sent(root, path, body, kind):
     """Status and code of the answer to a body that calls itself so."""
     answer = root.visitor.ask(
         "POST", f"/api/v1{path}", data=body, content_type=kind, headers=root.headers
@@ -35,7 +34,7 @@ def sent(root: Program, path: str, body: bytes, kind: str | None) -> tuple[int, 
     return answer.status_code, answer.json.get("code", "")
 
 
-def test_body_is_one_json_object(root: Program) -> None:
+def test_body_is_one_json_object(root):
     """Of any JSON type, as programs send several; broken, deep or long is a wrong body, no failure of the server."""
     for number, kind in enumerate(("json", "json; charset=utf-8", "merge-patch+json")):
         assert sent(root, "/groups", b'{"name": "x%d"}' % number, f"application/{kind}")[0] == 201
@@ -44,21 +43,21 @@ def test_body_is_one_json_object(root: Program) -> None:
 
 
 @pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded"])
-def test_body_that_is_not_sent_as_json_is_refused(root: Program, kind: str | None) -> None:
+def test_body_that_is_not_sent_as_json_is_refused(root, kind):
     """415; but not where programs are simple: `curl -d` calls everything a form."""
     body = b'{"robot": "sim1", "mode": "drive"}'
     assert sent(root, "/groups", body, kind) == (415, "unsupported_media_type")
     assert sent(root, "/tickets", body, kind)[0] == 201
 
 
-def test_query_has_each_name_once(root: Program) -> None:
+def test_query_has_each_name_once(root):
     """A name that is unknown or stands twice is refused."""
     assert root.get("/audit?limit=1")["events"] == []
     for wrong in ("most=1", "limit=1&limit=2"):
         assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")
 
 
-def test_name_has_one_spelling(root: Program) -> None:
+def test_name_has_one_spelling(root):
     """The database would overlook a space at the end."""
     for path, code in (
         ("/robots/sim1%20", "robot_unknown"),

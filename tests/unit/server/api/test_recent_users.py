@@ -1,17 +1,14 @@
 """The users whom web remembers for a while, for when the database is away."""
 
-from __future__ import annotations
-
-import pytest
 from robotether_server.api import recent_users
-from robotether_server.api.recent_users import CredentialKey, RecentUser, RecentUsers
+from robotether_server.api.recent_users import RecentUser, RecentUsers
 
-LOGIN: CredentialKey = ("login", "0f")
-TOKEN: CredentialKey = ("token", "0f")
+LOGIN = ("login", "0f")
+TOKEN = ("token", "0f")
 ANN = RecentUser(1, "ann")
 
 
-def test_a_user_is_found_by_the_credential_until_its_time_is_over() -> None:
+def test_a_user_is_found_by_the_credential_until_its_time_is_over():
     now = 0.0
     users = RecentUsers(lambda: now)
     users.note(LOGIN, ANN)
@@ -24,7 +21,7 @@ def test_a_user_is_found_by_the_credential_until_its_time_is_over() -> None:
     assert users.find(LOGIN) == ANN
 
 
-def test_users_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_users_are_bounded(monkeypatch):
     """What was confirmed longest ago goes first."""
     monkeypatch.setattr(recent_users, "MAX_RECENT", 2)
     users = RecentUsers(lambda: 0.0)

@@ -1,24 +1,16 @@
 """Robots through the API: as users see them, and as admins change them and their keys."""
 
-from __future__ import annotations
-
-from typing import Any
-
-from api_visitor import Program, new_public_key
+from api_visitor import new_public_key
 from robot_signer import RobotSigner
-from robotether_server.db import Database
-from web_visitor import Browser
 
 MAC = "00:1b:44:11:3a:b7"
 
 
-def registration(**changes: Any) -> dict[str, Any]:
+def registration(**changes):
     return {"mac": MAC, "public_key": new_public_key(), "hostname": "turtle"} | changes
 
 
-def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
-    ann: Program, root: Program, admin_database: Database
-) -> None:
+def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(ann, root, admin_database):
     """In the list and alone, as the relay wrote them."""
     with admin_database.transaction() as tx:
         for number, robot in enumerate(("sim1", "sim2"), start=1):
@@ -41,7 +33,7 @@ def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(
     assert [item["stopped"] for item in seen] == [stopped, None]
 
 
-def test_state_may_be_what_it_is(root: Program) -> None:
+def test_state_may_be_what_it_is(root):
     """A program that says it twice means the same."""
     root.ask("PUT", "/robots/turtle", registration())
     for state in ("disabled", "disabled", "active", "active"):
@@ -49,9 +41,7 @@ def test_state_may_be_what_it_is(root: Program) -> None:
         assert (answer.status_code, answer.json["state"]) == (200, state)
 
 
-def test_join_token_enrols_and_is_told_no_more_than_a_user(
-    program: Browser, root: Program, site_certificate: None
-) -> None:
+def test_join_token_enrols_and_is_told_no_more_than_a_user(program, root, site_certificate):
     """Asking again uses nothing up; the token's bearer is no admin."""
     made = root.ask("POST", "/join-tokens", {"name": "one", "uses": 1, "hours": 1}).json
     headers = {"Authorization": f"Bearer {made['token']}"}
@@ -74,7 +64,7 @@ def test_join_token_enrols_and_is_told_no_more_than_a_user(
     assert (answer.status_code, answer.json["code"]) == (401, "token_used_up")
 
 
-def test_only_managers_may(ann: Program) -> None:
+def test_only_managers_may(ann):
     """A driver is refused, whatever is sent; a robot that cannot be seen is not there."""
     for part in ("page", "buttons"):
         assert ann.refused("PUT", f"/robots/sim1/{part}", {"x": 1}) == (403, "grant_missing")

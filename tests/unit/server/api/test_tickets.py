@@ -1,16 +1,11 @@
 """Tickets: given within the grant, and nothing told beyond it."""
 
-from __future__ import annotations
-
 import datetime as dt
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
-from flask import Flask
 from granted import take
-from mariadb_server import MariaDb
 from relay_server import cell_settings
 from robotether_server.db import Database, cells, credentials, fleet, robots, users
 from robotether_server.db import database as database_module
@@ -18,19 +13,16 @@ from robotether_server.db.fleet import SessionEntry
 from robotether_server.settings.server import DatabaseSettings
 from robotether_server.tickets import TicketSigner
 from stopwatch import Stopwatch
-from web_visitor import Browser, bearer
+from web_visitor import bearer
 
 TICKET_KEY = "t" * 32  # that of the fixture web_settings
 UNAVAILABLE = (503, "store_unavailable")
-Away = Callable[[], AbstractContextManager[None]]
 
 
 @pytest.mark.parametrize(
     ("user", "mode"), [("ann", "drive"), ("ann", "observe"), ("olga", "observe"), ("root", "drive")]
 )
-def test_ticket_is_given_within_the_grant(
-    program: Browser, database: Database, user: str, mode: str
-) -> None:
+def test_ticket_is_given_within_the_grant(program, database, user, mode):
     """The relay can verify it, and it names user, robot and mode."""
     body = {"robot": "sim1", "mode": mode}
     token = bearer(database, user)
@@ -53,13 +45,11 @@ def test_ticket_is_given_within_the_grant(
     assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
 
 
-def test_ticket_names_the_cell_of_the_robot(
-    program: Browser, database: Database, relay_database: Database
-) -> None:
+def test_ticket_names_the_cell_of_the_robot(program, database, relay_database):
     """While the robot is online there, and the cell is in service."""
     body, headers = {"robot": "sim1", "mode": "observe"}, bearer(database, "ann")
 
-    def ask() -> object:
+    def ask():
         return program.ask("POST", "/api/v1/tickets", json=body, headers=headers).json.get("cell")
 
     assert ask() is None
@@ -75,17 +65,17 @@ def test_ticket_names_the_cell_of_the_robot(
     assert ask() is None
 
 
-def test_who_may_watch_gets_no_ticket_to_drive(program: Browser, database: Database) -> None:
+def test_who_may_watch_gets_no_ticket_to_drive(program, database):
     answer = answer_of(program, bearer(database, "olga"), mode="drive")
     assert answer == (403, "grant_missing")
 
 
 @pytest.fixture
-def away(app: Flask) -> Away:
+def away(app):
     """Have the database away for a while; web goes on with what it remembers."""
 
     @contextmanager
-    def gone() -> Iterator[None]:
+    def gone():
         with_it = app.extensions["robotether"]
         nobody = Database(DatabaseSettings("127.0.0.1", 1, "robotether", "web", "x"))
         app.extensions["robotether"] = replace(with_it, database=nobody)
@@ -97,15 +87,13 @@ def away(app: Flask) -> Away:
     return gone
 
 
-def answer_of(visitor: Browser, headers: dict[str, str], **body: str) -> tuple[int, str]:
+def answer_of(visitor, headers, **body):
     """Status and code of the answer to a wish for a ticket of sim1."""
     answer = visitor.ask("POST", "/api/v1/tickets", json={"robot": "sim1"} | body, headers=headers)
     return answer.status_code, answer.json.get("code", "")
 
 
-def test_without_a_database_a_user_of_lately_gets_a_ticket(
-    program: Browser, database: Database, away: Away
-) -> None:
+def test_without_a_database_a_user_of_lately_gets_a_ticket(program, database, away):
     """By whatever the token asked before, for any robot: the ticket leaves that to the relay."""
     ann = bearer(database, "ann")
     assert program.ask("GET", "/api/v1/robots", headers=ann).status_code == 200
@@ -128,8 +116,8 @@ def test_without_a_database_a_user_of_lately_gets_a_ticket(
 
 
 def test_a_database_that_hangs_keeps_nobody_waiting_for_long(
-    program: Browser, database: Database, mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    program, database, mariadb, monkeypatch
+):
     """An operation that can do without it gives up soon."""
     monkeypatch.setattr(database_module, "BRIEF_TIMEOUT_S", 1)
     ann = bearer(database, "ann")
@@ -143,9 +131,7 @@ def test_a_database_that_hangs_keeps_nobody_waiting_for_long(
     assert stopwatch.s < database_module.ANSWER_TIMEOUT_S / 2
 
 
-def test_what_the_database_denies_is_remembered_no_more(
-    program: Browser, database: Database, away: Away
-) -> None:
+def test_what_the_database_denies_is_remembered_no_more(program, database, away):
     """A token that has ended; robots and rights are the relay's."""
     ann, olga = (bearer(database, name) for name in ("ann", "olga"))
     for token in (ann, olga):
@@ -161,9 +147,7 @@ def test_what_the_database_denies_is_remembered_no_more(
         assert answer_of(program, olga, mode="observe") == (201, "")
 
 
-def test_without_a_database_a_login_still_needs_the_pages_word(
-    browser: Browser, database: Database, away: Away
-) -> None:
+def test_without_a_database_a_login_still_needs_the_pages_word(browser, database, away):
     """Another site could make the browser send the cookie."""
     browser.log_in("ann")
     page = {"X-CSRFToken": browser.csrf_of("/profile")}

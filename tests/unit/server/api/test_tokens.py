@@ -1,32 +1,27 @@
 """API tokens and join tokens through the API."""
 
-from __future__ import annotations
-
 import datetime as dt
-from typing import Any
 
 import pytest
-from api_visitor import API, Program, in_person
-from robotether_server.db import Database, join_tokens
+from api_visitor import API, in_person
+from robotether_server.db import join_tokens
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import Place
-from web_visitor import Browser, audit_kinds
+from web_visitor import audit_kinds
 
 
-def names(program: Program) -> list[tuple[str, str]]:
+def names(program):
     return [(token["user"], token["name"]) for token in program.get("/tokens")["tokens"]]
 
 
 @pytest.fixture
-def ann_in_person(browser: Browser) -> Program:
+def ann_in_person(browser):
     """Who has logged in, as a page asks for her."""
     return in_person(browser, "ann")
 
 
 @pytest.mark.parametrize(("given", "days"), [({}, 365), ({"days": 2}, 2)])
-def test_token_works_for_its_user_until_it_is_deleted(
-    program: Browser, ann_in_person: Program, given: dict[str, int], days: int
-) -> None:
+def test_token_works_for_its_user_until_it_is_deleted(program, ann_in_person, given, days):
     """Without `days` it would end after a year."""
     ann = ann_in_person
     answer = ann.ask("POST", "/tokens", {"name": "script"} | given)
@@ -41,12 +36,12 @@ def test_token_works_for_its_user_until_it_is_deleted(
     assert ann.refused("DELETE", f"/tokens/{made['id']}") == (404, "record_missing")
 
 
-def days_left(made: dict[str, Any]) -> int:
+def days_left(made):
     left = dt.datetime.fromisoformat(made["expires_at"]) - dt.datetime.now(dt.UTC)
     return round(left / dt.timedelta(days=1))
 
 
-def test_users_see_and_delete_only_their_own(ann: Program, root: Program) -> None:
+def test_users_see_and_delete_only_their_own(ann, root):
     """Another's looks like one that does not exist; an admin may delete any."""
     assert names(ann) == [("ann", "test")]
     assert names(root) == [("ann", "test"), ("root", "test")]
@@ -57,7 +52,7 @@ def test_users_see_and_delete_only_their_own(ann: Program, root: Program) -> Non
     assert ann.refused("GET", "/me") == (401, "token_invalid")
 
 
-def test_only_admins_make_tokens_for_others(browser: Browser) -> None:
+def test_only_admins_make_tokens_for_others(browser):
     """One's own name does no harm."""
     ann = in_person(browser, "ann")
     assert ann.ask("POST", "/tokens", {"name": "a", "user": "ann"}).status_code == 201
@@ -73,9 +68,7 @@ def test_only_admins_make_tokens_for_others(browser: Browser) -> None:
 JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24}
 
 
-def test_join_token_says_where_its_robots_belong(
-    root: Program, site_certificate: None, database: Database
-) -> None:
+def test_join_token_says_where_its_robots_belong(root, site_certificate, database):
     """At a site and to a group that exist; regions need no list."""
     place = {"site": "hall", "group": "crew", "region": "eu"}
     assert root.refused("POST", "/join-tokens", JOIN_TOKEN | place) == (404, "record_missing")
@@ -87,7 +80,7 @@ def test_join_token_says_where_its_robots_belong(
         assert join_tokens.place_of(tx, made["id"]) == Place("hall", "crew", "eu")
 
 
-def test_join_token_without_its_line_is_not_made(root: Program, database: Database) -> None:
+def test_join_token_without_its_line_is_not_made(root, database):
     """When nginx does not show its certificate, the admin tries again with the same name."""
     assert root.refused("POST", "/join-tokens", JOIN_TOKEN) == (503, "front_unavailable")
     assert root.get("/join-tokens") == {"join_tokens": []}

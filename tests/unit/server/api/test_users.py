@@ -1,18 +1,15 @@
 """Users, as admins see and change them."""
 
-from __future__ import annotations
-
-from api_visitor import Program
 from robotether_server import passwords
-from robotether_server.db import Database, users
+from robotether_server.db import users
 
 
-def matches(database: Database, user: str, password: str) -> bool:
+def matches(database, user, password):
     with database.transaction() as tx:
         return passwords.matches(password, users.get(tx, user).password_hash)
 
 
-def test_password_that_is_made_is_told_once(root: Program, database: Database) -> None:
+def test_password_that_is_made_is_told_once(root, database):
     """And one that was given is not told at all."""
     answer = root.ask("POST", "/users", {"name": "eve", "role": "user"})
     assert answer.status_code == 201
@@ -25,7 +22,7 @@ def test_password_that_is_made_is_told_once(root: Program, database: Database) -
     assert matches(database, "max", given)
 
 
-def test_removed_user_is_out(root: Program, ann: Program) -> None:
+def test_removed_user_is_out(root, ann):
     """At once, with the tokens."""
     assert root.ask("DELETE", "/users/ann").status_code == 204
     assert ann.refused("GET", "/me") == (401, "token_invalid")

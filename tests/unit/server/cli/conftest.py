@@ -1,33 +1,27 @@
 """The command `robotether` in this process, against the real database, and robots' sshds for `robotether fleet`."""
 
-from __future__ import annotations
-
 import sys
-from collections.abc import Iterator
 from functools import partial
 from io import StringIO
-from pathlib import Path
 
 import pytest
-from admin_records import Done, Run
-from mariadb_server import MariaDb
+from admin_records import Done
 from robotether_server.cli import main
 from robotether_server.cli.fleet_ssh import Target
-from robotether_server.db import Database
 from shell_hosts import ShellNetwork
 
 
 class Terminal(StringIO):
     """Standard input that somebody sits at."""
 
-    def isatty(self) -> bool:
+    def isatty(self):
         return True
 
 
-def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def runner(monkeypatch, capsys):
     """Return what runs a command; `stdin` is what it may read, `terminal` what a person types."""
 
-    def run_command(*arguments: object, stdin: str = "", terminal: str | None = None) -> Done:
+    def run_command(*arguments, stdin="", terminal=None):
         monkeypatch.setattr(sys, "argv", ["robotether", *map(str, arguments)])
         typed = StringIO(stdin) if terminal is None else Terminal(terminal)
         monkeypatch.setattr(sys, "stdin", typed)
@@ -40,12 +34,7 @@ def runner(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 
 
 @pytest.fixture
-def run(
-    mariadb: MariaDb,
-    database: Database,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> Run:
+def run(mariadb, database, monkeypatch, capsys):
     """Run a command as in the web container."""
     settings = mariadb.settings("web")
     for name, value in (
@@ -60,7 +49,7 @@ def run(
 
 
 @pytest.fixture
-def network(tmp_path: Path) -> Iterator[ShellNetwork]:
+def network(tmp_path):
     """A jump host, and the robots sim1 and sim2 behind it."""
     made = ShellNetwork(tmp_path)
     try:
@@ -71,13 +60,13 @@ def network(tmp_path: Path) -> Iterator[ShellNetwork]:
 
 
 @pytest.fixture
-def run_fleet(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Run:
+def run_fleet(monkeypatch, capsys):
     """Run `robotether fleet ...`, which needs no setting."""
     return partial(runner(monkeypatch, capsys), "fleet")
 
 
 @pytest.fixture
-def target(tmp_path: Path) -> Target:
+def target(tmp_path):
     """A robot that nobody connects to."""
     return Target(
         name="sim1",

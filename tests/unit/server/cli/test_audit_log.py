@@ -1,13 +1,11 @@
 """robotether audit."""
 
-from __future__ import annotations
-
 import json
 
-from admin_records import ADD, Run
+from admin_records import ADD
 
 
-def test_log_is_shown_newest_last(run: Run) -> None:
+def test_log_is_shown_newest_last(run):
     """All of it, or what fits the question."""
     run("user", "add", "ann")
     run(*ADD)

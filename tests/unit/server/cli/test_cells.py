@@ -1,20 +1,17 @@
 """robotether cell ..."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 
 import pytest
-from admin_records import Run
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import Database, cells
+from robotether_server.db import cells
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 
 
-def heartbeat(relay_database: Database, name: str, robots: int) -> None:
+def heartbeat(relay_database, name, robots):
     host = None if name == "c" else f"{name}.example"
     with relay_database.transaction() as tx:
         cell = cell_settings(name, host, region="eu" if name == "b" else None)
@@ -22,7 +19,7 @@ def heartbeat(relay_database: Database, name: str, robots: int) -> None:
 
 
 @pytest.fixture(autouse=True)
-def _cells(relay_database: Database, admin_database: Database) -> None:
+def _cells(relay_database, admin_database):
     """Cells a and b, and c, which is down and had robots."""
     for name, robots in (("a", 2), ("b", 0), ("c", 3)):
         heartbeat(relay_database, name, robots)
@@ -30,7 +27,7 @@ def _cells(relay_database: Database, admin_database: Database) -> None:
         tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'c'", (NOON,))
 
 
-def test_cells_are_listed(run: Run) -> None:
+def test_cells_are_listed(run):
     """For people, and for programs."""
     assert run("cell", "drain", "b").out == "cell b is draining\n"
     assert [line.split() for line in run("cell", "list").out.splitlines()] == [
@@ -42,16 +39,12 @@ def test_cells_are_listed(run: Run) -> None:
     shown = json.loads(run("cell", "list", "--json").out)
     assert [
         (item["name"], item["robots"], item["draining"], item["is_alive"]) for item in shown
-    ] == [
-        ("a", 2, False, True),
-        ("b", 0, True, True),
-        ("c", 0, False, False),
-    ]
+    ] == [("a", 2, False, True), ("b", 0, True, True), ("c", 0, False, False)]
     assert run("cell", "resume", "b").out == "cell b is in service\n"
     assert run("cell", "list").out.splitlines()[2].split()[-1] == "alive"
 
 
-def test_drain_waits_until_the_robots_have_left(run: Run, relay_database: Database) -> None:
+def test_drain_waits_until_the_robots_have_left(run, relay_database):
     """The command waits for a limited time; the cell continues to drain."""
     done = run("cell", "drain", "a", "--wait", "--timeout", "0.1")
     assert (done.status, done.err) == (
@@ -63,7 +56,7 @@ def test_drain_waits_until_the_robots_have_left(run: Run, relay_database: Databa
         assert run("cell", "drain", name, "--wait").out == f"cell {name} is empty\n"
 
 
-def test_removal_wants_a_yes(run: Run) -> None:
+def test_removal_wants_a_yes(run):
     """Removal needs a yes and a cell that is down."""
     assert "say --yes" in run("cell", "remove", "c").err
     assert run("cell", "remove", "c", "--yes").out == "removed cell c\n"

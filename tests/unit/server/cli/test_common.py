@@ -1,20 +1,18 @@
 """Tables and waits of the commands."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from robotether_server.cli import common
 
 
-def test_table_has_its_columns_in_line(capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_has_its_columns_in_line(capsys):
     """As wide as the widest cell, and no space at the end of a line."""
     common.print_table(("NAME", "X"), [("a", "1"), ("longer", "2")])
     assert capsys.readouterr().out == "NAME    X\na       1\nlonger  2\n"
 
 
-def test_nothing_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_steers_the_terminal(capsys):
     """What a stranger gave as a name is spelt out, in tables and records, and makes no line of its own."""
     name = "\x1b[2Jroot\nann\u202e\x9b"
     common.print_table(("WHO", "X"), [(name, "1")])
@@ -24,7 +22,7 @@ def test_nothing_steers_the_terminal(capsys: pytest.CaptureFixture[str]) -> None
     assert out == f"{'WHO'.ljust(len(spelt))}  X\n{spelt}  1\nwho  {spelt}\n"
 
 
-def test_json_has_moments_as_text(capsys: pytest.CaptureFixture[str]) -> None:
+def test_json_has_moments_as_text(capsys):
     """And nothing that a program would have to guess at."""
     at = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
     common.print_json([at])

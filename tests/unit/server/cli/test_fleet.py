@@ -1,18 +1,12 @@
 """robotether fleet, as it is typed, on real sshds: output, status, time-outs, and the end with the connection."""
 
-from __future__ import annotations
-
 import json
 import signal
 import threading
-from collections.abc import Callable, Iterator
 from io import StringIO
-from pathlib import Path
 from threading import Barrier, Event, Lock, Thread, main_thread
 
-import fabric
 import pytest
-from admin_records import Run
 from openssh_server import is_alive, wait_until
 from robotether_server.cli import fleet, fleet_ssh
 from robotether_server.cli.fleet import (
@@ -27,9 +21,6 @@ from robotether_server.cli.fleet import (
     captured,
 )
 from robotether_server.cli.fleet_ssh import FleetError, SshConnections
-from shell_hosts import ShellNetwork
-
-Do = Callable[..., tuple[int, str, str]]
 
 NAMES = [f"sim{number}" for number in range(9)]
 OUTCOMES = [
@@ -39,7 +30,7 @@ OUTCOMES = [
 ]
 
 
-def test_list_tells_how_robots_are_reached(run_fleet: Run, network: ShellNetwork) -> None:
+def test_list_tells_how_robots_are_reached(run_fleet, network):
     """For people and for programs, without a connection."""
     network.stop()
     done = run_fleet("list", "--on", "sim*", "--ssh-config", network.config)
@@ -51,7 +42,7 @@ def test_list_tells_how_robots_are_reached(run_fleet: Run, network: ShellNetwork
     assert [item["robot"] for item in json.loads(done.out)] == ["sim2"]
 
 
-def test_run_prints_lines_and_a_table(run_fleet: Run, network: ShellNetwork) -> None:
+def test_run_prints_lines_and_a_table(run_fleet, network):
     """Lines on standard output, the table on standard error; exit status 0 when all succeeded."""
     done = run_fleet("run", "echo hi", "--on", "sim1", "--on", "*", "--ssh-config", network.config)
     assert (done.status, sorted(done.out.splitlines())) == (0, ["sim1 | hi", "sim2 | hi"])
@@ -60,7 +51,7 @@ def test_run_prints_lines_and_a_table(run_fleet: Run, network: ShellNetwork) -> 
     assert done.err.endswith("2 of 2 robots: ok\n")
 
 
-def test_one_failure_is_the_whole_commands(run_fleet: Run, network: ShellNetwork) -> None:
+def test_one_failure_is_the_whole_commands(run_fleet, network):
     """An offline robot is a row with a sentence, as is a pattern without a robot; neither is a traceback."""
     network.robots["sim2"].stop()
     done = run_fleet("run", "true", "--on", "*", "--ssh-config", network.config)
@@ -73,7 +64,7 @@ def test_one_failure_is_the_whole_commands(run_fleet: Run, network: ShellNetwork
     assert "cannot find robots for elsewhere" in done.err
 
 
-def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
+def test_run_prints_json(run_fleet, network):
     """The command prints only JSON, which includes the outputs."""
     arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
     done = run_fleet("run", *arguments)
@@ -91,13 +82,11 @@ def test_run_prints_json(run_fleet: Run, network: ShellNetwork) -> None:
     }
 
 
-def test_sudo_password_is_asked_once(
-    run_fleet: Run, network: ShellNetwork, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sudo_password_is_asked_once(run_fleet, network, monkeypatch):
     """For all robots, and is shown nowhere."""
-    asked: list[str] = []
+    asked = []
 
-    def prompt(text: str, **how: bool) -> str:
+    def prompt(text, **how):
         assert how["hide_input"]
         asked.append(text)
         return "secret"
@@ -109,13 +98,11 @@ def test_sudo_password_is_asked_once(
     assert "secret" not in done.out + done.err
 
 
-def test_ctrl_c_is_told_as_a_shell_tells_it(
-    run_fleet: Run, network: ShellNetwork, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ctrl_c_is_told_as_a_shell_tells_it(run_fleet, network, monkeypatch):
     """With a row for each robot, and status 130."""
 
     class Interrupted(fleet.FleetRun):
-        def run(self) -> list[fleet.Outcome]:
+        def run(self):
             self.interrupted = True
             return [fleet.Outcome("sim1", None, 0, "interrupted")]
 
@@ -125,18 +112,16 @@ def test_ctrl_c_is_told_as_a_shell_tells_it(
     assert "interrupted" in done.err
 
 
-def make(network: ShellNetwork, command: str, *robots: str, timeout_s: float = 20) -> FleetRun:
+def make(network, command, *robots, timeout_s=20):
     line = fleet.on_lifeline(command)
     return FleetRun(Command(line, timeout_s, network.config), robots, 2, captured)
 
 
-def test_defect_is_one_robots_outcome(
-    network: ShellNetwork, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_defect_is_one_robots_outcome(network, monkeypatch, caplog):
     """With its traceback in the log; the run comes to its end."""
     real = fleet_ssh.resolve
 
-    def resolve(name: str, config: object) -> object:
+    def resolve(name, config):
         if name == "sim1":
             raise ZeroDivisionError
         return real(name, network.config)
@@ -148,16 +133,16 @@ def test_defect_is_one_robots_outcome(
     assert "Traceback" in caplog.text
 
 
-def test_ctrl_c_ends_the_command_everywhere(network: ShellNetwork) -> None:
+def test_ctrl_c_ends_the_command_everywhere(network):
     """On the robots too, and those that had not begun do not begin."""
     pids = network.folder / "pids"
     command = f"sleep 60 & echo $! >> {pids}; wait"
     running = make(network, command, "sim1", "sim2", "sim3")
 
-    def written() -> list[int]:
+    def written():
         return [int(word) for word in pids.read_text().split()] if pids.exists() else []
 
-    def press() -> None:
+    def press():
         wait_until(lambda: len(written()) == 2, lambda: "both robots run it")
         # As from a terminal: a signal ends the wait of the main thread.
         signal.pthread_kill(main_thread().ident or 0, signal.SIGINT)
@@ -181,9 +166,7 @@ def test_ctrl_c_ends_the_command_everywhere(network: ShellNetwork) -> None:
     wait_until(lambda: not any(map(is_alive, written())), lambda: "the commands have ended")
 
 
-def test_lines_on_the_terminal_have_their_robots_name(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_lines_on_the_terminal_have_their_robots_name(capsys):
     """In line, on the stream that they came from."""
     sinks = fleet.to_terminal(["sim1", "turtle"])
     out, err = sinks("sim1")
@@ -192,13 +175,13 @@ def test_lines_on_the_terminal_have_their_robots_name(
     assert capsys.readouterr() == ("sim1   | hi\n", "sim1   | oops\n")
 
 
-def test_as_many_at_a_time_as_asked() -> None:
+def test_as_many_at_a_time_as_asked():
     """Three meet at the barrier, and never four."""
     barrier, lock = Barrier(3, timeout=10), Lock()
-    at_work: list[int] = []
+    at_work = []
     most = [0]
 
-    def work(name: str) -> str:
+    def work(name):
         with lock:
             at_work.append(1)
             most[0] = max(most[0], len(at_work))
@@ -211,12 +194,12 @@ def test_as_many_at_a_time_as_asked() -> None:
     assert most[0] == 3
 
 
-def test_stop_begins_nothing_new() -> None:
+def test_stop_begins_nothing_new():
     """It returns what those at work bring in time, and waits for no other."""
     going, ending = Event(), Event()
-    begun: list[str] = []
+    begun = []
 
-    def work(name: str) -> str:
+    def work(name):
         begun.append(name)
         going.set()
         ending.wait(10)
@@ -234,7 +217,7 @@ def test_stop_begins_nothing_new() -> None:
     results.close()
 
 
-def test_table_has_failures_at_its_end(capsys: pytest.CaptureFixture[str]) -> None:
+def test_table_has_failures_at_its_end(capsys):
     """Next to the prompt, where a person looks; on standard error."""
     fleet.print_summary(OUTCOMES)
     out, err = capsys.readouterr()
@@ -250,15 +233,15 @@ def test_table_has_failures_at_its_end(capsys: pytest.CaptureFixture[str]) -> No
 
 
 @pytest.fixture
-def connection(network: ShellNetwork) -> Iterator[fabric.Connection]:
+def connection(network):
     connections = SshConnections(accept_new=False)
     yield connections.open(fleet_ssh.resolve("sim1", network.config))
     connections.close_all()
 
 
 @pytest.fixture
-def do(connection: fabric.Connection) -> Do:
-    def run(command: str, *, timeout_s: float = 20, **how: str) -> tuple[int, str, str]:
+def do(connection):
+    def run(command, *, timeout_s=20, **how):
         out, err = Captured(), Captured()
         sent = fleet.on_lifeline(command)
         status = fleet.run_on(connection, sent, out=out, err=err, timeout_s=timeout_s, **how)
@@ -268,7 +251,7 @@ def do(connection: fabric.Connection) -> Do:
 
 
 @pytest.fixture
-def fake_sudo(network: ShellNetwork) -> Path:
+def fake_sudo(network):
     """A `sudo` that notes its arguments and, where it is told to, reads a password as the real one does."""
     folder = network.folder / "bin"
     folder.mkdir()
@@ -281,7 +264,7 @@ def fake_sudo(network: ShellNetwork) -> Path:
     return folder
 
 
-def test_command_runs_as_it_was_typed(do: Do) -> None:
+def test_command_runs_as_it_was_typed(do):
     """Quotes, line breaks and all; its standard input is empty; a signal is 128 and its number.
 
     Output comes whole that is more than any buffer on the way.
@@ -301,12 +284,12 @@ def test_command_runs_as_it_was_typed(do: Do) -> None:
         assert err is None or got[2] == err
 
 
-def pid_written(path: Path) -> int:
+def pid_written(path):
     wait_until(lambda: path.exists() and path.read_text().endswith("\n"), lambda: "a command runs")
     return int(path.read_text())
 
 
-def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
+def test_time_out_ends_the_command_on_the_robot(do, tmp_path):
     """The time limit ends the command with all that it had started."""
     path = tmp_path / "pid"
     with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
@@ -315,14 +298,12 @@ def test_time_out_ends_the_command_on_the_robot(do: Do, tmp_path: Path) -> None:
     wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
 
 
-def test_time_out_is_named_though_its_thread_still_runs(
-    do: Do, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_time_out_is_named_though_its_thread_still_runs(do, monkeypatch):
     """A lost link would be another problem, with other things to do."""
     released = threading.Event()
     kill = fleet.Runner.kill
 
-    def slow_kill(runner: fleet.Runner) -> None:
+    def slow_kill(runner):
         kill(runner)
         released.wait(20)
 
@@ -334,14 +315,14 @@ def test_time_out_is_named_though_its_thread_still_runs(
         released.set()
 
 
-def test_lost_link_is_no_exit_status(do: Do, network: ShellNetwork, tmp_path: Path) -> None:
+def test_lost_link_is_no_exit_status(do, network, tmp_path):
     """A lost link is neither an exit status nor a success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
     with pytest.raises(FleetError, match="the connection broke"):
         do(stop)
 
 
-def test_background_process_may_outlive_the_command(do: Do, tmp_path: Path) -> None:
+def test_background_process_may_outlive_the_command(do, tmp_path):
     """As with ssh: what was sent to the background with its outputs elsewhere."""
     path = tmp_path / "pid"
     assert do(f"sleep 60 >/dev/null 2>&1 & echo $! > {path}")[0] == 0
@@ -350,15 +331,13 @@ def test_background_process_may_outlive_the_command(do: Do, tmp_path: Path) -> N
     do(f"kill {pid}")
 
 
-def test_sudo_never_asks_without_a_password() -> None:
+def test_sudo_never_asks_without_a_password():
     """-n makes it fail at once where it would ask."""
     sent = fleet.on_lifeline("echo $0; id -u", sudo=True)
     assert sent.startswith("sudo -n -- sh -c ")
 
 
-def test_sudo_gets_its_password_and_the_command_does_not(
-    connection: fabric.Connection, fake_sudo: Path
-) -> None:
+def test_sudo_gets_its_password_and_the_command_does_not(connection, fake_sudo):
     """The password is the first line of standard input, of which the command sees nothing, asked for or not."""
     for option, said in (("-S", "sudo -S\ngot secret\n"), ("-n", "sudo -n\n")):
         out, err = Captured(), Captured()
@@ -374,7 +353,7 @@ def test_sudo_gets_its_password_and_the_command_does_not(
         assert (status, out.text, err.text) == (5, "", said)
 
 
-def printed(*pieces: str) -> str:
+def printed(*pieces):
     to = StringIO()
     lines = Lines("sim1 | ", to, Lock())
     for piece in pieces:
@@ -384,12 +363,12 @@ def printed(*pieces: str) -> str:
     return to.getvalue()
 
 
-def test_lines_are_passed_on_whole() -> None:
+def test_lines_are_passed_on_whole():
     """However they were cut on the way; a last one gets its end."""
     assert printed("a", "b\nc\n", "\nd") == "sim1 | ab\nsim1 | c\nsim1 | \nsim1 | d\n"
 
 
-def test_two_robots_lines_never_mix() -> None:
+def test_two_robots_lines_never_mix():
     """One that is not whole yet waits."""
     to, lock = StringIO(), Lock()
     first, second = Lines("1 ", to, lock), Lines("2 ", to, lock)
@@ -399,19 +378,19 @@ def test_two_robots_lines_never_mix() -> None:
     assert to.getvalue() == "2 b\n1 ac\n"
 
 
-def test_robot_does_not_steer_the_terminal() -> None:
+def test_robot_does_not_steer_the_terminal():
     """Control characters are shown; tabs, line ends of Windows and all letters pass."""
     text = "\x1b[2Ja\tb\rc\x9b\x07ü\r\n"
     assert printed(text) == "sim1 | \\x1b[2Ja\tb\\x0dc\\x9b\\x07ü\n"
 
 
-def test_line_without_an_end_is_cut() -> None:
+def test_line_without_an_end_is_cut():
     """Nothing is kept without bound."""
     got = printed("x" * (2 * MAX_LINE_LENGTH + 1)).splitlines()
     assert [len(line) for line in got] == [MAX_LINE_LENGTH + 7, MAX_LINE_LENGTH + 7, 8]
 
 
-def test_kept_output_has_a_bound() -> None:
+def test_kept_output_has_a_bound():
     """Output that was cut says so."""
     captured = Captured()
     captured.write("x" * MAX_CAPTURED_LENGTH)

@@ -1,10 +1,7 @@
 """Robots in OpenSSH's configuration, connections through a real jump host, and what is said when there is none."""
 
-from __future__ import annotations
-
 import os
 import subprocess
-from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -19,9 +16,7 @@ from robotether_server.cli.fleet_ssh import (
     Identities,
     KnownKey,
     SshConnections,
-    Target,
 )
-from shell_hosts import ShellNetwork
 
 ENTRY = """
 Host sim1
@@ -58,26 +53,24 @@ Host "an unfinished quote
 
 
 @pytest.fixture
-def connections() -> Iterator[SshConnections]:
+def connections():
     made = SshConnections(accept_new=False)
     yield made
     made.close_all()
 
 
-def target_of(network: ShellNetwork, name: str = "sim1") -> Target:
+def target_of(network, name="sim1"):
     return fleet_ssh.resolve(name, network.config)
 
 
-def refused(network: ShellNetwork, connections: SshConnections) -> FleetError:
+def refused(network, connections):
     with pytest.raises(FleetError) as caught:
         connections.open(target_of(network))
     assert "\n" not in caught.value.detail
     return caught.value
 
 
-def test_robots_share_one_login_at_the_jump_host(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
+def test_robots_share_one_login_at_the_jump_host(network, connections):
     """Robots share one login even if they come at once."""
     targets = [target_of(network, name) for name in ("sim1", "sim2") * 3]
     with ThreadPoolExecutor(6) as pool:
@@ -88,12 +81,12 @@ def test_robots_share_one_login_at_the_jump_host(
     assert not any(connection.is_connected for connection in opened)
 
 
-def lock_key(network: ShellNetwork) -> None:
+def lock_key(network):
     make_key(network.folder / "locked", "a passphrase")
     rename_key(network, "locked")
 
 
-def rename_key(network: ShellNetwork, name: str) -> None:
+def rename_key(network, name):
     network.config.write_text(network.config.read_text().replace("/id\n", f"/{name}\n"))
 
 
@@ -108,20 +101,13 @@ def rename_key(network: ShellNetwork, name: str) -> None:
     ],
     ids=["offline", "not_opened", "key_not_taken", "key_locked", "no_key"],
 )  # fmt: skip
-def test_sentence_says_why_a_robot_is_not_reached(
-    network: ShellNetwork,
-    connections: SshConnections,
-    spoil: Callable[[ShellNetwork], object],
-    sentence: str,
-) -> None:
+def test_sentence_says_why_a_robot_is_not_reached(network, connections, spoil, sentence):
     """The sentence says what to do: which key to unlock, or to make."""
     spoil(network)
     assert sentence.format(network) in refused(network, connections).detail
 
 
-def test_channel_of_a_lost_jump_host_ends_without_an_error(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
+def test_channel_of_a_lost_jump_host_ends_without_an_error(network, connections):
     """Whoever waits for the robot is woken after the channel is closed."""
     connection = connections.open(target_of(network))
     connection.gateway.transport.packetizer.close()
@@ -129,9 +115,7 @@ def test_channel_of_a_lost_jump_host_ends_without_an_error(
     assert connection.transport.sock.closed
 
 
-def test_jump_host_that_is_away_is_asked_once(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
+def test_jump_host_that_is_away_is_asked_once(network, connections):
     """Every robot's row says the same."""
     network.jump.stop()
     first, second = refused(network, connections), refused(network, connections)
@@ -142,9 +126,7 @@ def test_jump_host_that_is_away_is_asked_once(
 
 @pytest.mark.parametrize("accept_new", [False, True])
 @pytest.mark.parametrize("which", ["jump", "robot"])
-def test_changed_host_key_ends_the_connection(
-    network: ShellNetwork, which: str, accept_new: bool
-) -> None:
+def test_changed_host_key_ends_the_connection(network, which, accept_new):
     """The robot's, and the jump host's just so, whatever else is allowed; no key of the person is shown to it.
 
     The sentence says how to forget the old one; the file stays as it is.
@@ -163,7 +145,7 @@ def test_changed_host_key_ends_the_connection(
 
 
 @pytest.mark.parametrize("which", ["jump", "robot"])
-def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, which: str) -> None:
+def test_unknown_host_key(network, connections, which):
     """Is refused, or taken once and for all with --accept-new."""
     name = network.jump_address if which == "jump" else "robotether-sim1"
     lines = network.known_hosts.read_text().splitlines(keepends=True)
@@ -175,9 +157,7 @@ def test_unknown_host_key(network: ShellNetwork, connections: SshConnections, wh
     assert network.known_hosts.read_text().count(name + " ") == 1
 
 
-def test_another_known_type_of_key_is_a_changed_one(
-    network: ShellNetwork, connections: SshConnections
-) -> None:
+def test_another_known_type_of_key_is_a_changed_one(network, connections):
     """A server that cannot show the key that is known is not taken for the same."""
     text = network.known_hosts.read_text()
     known = f"robotether-sim1 {network.robots['sim1'].host_key}"
@@ -186,13 +166,13 @@ def test_another_known_type_of_key_is_a_changed_one(
     assert CHANGED in refused(network, connections).detail
 
 
-def test_nothing_opens_after_the_end(network: ShellNetwork, connections: SshConnections) -> None:
+def test_nothing_opens_after_the_end(network, connections):
     """A thread that is late leaves no connection behind."""
     connections.close_all()
     assert "the run is over" in refused(network, connections).detail
 
 
-def test_unknown_host_name(network: ShellNetwork, connections: SshConnections) -> None:
+def test_unknown_host_name(network, connections):
     """Is told as such."""
     config = network.config.read_text().replace("@127.0.0.1:", "@gate.invalid:")
     network.config.write_text(config)
@@ -200,7 +180,7 @@ def test_unknown_host_name(network: ShellNetwork, connections: SshConnections) -
 
 
 @pytest.fixture
-def agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def agent(tmp_path, monkeypatch):
     """An ssh-agent of the test's own, with no key yet."""
     socket = tmp_path / "agent"
     process = subprocess.Popen(["ssh-agent", "-D", "-a", str(socket)], stdout=subprocess.DEVNULL)
@@ -213,13 +193,13 @@ def agent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         process.wait(10)
 
 
-def add_to_agent(path: Path) -> None:
+def add_to_agent(path):
     """Add a key, then leave only its public half."""
     subprocess.run(["ssh-add", "-q", str(path)], check=True, env=os.environ)
     path.unlink()
 
 
-def offered(target: Target) -> list[str]:
+def offered(target):
     identities = Identities(target)
     try:
         sources = list(identities.get_sources())
@@ -231,7 +211,7 @@ def offered(target: Target) -> list[str]:
 
 
 @pytest.mark.usefixtures("agent")
-def test_agents_keys_come_in_the_order_of_the_configuration(target: Target, tmp_path: Path) -> None:
+def test_agents_keys_come_in_the_order_of_the_configuration(target, tmp_path):
     """The named one, then the agent's others, then files; so a server that allows three tries sees the best first."""
     lines = {name: make_key(tmp_path / name) for name in ("other", "named", "file")}
     add_to_agent(tmp_path / "other")
@@ -243,7 +223,7 @@ def test_agents_keys_come_in_the_order_of_the_configuration(target: Target, tmp_
 
 
 @pytest.mark.usefixtures("agent")
-def test_key_in_agent_and_file_is_offered_once(target: Target, tmp_path: Path) -> None:
+def test_key_in_agent_and_file_is_offered_once(target, tmp_path):
     """A key is recognised by its public half."""
     line = make_key(tmp_path / "key")
     private = (tmp_path / "key").read_text()
@@ -253,9 +233,7 @@ def test_key_in_agent_and_file_is_offered_once(target: Target, tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("agent")
-def test_locked_and_broken_files_are_passed_over(
-    target: Target, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_locked_and_broken_files_are_passed_over(target, tmp_path, caplog):
     """A key with a passphrase is remembered, for the sentence that tells of ssh-add."""
     make_key(tmp_path / "locked", "a passphrase")
     (tmp_path / "broken").write_text("rubbish")
@@ -269,28 +247,28 @@ def test_locked_and_broken_files_are_passed_over(
 
 
 @pytest.fixture
-def key(tmp_path: Path) -> paramiko.PKey:
+def key(tmp_path):
     make_key(tmp_path / "host")
     return paramiko.PKey.from_path(tmp_path / "host")
 
 
-def write(target: Target, *lines: str) -> None:
+def write(target, *lines):
     target.known_hosts[0].write_text("".join(f"{line}\n" for line in lines))
 
 
-def line(key: paramiko.PKey, name: str = "robotether-sim1") -> str:
+def line(key, name="robotether-sim1"):
     return f"{name} {key.get_name()} {key.get_base64()}"
 
 
-def known_key(key: paramiko.PKey) -> KnownKey:
+def known_key(key):
     return KnownKey(key.get_name(), key.get_base64())
 
 
-def check(target: Target, key: paramiko.PKey, *, accept_new: bool = False) -> None:
+def check(target, key, *, accept_new=False):
     HostKeyCheck(target, accept_new=accept_new).missing_host_key(None, "[127.0.0.1]:24000", key)
 
 
-def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
+def test_known_key_passes(target, key):
     """Under the alias, and never under the address, which all robots share."""
     write(target, line(key))
     check(target, key)
@@ -299,7 +277,7 @@ def test_known_key_passes(target: Target, key: paramiko.PKey) -> None:
         check(target, key)
 
 
-def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: paramiko.PKey) -> None:
+def test_unknown_key_is_refused_with_its_fingerprint(target, key):
     """An unknown key is rejected with its fingerprint and not stored."""
     with pytest.raises(
         FleetError, match=r"sim1: its host key SHA256:\S+ .* robotether-sim1.*--accept-new"
@@ -309,14 +287,14 @@ def test_unknown_key_is_refused_with_its_fingerprint(target: Target, key: parami
 
 
 @pytest.mark.parametrize("accept_new", [False, True])
-def test_revoked_key_is_never_taken(target: Target, key: paramiko.PKey, accept_new: bool) -> None:
+def test_revoked_key_is_never_taken(target, key, accept_new):
     """A revoked key is rejected even where it is known as well."""
     write(target, line(key), f"@revoked {line(key, '*')}")
     with pytest.raises(FleetError, match="revoked"):
         check(target, key, accept_new=accept_new)
 
 
-def test_host_shall_show_the_key_that_is_known(target: Target, tmp_path: Path) -> None:
+def test_host_shall_show_the_key_that_is_known(target, tmp_path):
     """Of several keys of a host only those types are asked for; of a new host any good one."""
     unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
     assert unwanted == ["ssh-rsa", "ssh-dss"]
@@ -326,20 +304,20 @@ def test_host_shall_show_the_key_that_is_known(target: Target, tmp_path: Path) -
     assert "ecdsa-sha2-nistp256" not in unwanted
 
 
-def test_new_key_needs_a_file(target: Target, key: paramiko.PKey) -> None:
+def test_new_key_needs_a_file(target, key):
     """A key that cannot be noted is not trusted."""
     with pytest.raises(FleetError, match="no UserKnownHostsFile"):
         check(replace(target, known_hosts=()), key, accept_new=True)
 
 
 @pytest.fixture
-def config(tmp_path: Path) -> Path:
+def config(tmp_path):
     path = tmp_path / "config"
     path.write_text(ENTRY)
     return path
 
 
-def test_robot_and_its_jump_host(config: Path) -> None:
+def test_robot_and_its_jump_host(config):
     """Each has its own user, port, and name in known_hosts: an alias, or the address with its port."""
     target = fleet_ssh.resolve("sim1", config)
     assert (target.host, target.port, target.user) == ("127.0.0.1", 24000, "ann")
@@ -347,37 +325,34 @@ def test_robot_and_its_jump_host(config: Path) -> None:
     assert target.known_hosts == (Path("~/known").expanduser(),)
     assert target.identity_files == (Path("~/keys/one").expanduser(),)
     assert (target.identities_only, target.connect_timeout_s) == (True, 10)
-    assert target.jump is not None
     assert (target.jump.host, target.jump.port, target.jump.user) == ("gate.example", 2222, "jump")
     assert target.jump.known_as == "[gate.example]:2222"
     assert target.jump.jump is None
 
 
-def test_several_jump_hosts_stand_in_line(config: Path) -> None:
+def test_several_jump_hosts_stand_in_line(config):
     """The last one is the robot's own."""
     config.write_text("Host sim1\n    ProxyJump a.example,b.example:22\n    ConnectTimeout 3\n")
     target = fleet_ssh.resolve("sim1", config)
-    assert target.jump is not None
-    assert target.jump.jump is not None
     assert (target.jump.known_as, target.jump.jump.known_as) == ("b.example", "a.example")
     assert target.connect_timeout_s == 3
 
 
-def test_proxy_command_is_refused(config: Path) -> None:
+def test_proxy_command_is_refused(config):
     """A sentence says what to write instead."""
     config.write_text("Host sim1\n    ProxyCommand nc %h %p\n")
     with pytest.raises(FleetError, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
         fleet_ssh.resolve("sim1", config)
 
 
-def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config: Path) -> None:
+def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config):
     """The message has ssh's words and the line."""
     config.write_text("Host sim1\n    Prot 22\n")
     with pytest.raises(FleetError, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
         fleet_ssh.resolve("sim1", config)
 
 
-def test_no_ssh_here(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_ssh_here(config, monkeypatch):
     """A sentence says what to install."""
     monkeypatch.setenv("PATH", "")
     with pytest.raises(FleetError, match="install OpenSSH's client"):
@@ -395,9 +370,7 @@ def test_no_ssh_here(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ],
     ids=["rubbish", "pattern", "negation", "port", "markers"],
 )
-def test_known_hosts_are_read_as_openssh_reads_them(
-    tmp_path: Path, key: paramiko.PKey, lines: str, is_trusted: bool, is_revoked: bool
-) -> None:
+def test_known_hosts_are_read_as_openssh_reads_them(tmp_path, key, lines, is_trusted, is_revoked):
     """A revoked key is known as such; an authority's is no host's. A missing file has none."""
     path = tmp_path / "known_hosts"
     path.write_text(lines.format(key=line(key, "").strip()), encoding="latin-1")
@@ -408,7 +381,7 @@ def test_known_hosts_are_read_as_openssh_reads_them(
     )
 
 
-def test_added_key_is_known_also_when_names_are_hashed(tmp_path: Path, key: paramiko.PKey) -> None:
+def test_added_key_is_known_also_when_names_are_hashed(tmp_path, key):
     """It is on a line of its own, in a file that only its owner reads."""
     path = tmp_path / "new" / "known_hosts"
     fleet_ssh.add_known(path, "robotether-sim1", known_key(key))
@@ -422,9 +395,7 @@ def test_added_key_is_known_also_when_names_are_hashed(tmp_path: Path, key: para
     assert path.read_text().startswith("|1|")
 
 
-def test_file_that_cannot_be_used_is_told(
-    tmp_path: Path, key: paramiko.PKey, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_file_that_cannot_be_used_is_told(tmp_path, key, monkeypatch):
     """One that the person may not read, say, which ssh-keygen then tells, or a folder in its place."""
     with pytest.raises(FleetError, match="cannot save the key of sim1"):
         fleet_ssh.add_known(tmp_path, "sim1", known_key(key))
@@ -437,13 +408,13 @@ def test_file_that_cannot_be_used_is_told(
 
 
 @pytest.fixture
-def listed(tmp_path: Path) -> Path:
+def listed(tmp_path):
     path = tmp_path / "listed"
     path.write_text(ROBOTS + OTHERS)
     return path
 
 
-def test_only_what_the_server_printed_is_a_robot(listed: Path) -> None:
+def test_only_what_the_server_printed_is_a_robot(listed):
     """A person's other hosts, patterns and broken lines are none."""
     assert fleet_ssh.robots_in(listed) == {"sim1", "sim2"}
 
@@ -452,20 +423,18 @@ def test_only_what_the_server_printed_is_a_robot(listed: Path) -> None:
     ("patterns", "names"),
     [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
 )
-def test_patterns_choose_robots_once(listed: Path, patterns: list[str], names: list[str]) -> None:
+def test_patterns_choose_robots_once(listed, patterns, names):
     """Robots are listed in the order of their names."""
     assert fleet_ssh.choose(listed, patterns) == names
 
 
-def test_pattern_without_a_robot_is_a_mistake(listed: Path) -> None:
+def test_pattern_without_a_robot_is_a_mistake(listed):
     """Even beside another that has some; the sentence lists what there is."""
     with pytest.raises(FleetError, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"):
         fleet_ssh.choose(listed, ["sim1", "bank"])
 
 
-def test_included_files_are_read(
-    listed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_included_files_are_read(listed, tmp_path, monkeypatch):
     """By absolute name, or below ~/.ssh, with wildcards."""
     monkeypatch.setenv("HOME", str(tmp_path))
     home = tmp_path / ".ssh"
@@ -475,7 +444,7 @@ def test_included_files_are_read(
     assert fleet_ssh.choose(None, ["*"]) == ["sim1", "sim2", "turtle"]
 
 
-def test_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
+def test_file_that_includes_itself_is_refused(tmp_path):
     """As OpenSSH does, and not for ever."""
     path = tmp_path / "config"
     path.write_text(f"Include {path}\n")
@@ -483,7 +452,7 @@ def test_file_that_includes_itself_is_refused(tmp_path: Path) -> None:
         fleet_ssh.robots_in(path)
 
 
-def test_missing_file_is_told_with_the_way_to_get_it(tmp_path: Path) -> None:
+def test_missing_file_is_told_with_the_way_to_get_it(tmp_path):
     """One sentence says how to get the missing file."""
     with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
         fleet_ssh.choose(tmp_path / "missing", ["*"])

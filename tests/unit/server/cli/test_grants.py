@@ -1,22 +1,20 @@
 """robotether grant and revoke."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 
 import pytest
-from admin_records import Run, kinds
-from robotether_server.db import Database, seen_robots, users
+from admin_records import kinds
+from robotether_server.db import seen_robots, users
 
 
 @pytest.fixture(autouse=True)
-def _ann_and_sim1(run: Run) -> None:
+def _ann_and_sim1(run):
     run("user", "add", "ann")
     run("robot", "add", "sim1", "--mac", "00:1b:44:11:3a:b7")
 
 
-def test_grant_is_given_listed_and_taken(run: Run, database: Database) -> None:
+def test_grant_is_given_listed_and_taken(run, database):
     """Each with its audit event; taking one that is not there fails."""
     assert run("grant", "ann", "sim1", "drive").out == "user ann may drive robot sim1\n"
     with database.transaction() as tx:
@@ -35,20 +33,20 @@ def test_grant_is_given_listed_and_taken(run: Run, database: Database) -> None:
     assert kinds(database)[2:] == ["grant_given", "grant_taken"]
 
 
-def test_users_may_be_called_like_a_command(run: Run) -> None:
+def test_users_may_be_called_like_a_command(run):
     """Three words are always USER ROBOT LEVEL."""
     for name in ("list", "give"):
         run("user", "add", name)
         assert run("grant", name, "sim1", "drive").out == f"user {name} may drive robot sim1\n"
 
 
-def test_help_shows_both_ways(run: Run) -> None:
+def test_help_shows_both_ways(run):
     """What to write, and the list."""
     done = run("grant", "--help")
     assert "robotether grant [OPTIONS] USER ROBOT LEVEL [--until END] | list" in done.out
 
 
-def test_options_stand_in_for_user_and_robot(run: Run) -> None:
+def test_options_stand_in_for_user_and_robot(run):
     """Wherever they stand; revoke takes the same."""
     run("group", "add", "crew")
     run("site", "add", "lab")
@@ -62,7 +60,7 @@ def test_options_stand_in_for_user_and_robot(run: Run) -> None:
     assert run("grant", "ann", "manage", "--site=lab").out == "user ann may manage site lab\n"
 
 
-def test_grant_has_an_end(run: Run) -> None:
+def test_grant_has_an_end(run):
     """A day is meant with its last second in UTC; one that has passed is refused."""
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=2)).date()
     done = run("grant", "ann", "sim1", "drive", "--until", str(day))
@@ -73,7 +71,7 @@ def test_grant_has_an_end(run: Run) -> None:
     assert "drive" in run("grant", "list").out
 
 
-def test_mistake_in_the_arguments(run: Run) -> None:
+def test_mistake_in_the_arguments(run):
     """Exit status 2, it says what there is, and nothing is given."""
     for words, says in (
         (("ann", "sim1", "fly"), "'observe', 'drive', 'manage'"),

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import pytest
-from admin_records import Run, kinds
-from robotether_server.db import Database
-from robotether_server.db.grants import GROUPS, SITES, Collection
+from admin_records import kinds
+from robotether_server.db.grants import GROUPS, SITES
 
 
 class Change(NamedTuple):
@@ -30,9 +29,7 @@ REMOVE = Change(("place", "ann"), "robot ann is at no site", "robot_site_set")
 @pytest.mark.parametrize(
     ("collection", "fill", "clear"), [(GROUPS, JOIN, LEAVE), (SITES, PLACE, REMOVE)]
 )
-def test_collection_is_added_filled_listed_and_removed(
-    run: Run, database: Database, collection: Collection[Any], fill: Change, clear: Change
-) -> None:
+def test_collection_is_added_filled_listed_and_removed(run, database, collection, fill, clear):
     """Each step says what it did and has its line in the log."""
     kind, members = collection.kind, collection.members
     run("user", "add", "ann")
@@ -50,7 +47,7 @@ def test_collection_is_added_filled_listed_and_removed(
     assert kinds(database)[2:] == [f"{kind}_added", fill.kind, clear.kind, f"{kind}_removed"]
 
 
-def test_leaving_a_group_twice_fails(run: Run) -> None:
+def test_leaving_a_group_twice_fails(run):
     run("user", "add", "ann")
     run("group", "add", "crew")
     assert run("group", "leave", "crew", "ann").status == 1

@@ -1,19 +1,14 @@
 """The command itself: settings, migrate, web, and the border of errors."""
 
-from __future__ import annotations
-
 import os
 import sys
-from pathlib import Path
 
 import pytest
-from admin_records import Run
-from mariadb_server import MariaDb
 from robotether_server import passwords
-from robotether_server.db import Database, users
+from robotether_server.db import users
 
 
-def test_settings_are_shown_without_secrets(run: Run, mariadb: MariaDb) -> None:
+def test_settings_are_shown_without_secrets(run, mariadb):
     """One NAME=value a line."""
     done = run("show-settings")
     lines = dict(line.split("=", 1) for line in done.out.splitlines())
@@ -23,7 +18,7 @@ def test_settings_are_shown_without_secrets(run: Run, mariadb: MariaDb) -> None:
     assert mariadb.settings("web").password not in done.out
 
 
-def test_wrong_setting_stops_every_start(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_setting_stops_every_start(run, monkeypatch):
     """One sentence with variable and value, no traceback."""
     monkeypatch.setenv("DB_PORT", "many")
     for command in ("web", "migrate", "show-settings"):
@@ -33,9 +28,7 @@ def test_wrong_setting_stops_every_start(run: Run, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.fixture
-def run_as_migrate(
-    run: Run, mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch, sql_dir: Path
-) -> Run:
+def run_as_migrate(run, mariadb, monkeypatch, sql_dir):
     """The command with the settings of migrate."""
     settings = mariadb.settings("migrate")
     monkeypatch.setenv("DB_USER", settings.user)
@@ -45,15 +38,13 @@ def run_as_migrate(
     return run
 
 
-def test_migrate_says_what_it_did(run_as_migrate: Run) -> None:
+def test_migrate_says_what_it_did(run_as_migrate):
     """As account migrate; the range of ports is told too."""
     done = run_as_migrate("migrate")
     assert done == (0, "applied: nothing was missing\nports for robots: 20000 to 20199\n", "")
 
 
-def test_migrate_makes_the_first_admin_with_a_password_alone(
-    run_as_migrate: Run, database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_migrate_makes_the_first_admin_with_a_password_alone(run_as_migrate, database, monkeypatch):
     """Where web may start before the database; a second run, with another password, changes nothing."""
     run_as_migrate("migrate")
     with database.transaction() as tx:
@@ -67,9 +58,7 @@ def test_migrate_makes_the_first_admin_with_a_password_alone(
         assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)
 
 
-def test_database_that_is_away_is_told_with_its_host(
-    run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_database_that_is_away_is_told_with_its_host(run, monkeypatch):
     """An admin may know more than a visitor."""
     monkeypatch.setenv("DB_PORT", "1")
     done = run("robot", "list")
@@ -79,16 +68,16 @@ def test_database_that_is_away_is_told_with_its_host(
 
 
 @pytest.fixture
-def started(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+def started(monkeypatch):
     """What takes the place of the command `web`, each time that it is run."""
     monkeypatch.setenv("TICKET_KEY", "t" * 32)
     monkeypatch.setenv("WEB_SECRET_KEY", "w" * 32)
-    found: list[list[str]] = []
+    found = []
     monkeypatch.setattr(os, "execv", lambda _, arguments: found.append(arguments))
     return found
 
 
-def test_web_becomes_gunicorn(run: Run, started: list[list[str]]) -> None:
+def test_web_becomes_gunicorn(run, started):
     """With one worker that has threads, and our application."""
     assert run("web").status == 0
     assert started[0][:3] == [sys.executable, "-m", "gunicorn"]
@@ -96,9 +85,7 @@ def test_web_becomes_gunicorn(run: Run, started: list[list[str]]) -> None:
     assert started[0][-1] == "robotether_server.web.app:make_app()"
 
 
-def test_web_prints_the_first_admin_once(
-    run: Run, started: list[list[str]], database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_web_prints_the_first_admin_once(run, started, database, monkeypatch):
     """With the address and a password that works; later starts print nothing."""
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
     monkeypatch.setenv("PUBLIC_PORT", "8443")
@@ -111,13 +98,7 @@ def test_web_prints_the_first_admin_once(
     assert len(started) == 2
 
 
-def test_password_of_ones_own_is_not_printed(
-    run: Run,
-    started: list[list[str]],
-    database: Database,
-    monkeypatch: pytest.MonkeyPatch,
-    tmp_path: Path,
-) -> None:
+def test_password_of_ones_own_is_not_printed(run, started, database, monkeypatch, tmp_path):
     """It comes from a file; an empty one is none, and one that is too short stops the start."""
     file = tmp_path / "admin_password"
     monkeypatch.setenv("ADMIN_PASSWORD_FILE", str(file))
@@ -136,9 +117,7 @@ def test_password_of_ones_own_is_not_printed(
     assert len(run("web").out.split()[-1]) == len(passwords.new_password())
 
 
-def test_web_starts_while_the_database_is_away(
-    run: Run, started: list[list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_web_starts_while_the_database_is_away(run, started, monkeypatch):
     """After a reboot nobody says who starts first; then there is an admin already."""
     monkeypatch.setenv("DB_PORT", "1")
     done = run("web")
@@ -147,7 +126,7 @@ def test_web_starts_while_the_database_is_away(
     assert len(started) == 1
 
 
-def test_help_lists_the_commands(run: Run) -> None:
+def test_help_lists_the_commands(run):
     """The help needs no setting."""
     done = run("--help")
     assert done.status == 0

@@ -1,37 +1,24 @@
 """robotether robot pending, approve, reject, rekey, rotate-key."""
 
-from __future__ import annotations
-
 import json
 import threading
 
 import pytest
-from admin_records import (
-    ADD,
-    MAC,
-    OTHER_KEY,
-    Run,
-    activate,
-    claim,
-    details_of,
-    kinds,
-    robot,
-    show_key,
-)
+from admin_records import ADD, MAC, OTHER_KEY, activate, claim, details_of, kinds, robot, show_key
 from robotether_server.cli import robot_keys
-from robotether_server.db import Database, robots
+from robotether_server.db import robots
 from robotether_server.identity import PublicKey
 
 THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")
 
 
-def shown(out: str) -> dict[str, str]:
+def shown(out):
     """The fields of a record that was printed."""
     lines = (line.split("  ", 1) for line in out.splitlines() if "  " in line)
     return {name: value.strip() for name, value in lines}
 
 
-def test_what_waits_is_listed(run: Run, database: Database) -> None:
+def test_what_waits_is_listed(run, database):
     """A new robot's key and a claim, with the reason; nothing that is let in."""
     run(*ADD)
     assert len(run("robot", "pending").out.splitlines()) == 1
@@ -51,7 +38,7 @@ def test_what_waits_is_listed(run: Run, database: Database) -> None:
     assert "MAC is in use" in "".join(rows)
 
 
-def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
+def test_second_approval_changes_nothing(run, database):
     """A second approval leaves no second event."""
     run(*ADD)
     show_key(database)
@@ -61,7 +48,7 @@ def test_second_approval_changes_nothing(run: Run, database: Database) -> None:
     assert kinds(database) == ["robot_added", "robot_approved"]
 
 
-def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None:
+def test_approve_shows_who_joined_and_asks(run, database):
     """All that tells one robot from another stands there before the question; only a yes approves."""
     run(*ADD)
     show_key(database)
@@ -85,7 +72,7 @@ def test_approve_shows_who_joined_and_asks(run: Run, database: Database) -> None
     assert details == {"was": "pending", "fingerprint": "SHA256:abc"}
 
 
-def test_approve_without_a_terminal_needs_the_fingerprint(run: Run, database: Database) -> None:
+def test_approve_without_a_terminal_needs_the_fingerprint(run, database):
     """One sentence says what to do; a script that only says yes on standard input gets nothing."""
     run(*ADD)
     show_key(database)
@@ -96,7 +83,7 @@ def test_approve_without_a_terminal_needs_the_fingerprint(run: Run, database: Da
     assert robot(database).state == "pending"
 
 
-def test_approve_with_a_fingerprint(run: Run, database: Database) -> None:
+def test_approve_with_a_fingerprint(run, database):
     """Only the key that the robot itself shows is approved, and --yes does not change that."""
     run(*ADD)
     show_key(database)
@@ -111,9 +98,7 @@ def test_approve_with_a_fingerprint(run: Run, database: Database) -> None:
 
 
 @pytest.mark.parametrize("action", ["approve", "reject"])
-def test_only_the_key_that_was_compared_counts(
-    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch, action: str
-) -> None:
+def test_only_the_key_that_was_compared_counts(run, database, monkeypatch, action):
     """A key that came while the person was looking is not dealt with in its place."""
     run(*ADD)
     show_key(database)
@@ -125,7 +110,7 @@ def test_only_the_key_that_was_compared_counts(
     assert (found.state, found.fingerprint) == ("pending", "SHA256:other")
 
 
-def test_approve_waits_for_the_key(run: Run, database: Database) -> None:
+def test_approve_waits_for_the_key(run, database):
     """The robot may join while the command waits."""
     run(*ADD)
     joins = threading.Timer(0.2, show_key, [database])
@@ -134,7 +119,7 @@ def test_approve_waits_for_the_key(run: Run, database: Database) -> None:
     joins.join()
 
 
-def test_approved_claim_replaces_the_key(run: Run, database: Database) -> None:
+def test_approved_claim_replaces_the_key(run, database):
     """The command asks before the claim replaces the key."""
     run(*ADD)
     activate(database)
@@ -149,7 +134,7 @@ def test_approved_claim_replaces_the_key(run: Run, database: Database) -> None:
     assert robot(database).fingerprint == "SHA256:other"
 
 
-def test_of_several_keys_one_is_named(run: Run, database: Database) -> None:
+def test_of_several_keys_one_is_named(run, database):
     """Neither --yes nor a person's yes chooses among them."""
     run(*ADD)
     show_key(database)
@@ -163,7 +148,7 @@ def test_of_several_keys_one_is_named(run: Run, database: Database) -> None:
     assert robot(database).fingerprint == "SHA256:other"
 
 
-def test_disabled_robot_is_enabled_first(run: Run, database: Database) -> None:
+def test_disabled_robot_is_enabled_first(run, database):
     """The sentence has the command."""
     run(*ADD)
     activate(database)
@@ -171,7 +156,7 @@ def test_disabled_robot_is_enabled_first(run: Run, database: Database) -> None:
     assert "robotether robot enable sim1" in run("robot", "approve", "sim1").err
 
 
-def test_rejected_key_is_gone(run: Run, database: Database) -> None:
+def test_rejected_key_is_gone(run, database):
     """After a yes, or by its fingerprint; the robot that was added waits for another."""
     run(*ADD)
     show_key(database)
@@ -185,7 +170,7 @@ def test_rejected_key_is_gone(run: Run, database: Database) -> None:
     assert kinds(database)[-1] == "key_rejected"
 
 
-def test_rejected_key_may_ask_again(run: Run, database: Database) -> None:
+def test_rejected_key_may_ask_again(run, database):
     """It is listed with who turned it away, until it is forgiven."""
     run(*ADD)
     show_key(database)

@@ -1,21 +1,19 @@
 """robotether robot settings, set."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
-from admin_records import ADD, Run, details_of, events, kinds, robot
-from robotether_server.db import Database, robots
+from admin_records import ADD, details_of, events, kinds, robot
+from robotether_server.db import robots
 from robotether_server.settings.robot import DEFAULTS
 
 
 @pytest.fixture(autouse=True)
-def _sim1(run: Run) -> None:
+def _sim1(run):
     run(*ADD)
 
 
-def test_settings_in_force_are_json(run: Run) -> None:
+def test_settings_in_force_are_json(run):
     """With the defaults, and as they are to be set."""
     assert json.loads(run("robot", "settings", "sim1").out) == DEFAULTS.as_dict()
     run("robot", "set", "sim1", "guard.deadman_ms=400", "shell_user=pi")
@@ -23,7 +21,7 @@ def test_settings_in_force_are_json(run: Run) -> None:
     assert (shown["guard"]["deadman_ms"], shown["shell_user"]) == (400, "pi")
 
 
-def test_settings_are_set_in_one_step(run: Run, database: Database) -> None:
+def test_settings_are_set_in_one_step(run, database):
     """The others stay, and the audit log has one line that says what was."""
     run("robot", "set", "sim1", "--shell-user", "pi")
     done = run("robot", "set", "sim1", "guard.max_speed_m_s=0.5", 'policy.drive.call=["/arm/*"]')
@@ -41,7 +39,7 @@ def test_settings_are_set_in_one_step(run: Run, database: Database) -> None:
     }
 
 
-def test_null_is_the_default(run: Run, database: Database) -> None:
+def test_null_is_the_default(run, database):
     """Of one setting or of all in an object; said again, it changes nothing."""
     run("robot", "set", "sim1", "guard.max_speed_m_s=1", "guard.deadman_ms=400", "shell_user=pi")
     done = run("robot", "set", "sim1", "guard.deadman_ms=null", "shell_user=null")
@@ -53,7 +51,7 @@ def test_null_is_the_default(run: Run, database: Database) -> None:
     assert kinds(database).count("robot_settings_set") == 3
 
 
-def test_null_is_meant_where_it_is_a_value(run: Run, database: Database) -> None:
+def test_null_is_meant_where_it_is_a_value(run, database):
     """Driving is then never held because of an old picture; the whole page goes back to the default, which holds it."""
     run("robot", "set", "sim1", "page.hold_after_ms=null", "page.kind=ackermann")
     assert robot(database).settings == {"page": {"hold_after_ms": None, "kind": "ackermann"}}
@@ -64,7 +62,7 @@ def test_null_is_meant_where_it_is_a_value(run: Run, database: Database) -> None
     assert robot(database).settings == {}
 
 
-def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
+def test_shell_user_is_set_and_taken_away(run, database):
     """Only a name that an account may have; saying nothing is a mistake."""
     assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0
     assert robot(database).settings == {"shell_user": "pi"}
@@ -74,7 +72,7 @@ def test_shell_user_is_set_and_taken_away(run: Run, database: Database) -> None:
     assert robot(database).settings == {}
 
 
-def test_wrong_changes_are_refused(run: Run, database: Database) -> None:
+def test_wrong_changes_are_refused(run, database):
     """The refusal names the setting; nothing that was right beside it is done."""
     for changes, sentence in (
         (["guard.deadman_ms"], "write KEY=VALUE"),
@@ -91,7 +89,7 @@ def test_wrong_changes_are_refused(run: Run, database: Database) -> None:
     assert robot(database).settings == {}
 
 
-def test_settings_that_somebody_wrote_by_sql_are_mended(run: Run, database: Database) -> None:
+def test_settings_that_somebody_wrote_by_sql_are_mended(run, database):
     """A robot with settings that nobody may set is locked until then."""
     with database.transaction() as tx:
         robots.set_settings(tx, robots.get(tx, "sim1").id, {"speed": 1, "guard": {"deadman_ms": 5}})

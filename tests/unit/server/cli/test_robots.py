@@ -1,14 +1,12 @@
 """robotether robot add, list, show, remove, wait-online."""
 
-from __future__ import annotations
-
 import json
 
-from admin_records import ADD, MAC, Run, activate, claim, events, kinds
-from robotether_server.db import Database, seen_robots
+from admin_records import ADD, MAC, activate, claim, events, kinds
+from robotether_server.db import seen_robots
 
 
-def test_added_robot_is_listed(run: Run, database: Database) -> None:
+def test_added_robot_is_listed(run, database):
     """For people and for programs, with its ports and its MAC in one spelling."""
     assert run(*ADD).out == "added robot sim1 with ports 20000 and 20001\n"
     heads, row = run("robot", "list").out.splitlines()
@@ -36,9 +34,7 @@ def test_added_robot_is_listed(run: Run, database: Database) -> None:
     assert events(database) == [("cli", "robot_added", "sim1")]
 
 
-def test_show_tells_all_of_one_robot(
-    run: Run, database: Database, admin_database: Database
-) -> None:
+def test_show_tells_all_of_one_robot(run, database, admin_database):
     """Its record, what waits there, and its last sessions."""
     run(*ADD)
     assert "never seen" in run("robot", "show", "sim1").out
@@ -65,7 +61,7 @@ def test_show_tells_all_of_one_robot(
     assert [session["ended_at"] for session in whole["sessions"]] == [None]
 
 
-def test_removed_robot_is_gone(run: Run, database: Database) -> None:
+def test_removed_robot_is_gone(run, database):
     """After a yes, or with --yes."""
     run(*ADD)
     assert "no terminal to ask on; say --yes" in run("robot", "remove", "sim1").err
@@ -79,7 +75,7 @@ def test_removed_robot_is_gone(run: Run, database: Database) -> None:
         assert seen_robots.list_all(tx) == []
 
 
-def test_wait_online(run: Run, admin_database: Database) -> None:
+def test_wait_online(run, admin_database):
     """Ends well once a session is open, and says so when none comes."""
     run(*ADD)
     done = run("robot", "wait-online", "sim1", "--timeout", "0")
@@ -91,7 +87,7 @@ def test_wait_online(run: Run, admin_database: Database) -> None:
     assert run("robot", "list").out.splitlines()[1].split()[2] == "yes"
 
 
-def test_each_change_of_a_robot_is_said(run: Run, database: Database) -> None:
+def test_each_change_of_a_robot_is_said(run, database):
     """The command prints what is so now, and the audit log has it."""
     run(*ADD)
     activate(database)
@@ -125,7 +121,7 @@ def test_each_change_of_a_robot_is_said(run: Run, database: Database) -> None:
     ]
 
 
-def test_unknown_robot_is_said(run: Run) -> None:
+def test_unknown_robot_is_said(run):
     """In one sentence, by each command."""
     plain = (
         "approve disable enable move-ports reject rekey remove rotate-key settings show wait-online"

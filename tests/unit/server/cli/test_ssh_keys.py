@@ -1,24 +1,20 @@
 """robotether ssh-key and ssh-config."""
 
-from __future__ import annotations
-
 import json
-from pathlib import Path
 
 import pytest
-from admin_records import ADD, Run, activate, kinds
-from robotether_server.db import Database
+from admin_records import ADD, activate, kinds
 from shell_hosts import make_key
 
 ANN = ("--user", "ann")
 
 
 @pytest.fixture(autouse=True)
-def _ann(run: Run) -> None:
+def _ann(run):
     run("user", "add", "ann")
 
 
-def test_key_is_added_listed_and_deleted(run: Run, database: Database, tmp_path: Path) -> None:
+def test_key_is_added_listed_and_deleted(run, database, tmp_path):
     """From a file or standard input, under its name or its comment's."""
     make_key(tmp_path / "id")
     done = run("ssh-key", "add", *ANN, "--name", "laptop", tmp_path / "id.pub")
@@ -34,9 +30,7 @@ def test_key_is_added_listed_and_deleted(run: Run, database: Database, tmp_path:
     assert kinds(database)[1:] == ["ssh_key_added", "ssh_key_added", "ssh_key_deleted"]
 
 
-def test_ssh_config_has_the_shells_that_the_user_manages(
-    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ssh_config_has_the_shells_that_the_user_manages(run, database, monkeypatch):
     """Each reached through this server's own port."""
     monkeypatch.setenv("SSH_PORTS", "2022,443")
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
@@ -55,7 +49,7 @@ def test_ssh_config_has_the_shells_that_the_user_manages(
     assert "jump@lab.example:" in run("ssh-config", *ANN, "--host", "lab.example").out
 
 
-def test_ssh_config_without_a_host_says_what_to_set(run: Run) -> None:
+def test_ssh_config_without_a_host_says_what_to_set(run):
     """Without a host the command says what to set or to pass."""
     done = run("ssh-config", *ANN)
     assert done.status == 1

@@ -1,15 +1,13 @@
 """robotether token, join-token and robot invite."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 import re
 
 import pytest
-from admin_records import Run, kinds
+from admin_records import kinds
 from robotether_server.cli import tokens
-from robotether_server.db import Database, credentials, join_tokens
+from robotether_server.db import credentials, join_tokens
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.problems import SiteCertificateUnavailableError, TokenInvalidError
@@ -18,14 +16,14 @@ CI = ("--user", "ann", "--name", "ci")
 
 
 @pytest.fixture(autouse=True)
-def _known_certificate(monkeypatch: pytest.MonkeyPatch) -> None:
+def _known_certificate(monkeypatch):
     monkeypatch.setattr(
         SiteCertificates, "certificate", lambda *_: Certificate("ab" * 32, "pin=", False)
     )
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
 
 
-def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -> None:
+def test_token_is_the_last_word_of_the_last_line(run, database):
     """It works, and is neither listed nor audited afterwards."""
     run("user", "add", "ann")
     text = run("token", "create", *CI, "--days", "7").out.splitlines()[-1].split()[-1]
@@ -44,7 +42,7 @@ def test_token_is_the_last_word_of_the_last_line(run: Run, database: Database) -
     assert round((token.expires_at - token.created_at) / dt.timedelta(days=1)) == 7
 
 
-def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
+def test_deleted_token_works_no_more(run, database):
     """Deleting it twice says so; the name is free again."""
     run("user", "add", "ann")
     text = run("token", "create", *CI).out.split()[-1]
@@ -56,14 +54,13 @@ def test_deleted_token_works_no_more(run: Run, database: Database) -> None:
     assert run("token", "create", *CI).status == 0
 
 
-def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
+def test_install_line_is_the_last_line(run, database):
     """With a token that works, the pins, and where robots reach the site."""
     run("site", "add", "hall")
     run("group", "add", "crew")
     place = ("--site", "hall", "--group", "crew", "--region", "eu")
     lines = run("robot", "invite", "--uses", "3", "--hours", "2", *place).out.splitlines()
     label = re.match(r"join token (robot [0-9a-f]{6}), for 3 robots until ", lines[0])
-    assert label is not None
     words = lines[-1].split()
     assert words[0] == "curl"
     assert "https://robots.example/join.sh" in words
@@ -71,7 +68,6 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     assert words[words.index("--tls-fingerprint") + 1] == "ab" * 32
     with database.transaction() as tx:
         token = join_tokens.find(tx, words[words.index("--token") + 1])
-        assert token is not None
         assert join_tokens.place_of(tx, token.id) == Place("hall", "crew", "eu")
     assert (token.name, token.uses, token.created_by) == (label[1], 3, "cli")
     lifetime = token.expires_at - dt.datetime.now(dt.UTC)
@@ -79,7 +75,7 @@ def test_install_line_is_the_last_line(run: Run, database: Database) -> None:
     assert kinds(database) == ["site_added", "group_added", "join_token_created"]
 
 
-def test_invited_robot_asks_for_its_name(run: Run) -> None:
+def test_invited_robot_asks_for_its_name(run):
     """The line carries the name, which must be one that a single new robot can have."""
     said, line = run("robot", "invite", "--name", "turtle").out.splitlines()
     assert re.match(r"join token turtle [0-9a-f]{6}, for turtle until ", said)
@@ -88,7 +84,7 @@ def test_invited_robot_asks_for_its_name(run: Run) -> None:
     assert "cannot use this name" in run("robot", "invite", "--name", "My Robot").err
 
 
-def test_other_host_may_be_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_host_may_be_named(run, monkeypatch):
     """It goes before PUBLIC_HOST; what no robot reaches is warned of beside the line, which scripts read."""
     monkeypatch.setenv("PUBLIC_PORT", "8443")
     done = run("robot", "invite", "--host", "lab.example")
@@ -98,7 +94,7 @@ def test_other_host_may_be_named(run: Run, monkeypatch: pytest.MonkeyPatch) -> N
     assert "https://localhost/join.sh" in done.out.splitlines()[-1]
 
 
-def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_invite_without_a_host_says_what_to_set(run, monkeypatch):
     """Without a host the command says what to set or to pass."""
     monkeypatch.delenv("PUBLIC_HOST")
     done = run("robot", "invite")
@@ -107,12 +103,10 @@ def test_invite_without_a_host_says_what_to_set(run: Run, monkeypatch: pytest.Mo
     assert "--host" in done.err
 
 
-def test_no_token_stays_behind_when_there_is_no_line(
-    run: Run, database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_token_stays_behind_when_there_is_no_line(run, database, monkeypatch):
     """Nobody would know its text."""
 
-    def fail(*_: object) -> str:
+    def fail(*_):
         raise SiteCertificateUnavailableError(
             "cannot determine this site's certificate: nginx is away"
         )
@@ -123,7 +117,7 @@ def test_no_token_stays_behind_when_there_is_no_line(
         assert join_tokens.list_all(tx) == []
 
 
-def test_join_tokens_are_listed_and_deleted(run: Run) -> None:
+def test_join_tokens_are_listed_and_deleted(run):
     """The newest is first, and none shows its text."""
     text = run("robot", "invite", "--name", "lab").out.split()[-1]
     run("robot", "invite")

@@ -1,15 +1,13 @@
 """robotether user."""
 
-from __future__ import annotations
-
 import json
 
-from admin_records import Run, kinds
+from admin_records import kinds
 from robotether_server import passwords
-from robotether_server.db import Database, audit, users
+from robotether_server.db import audit, users
 
 
-def test_user_with_a_password_from_stdin(run: Run, database: Database) -> None:
+def test_user_with_a_password_from_stdin(run, database):
     """The password works and is not printed."""
     done = run("user", "add", "ann", "--password-stdin", stdin="a long enough password\n")
     assert done == (0, "added user ann\n", "")
@@ -20,7 +18,7 @@ def test_user_with_a_password_from_stdin(run: Run, database: Database) -> None:
     assert [(item.actor, item.kind) for item in found] == [("cli", "user_added")]
 
 
-def test_user_with_a_generated_password(run: Run, database: Database) -> None:
+def test_user_with_a_generated_password(run, database):
     """The password is the last word that is printed."""
     done = run("user", "add", "root", "--role", "admin")
     with database.transaction() as tx:
@@ -29,7 +27,7 @@ def test_user_with_a_generated_password(run: Run, database: Database) -> None:
     assert passwords.matches(done.out.split()[-1], user.password_hash)
 
 
-def test_user_that_cannot_be_is_refused_in_one_sentence(run: Run) -> None:
+def test_user_that_cannot_be_is_refused_in_one_sentence(run):
     """Exit status 1, nothing made, nothing printed but the sentence."""
     done = run("user", "add", "ann", "--password-stdin", stdin="short")
     assert (done.status, done.out) == (1, "")
@@ -38,7 +36,7 @@ def test_user_that_cannot_be_is_refused_in_one_sentence(run: Run) -> None:
     assert run("user", "list").out.split() == ["NAME", "ROLE", "STATE"]
 
 
-def test_each_change_of_a_user_is_said(run: Run, database: Database) -> None:
+def test_each_change_of_a_user_is_said(run, database):
     """The command prints what is so now, and the audit log has it."""
     run("user", "add", "ann")
     for words, said in (
@@ -60,7 +58,7 @@ def test_each_change_of_a_user_is_said(run: Run, database: Database) -> None:
     ]
 
 
-def test_users_are_listed(run: Run) -> None:
+def test_users_are_listed(run):
     """The list has the role and the state of each user, for people and for programs, and no password hash."""
     run("user", "add", "ann")
     run("user", "disable", "ann")
@@ -74,7 +72,7 @@ def test_users_are_listed(run: Run) -> None:
     assert first == {"name": "ann", "role": "user", "disabled": True}
 
 
-def test_removed_user_is_gone(run: Run, database: Database) -> None:
+def test_removed_user_is_gone(run, database):
     """After a yes, or with --yes."""
     run("user", "add", "ann")
     assert "no terminal to ask on; say --yes" in run("user", "remove", "ann").err

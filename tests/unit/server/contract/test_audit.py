@@ -1,7 +1,5 @@
 """What the audit log's lines say."""
 
-from __future__ import annotations
-
 import datetime as dt
 import re
 from pathlib import Path
@@ -13,7 +11,7 @@ from robotether_server.contract.audit import AUDIT_KINDS, AuditEvent, sentence
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
-def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
+def event(kind, robot=None, **details):
     return AuditEvent(1, NOON, "root", kind, robot, None, details)
 
 
@@ -54,12 +52,12 @@ def event(kind: str, robot: str | None = None, **details: object) -> AuditEvent:
         (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
     ],
 )
-def test_line_is_said_in_words(event: AuditEvent, words: str) -> None:
+def test_line_is_said_in_words(event, words):
     """A detail that is missing is a question mark; what somebody chose as a name is no template."""
     assert sentence(event) == words
 
 
-def test_every_event_has_words() -> None:
+def test_every_event_has_words():
     """Those that the server's own modules write, as far as they stand there as a text."""
     source = "".join(
         path.read_text(encoding="utf-8")

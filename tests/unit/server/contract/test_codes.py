@@ -1,7 +1,5 @@
 """Each code that something ends or is refused with has its sentences, on pages and in the scripts."""
 
-from __future__ import annotations
-
 import inspect
 import re
 from pathlib import Path
@@ -24,37 +22,37 @@ SCRIPTS = Path(robotether_server.__file__).parents[1] / "frontend" / "src"
 BY_OTHERS = {"relay_restarted", "cell_removed"}
 
 
-def script_texts(name: str) -> dict[str, str]:
+def script_texts(name):
     """The texts of an object in texts/panels.js."""
     source = (SCRIPTS / "texts" / "panels.js").read_text()
     inside = source.split(f"export const {name} = {{", 1)[1].split("\n};", 1)[0]
     return dict(re.findall(r'^  (\w+): "([^"]*)",$', inside, re.MULTILINE))
 
 
-def test_every_refusal_has_words() -> None:
+def test_every_refusal_has_words():
     """Those of the policy and those of the guard, and no other."""
     assert set(REFUSALS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
 
 
-def test_every_close_reason_has_its_code() -> None:
+def test_every_close_reason_has_its_code():
     """Those that the relay closes with, and no other."""
     written = re.findall(r'CloseReason\(\s*"([a-z_]+)"', inspect.getsource(close_reasons))
     assert set(written) == set(CLOSE_CODES)
 
 
-def test_every_ending_of_a_session_has_words() -> None:
+def test_every_ending_of_a_session_has_words():
     """Those that the agent reads in `bye`, and no other."""
     assert set(SESSION_ENDS) == set(get_args(ByeCode)) | BY_OTHERS
 
 
-def test_scripts_say_each_end_of_a_drive_and_each_refusal() -> None:
+def test_scripts_say_each_end_of_a_drive_and_each_refusal():
     """To who drove, so in other words where the end is the driver's own; commands that are too old are no refusal."""
     assert set(script_texts("endReasons")) == set(DRIVE_ENDS)
     late = {"dropped_old": "too old at the server"}
     assert script_texts("refusals") == {**REFUSALS, **late}
 
 
-def test_scripts_close_codes_are_those_of_the_relay() -> None:
+def test_scripts_close_codes_are_those_of_the_relay():
     """Each number is one that the relay closes with, and what it stands for has the code's name."""
     source = (SCRIPTS / "client" / "connection.js").read_text()
     numbers = {name: code.number for name, code in CLOSE_CODES.items()}
@@ -72,7 +70,7 @@ def test_scripts_close_codes_are_those_of_the_relay() -> None:
         assert f"export const {constant} = {numbers[name]};" in source
 
 
-def problem_codes() -> set[str]:
+def problem_codes():
     """The codes of the server's problems and of what ends requests, and those that nginx answers by itself."""
     classes = (kind for _, kind in inspect.getmembers(problems, inspect.isclass))
     of_nginx = re.findall(r'"code": "(\w+)"', (ROOT / "images/nginx/nginx.conf").read_text())
@@ -85,7 +83,7 @@ def problem_codes() -> set[str]:
     }
 
 
-def test_described_codes_are_those_of_problems() -> None:
+def test_described_codes_are_those_of_problems():
     """The API's description names no code that nothing answers."""
     described = " ".join(description for _, description in PROBLEMS.values())
     named = set(re.findall(r"\b[a-z]+(?:_[a-z]+)+\b", described))
@@ -93,7 +91,7 @@ def test_described_codes_are_those_of_problems() -> None:
     assert named <= problem_codes()
 
 
-def test_codes_that_clients_know_are_those_of_problems() -> None:
+def test_codes_that_clients_know_are_those_of_problems():
     """Those that the scripts compare, and those for which a robot that joins has advice."""
     scripts = "".join(path.read_text() for path in SCRIPTS.rglob("*.js"))
     compared = {code for code in re.findall(r'\bcode === "(\w+)"', scripts) if "_" in code}

@@ -1,16 +1,14 @@
 """The audit log in the real database."""
 
-from __future__ import annotations
-
 import datetime as dt
 from ipaddress import ip_network
 
 import pytest
-from robotether_server.db import Database, Transaction, audit, users
+from robotether_server.db import audit, users
 from robotether_server.db.audit import AuditSearch, Source, network_of
 
 
-def test_event_is_written_with_who_where_and_what(database: Database) -> None:
+def test_event_is_written_with_who_where_and_what(database):
     """A name that somebody claimed is cut to fit, whatever it is."""
     with database.transaction() as tx:
         audit.record(tx, Source("é" * 70, "192.0.2.1"), "login_failed", "sim1", a="ü")
@@ -24,11 +22,11 @@ def test_event_is_written_with_who_where_and_what(database: Database) -> None:
     }
 
 
-def record(tx: Transaction, kind: str, actor: str, address: str | None) -> None:
+def record(tx, kind, actor, address):
     audit.record(tx, Source(actor, address), kind)
 
 
-def test_recent_events_are_of_kinds_network_and_time(database: Database) -> None:
+def test_recent_events_are_of_kinds_network_and_time(database):
     """The oldest comes first; an address without a place counts for none."""
     now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
     network = network_of("192.0.2.1")
@@ -59,9 +57,7 @@ def test_recent_events_are_of_kinds_network_and_time(database: Database) -> None
         ("::ffff:192.0.2.1", "::ffff:192.0.2.2", False),
     ],
 )
-def test_network_of_ipv6_is_found_in_every_spelling(
-    database: Database, address: str, other: str, same: bool
-) -> None:
+def test_network_of_ipv6_is_found_in_every_spelling(database, address, other, same):
     """All addresses of one /64 and no others, whatever of them begin with the same bytes."""
     since = dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1)
     with database.transaction() as tx:
@@ -73,7 +69,7 @@ def test_network_of_ipv6_is_found_in_every_spelling(
         assert not audit.has_come_from(tx, "login", "bob", network_of(other))
 
 
-def test_events_of_one_actor_come_from_anywhere(database: Database) -> None:
+def test_events_of_one_actor_come_from_anywhere(database):
     """But not those of others, of other kinds, or from before."""
     now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
     with database.transaction() as tx:
@@ -88,7 +84,7 @@ def test_events_of_one_actor_come_from_anywhere(database: Database) -> None:
         assert audit.recent_of(tx, "login_failed", "ann", now + minute) == []
 
 
-def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
+def test_events_are_found_by_what_is_asked_for(database):
     """The newest first, page by page; all conditions hold together."""
     with database.transaction() as tx:
         for actor, kind, robot in (
@@ -123,6 +119,6 @@ def test_events_are_found_by_what_is_asked_for(database: Database) -> None:
         ("rubbish", "::/128"),
     ],
 )
-def test_one_owner_has_one_network(address: str, network: str) -> None:
+def test_one_owner_has_one_network(address, network):
     """An IPv4 address, in either spelling, or a /64; what is no address is nobody's."""
     assert network_of(address) == ip_network(network)

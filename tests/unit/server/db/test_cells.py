@@ -1,7 +1,5 @@
 """The cells' rows in the real database, and which cell a robot connects to first."""
 
-from __future__ import annotations
-
 import datetime as dt
 from collections import Counter
 from dataclasses import replace
@@ -9,11 +7,10 @@ from dataclasses import replace
 import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import Database, cells, fleet, robots
+from robotether_server.db import cells, fleet, robots
 from robotether_server.db.cells import Cell, sort_for, sort_for_join
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
-from robotether_server.settings.server import CellSettings
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -22,27 +19,23 @@ A = Cell("a", "a.example", 443, (2222, 443), "a.example:8444", "0.1.0", 0, False
 B, C = replace(A, name="b", host="b.example"), replace(A, name="c", host="c.example")
 
 
-def heartbeat(
-    database: Database, cell: CellSettings, robots: int = 0, started_at: dt.datetime = NOON
-) -> None:
+def heartbeat(database, cell, robots=0, started_at=NOON):
     with database.transaction() as tx:
         cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
 
 
-def read(database: Database) -> list[Cell]:
+def read(database):
     with database.transaction() as tx:
         return cells.read(tx)
 
 
-def age(admin_database: Database, seconds: int) -> None:
+def age(admin_database, seconds):
     """Let time pass since the last heartbeat of each."""
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = heartbeat_at - INTERVAL %s SECOND", (seconds,))
 
 
-def hosts(
-    robot_id: int, known: list[Cell], first: str | None = None, region: str | None = None
-) -> list[str]:
+def hosts(robot_id, known, first=None, region=None):
     return [cell.host for cell in sort_for(robot_id, known, first, region=region)]
 
 
@@ -189,7 +182,7 @@ def test_addresses_have_the_ports_of_their_cell():
 
 
 @pytest.fixture
-def _clock_ahead(relay_database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+def _clock_ahead(relay_database, monkeypatch):
     """Let the clock of cell a be 90 s ahead of the database's."""
     ahead = dt.timedelta(seconds=90)
     monkeypatch.setattr(cells, "utc_now", lambda: dt.datetime.now(dt.UTC) + ahead)
@@ -198,15 +191,13 @@ def _clock_ahead(relay_database: Database, monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.usefixtures("_clock_ahead")
-def test_a_heartbeat_says_how_far_its_clock_is_ahead(relay_database: Database) -> None:
+def test_a_heartbeat_says_how_far_its_clock_is_ahead(relay_database):
     """The time is in seconds, by the database's clock."""
     assert read(relay_database)[0].clock_ahead_s == pytest.approx(90, abs=5)
 
 
 @pytest.mark.usefixtures("_clock_ahead")
-def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(
-    relay_database: Database, admin_database: Database
-) -> None:
+def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(relay_database, admin_database):
     """A cell that has just died signed tickets that are still good; one that never returns delays no driver."""
     age(admin_database, MAX_TICKET_TTL_S)
     assert read(relay_database)[0].clock_ahead_s == pytest.approx(90, abs=5)

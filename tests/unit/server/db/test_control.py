@@ -1,13 +1,11 @@
 """Leases, drives and stops in the real database, with the relay's own account."""
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 
 import pytest
 from granted import give
-from robotether_server.db import Database, control, fleet, robots, users
+from robotether_server.db import control, fleet, robots, users
 from robotether_server.db.control import (
     DriveEntry,
     LeaseEnd,
@@ -25,30 +23,30 @@ HOUR = dt.timedelta(hours=1)
 
 
 @pytest.fixture
-def sim1(database: Database) -> int:
+def sim1(database):
     """The id of robot sim1."""
     with database.transaction() as tx:
         return robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
 
 
 @pytest.fixture
-def ann(database: Database) -> int:
+def ann(database):
     """The id of user ann."""
     with database.transaction() as tx:
         return users.add(tx, "ann", "x", "user")
 
 
-def fence(database: Database, robot_id: int, user_id: int, above: int = 0) -> int:
+def fence(database, robot_id, user_id, above=0):
     with database.transaction() as tx:
         return control.next_fence(tx, NewLease(robot_id, user_id, "ann", NOON, above))
 
 
-def write(database: Database, *entries: fleet.Entry) -> dict[int, int]:
+def write(database, *entries):
     with database.transaction() as tx:
         return fleet.write(tx, entries)
 
 
-def rows(database: Database, table: str) -> list[dict[str, object]]:
+def rows(database, table):
     with database.transaction() as tx:
         return tx.rows(f"SELECT * FROM {table}")
 
@@ -65,7 +63,7 @@ def test_numbers_grow_and_are_never_given_again(relay_database, sim1, ann):
 def test_a_number_that_was_rolled_back_is_not_given(relay_database, sim1, ann):
     """What was not committed leaves no trace."""
 
-    def fail_late() -> None:
+    def fail_late():
         with relay_database.transaction() as tx:
             control.next_fence(tx, NewLease(sim1, ann, "ann", NOON))
             raise ZeroDivisionError
@@ -83,7 +81,7 @@ def test_numbers_are_above_what_the_relay_knows(relay_database, sim1, ann):
 
 
 @pytest.fixture
-def ben(database: Database, sim1: int) -> int:
+def ben(database, sim1):
     """The id of user ben, who drives sim1."""
     with database.transaction() as tx:
         user_id = users.add(tx, "ben", "x", "user")
@@ -91,7 +89,7 @@ def ben(database: Database, sim1: int) -> int:
     return user_id
 
 
-def lease(database: Database) -> tuple[object, ...]:
+def lease(database):
     (row,) = rows(database, "control_leases")
     return tuple(row[name] for name in ("fence", "user_id", "user_name", "since", "ended_at"))
 

@@ -1,19 +1,14 @@
 """Transactions: all or nothing, times in UTC, and database errors in our own words."""
 
-from __future__ import annotations
-
 import datetime as dt
 import socket
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import replace
-from pathlib import Path
 
 import pymysql
 import pytest
 from dated_certificate import make_certificate
-from mariadb_server import MariaDb
 from robotether_server.db import Database
 from robotether_server.db import database as module
 from robotether_server.db.database import translate
@@ -21,7 +16,6 @@ from robotether_server.problems import (
     RecordExistsError,
     RecordRefusedError,
     SettingsError,
-    StoreError,
     StoreUnavailableError,
 )
 from robotether_server.settings.server import DatabaseSettings
@@ -30,9 +24,7 @@ from stopwatch import Stopwatch
 ADD_USER = "INSERT INTO users (name, password_hash, role) VALUES (%s, 'x', %s)"
 
 
-def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(monkeypatch):
     """Such as one whose machine is off: nothing answers, not even with a refusal."""
     monkeypatch.setattr(module, "BRIEF_TIMEOUT_S", 1)
     with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as stack:
@@ -46,13 +38,13 @@ def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(
     assert stopwatch.s < module.CONNECT_TIMEOUT_S - 1
 
 
-def insert_and_fail(database: Database) -> None:
+def insert_and_fail(database):
     with pytest.raises(LookupError), database.transaction() as tx:  # noqa: PT012 - what was inserted is rolled back
         tx.insert(ADD_USER, ("ann", "user"))
         raise LookupError
 
 
-def test_block_that_raises_leaves_nothing(database: Database) -> None:
+def test_block_that_raises_leaves_nothing(database):
     """What was done in the block is rolled back."""
     insert_and_fail(database)
     with database.transaction() as tx:
@@ -60,14 +52,13 @@ def test_block_that_raises_leaves_nothing(database: Database) -> None:
         assert tx.row("SELECT * FROM users") is None
 
 
-def test_moments_are_aware_and_in_utc(database: Database) -> None:
+def test_moments_are_aware_and_in_utc(database):
     """A moment that goes in comes out the same, to the microsecond."""
     timestamp = dt.datetime(2026, 7, 1, 12, 3, 4, 123456, tzinfo=dt.UTC)
     with database.transaction() as tx:
         user_id = tx.insert(ADD_USER, ("ann", "user"))
         tx.change("UPDATE users SET created_at = %s WHERE id = %s", (timestamp, user_id))
         row = tx.row("SELECT created_at, updated_at FROM users")
-        assert row is not None
         assert row["created_at"] == timestamp
         assert abs(dt.datetime.now(dt.UTC) - row["updated_at"]) < dt.timedelta(minutes=1)
 
@@ -83,9 +74,7 @@ def test_moments_are_aware_and_in_utc(database: Database) -> None:
         ("bob", "king", RecordRefusedError, "role has a value that is not allowed"),
     ],
 )
-def test_refused_rows_are_problems(
-    database: Database, name: str | None, role: str, problem: type[StoreError], why: str
-) -> None:
+def test_refused_rows_are_problems(database, name, role, problem, why):
     """Twice the same, a check, too long, missing, no such choice; in our own words."""
     with database.transaction() as tx:
         tx.insert(ADD_USER, ("ann", "user"))
@@ -103,14 +92,13 @@ def test_refused_rows_are_problems(
         (4025, "CONSTRAINT `robots.name` failed for `a`.`robots`", "name has a value that is not allowed"),
     ],
 )  # fmt: skip
-def test_the_databases_words_are_for_nobody(number: int, message: str, why: str) -> None:
+def test_the_databases_words_are_for_nobody(number, message, why):
     """Only the column's name is taken from the database's message."""
     problem = translate(pymysql.MySQLError(number, message))
-    assert problem is not None
     assert problem.detail == f"cannot save the record: {why}"
 
 
-def test_unique_key_is_named(database: Database) -> None:
+def test_unique_key_is_named(database):
     """Callers can tell which of a table's keys it was."""
     with database.transaction() as tx:
         tx.insert(ADD_USER, ("ann", "user"))
@@ -119,13 +107,13 @@ def test_unique_key_is_named(database: Database) -> None:
     assert exists.value.key == "name"
 
 
-def test_mistake_in_a_statement_is_no_problem(database: Database) -> None:
+def test_mistake_in_a_statement_is_no_problem(database):
     """What is our own fault is not dressed up as the visitor's."""
     with database.transaction() as tx, pytest.raises(pymysql.ProgrammingError):
         tx.rows("SELECT FROM nowhere")
 
 
-def test_server_that_is_away_is_unavailable() -> None:
+def test_server_that_is_away_is_unavailable():
     """Nothing listens there; the sentence for visitors names no host."""
     database = Database(DatabaseSettings("127.0.0.1", 1, "robotether", "web", "x"))
     with pytest.raises(StoreUnavailableError) as unavailable, database.transaction():
@@ -133,7 +121,7 @@ def test_server_that_is_away_is_unavailable() -> None:
     assert "127.0.0.1" not in unavailable.value.detail
 
 
-def test_wrong_password_is_unavailable_and_not_shown(mariadb: MariaDb) -> None:
+def test_wrong_password_is_unavailable_and_not_shown(mariadb):
     """A secret that is out of step is the server's trouble, and stays unseen."""
     port = mariadb.settings("web").port
     database = Database(DatabaseSettings("127.0.0.1", port, "robotether", "web", "not-the-one"))
@@ -142,33 +130,31 @@ def test_wrong_password_is_unavailable_and_not_shown(mariadb: MariaDb) -> None:
     assert "not-the-one" not in f"{unavailable.value.detail} {unavailable.value.__cause__}"
 
 
-def test_connection_that_is_cut_is_unavailable(database: Database, mariadb: MariaDb) -> None:
+def test_connection_that_is_cut_is_unavailable(database, mariadb):
     """A server that goes away in mid-transaction is said so."""
     with pytest.raises(LookupError), database.transaction() as tx:  # noqa: PT012 - what is left cannot be committed
         row = tx.row("SELECT CONNECTION_ID() AS id")
-        assert row is not None
         mariadb.as_root(f"KILL {row['id']}")
         with pytest.raises(StoreUnavailableError):
             tx.rows("SELECT 1")
         raise LookupError
 
 
-def connection_id(database: Database, *, briefly: bool = False) -> int:
+def connection_id(database, *, briefly=False):
     with database.transaction(briefly=briefly) as tx:
         row = tx.row("SELECT CONNECTION_ID() AS id")
-    assert row is not None
     return int(row["id"])
 
 
 @pytest.fixture
-def keeping(mariadb: MariaDb) -> Iterator[Database]:
+def keeping(mariadb):
     """One that keeps a connection."""
     keeping = Database(mariadb.settings("web"), keep=1)
     yield keeping
     keeping.close_kept()
 
 
-def test_connection_is_kept_for_the_next_transaction(keeping: Database, database: Database) -> None:
+def test_connection_is_kept_for_the_next_transaction(keeping, database):
     """Not for one whose answers must come sooner, and none where nobody asked for it."""
     first = connection_id(keeping)
     assert connection_id(keeping) == first
@@ -177,13 +163,13 @@ def test_connection_is_kept_for_the_next_transaction(keeping: Database, database
     assert connection_id(database) != connection_id(database)
 
 
-def test_no_more_connections_are_kept_than_asked_for(keeping: Database) -> None:
+def test_no_more_connections_are_kept_than_asked_for(keeping):
     with keeping.transaction(), keeping.transaction():
         pass
     assert len(keeping._idle) == 1
 
 
-def test_kept_connection_knows_nothing_of_the_transaction_before(keeping: Database) -> None:
+def test_kept_connection_knows_nothing_of_the_transaction_before(keeping):
     """One that failed, and one with a lock, which holds until its connection ends, are not kept."""
     first = connection_id(keeping)
     insert_and_fail(keeping)
@@ -197,65 +183,59 @@ def test_kept_connection_knows_nothing_of_the_transaction_before(keeping: Databa
         assert connection_id(keeping) != second
 
 
-def test_kept_connection_that_the_database_closed_is_not_used(
-    keeping: Database, mariadb: MariaDb
-) -> None:
+def test_kept_connection_that_the_database_closed_is_not_used(keeping, mariadb):
     """A database that was restarted has closed all."""
     first = connection_id(keeping)
     mariadb.as_root(f"KILL {first}")
     assert connection_id(keeping) != first
 
 
-def test_connection_is_not_kept_for_long(
-    keeping: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_connection_is_not_kept_for_long(keeping, monkeypatch):
     """The password may be another one by now, or the database another machine's."""
     first = connection_id(keeping)
     monkeypatch.setattr(module, "KEPT_FOR_S", 0.0)
     assert connection_id(keeping) != first
 
 
-def test_kept_connections_go_when_another_gets_no_answer(mariadb: MariaDb) -> None:
+def test_kept_connections_go_when_another_gets_no_answer(mariadb):
     """They lead to the same database, and who uses one next waits as long."""
     keeping = Database(mariadb.settings("web"), keep=1)
     with pytest.raises(StoreUnavailableError), keeping.transaction() as cut:  # noqa: PT012 - the second is kept meanwhile
         connection_id(keeping)
         assert len(keeping._idle) == 1
         row = cut.row("SELECT CONNECTION_ID() AS id")
-        assert row is not None
         mariadb.as_root(f"KILL {row['id']}")
         cut.rows("SELECT 1")
     assert keeping._idle == []
 
 
 @pytest.mark.parametrize("number", [1040, 1205, 1213, 1226, 1290, 2003, 2006, 2013])
-def test_busy_server_is_unavailable(number: int) -> None:
+def test_busy_server_is_unavailable(number):
     """Too many connections, lock waits, deadlocks, a standby and lost connections may go better later."""
     assert isinstance(translate(pymysql.OperationalError(number, "x")), StoreUnavailableError)
 
 
-def cipher(settings: DatabaseSettings) -> str:
+def cipher(settings):
     """What encrypts a connection; empty: nothing."""
     with Database(settings).transaction() as tx:
         row = tx.row("SHOW SESSION STATUS LIKE 'Ssl_cipher'")
-    assert row is not None
     return str(row["Value"])
 
 
-def test_authority_makes_the_connection_an_encrypted_one(mariadb: MariaDb) -> None:
+def test_authority_makes_the_connection_an_encrypted_one(mariadb):
     """Without one there is no TLS."""
     assert cipher(mariadb.settings("web", mariadb.certificate)).startswith("TLS_")
     assert cipher(mariadb.settings("web")) == ""
 
 
-def test_certificate_of_another_authority_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
+def test_certificate_of_another_authority_is_refused(mariadb, tmp_path):
     now = dt.datetime.now(dt.UTC)
     other = make_certificate(tmp_path, now - dt.timedelta(days=1), now + dt.timedelta(days=1))
     with pytest.raises(StoreUnavailableError):
         cipher(mariadb.settings("web", other))
 
 
-def test_certificate_of_another_host_is_refused(mariadb: MariaDb) -> None:
+def test_certificate_of_another_host_is_refused(mariadb):
     """Although the authority is the right one: it may have signed others."""
     address = mariadb.container.attrs["NetworkSettings"]["IPAddress"]
     elsewhere = replace(mariadb.settings("web"), host=address, port=3306)
@@ -264,14 +244,14 @@ def test_certificate_of_another_host_is_refused(mariadb: MariaDb) -> None:
         cipher(replace(elsewhere, ca_file=mariadb.certificate))
 
 
-def test_server_without_tls_gets_no_log_in(mariadb: MariaDb) -> None:
+def test_server_without_tls_gets_no_log_in(mariadb):
     """Somebody between who says so must not see one."""
     greeting = b"\x0a11.8.0-MariaDB\0" + bytes(4) + b"8 chars." + b"\0"
     greeting += (0xF7FF).to_bytes(2, "little") + b"\x2d\x02\0" + (0x81BF).to_bytes(2, "little")
     greeting += b"\x15" + bytes(10) + b"12 more here\0mysql_native_password\0"
     received = []
 
-    def greet() -> None:
+    def greet():
         connection, _ = listener.accept()
         with connection:
             connection.sendall(len(greeting).to_bytes(3, "little") + b"\0" + greeting)
@@ -290,7 +270,7 @@ def test_server_without_tls_gets_no_log_in(mariadb: MariaDb) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "no certificate", None])
-def test_authority_that_cannot_be_read_stops_the_start(tmp_path: Path, text: str | None) -> None:
+def test_authority_that_cannot_be_read_stops_the_start(tmp_path, text):
     """The sentence names the variable."""
     file = tmp_path / "ca.pem"
     if text is not None:

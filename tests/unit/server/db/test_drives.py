@@ -1,14 +1,12 @@
 """Drives as they are shown, and to whom."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from drive_records import add_drive
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import Database, cells, drives, robots, users
+from robotether_server.db import cells, drives, robots, users
 from robotether_server.db.drives import DriveSearch
 from robotether_server.problems import RecordMissingError
 
@@ -16,7 +14,7 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
 @pytest.fixture(autouse=True)
-def _people(database: Database) -> None:
+def _people(database):
     """Ann manages a and drives b; ben drives both."""
     with database.transaction() as tx:
         ids = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
@@ -28,19 +26,17 @@ def _people(database: Database) -> None:
 
 
 def seen_by(
-    database: Database,
-    name: str,
-    search: DriveSearch = DriveSearch(),  # noqa: B008 - frozen
-) -> list[tuple[str, str]]:
+    database,
+    name,
+    search=DriveSearch(),  # noqa: B008 - frozen
+):
     """Robot and driver of what a user is shown."""
     with database.transaction() as tx:
         found = drives.find(tx, users.get(tx, name), search)
     return [(item.robot, item.user) for item in found]
 
 
-def test_own_drives_and_those_of_managed_robots_are_shown(
-    database: Database, admin_database: Database
-) -> None:
+def test_own_drives_and_those_of_managed_robots_are_shown(database, admin_database):
     """Admins see all, also of robots that are gone; the newest stands first."""
     for robot, user in (("gone", "ben"), ("a", "ben"), ("b", "ben"), ("b", "ann")):
         add_drive(admin_database, robot, user, fence=len(robot + user) + ord(user[0]))
@@ -49,9 +45,7 @@ def test_own_drives_and_those_of_managed_robots_are_shown(
     assert len(seen_by(database, "root")) == 4
 
 
-def test_drives_of_a_robot_are_found_by_all_its_names(
-    database: Database, admin_database: Database
-) -> None:
+def test_drives_of_a_robot_are_found_by_all_its_names(database, admin_database):
     """Each has the name of its time; the new name finds those too, of this robot alone."""
     add_drive(admin_database, "a", "ben", fence=1)
     with database.transaction() as tx:
@@ -64,9 +58,7 @@ def test_drives_of_a_robot_are_found_by_all_its_names(
     assert len(seen_by(database, "root", DriveSearch(robot="a"))) == 2
 
 
-def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(
-    database: Database, admin_database: Database
-) -> None:
+def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(database, admin_database):
     """Admins see them still."""
     add_drive(admin_database, "b", "ben", fence=1)
     with database.transaction() as tx:
@@ -76,9 +68,7 @@ def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(
     assert seen_by(database, "root") == [("b", "ben")]
 
 
-def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
-    database: Database, admin_database: Database
-) -> None:
+def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(database, admin_database):
     """Who only took the control fills no list; one that only turned the robot moved it."""
     still = add_drive(admin_database, "a", "ann", fence=1, top_speed_m_s=0, distance_m=0)
     add_drive(admin_database, "b", "ann", fence=2, top_speed_m_s=0, distance_m=0, top_turn_rad_s=1)
@@ -89,7 +79,7 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(
         assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
 
 
-def test_drives_are_found(database: Database, admin_database: Database) -> None:
+def test_drives_are_found(database, admin_database):
     """Robot, user and the moment at which they began are filters."""
     add_drive(admin_database, "a", "ben")
     add_drive(admin_database, "b", "ann")
@@ -107,7 +97,7 @@ def test_drives_are_found(database: Database, admin_database: Database) -> None:
         assert len(seen_by(database, "root", search)) == found, search
 
 
-def test_list_goes_on_before_a_drive(database: Database, admin_database: Database) -> None:
+def test_list_goes_on_before_a_drive(database, admin_database):
     """The list continues before a drive, and a drive has all that the relay wrote."""
     first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
     with database.transaction() as tx:
@@ -122,9 +112,7 @@ def test_list_goes_on_before_a_drive(database: Database, admin_database: Databas
     )
 
 
-def test_frame_rate_is_that_of_the_time_with_a_video(
-    database: Database, admin_database: Database
-) -> None:
+def test_frame_rate_is_that_of_the_time_with_a_video(database, admin_database):
     """A drive without a video has none, nor has one from before anybody counted."""
     add_drive(admin_database, "a", "ben", fence=1, pictures=None, viewed_s=None)
     add_drive(admin_database, "a", "ben", fence=2, pictures=0, viewed_s=0)
@@ -134,7 +122,7 @@ def test_frame_rate_is_that_of_the_time_with_a_video(
     assert [item.frames_per_s for item in found] == [15, None, None]
 
 
-def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Database) -> None:
+def test_one_drive_is_for_who_may_see_it(database, admin_database):
     """Another's looks as one that there never was."""
     own = add_drive(admin_database, "b", "ann", fence=1)
     other = add_drive(admin_database, "b", "ben", fence=2)
@@ -147,16 +135,14 @@ def test_one_drive_is_for_who_may_see_it(database: Database, admin_database: Dat
                 drives.get(tx, ann, number)
 
 
-def test_a_drive_of_a_dead_cell_has_ended(
-    database: Database, admin_database: Database, relay_database: Database
-) -> None:
+def test_a_drive_of_a_dead_cell_has_ended(database, admin_database, relay_database):
     """When it was last written, though nobody could write that."""
     with relay_database.transaction() as tx:
         cells.write_heartbeat(tx, cell_settings("x"), robots=1, started_at=NOON)
     changes = {"ended_at": None, "end_code": None, "updated_at": NOON, "cell": "x"}
     number = add_drive(admin_database, "a", "ann", **changes)
 
-    def shown() -> tuple[dt.datetime | None, str | None]:
+    def shown():
         with database.transaction() as tx:
             found = drives.get(tx, users.get(tx, "ann"), number)
         return found.ended_at, found.end_code

@@ -1,20 +1,12 @@
 """What the relay reads and writes, in the real database, with the relay's own account."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import Database, Transaction, cells, credentials, fleet, robots, users
-from robotether_server.db.fleet import (
-    AuditEntry,
-    Changes,
-    FormerSessions,
-    RelayUser,
-    SessionEntry,
-)
+from robotether_server.db import cells, credentials, fleet, robots, users
+from robotether_server.db.fleet import AuditEntry, FormerSessions, RelayUser, SessionEntry
 from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.settings.robot import DEFAULTS
@@ -25,7 +17,7 @@ NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 
 
 @pytest.fixture
-def sim1(database: Database) -> int:
+def sim1(database):
     """The id of robot sim1, active, which ann drives and admin root manages."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC.format(1), "sim1")
@@ -36,7 +28,7 @@ def sim1(database: Database) -> int:
     return robot_id
 
 
-def user_id(database: Database, name: str) -> int:
+def user_id(database, name):
     with database.transaction() as tx:
         return users.get(tx, name).id
 
@@ -59,7 +51,7 @@ def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypat
     """A grant that is given between its questions is not in it, nor anything else that its version does not tell of."""
     really_changes, olga = fleet.changes, 0
 
-    def changes_then_grant(tx: Transaction) -> Changes:
+    def changes_then_grant(tx):
         nonlocal olga
         found = really_changes(tx)
         with database.transaction() as web:

@@ -1,14 +1,9 @@
 """Grants, groups and sites in the real database."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
-from robotether_server.db import Database, grants, robots, users
-from robotether_server.db.grants import GROUPS, SITES, Collection, Group, Site
+from robotether_server.db import grants, robots, users
+from robotether_server.db.grants import GROUPS, SITES, Group, Site
 from robotether_server.problems import RecordExistsError, RecordMissingError
-from robotether_server.schemas import Level
 
 
 @pytest.mark.parametrize(
@@ -22,12 +17,12 @@ from robotether_server.schemas import Level
         ("manage", "drive", True),
     ],
 )
-def test_level_includes_the_lower_ones(held: Level, asked: Level, may: bool) -> None:
+def test_level_includes_the_lower_ones(held, asked, may):
     """Who may drive may watch, and not the other way round."""
     assert grants.includes(held, asked) is may
 
 
-def test_group_has_members_by_name(database: Database) -> None:
+def test_group_has_members_by_name(database):
     """Adding a member again changes nothing; users that leave or are removed are no members."""
     with database.transaction() as tx:
         crew, empty = GROUPS.add(tx, "crew"), GROUPS.add(tx, "a-team")
@@ -49,7 +44,7 @@ def test_group_has_members_by_name(database: Database) -> None:
 
 
 @pytest.mark.parametrize("collection", [GROUPS, SITES])
-def test_name_is_unique_and_must_exist(database: Database, collection: Collection[Any]) -> None:
+def test_name_is_unique_and_must_exist(database, collection):
     """The sentences say which name of what is meant; another record of that name in the other collection is none."""
     kind = collection.kind
     with database.transaction() as tx:
@@ -63,7 +58,7 @@ def test_name_is_unique_and_must_exist(database: Database, collection: Collectio
         assert len(GROUPS.names(tx) + SITES.names(tx)) == 1
 
 
-def test_robot_is_at_one_site_or_none(database: Database) -> None:
+def test_robot_is_at_one_site_or_none(database):
     """A site that is removed leaves its robots."""
     with database.transaction() as tx:
         lab, yard = SITES.add(tx, "lab"), SITES.add(tx, "yard")

@@ -1,24 +1,21 @@
 """Join tokens: found by their text, counted, and over."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from allotment import at_once
-from robotether_server.db import Database, Transaction, join_tokens
+from robotether_server.db import join_tokens
 from robotether_server.problems import RecordExistsError, RecordMissingError
 
 NOW = dt.datetime.now(dt.UTC)
 LATER = NOW + dt.timedelta(hours=1)
 
 
-def test_token_is_found_by_its_text_alone(database: Database) -> None:
+def test_token_is_found_by_its_text_alone(database):
     """Which the database does not keep."""
     with database.transaction() as tx:
         text = join_tokens.create(tx, "lab", 3, LATER, "root")
         token = join_tokens.find(tx, text)
-        assert token is not None
         assert text.startswith("rj_")
         assert (token.name, token.uses, token.used, token.created_by) == ("lab", 3, 0, "root")
         assert token.expires_at == LATER
@@ -29,11 +26,10 @@ def test_token_is_found_by_its_text_alone(database: Database) -> None:
             join_tokens.create(tx, "lab", 1, LATER, "root")
 
 
-def test_each_key_uses_a_token_once(database: Database) -> None:
+def test_each_key_uses_a_token_once(database):
     """After the last use it lets nobody in; a deleted token is forgotten with its uses."""
     with database.transaction() as tx:
         token = join_tokens.find(tx, join_tokens.create(tx, "lab", 2, LATER, "root"))
-        assert token is not None
         assert join_tokens.use(tx, token.id, "SHA256:a")
         assert join_tokens.has_admitted(tx, token.id, "SHA256:a")
         assert not join_tokens.has_admitted(tx, token.id, "SHA256:b")
@@ -47,23 +43,21 @@ def test_each_key_uses_a_token_once(database: Database) -> None:
             join_tokens.get(tx, token.id)
 
 
-def test_token_whose_time_is_over_lets_nobody_in(database: Database) -> None:
+def test_token_whose_time_is_over_lets_nobody_in(database):
     """Also one that ended while its robot was on the way."""
     with database.transaction() as tx:
         text = join_tokens.create(tx, "lab", 2, NOW - dt.timedelta(seconds=1), "root")
         token = join_tokens.find(tx, text)
-        assert token is not None
         assert not join_tokens.use(tx, token.id, "SHA256:a")
 
 
-def test_last_use_is_counted_once_when_many_ask_at_once(database: Database) -> None:
+def test_last_use_is_counted_once_when_many_ask_at_once(database):
     """One wins, whoever it is."""
     with database.transaction() as tx:
         token = join_tokens.find(tx, join_tokens.create(tx, "lab", 1, LATER, "root"))
-    assert token is not None
-    won: list[int] = []
+    won = []
 
-    def use(tx: Transaction, number: int) -> None:
+    def use(tx, number):
         if join_tokens.use(tx, token.id, f"SHA256:{number}"):
             won.append(number)
 

@@ -1,17 +1,13 @@
 """Migrations: applied to the real MariaDB, again and again, and the range of ports after them."""
 
-from __future__ import annotations
-
 import datetime as dt
 import shutil
 import threading
-from pathlib import Path
 
 import mariadb_server
 import pytest
 from granted import give
-from mariadb_server import MariaDb
-from robotether_server.db import Database, Transaction, audit, grants, robots, users
+from robotether_server.db import Database, audit, grants, robots, users
 from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Source
 from robotether_server.db.migrate import migrate
@@ -19,15 +15,11 @@ from robotether_server.problems import MigrationFailedError
 from robotether_server.settings.server import MigrateSettings
 
 
-def settings(
-    mariadb: MariaDb, folder: Path, first: int = 20000, last: int = 20199
-) -> MigrateSettings:
+def settings(mariadb, folder, first=20000, last=20199):
     return MigrateSettings(mariadb.settings("migrate"), folder, first, last, 24000, 24049)
 
 
-def test_interrupted_run_is_finished_by_the_next(
-    mariadb: MariaDb, admin_database: Database, sql_dir: Path
-) -> None:
+def test_interrupted_run_is_finished_by_the_next(mariadb, admin_database, sql_dir):
     """Every statement may run twice, so a migration that was cut short is applied again."""
     with admin_database.transaction() as tx:
         tx.change("DELETE FROM schema_migrations")
@@ -35,7 +27,7 @@ def test_interrupted_run_is_finished_by_the_next(
     assert applied == sorted(file.stem for file in sql_dir.glob("*.sql"))
 
 
-def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path, files: str) -> None:
+def migrate_to_older(server, folder, sql_dir, files):
     """Make a database of an older release, whose migrations `files` are, and whose range of ports nobody has set."""
     folder.mkdir()
     for file in sorted(sql_dir.glob(files)):
@@ -49,7 +41,7 @@ def migrate_to_older(server: MariaDb, folder: Path, sql_dir: Path, files: str) -
         tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
 
 
-def rights(tx: Transaction) -> set[tuple[str, str, str]]:
+def rights(tx):
     """What holds, by names."""
     rows = tx.rows(
         "SELECT u.name AS user, r.name AS robot, g.level FROM relay_grants g "
@@ -58,7 +50,7 @@ def rights(tx: Transaction) -> set[tuple[str, str, str]]:
     return {(row["user"], row["robot"], row["level"]) for row in rows}
 
 
-def add_older_rows(tx: Transaction, given: set[tuple[str, str, str]]) -> None:
+def add_older_rows(tx, given):
     """Users and robots as an older release had them, one of which the newer one would refuse to add, and grants."""
     tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x'), ('ben', 'x')")
     tx.insert(
@@ -76,9 +68,7 @@ def add_older_rows(tx: Transaction, given: set[tuple[str, str, str]]) -> None:
         )
 
 
-def test_rows_of_an_older_release_are_kept(
-    sql_dir: Path, tmp_path: Path, tmp_path_factory: pytest.TempPathFactory
-) -> None:
+def test_rows_of_an_older_release_are_kept(sql_dir, tmp_path, tmp_path_factory):
     """Also when each migration runs twice; an odd robot can still be changed, and grants hold as before."""
     old = {("ann", "odd", "drive"), ("ann", "announced", "observe"), ("ben", "odd", "manage")}
     with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
@@ -114,16 +104,14 @@ def test_rows_of_an_older_release_are_kept(
 
 
 @pytest.mark.usefixtures("admin_database")
-def test_broken_migration_is_named(mariadb: MariaDb, tmp_path: Path) -> None:
+def test_broken_migration_is_named(mariadb, tmp_path):
     """The failure says which file, and what the database said."""
     (tmp_path / "9999_broken.sql").write_text("CREATE TABEL x (y INT);\n")
     with pytest.raises(MigrationFailedError, match=r"9999_broken.*TABEL"):
         migrate(settings(mariadb, tmp_path))
 
 
-def test_every_statement_of_a_file_counts(
-    mariadb: MariaDb, admin_database: Database, tmp_path: Path
-) -> None:
+def test_every_statement_of_a_file_counts(mariadb, admin_database, tmp_path):
     """One that fails after others is not overlooked, and the file is applied again when it was mended."""
     file = tmp_path / "9999_several.sql"
     routine = "CREATE OR REPLACE PROCEDURE nine() BEGIN SET @a = 8; SELECT @a + 1 AS nine; END;\n"
@@ -149,9 +137,7 @@ CREATE TABLE yoyo_lock (locked INT DEFAULT 1, ctime TIMESTAMP, pid INT NOT NULL,
 """
 
 
-def test_database_that_yoyo_migrated_is_taken_over(
-    mariadb: MariaDb, admin_database: Database, sql_dir: Path
-) -> None:
+def test_database_that_yoyo_migrated_is_taken_over(mariadb, admin_database, sql_dir):
     """Nothing that it applied runs again, only what it lacks; its tables go, and a lock that was left in them."""
     names = sorted(file.stem for file in sql_dir.glob("*.sql"))
     with admin_database.transaction() as tx:
@@ -174,16 +160,16 @@ def test_database_that_yoyo_migrated_is_taken_over(
 
 
 @pytest.mark.usefixtures("admin_database")
-def test_empty_folder_is_refused(mariadb: MariaDb, tmp_path: Path) -> None:
+def test_empty_folder_is_refused(mariadb, tmp_path):
     """A wrong MIGRATIONS_DIR does not pass as a database that is up to date."""
     with pytest.raises(MigrationFailedError, match="MIGRATIONS_DIR"):
         migrate(settings(mariadb, tmp_path))
 
 
 @pytest.mark.usefixtures("admin_database")
-def test_two_migrations_at_once_take_turns(mariadb: MariaDb, sql_dir: Path) -> None:
+def test_two_migrations_at_once_take_turns(mariadb, sql_dir):
     """Two servers that start together both end well."""
-    done: list[list[str]] = []
+    done = []
     threads = [
         threading.Thread(target=lambda: done.append(migrate(settings(mariadb, sql_dir))))
         for _ in range(3)
@@ -195,27 +181,25 @@ def test_two_migrations_at_once_take_turns(mariadb: MariaDb, sql_dir: Path) -> N
     assert done == [[], [], []]
 
 
-def pairs(admin_database: Database) -> list[int]:
+def pairs(admin_database):
     with admin_database.transaction() as tx:
         return [row["ros_port"] for row in tx.rows("SELECT * FROM port_pairs ORDER BY ros_port")]
 
 
-def set_port_range(admin_database: Database, first: int, last: int) -> list[int]:
+def set_port_range(admin_database, first, last):
     with admin_database.transaction() as tx:
         migrations.set_port_range(tx, first, last)
     return pairs(admin_database)
 
 
-def test_range_is_made_of_whole_pairs(admin_database: Database) -> None:
+def test_range_is_made_of_whole_pairs(admin_database):
     """An odd port at the end belongs to no pair; a second run changes nothing."""
     assert set_port_range(admin_database, 20000, 20005) == [20000, 20002, 20004]
     assert set_port_range(admin_database, 20000, 20004) == [20000, 20002]
     assert set_port_range(admin_database, 20000, 20004) == [20000, 20002]
 
 
-def test_used_pair_outside_the_new_range_stays(
-    database: Database, admin_database: Database
-) -> None:
+def test_used_pair_outside_the_new_range_stays(database, admin_database):
     """The robot keeps its ports; free pairs out of range go."""
     with database.transaction() as tx:
         robots.add(tx, "02:00:00:00:00:01", "a")
@@ -224,9 +208,7 @@ def test_used_pair_outside_the_new_range_stays(
         assert robots.get(tx, "a").ros_port == 20000
 
 
-def test_pair_that_somebody_has_by_hand_is_not_allotted(
-    database: Database, admin_database: Database
-) -> None:
+def test_pair_that_somebody_has_by_hand_is_not_allotted(database, admin_database):
     """A range that grows over a robot's own choice of ports leaves them to it."""
     with database.transaction() as tx:
         tx.insert(
@@ -239,9 +221,7 @@ def test_pair_that_somebody_has_by_hand_is_not_allotted(
         assert robots.get(tx, "b").ros_port == 30004
 
 
-def test_range_that_moves_by_one_overlaps_nobody(
-    database: Database, admin_database: Database
-) -> None:
+def test_range_that_moves_by_one_overlaps_nobody(database, admin_database):
     """A pair of the old count that is in use blocks both new pairs that it touches."""
     set_port_range(admin_database, 20000, 20007)
     with database.transaction() as tx:
@@ -252,13 +232,13 @@ def test_range_that_moves_by_one_overlaps_nobody(
         assert robots.get(tx, "b").ros_port == 20003
 
 
-def shell_ports(admin_database: Database, first: int, last: int) -> list[int]:
+def shell_ports(admin_database, first, last):
     with admin_database.transaction() as tx:
         migrations.set_shell_port_range(tx, first, last)
         return [row["port"] for row in tx.rows("SELECT port FROM shell_ports ORDER BY port")]
 
 
-def test_shell_range_keeps_what_is_in_use(database: Database, admin_database: Database) -> None:
+def test_shell_range_keeps_what_is_in_use(database, admin_database):
     """A second run changes nothing; a robot keeps its port when the range moves away."""
     assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
     assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
@@ -269,9 +249,7 @@ def test_shell_range_keeps_what_is_in_use(database: Database, admin_database: Da
         assert robots.get(tx, "a").shell_port == 24000
 
 
-def test_ranges_that_move_onto_each_other_share_no_port(
-    database: Database, admin_database: Database
-) -> None:
+def test_ranges_that_move_onto_each_other_share_no_port(database, admin_database):
     """A port by hand is left out of the shells', and a shell's port is in no pair that is allotted."""
     with database.transaction() as tx:
         robots.set_ports(tx, robots.add(tx, "02:00:00:00:00:01", "a"), 30001, 30003)
@@ -283,7 +261,7 @@ def test_ranges_that_move_onto_each_other_share_no_port(
         assert robots.get(tx, "c").ros_port == 24002
 
 
-def fill(tx: Transaction) -> None:
+def fill(tx):
     """Something new and something of two years ago in each table; a's newest session is old, too."""
     old = "CURRENT_TIMESTAMP(6) - INTERVAL 2 YEAR"
     for name, number in (("a", 1), ("b", 2)):
@@ -304,14 +282,14 @@ def fill(tx: Transaction) -> None:
         )
 
 
-def counts(tx: Transaction) -> tuple[int, int, int]:
+def counts(tx):
     """How much there is: events, drives, sessions."""
     tables = ("audit_events", "drives", "robot_sessions")
     rows = [tx.row(f"SELECT COUNT(*) AS rows_ FROM {table}") or {} for table in tables]
     return rows[0]["rows_"], rows[1]["rows_"], rows[2]["rows_"]
 
 
-def test_old_history_goes_and_what_goes_on_stays(admin_database: Database) -> None:
+def test_old_history_goes_and_what_goes_on_stays(admin_database):
     """So does each robot's newest session, which tells since when it is away."""
     with admin_database.transaction() as tx:
         fill(tx)
@@ -320,7 +298,7 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database: Database) -> No
         assert counts(tx) == (1, 2, 2)
 
 
-def test_zero_days_are_for_ever(admin_database: Database) -> None:
+def test_zero_days_are_for_ever(admin_database):
     """Zero days keep records for ever, and the last number that was set counts."""
     with admin_database.transaction() as tx:
         fill(tx)
@@ -330,7 +308,7 @@ def test_zero_days_are_for_ever(admin_database: Database) -> None:
         assert counts(tx) == (2, 3, 4)
 
 
-def test_database_prunes_by_itself(mariadb: MariaDb) -> None:
+def test_database_prunes_by_itself(mariadb):
     """The scheduler runs, and so does the event, as account migrate."""
     assert mariadb.as_root("SELECT @@GLOBAL.event_scheduler").strip() == "ON"
     event = mariadb.as_root("SHOW EVENTS").split("\t")

@@ -1,7 +1,5 @@
 """Robots and their keys in the real database."""
 
-from __future__ import annotations
-
 import datetime as dt
 import threading
 
@@ -11,8 +9,8 @@ from granted import give
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from robotether_server import identity
-from robotether_server.db import Database, Transaction, robots, seen_robots, users
-from robotether_server.db.robots import Report, RobotRow
+from robotether_server.db import robots, seen_robots, users
+from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalidError,
@@ -28,7 +26,7 @@ OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
-def test_mac_is_written_in_one_spelling_on_update(database: Database) -> None:
+def test_mac_is_written_in_one_spelling_on_update(database):
     """Plain SQL may use every usual spelling."""
     with database.transaction() as tx:
         robots.add(tx, "02:00:00:00:00:01", "a")
@@ -49,7 +47,7 @@ MAX_IN_SQL_LENGTH = 17
         st.from_regex(r"[0-3f]{12} ?", fullmatch=True),
     )
 )
-def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
+def test_python_and_sql_agree_about_macs(database, text):
     """The twin in Python accepts and makes exactly what the trigger does."""
     try:
         expected = identity.normalise_mac(text)
@@ -68,7 +66,7 @@ def test_python_and_sql_agree_about_macs(database: Database, text: str) -> None:
     assert written == expected
 
 
-def test_name_that_cannot_stand_in_a_url_is_refused(database: Database) -> None:
+def test_name_that_cannot_stand_in_a_url_is_refused(database):
     """A robot's name is a DNS label, on insert and on update."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "good")
@@ -79,7 +77,7 @@ def test_name_that_cannot_stand_in_a_url_is_refused(database: Database) -> None:
                 tx.change("UPDATE robots SET name = %s", (name,))
 
 
-def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Database) -> None:
+def test_only_mac_and_name_allot_a_pair(database, admin_database):
     """The first robots get the first pairs; a deleted robot's pair is free again."""
     with database.transaction() as tx:
         first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
@@ -93,16 +91,14 @@ def test_only_mac_and_name_allot_a_pair(database: Database, admin_database: Data
     assert pair_owners(admin_database) == {20002: second}
 
 
-def add_with_ports(tx: Transaction, number: int, name: str, ros: object, video: object) -> int:
+def add_with_ports(tx, number, name, ros, video):
     return tx.insert(
         "INSERT INTO robots (mac, name, ros_port, video_port) VALUES (%s, %s, %s, %s)",
         (mac(number), name, ros, video),
     )
 
 
-def test_ports_that_were_named_are_kept_and_not_allotted(
-    database: Database, admin_database: Database
-) -> None:
+def test_ports_that_were_named_are_kept_and_not_allotted(database, admin_database):
     """Somebody's own choice of ports holds both pairs that it touches."""
     with database.transaction() as tx:
         chosen = add_with_ports(tx, 1, "chosen", 20001, 20004)
@@ -115,7 +111,7 @@ def test_ports_that_were_named_are_kept_and_not_allotted(
     ]
 
 
-def test_ports_that_cannot_be_are_refused(database: Database) -> None:
+def test_ports_that_cannot_be_are_refused(database):
     """Another robot's port of either kind, half a pair, twice the same, a privileged one."""
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
@@ -131,7 +127,7 @@ def test_ports_that_cannot_be_are_refused(database: Database) -> None:
                 add_with_ports(tx, 2, "b", ros, video)
 
 
-def test_moved_ports_free_the_old_pair(database: Database, admin_database: Database) -> None:
+def test_moved_ports_free_the_old_pair(database, admin_database):
     """An UPDATE of ports moves the robot; NULL asks for a new pair."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
@@ -143,7 +139,7 @@ def test_moved_ports_free_the_old_pair(database: Database, admin_database: Datab
     assert pair_owners(admin_database) == {20000: robot_id}
 
 
-def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
+def test_taken_mac_and_taken_name_are_told_apart(database):
     """The sentence names what another robot has."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "a")
@@ -153,7 +149,7 @@ def test_taken_mac_and_taken_name_are_told_apart(database: Database) -> None:
             robots.add(tx, mac(1), "a")
 
 
-def test_mac_of_no_single_robot_is_refused(database: Database) -> None:
+def test_mac_of_no_single_robot_is_refused(database):
     """Zero, broadcast and multicast, on insert and on update."""
     why = r"cannot add robot a: .* is no MAC of one robot"
     with database.transaction() as tx:
@@ -165,19 +161,14 @@ def test_mac_of_no_single_robot_is_refused(database: Database) -> None:
                 robots.set_mac(tx, good, text)
 
 
-def test_key_and_report_are_kept_together(database: Database) -> None:
+def test_key_and_report_are_kept_together(database):
     """What a robot shows when it joins stands in its row with the time, until the key is forgotten."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
         robots.set_key(tx, robot_id, KEY, REPORT)
         robots.set_state(tx, robot_id, "active")
         robot = robots.find_by_mac(tx, MAC)
-        assert robot is not None
-        assert (robot.fingerprint, robot.state, robot.report) == (
-            KEY.fingerprint,
-            "active",
-            REPORT,
-        )
+        assert (robot.fingerprint, robot.state, robot.report) == (KEY.fingerprint, "active", REPORT)
         assert robot.joined_at is not None
         second = robots.add(tx, mac(1), "b")
         with pytest.raises(RecordExistsError):
@@ -188,7 +179,7 @@ def test_key_and_report_are_kept_together(database: Database) -> None:
     assert (robot.fingerprint, robot.report, robot.joined_at) == (None, None, None)
 
 
-def test_rotated_key_keeps_the_one_before(database: Database) -> None:
+def test_rotated_key_keeps_the_one_before(database):
     """Until any other change of the key, whose old connections end."""
     new = PublicKey("ssh-ed25519 BBBB", "SHA256:new")
     with database.transaction() as tx:
@@ -208,13 +199,12 @@ def test_rotated_key_keeps_the_one_before(database: Database) -> None:
         assert previous(tx) is None
 
 
-def previous(tx: Transaction) -> object:
+def previous(tx):
     row = tx.row("SELECT previous_fingerprint FROM robots")
-    assert row is not None
     return row["previous_fingerprint"]
 
 
-def test_row_remembers_that_it_had_a_key(database: Database) -> None:
+def test_row_remembers_that_it_had_a_key(database):
     """The row remembers its key even if it was written by SQL."""
     with database.transaction() as tx:
         first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
@@ -227,7 +217,7 @@ def test_row_remembers_that_it_had_a_key(database: Database) -> None:
         assert not robots.get(tx, "c").had_key
 
 
-def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -> None:
+def test_taken_name_mac_and_ports_are_told_apart_on_change(database):
     """The sentence names what another robot has."""
     with database.transaction() as tx:
         first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
@@ -239,13 +229,13 @@ def test_taken_name_mac_and_ports_are_told_apart_on_change(database: Database) -
             robots.set_ports(tx, first, 20002, 20003)
 
 
-def add_unknown(tx: Transaction, number: int, name: str) -> int:
+def add_unknown(tx, number, name):
     robot_id = robots.add(tx, mac(number), name, unknown=True)
     robots.set_key(tx, robot_id, PublicKey("ssh-ed25519 A", f"SHA256:{number}"), REPORT)
     return robot_id
 
 
-def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database: Database) -> None:
+def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database):
     """An approval, a disabling and a forgotten key each end it; announced robots never were any."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
@@ -260,7 +250,7 @@ def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database: Databas
         assert len(robots.unknown_addresses(tx)) == 1
 
 
-def test_only_old_unknown_robots_are_removed(database: Database, admin_database: Database) -> None:
+def test_only_old_unknown_robots_are_removed(database, admin_database):
     """Rows of admins, approved robots, those with a grant and newer ones stay; the ports are free again."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
@@ -276,9 +266,7 @@ def test_only_old_unknown_robots_are_removed(database: Database, admin_database:
     assert ids["old"] not in pair_owners(admin_database).values()
 
 
-def test_removed_robot_takes_its_grants_and_frees_its_ports(
-    database: Database, admin_database: Database
-) -> None:
+def test_removed_robot_takes_its_grants_and_frees_its_ports(database, admin_database):
     """Its MAC and its name may be given again."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
@@ -291,7 +279,7 @@ def test_removed_robot_takes_its_grants_and_frees_its_ports(
         assert robots.add(tx, MAC, "a") != robot_id
 
 
-def test_refused_update_says_change(database: Database) -> None:
+def test_refused_update_says_change(database):
     """The sentence tells what was tried with which robot, by the name that it has."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "a")
@@ -308,14 +296,14 @@ def test_refused_update_says_change(database: Database) -> None:
 
 
 @pytest.fixture
-def robot(database: Database) -> RobotRow:
+def robot(database):
     """A robot with a key of its own."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "sim1"), KEY, REPORT)
         return robots.get(tx, "sim1")
 
 
-def test_claim_waits_under_its_robots_present_name(database: Database, robot: RobotRow) -> None:
+def test_claim_waits_under_its_robots_present_name(database, robot):
     """With what it told when it asked; the same key claims once."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
@@ -329,9 +317,7 @@ def test_claim_waits_under_its_robots_present_name(database: Database, robot: Ro
     assert (claim.key, claim.report, claim.is_rejected) == (OTHER_KEY, REPORT, False)
 
 
-def test_claim_goes_with_its_robot_and_a_rejected_key_stays(
-    database: Database, robot: RobotRow
-) -> None:
+def test_claim_goes_with_its_robot_and_a_rejected_key_stays(database, robot):
     """It keeps the name that its robot had."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
@@ -344,7 +330,7 @@ def test_claim_goes_with_its_robot_and_a_rejected_key_stays(
     assert rejected.is_rejected
 
 
-def test_rejected_claim_waits_no_more(database: Database, robot: RobotRow) -> None:
+def test_rejected_claim_waits_no_more(database, robot):
     """Until it is forgotten, when nothing is left of it."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
@@ -358,7 +344,7 @@ def test_rejected_claim_waits_no_more(database: Database, robot: RobotRow) -> No
         assert robots.find_claim(tx, OTHER_KEY.fingerprint) is None
 
 
-def test_only_old_claims_are_removed(database: Database, robot: RobotRow) -> None:
+def test_only_old_claims_are_removed(database, robot):
     """Rejected keys are remembered for good."""
     now = dt.datetime.now(dt.UTC)
     with database.transaction() as tx:
@@ -370,11 +356,11 @@ def test_only_old_claims_are_removed(database: Database, robot: RobotRow) -> Non
         assert (len(robots.list_claims(tx)), len(robots.list_rejected_keys(tx))) == (0, 1)
 
 
-def test_second_one_waits_for_the_firsts_commit(database: Database) -> None:
+def test_second_one_waits_for_the_firsts_commit(database):
     """The second one waits for the first one's commit and sees what it wrote."""
-    seen: list[int] = []
+    seen = []
 
-    def count() -> None:
+    def count():
         with database.transaction() as tx:
             robots.lock_enrolment(tx)
             seen.append(len(tx.rows("SELECT * FROM robots")))
@@ -391,9 +377,7 @@ def test_second_one_waits_for_the_firsts_commit(database: Database) -> None:
     assert seen == [1]
 
 
-def test_who_waits_too_long_is_told_to_try_again(
-    database: Database, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_waits_too_long_is_told_to_try_again(database, monkeypatch):
     """Nobody waits for ever behind a transaction that hangs."""
     monkeypatch.setattr(robots, "LOCK_WAIT_S", 0)
     with database.transaction() as first, database.transaction() as second:

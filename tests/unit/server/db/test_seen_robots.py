@@ -1,22 +1,18 @@
 """The fleet as web and the command show it, from the real database."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from allotment import mac
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import Database, cells, control, fleet, robots, seen_robots, users
+from robotether_server.db import cells, control, fleet, robots, seen_robots, users
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.db.robots import Report, RobotRow
+from robotether_server.db.robots import Report
 from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
 from robotether_server.identity import PublicKey
-from robotether_server.problems import (
-    RecordMissingError,
-)
+from robotether_server.problems import RecordMissingError
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 HOUR = dt.timedelta(hours=1)
@@ -25,7 +21,7 @@ KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
-def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
+def test_user_sees_granted_robots_and_admin_all(database):
     """Levels are the grant's, and manage for admins."""
     with database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
@@ -44,7 +40,7 @@ def test_user_sees_granted_robots_and_admin_all(database: Database) -> None:
         assert seen_robots.find_seen(tx, root, "other") is not None
 
 
-def test_presence_is_the_newest_session(database: Database, admin_database: Database) -> None:
+def test_presence_is_the_newest_session(database, admin_database):
     """No session: never seen; an open one: online since; an ended one: offline since."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
@@ -73,7 +69,7 @@ def test_presence_is_the_newest_session(database: Database, admin_database: Data
 
 
 @pytest.fixture
-def sim1(database: Database, relay_database: Database) -> RobotRow:
+def sim1(database, relay_database):
     """A robot of cell a, where ann has been driving it since noon."""
     with database.transaction() as tx:
         ann, robot_id = users.add(tx, "ann", "x", "user"), robots.add(tx, MAC, "sim1")
@@ -86,9 +82,7 @@ def sim1(database: Database, relay_database: Database) -> RobotRow:
         return robots.get(tx, "sim1")
 
 
-def test_robot_of_a_dead_cell_is_offline(
-    sim1: RobotRow, database: Database, admin_database: Database
-) -> None:
+def test_robot_of_a_dead_cell_is_offline(sim1, database, admin_database):
     """Since the cell was last alive; nobody drives it, though nobody could write either down."""
     with database.transaction() as tx:
         assert seen_robots.is_online(tx, sim1.id)
@@ -108,9 +102,7 @@ def test_robot_of_a_dead_cell_is_offline(
     assert (session.ended_at, session.end_code) == (NOON + HOUR, "cell_removed")
 
 
-def test_ended_session_that_is_written_late_hides_no_open_one(
-    sim1: RobotRow, database: Database, relay_database: Database
-) -> None:
+def test_ended_session_that_is_written_late_hides_no_open_one(sim1, database, relay_database):
     """The robot went from b to a while b could not write."""
     left = SessionEntry(sim1.id, NOON - HOUR, "192.0.2.2", ended_at=NOON, end_code="cell_draining")
     with relay_database.transaction() as tx:
@@ -122,9 +114,7 @@ def test_ended_session_that_is_written_late_hides_no_open_one(
     assert (seen.online, seen.since, seen.address) == (True, NOON, "192.0.2.1")
 
 
-def test_address_and_version_are_the_newest_sessions(
-    database: Database, admin_database: Database
-) -> None:
+def test_address_and_version_are_the_newest_sessions(database, admin_database):
     """Before the first session, they are the join's."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
@@ -143,7 +133,7 @@ def test_address_and_version_are_the_newest_sessions(
     assert (after.address, after.agent_version) == ("::1", "0.3")
 
 
-def test_sessions_are_told_newest_first(database: Database, admin_database: Database) -> None:
+def test_sessions_are_told_newest_first(database, admin_database):
     """As many as were asked for; a robot whose newest goes on is online."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b7", "a")
@@ -172,7 +162,7 @@ def test_sessions_are_told_newest_first(database: Database, admin_database: Data
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
-def test_driver_and_stop_are_shown(database: Database, admin_database: Database) -> None:
+def test_driver_and_stop_are_shown(database, admin_database):
     """A lease that has ended has no driver, and a robot without either is in no list."""
     with admin_database.transaction() as tx:
         first, second, third = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2, 3))
@@ -196,9 +186,7 @@ def test_driver_and_stop_are_shown(database: Database, admin_database: Database)
         assert seen_robots.control_of_all(tx) == {first: driven, second: stopped}
 
 
-def test_another_key_shows_on_web_and_at_the_relay(
-    database: Database, relay_database: Database, sim1: RobotRow
-) -> None:
+def test_another_key_shows_on_web_and_at_the_relay(database, relay_database, sim1):
     """While it waits, and when it was rejected; both notice the change."""
     said = []
     for act in (

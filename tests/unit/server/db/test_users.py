@@ -1,14 +1,12 @@
 """Users and their SSH keys in the real database."""
 
-from __future__ import annotations
-
 import pytest
-from robotether_server.db import Database, users
+from robotether_server.db import users
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExistsError, RecordMissingError
 
 
-def test_user_is_found_by_name(database: Database) -> None:
+def test_user_is_found_by_name(database):
     """What was added comes back; the hash stays out of printed objects."""
     with database.transaction() as tx:
         user_id = users.add(tx, "ann", "hash-of-ann", "admin")
@@ -23,7 +21,7 @@ KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:a")
 OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
 
 
-def test_keys_belong_to_one_user(database: Database) -> None:
+def test_keys_belong_to_one_user(database):
     """Neither name nor key twice for one; another user may have the same, and sees no other's."""
     with database.transaction() as tx:
         ann, bob = (

@@ -1,10 +1,7 @@
 """A running relay with one robot, for tests of the whole of it; and a watch on what tests leave."""
 
-from __future__ import annotations
-
 import asyncio
 import warnings
-from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import replace
 from urllib.parse import urlencode
 
@@ -12,26 +9,21 @@ import aiohttp
 import pytest
 import pytest_asyncio
 import uvloop
-from fake_frames import FakeFrames
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from local_network import free_ports
-from relay_server import FAST, SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
-from robotether_server.db import Database
-from robotether_server.db.fleet import RelayRobot, RelayUser
+from relay_server import FAST, SESSION_KEY, MemoryDatabase, running_relay, until
+from robotether_server.db.fleet import RelayUser
 from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.robots import port_checks, robot_dialer
-from robotether_server.relay.wiring import Timing
 from robotether_server.settings import robot as robot_settings
 from timed_websocket import timed_session
-
-Connect = Callable[..., Awaitable[RobotSession]]
 
 
 class StrictLoop(uvloop.Loop):
     """Fails when a test has left something open; uvloop's own end never comes where its warning is an error."""
 
-    def close(self) -> None:
+    def close(self):
         with warnings.catch_warnings(record=True) as left:
             warnings.simplefilter("always")
             super().close()
@@ -39,20 +31,20 @@ class StrictLoop(uvloop.Loop):
             raise ResourceWarning("; ".join(str(each.message) for each in left))
 
 
-def pytest_asyncio_loop_factories() -> dict[str, Callable[[], asyncio.AbstractEventLoop]]:
+def pytest_asyncio_loop_factories():
     """Test with the loop that the relay runs with."""
     return {"uvloop": StrictLoop}
 
 
 @pytest_asyncio.fixture(autouse=True)
-async def _no_task_left() -> AsyncIterator[None]:
+async def _no_task_left():
     """Fail a test that leaves a task behind."""
     before = asyncio.all_tasks()
     yield
-    left: set[asyncio.Task[object]] = set()
+    left = set()
     for _ in range(50):
         left = asyncio.all_tasks() - before
-        left.discard(asyncio.current_task())  # type: ignore[arg-type]  # this is in a task
+        left.discard(asyncio.current_task())
         if not left:
             return
         await asyncio.sleep(0.01)
@@ -60,7 +52,7 @@ async def _no_task_left() -> AsyncIterator[None]:
 
 
 @pytest.fixture
-def admin_database(admin_database: Database) -> Database:
+def admin_database(admin_database):
     """The emptied database; its robots' ports are free here, as something listens on them."""
     ports = free_ports(8)
     with admin_database.transaction() as tx:
@@ -69,7 +61,7 @@ def admin_database(admin_database: Database) -> Database:
 
 
 @pytest.fixture
-def memory_database() -> MemoryDatabase:
+def memory_database():
     """Records with robot sim1, which user 1 drives and user 2 observes."""
     memory_database = MemoryDatabase()
     memory_database.add_robot(7, "sim1", u1="drive", u2="observe")
@@ -77,33 +69,33 @@ def memory_database() -> MemoryDatabase:
 
 
 @pytest.fixture
-def sim1(memory_database: MemoryDatabase) -> RelayRobot:
+def sim1(memory_database):
     """The row of robot sim1."""
     return memory_database.robots[7]
 
 
 @pytest.fixture
-def timing() -> Timing:
+def timing():
     """The relay's times."""
     return FAST
 
 
 @pytest.fixture(autouse=True)
-def robots_may_answer_late(monkeypatch: pytest.MonkeyPatch) -> None:
+def robots_may_answer_late(monkeypatch):
     """A relay waits for a robot as long as a busy machine may take."""
     monkeypatch.setattr(robot_dialer, "MIN_CONNECT_TIMEOUT_S", FAST.timeout_s)
     monkeypatch.setattr(port_checks, "CONNECT_WITHIN_S", FAST.timeout_s)
 
 
 @pytest_asyncio.fixture
-async def relay(memory_database: MemoryDatabase, timing: Timing) -> AsyncIterator[RelayServer]:
+async def relay(memory_database, timing):
     """Run a relay."""
     async with running_relay(memory_database, timing) as server:
         yield server
 
 
 @pytest_asyncio.fixture
-async def robot(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot]:
+async def robot(relay, sim1):
     """Have robot sim1 online and well."""
     robot = FakeRobot(sim1.id, SESSION_KEY)
     await robot.start(relay.relay.session_port)
@@ -113,29 +105,25 @@ async def robot(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot
 
 
 @pytest.fixture
-def login(memory_database: MemoryDatabase) -> dict[str, str]:
+def login(memory_database):
     """The cookie of ann's login, among others."""
     text = memory_database.add_credential("login", RelayUser(1, "ann"))
     return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
 
 
 @pytest_asyncio.fixture
-async def camera(robot: FakeRobot) -> FakeFrames:
+async def camera(robot):
     """Have robot sim1 online with a frames service."""
     robot.frames.mode = "behaves"
     return robot.frames
 
 
 @pytest_asyncio.fixture
-async def watch(
-    relay: RelayServer, sim1: RelayRobot, http: aiohttp.ClientSession
-) -> AsyncIterator[Callable[..., Awaitable[FramesViewer]]]:
+async def watch(relay, sim1, http):
     """Open viewers of sim1's cameras that are closed at the end."""
-    opened: list[FramesViewer] = []
+    opened = []
 
-    async def open_viewer(
-        user: RelayUser | None = None, topic: str = "/a", **wanted: object
-    ) -> FramesViewer:
+    async def open_viewer(user=None, topic="/a", **wanted):
         query = urlencode({"topic": topic, "ticket": relay.ticket(sim1, "observe", user)})
         url = f"{relay.url}/robots/{sim1.name}/video/frames?{query}"
         viewer = FramesViewer(await http.ws_connect(url, autoping=wanted.pop("autoping", True)))
@@ -149,7 +137,7 @@ async def watch(
 
 
 @pytest_asyncio.fixture
-async def viewer(camera: FakeFrames, watch: Callable[..., Awaitable[FramesViewer]]) -> FramesViewer:
+async def viewer(camera, watch):
     """Watch one of sim1's cameras, from which the robot has credit."""
     viewer = await watch()
     await camera.wait_for("credit")
@@ -157,7 +145,7 @@ async def viewer(camera: FakeFrames, watch: Callable[..., Awaitable[FramesViewer
 
 
 @pytest_asyncio.fixture
-async def guarded(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRobot]:
+async def guarded(relay, sim1):
     """Have robot sim1 online with a guard in front of its rosbridge."""
     robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
     await robot.start(relay.relay.session_port)
@@ -167,11 +155,11 @@ async def guarded(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[FakeRob
 
 
 @pytest_asyncio.fixture
-async def connect(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[Connect]:
+async def connect(relay, sim1):
     """Open sessions of sim1 that are closed at the end."""
-    opened: list[RobotSession] = []
+    opened = []
 
-    async def open_session(kind: str = "session", **changes: object) -> RobotSession:
+    async def open_session(kind="session", **changes):
         fields = {"robot_id": sim1.id, "session_key": SESSION_KEY} | changes
         session = RobotSession(fields.pop("robot_id"), kind=kind, **fields)
         await session.connect(relay.relay.session_port)
@@ -184,7 +172,7 @@ async def connect(relay: RelayServer, sim1: RelayRobot) -> AsyncIterator[Connect
 
 
 @pytest_asyncio.fixture
-async def http() -> AsyncIterator[aiohttp.ClientSession]:
+async def http():
     """Ask over HTTP as a browser or program does."""
     connector = aiohttp.TCPConnector(force_close=True)
     async with timed_session(connector=connector) as session:
@@ -192,7 +180,7 @@ async def http() -> AsyncIterator[aiohttp.ClientSession]:
 
 
 @pytest.fixture
-def wide(memory_database, sim1) -> RelayRobot:
+def wide(memory_database, sim1):
     """Robot sim1, to which drivers may publish all and as much as may be."""
     policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
     wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))

@@ -1,12 +1,9 @@
 """The HTTP border: routes, problems, health and metrics."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest
 from fake_robot import HOST, WAIT_S
-from relay_server import RelayServer
 from robotether_server.db.fleet import RelayUser
 from yarl import URL
 
@@ -20,7 +17,7 @@ async def test_other_paths_are_problems_too(relay, http, path):
 
 
 async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch, caplog):
-    async def broken(*_args: object) -> None:
+    async def broken(*_args):
         raise ZeroDivisionError("secret detail")
 
     monkeypatch.setattr("robotether_server.relay.auth.access.Access.for_events", broken)
@@ -31,11 +28,7 @@ async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch
 
 
 @pytest.mark.parametrize(
-    "path",
-    [
-        "/robots/x%0aINFO forged: line/video",
-        "/robots/x%0d%0aINFO forged: line/ros",
-    ],
+    "path", ["/robots/x%0aINFO forged: line/video", "/robots/x%0d%0aINFO forged: line/ros"]
 )
 @pytest.mark.parametrize("origin", ["https://evil.example", None])
 async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, origin):
@@ -48,7 +41,7 @@ async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, or
     assert len(line.splitlines()) == 1
 
 
-async def ask_raw(relay: RelayServer, request: bytes) -> bytes:
+async def ask_raw(relay, request):
     """Send bytes as they are, and return the first line of the answer."""
     reader, writer = await asyncio.open_connection(HOST, relay.relay.http_port)
     try:

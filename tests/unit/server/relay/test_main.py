@@ -1,11 +1,8 @@
 """The relay as a process: settings that stop the start, and signals that stop the relay."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
-from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -23,7 +20,7 @@ from relay_server import (
     utc,
 )
 from robotether_server.db.control import Stop, StopEntry
-from robotether_server.db.fleet import Entry, FormerSessions, RelayUser
+from robotether_server.db.fleet import FormerSessions, RelayUser
 from robotether_server.relay.app import Listen
 from robotether_server.relay.main import run
 from robotether_server.relay.records.journal import Journal
@@ -128,7 +125,7 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
 class SlowDatabase(MemoryDatabase):
     """Records that take their time to write."""
 
-    async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
+    async def write(self, entries):
         await asyncio.sleep(0.2)
         return await super().write(entries)
 
@@ -146,7 +143,7 @@ async def test_the_last_entries_are_written_before_the_end():
 
 
 async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
-    def fail() -> None:
+    def fail():
         raise LookupError
 
     async with running_relay(memory_database, replace(FAST, drives_every_s=0.05)) as relay:

@@ -1,7 +1,5 @@
 """The numbers in Prometheus' format, without a network."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -11,16 +9,16 @@ from robotether_server.relay.metrics import Metrics
 
 
 @pytest.fixture
-def traffic() -> Traffic:
+def traffic():
     return Traffic()
 
 
 @pytest.fixture
-def metrics(traffic: Traffic) -> Metrics:
+def metrics(traffic):
     return Metrics(traffic)
 
 
-def lines(metrics: Metrics) -> list[str]:
+def lines(metrics):
     return metrics.render().decode().splitlines()
 
 

@@ -1,7 +1,5 @@
 """What happens, as log, event writer and metrics learn it; without a network."""
 
-from __future__ import annotations
-
 import logging
 from collections import Counter
 from dataclasses import replace
@@ -9,9 +7,9 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from relay_server import MemoryDatabase, utc
+from relay_server import utc
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, SessionEntry, Snapshot
+from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
@@ -30,27 +28,27 @@ ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
 class Notes(EventWriter):
     """A writer that keeps each entry as it was when it was added."""
 
-    def __init__(self, memory_database: MemoryDatabase) -> None:
+    def __init__(self, memory_database):
         super().__init__(memory_database)
-        self.notes: list[Entry] = []
+        self.notes = []
 
-    def add(self, entry: Entry) -> None:
+    def add(self, entry):
         self.notes.append(replace(entry))
         super().add(entry)
 
 
 @pytest.fixture
-def event_writer(memory_database: MemoryDatabase) -> Notes:
+def event_writer(memory_database):
     return Notes(memory_database)
 
 
 @pytest.fixture
-def metrics() -> Metrics:
+def metrics():
     return Metrics(Traffic())
 
 
 @pytest.fixture
-def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
+def observer(memory_database, event_writer, metrics, caplog):
     """Reports to this writer, these metrics and the test's log."""
     caplog.set_level(logging.INFO)
     return RelayObserver(
@@ -61,11 +59,11 @@ def observer(memory_database, event_writer, metrics, caplog) -> RelayObserver:
     )
 
 
-def driving(robot: RelayRobot, *, use: str = "drive", reached: bool = True) -> Connection:
+def driving(robot, *, use="drive", reached=True):
     return Connection(1, "ann", robot, use, lambda _close_reason: None, reached)
 
 
-def ended(connection: Connection, drive: DriveLog) -> ConnectionReport:
+def ended(connection, drive):
     return ConnectionReport(connection, None, close_reasons.client_left("sim1"), 1, drive)
 
 
@@ -151,7 +149,7 @@ def test_a_drive_is_written_while_it_lasts(observer, event_writer, sim1):
     assert len(event_writer.notes) == count
 
 
-def guard_refused(**kinds: int) -> Change:
+def guard_refused(**kinds):
     return Change(
         "guard_status",
         7,
@@ -159,7 +157,7 @@ def guard_refused(**kinds: int) -> Change:
     )
 
 
-def refused_in(event_writer: Notes) -> list[dict[str, int]]:
+def refused_in(event_writer):
     return [entry.refused for entry in event_writer.notes if isinstance(entry, DriveEntry)]
 
 
@@ -194,7 +192,7 @@ def test_what_a_guard_refuses_long_after_a_drive_is_nobodys(
 def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypatch):
     """What the guard reports after the end is added to the record, but not long after."""
 
-    def saw(age_ms: float) -> None:
+    def saw(age_ms):
         report = SeenReport(13, (age_ms,))
         observer.on_robot_change(Change("seen", 7, ONLINE, seen=report))
 
@@ -218,7 +216,7 @@ def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer,
     assert (line.kind, line.details) == ("operations_refused", {"topic": 3})
 
 
-def a_drive() -> DriveLog:
+def a_drive():
     return DriveLog(DriveEntry(7, "sim1", "ann", 13, CONNECTED), 0.5, Counter())
 
 

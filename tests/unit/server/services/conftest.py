@@ -1,14 +1,12 @@
 """People and robots in the real database, for what admins do."""
 
-from __future__ import annotations
-
 import pytest
 from joins import KEY, MAC, REPORT, Site
-from robotether_server.db import Database, robots, users
+from robotether_server.db import robots, users
 
 
 @pytest.fixture
-def site(database: Database) -> Site:
+def site(database):
     """A server with admin root, user ann and robot sim1, which is active with KEY."""
     site = Site(database)
     with database.transaction() as tx:

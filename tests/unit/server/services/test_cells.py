@@ -1,12 +1,10 @@
 """Cells that admins take out of service and remove, in the real database."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from relay_server import cell_settings
-from robotether_server.db import Database, cells, control, fleet, robots, users
+from robotether_server.db import cells, control, fleet, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.control import DriveEntry, NewLease
 from robotether_server.db.fleet import SessionEntry
@@ -18,7 +16,7 @@ ADMIN = Source("root")
 
 
 @pytest.fixture
-def database(database: Database, relay_database: Database) -> Database:
+def database(database, relay_database):
     """Cells a and b, alive and listed."""
     with relay_database.transaction() as tx:
         for name in ("a", "b"):
@@ -27,17 +25,17 @@ def database(database: Database, relay_database: Database) -> Database:
     return database
 
 
-def kill(admin_database: Database, name: str) -> None:
+def kill(admin_database, name):
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = %s", (NOON, name))
 
 
-def kinds(database: Database) -> list[str]:
+def kinds(database):
     with database.transaction() as tx:
         return [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
 
 
-def test_cell_is_drained_and_resumed(database: Database) -> None:
+def test_cell_is_drained_and_resumed(database):
     """Each once, whatever is asked again."""
     for service, draining in ((cell_service.drain, True), (cell_service.resume, False)):
         for _ in range(2):
@@ -47,7 +45,7 @@ def test_cell_is_drained_and_resumed(database: Database) -> None:
     assert kinds(database) == ["cell_drained", "cell_resumed"]
 
 
-def test_last_cell_in_service_is_not_drained(database: Database, admin_database: Database) -> None:
+def test_last_cell_in_service_is_not_drained(database, admin_database):
     """Its robots would have nowhere to go."""
     with database.transaction() as tx:
         cell_service.drain(tx, ADMIN, "a")
@@ -60,7 +58,7 @@ def test_last_cell_in_service_is_not_drained(database: Database, admin_database:
         cell_service.drain(tx, ADMIN, "b")
 
 
-def test_of_two_drains_at_once_the_second_waits(database: Database) -> None:
+def test_of_two_drains_at_once_the_second_waits(database):
     """And then reads what the first one wrote: each alone leaves the other cell in service."""
     with database.transaction() as tx, database.transaction() as other:
         cell_service.drain(tx, ADMIN, "a")
@@ -69,15 +67,13 @@ def test_of_two_drains_at_once_the_second_waits(database: Database) -> None:
             cell_service.drain(other, ADMIN, "b")
 
 
-def test_cell_that_is_alive_is_not_removed(database: Database) -> None:
+def test_cell_that_is_alive_is_not_removed(database):
     """Its relay would only write its row again."""
     with database.transaction() as tx, pytest.raises(NotPossibleError, match="alive"):
         cell_service.remove(tx, ADMIN, "a")
 
 
-def test_removed_cell_leaves_nothing_open(
-    database: Database, relay_database: Database, admin_database: Database
-) -> None:
+def test_removed_cell_leaves_nothing_open(database, relay_database, admin_database):
     """Its sessions, drives and leases end; those of another cell go on."""
     with database.transaction() as tx:
         ann, sim1 = users.add(tx, "ann", "x", "user"), robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
@@ -98,7 +94,7 @@ def test_removed_cell_leaves_nothing_open(
     assert kinds(database) == ["cell_removed"]
 
 
-def test_unknown_cell_is_said_so(database: Database) -> None:
+def test_unknown_cell_is_said_so(database):
     """A name that was mistyped changes nothing."""
     for service in (cell_service.drain, cell_service.resume, cell_service.remove):
         with database.transaction() as tx, pytest.raises(RecordMissingError, match="no such cell"):

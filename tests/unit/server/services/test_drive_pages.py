@@ -1,10 +1,7 @@
 """What a robot's managers set of its drive page, without the web."""
 
-from __future__ import annotations
-
 import pytest
-from joins import Site
-from robotether_server.db import Database, audit, robots
+from robotether_server.db import audit, robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.services import drive_pages
@@ -15,12 +12,12 @@ MAY = Source("may", "198.51.100.7")
 WAVE = {"name": "Wave", "kind": "call", "service": "/arm/wave"}
 
 
-def kinds(database: Database) -> list[str]:
+def kinds(database):
     with database.transaction() as tx:
         return [item.kind for item in reversed(audit.find(tx, audit.AuditSearch()))]
 
 
-def test_a_button_needs_its_right_and_allow_gives_it(site: Site, database: Database) -> None:
+def test_a_button_needs_its_right_and_allow_gives_it(site, database):
     """Once: asked again, nothing changes; the rest of the policy stays."""
     assert site
     with database.transaction() as tx:
@@ -40,7 +37,7 @@ def test_a_button_needs_its_right_and_allow_gives_it(site: Site, database: Datab
     assert kinds(database)[-3:] == ["robot_settings_set", "robot_settings_set", "robot_buttons_set"]
 
 
-def test_page_and_buttons_leave_each_other_alone(site: Site, database: Database) -> None:
+def test_page_and_buttons_leave_each_other_alone(site, database):
     """And the rest; back to the defaults, nothing is kept."""
     assert site
     with database.transaction() as tx:
@@ -63,7 +60,7 @@ def test_page_and_buttons_leave_each_other_alone(site: Site, database: Database)
     assert kinds(database).count("robot_page_set") == 3
 
 
-def test_a_place_is_that_of_a_name() -> None:
+def test_a_place_is_that_of_a_name():
     """Somebody else may have moved them."""
     buttons = [parse_one({**WAVE, "name": name}) for name in ("a", "b")]
     assert drive_pages.index_of(buttons, 2, "b") == 1
@@ -73,13 +70,13 @@ def test_a_place_is_that_of_a_name() -> None:
 
 
 @pytest.mark.parametrize("text", ["{", "[]", "1", "{} x", '{"a": 1, "a": 2}', "[" * 5000, "\x00"])
-def test_what_is_no_json_object_is_refused(text: str) -> None:
+def test_what_is_no_json_object_is_refused(text):
     """The refusal says where the JSON goes wrong."""
     with pytest.raises(FieldInvalidError, match="cannot read what the button sends"):
         drive_pages.read(text)
 
 
-def test_nothing_is_an_empty_object() -> None:
+def test_nothing_is_an_empty_object():
     """Most services take no arguments."""
     assert drive_pages.read("") == {}
     assert drive_pages.read('{"data": true}') == {"data": True}

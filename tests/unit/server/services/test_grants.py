@@ -1,13 +1,8 @@
 """Grants, groups and sites: rules, and what the audit log tells."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
-from joins import Site
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import GROUPS, SITES, Collection, Grant, list_all
+from robotether_server.db.grants import GROUPS, SITES, Grant, list_all
 from robotether_server.problems import FieldInvalidError, RecordMissingError
 from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
@@ -16,7 +11,7 @@ ADMIN = Source("root")
 ANN, SIM1 = Grantee("user", "ann"), Scope("robot", "sim1")
 
 
-def test_grant_is_given_changed_and_taken(site: Site) -> None:
+def test_grant_is_given_changed_and_taken(site):
     """One a user and robot; each change is in the log."""
     with site.database.transaction() as tx:
         assert grants.give(tx, ADMIN, ANN, SIM1, "observe")[1]
@@ -37,13 +32,11 @@ def test_grant_is_given_changed_and_taken(site: Site) -> None:
         (SITES, "sim1", ["robot_site_set"] * 3),
     ],
 )
-def test_each_change_of_a_collection_is_in_the_log_once(
-    site: Site, collection: Collection[Any], member: str, kinds: list[str]
-) -> None:
+def test_each_change_of_a_collection_is_in_the_log_once(site, collection, member, kinds):
     """Adding a member again changes nothing and leaves no line; removal names the members."""
     kind = collection.kind
 
-    def set_member(*, to_be: bool) -> None:
+    def set_member(*, to_be):
         if collection is GROUPS:
             change = grants.add_member if to_be else grants.remove_member
             change(tx, ADMIN, "x", member)
@@ -63,7 +56,7 @@ def test_each_change_of_a_collection_is_in_the_log_once(
     assert events[-1].details == {kind: "x", collection.members: [member]}
 
 
-def test_missing_member_and_invalid_name_are_refused(site: Site) -> None:
+def test_missing_member_and_invalid_name_are_refused(site):
     """The sentence says what is wrong."""
     with site.database.transaction() as tx:
         grants.add_collection(tx, ADMIN, GROUPS, "crew")

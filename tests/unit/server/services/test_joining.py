@@ -1,7 +1,5 @@
 """What a robot that shows a MAC and a key is told, and what a stranger cannot bring about."""
 
-from __future__ import annotations
-
 import dataclasses
 import datetime as dt
 
@@ -9,7 +7,7 @@ import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, Site, age, key
 from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, PreviousKey, rotation_message
-from robotether_server.db import Database, credentials, robots, users
+from robotether_server.db import credentials, robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES
@@ -32,26 +30,23 @@ from robotether_server.problems import (
 from robotether_server.services import grants, tokens
 from robotether_server.services import robots as robot_service
 from robotether_server.services.grants import Grantee, Scope
-from robotether_server.services.joining import (
-    MAX_UNKNOWN_PER_NETWORK,
-    Answer,
-)
+from robotether_server.services.joining import MAX_UNKNOWN_PER_NETWORK, Answer
 
 ADMIN = Source("root")
 
 
 @pytest.fixture
-def site(database: Database) -> Site:
+def site(database):
     """A server where an admin approves each key."""
     return Site(database)
 
 
-def reject(site: Site, name: str, fingerprint: str) -> None:
+def reject(site, name, fingerprint):
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, name, fingerprint)
 
 
-def test_row_of_an_admin_takes_the_first_key_and_waits(site: Site) -> None:
+def test_row_of_an_admin_takes_the_first_key_and_waits(site):
     """The admin's name stays; the MAC alone proves nothing, even for a row that was set active."""
     for state in ("pending", "active"):
         with site.database.transaction() as tx:
@@ -63,7 +58,7 @@ def test_row_of_an_admin_takes_the_first_key_and_waits(site: Site) -> None:
         assert (site.robot("sim1").state, site.robot("sim1").key) == ("pending", KEY)
 
 
-def test_approved_robot_stays_active(site: Site) -> None:
+def test_approved_robot_stays_active(site):
     """Every later join with the same key says so, whatever token its image still has."""
     name = site.ask().robot
     site.set_state(name, "active")
@@ -72,7 +67,7 @@ def test_approved_robot_stays_active(site: Site) -> None:
 
 
 @pytest.mark.parametrize("state", ["pending", "active"])
-def test_second_key_of_a_mac_waits_beside_the_first(site: Site, state: str) -> None:
+def test_second_key_of_a_mac_waits_beside_the_first(site, state):
     """The first goes on; the second learns nothing of that robot, and waits once however often it asks."""
     site.announce()
     site.ask()
@@ -86,7 +81,7 @@ def test_second_key_of_a_mac_waits_beside_the_first(site: Site, state: str) -> N
     assert len(site.events("key_claimed")) == 1
 
 
-def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
+def test_claim_moves_up_when_the_row_has_no_key_any_more(site):
     """After the admin turned the first key away, or forgot it."""
     site.announce()
     site.ask()
@@ -97,7 +92,7 @@ def test_claim_moves_up_when_the_row_has_no_key_any_more(site: Site) -> None:
     assert site.claimed() == []
 
 
-def test_key_does_not_get_another_mac(site: Site) -> None:
+def test_key_does_not_get_another_mac(site):
     """A cloned disk is told to make its own key, and leaves no row, be the key a robot's or a claim."""
     site.ask()
     with pytest.raises(KeyInUseError):
@@ -108,7 +103,7 @@ def test_key_does_not_get_another_mac(site: Site) -> None:
     assert site.names() == ["robot-006101"]
 
 
-def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
+def test_disabled_robot_is_told_how_to_come_back(site):
     """The sentence has the admin's command; to another key it does not name the robot."""
     site.announce()
     site.ask()
@@ -121,7 +116,7 @@ def test_disabled_robot_is_told_how_to_come_back(site: Site) -> None:
     assert site.claimed() == []
 
 
-def test_only_so_many_may_wait(site: Site) -> None:
+def test_only_so_many_may_wait(site):
     """Strangers and claims together; those who wait go on waiting, and announced robots take no place."""
     site = dataclasses.replace(site, limit=2)
     for number in range(3):
@@ -137,7 +132,7 @@ def test_only_so_many_may_wait(site: Site) -> None:
     assert site.ask("00:1b:44:00:62:00", key(4)).robot == "planned-0"
 
 
-def test_one_network_leaves_ten_waiting(site: Site) -> None:
+def test_one_network_leaves_ten_waiting(site):
     """Other networks, announced robots and an admin's token are not kept out by it."""
     site = dataclasses.replace(site, limit=50)
     for number in range(MAX_UNKNOWN_PER_NETWORK):
@@ -157,7 +152,7 @@ def test_one_network_leaves_ten_waiting(site: Site) -> None:
     assert site.ask(OTHER_MAC, OTHER_KEY, report=here, token=token).code == "active"
 
 
-def test_unknown_robots_and_claims_make_room_after_a_day(site: Site) -> None:
+def test_unknown_robots_and_claims_make_room_after_a_day(site):
     """The next join removes what nobody wanted; an announced robot waits for ever."""
     site.announce()
     site.ask()
@@ -173,7 +168,7 @@ def test_unknown_robots_and_claims_make_room_after_a_day(site: Site) -> None:
     assert site.claimed() == []
 
 
-def test_same_last_digits_make_a_longer_name(site: Site) -> None:
+def test_same_last_digits_make_a_longer_name(site):
     """Two unknown robots never want one name, and there is always another."""
     assert site.ask().robot == "robot-006101"
     assert site.ask("00:1b:54:00:61:01", key(1)).robot == "robot-4006101"
@@ -183,7 +178,7 @@ def test_same_last_digits_make_a_longer_name(site: Site) -> None:
     assert site.ask("04:1b:44:00:61:01", key(2)).robot == "robot-041b44006101-2"
 
 
-def test_known_key_changes_nothing(site: Site) -> None:
+def test_known_key_changes_nothing(site):
     """MAC and public key are no secrets, so a join with both tells nothing new about the robot."""
     for state in ("pending", "active"):
         site.set_state(site.ask().robot, state)
@@ -195,7 +190,7 @@ def test_known_key_changes_nothing(site: Site) -> None:
 
 
 @pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
-def test_rejected_key_is_told_so(site: Site, policy: str) -> None:
+def test_rejected_key_is_told_so(site, policy):
     """With a token too; the robot may come with another key."""
     site.ask()
     token = site.admins_token()
@@ -207,7 +202,7 @@ def test_rejected_key_is_told_so(site: Site, policy: str) -> None:
     assert site.ask(key=OTHER_KEY, token=token).code == "active"
 
 
-def test_rekeyed_robot_takes_the_next_key_and_waits(site: Site) -> None:
+def test_rekeyed_robot_takes_the_next_key_and_waits(site):
     """Under first-key too: whoever joined in its name must not be back at once."""
     for policy in ("approve", "first-key"):
         site = dataclasses.replace(site, policy=policy)
@@ -221,7 +216,7 @@ def test_rekeyed_robot_takes_the_next_key_and_waits(site: Site) -> None:
         assert site.ask(key=OTHER_KEY).code == "approval_pending"
 
 
-def test_first_key_of_an_announced_robot_gets_in(site: Site) -> None:
+def test_first_key_of_an_announced_robot_gets_in(site):
     """By that policy alone; the second key and a MAC that nobody announced wait."""
     site = dataclasses.replace(site, policy="first-key")
     site.announce()
@@ -231,7 +226,7 @@ def test_first_key_of_an_announced_robot_gets_in(site: Site) -> None:
     assert [event.actor for event in site.events("robot_approved")] == ["robot"]
 
 
-def test_token_only_lets_nobody_wait(site: Site) -> None:
+def test_token_only_lets_nobody_wait(site):
     """An active robot goes on; announced rows and second keys need a token as well."""
     site.announce("old", OTHER_MAC)
     site.ask(OTHER_MAC, key(9))
@@ -245,7 +240,7 @@ def test_token_only_lets_nobody_wait(site: Site) -> None:
     assert site.ask(token=site.join_token(1)).code == "active"
 
 
-def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
+def test_admins_token_beats_a_key_that_only_waits(site):
     """Who joined first in a robot's name does not keep it out; an approved key stays."""
     site.ask()
     token = site.admins_token()
@@ -257,7 +252,7 @@ def test_admins_token_beats_a_key_that_only_waits(site: Site) -> None:
     assert (event.actor, event.details["by"]) == ("root", "admin")
 
 
-def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site) -> None:
+def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site):
     """A public key is no secret: whoever shows it under another MAC does not keep the robot out."""
     site.announce()
     site.ask(OTHER_MAC)
@@ -269,7 +264,7 @@ def test_key_that_an_unknown_robot_showed_first_is_free_for_its_robot(site: Site
     assert site.claimed() == []
 
 
-def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
+def test_join_token_lets_as_many_in_as_it_says(site):
     """A robot that asks again uses none up, and neither does one that is not let in."""
     token = site.join_token(2)
     for _ in range(2):
@@ -289,7 +284,7 @@ def test_join_token_lets_as_many_in_as_it_says(site: Site) -> None:
     assert (event.details["by"], event.details["token"]) == ("join token", "lab")
 
 
-def test_token_puts_a_robot_in_its_place(site: Site) -> None:
+def test_token_puts_a_robot_in_its_place(site):
     """At its site, in its region and with its group's grant, unless an admin has said another for this robot."""
     site.announce("sim2", OTHER_MAC)
     ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
@@ -317,7 +312,7 @@ def test_token_puts_a_robot_in_its_place(site: Site) -> None:
     assert given == {("robot-006101", "crew", "drive"), ("sim2", "crew", "observe")}
 
 
-def test_token_outlives_its_place(site: Site) -> None:
+def test_token_outlives_its_place(site):
     """A robot is then at no site, and nobody's."""
     ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:
@@ -329,7 +324,7 @@ def test_token_outlives_its_place(site: Site) -> None:
     assert site.ask(token=token).code == "active"
 
 
-def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
+def test_token_does_not_undo_what_an_admin_did(site):
     """A robot that was removed waits as any unknown robot, though its image still has the token."""
     token = site.join_token(9)
     site.ask(token=token)
@@ -341,7 +336,7 @@ def test_token_does_not_undo_what_an_admin_did(site: Site) -> None:
         dataclasses.replace(site, policy="token-only").ask(token=token)
 
 
-def test_wrong_tokens_are_told_apart(site: Site) -> None:
+def test_wrong_tokens_are_told_apart(site):
     """A wrong token leaves no row."""
     over = site.join_token(1, -0.1)
     with pytest.raises(TokenExpiredError, match="it expired at"):
@@ -367,7 +362,7 @@ def test_wrong_tokens_are_told_apart(site: Site) -> None:
         ("x" * 64, "robot-006101"),
     ],
 )
-def test_requested_name_is_given_with_a_token(site: Site, wish: str, name: str) -> None:
+def test_requested_name_is_given_with_a_token(site, wish, name):
     """Where it can be; without a token, and for a MAC that has a row, nobody hears it."""
     site.announce("taken", "00:1b:44:00:61:09")
     token = site.admins_token()
@@ -376,7 +371,7 @@ def test_requested_name_is_given_with_a_token(site: Site, wish: str, name: str) 
     assert site.ask("00:1b:44:00:61:09", key(3), name=wish, token=token).robot == "taken"
 
 
-def test_local_macs_are_for_announced_robots(site: Site) -> None:
+def test_local_macs_are_for_announced_robots(site):
     """Unless they are allowed; a token does not make one unique."""
     local = "02:42:ac:11:00:02"
     for token in (None, site.admins_token()):
@@ -387,7 +382,7 @@ def test_local_macs_are_for_announced_robots(site: Site) -> None:
     assert site.ask("02:42:ac:11:00:03", OTHER_KEY).robot == "sim1"
 
 
-def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Database) -> None:
+def test_robot_that_lost_its_mac_stays_itself(site, admin_database):
     """Once a day the log says so; while the robot is online, who asks is a copy."""
     site.announce()
     site.ask()
@@ -403,13 +398,13 @@ def test_robot_that_lost_its_mac_stays_itself(site: Site, admin_database: Databa
 
 
 @pytest.fixture
-def old() -> RobotSigner:
+def old():
     """The key that the robot has."""
     return RobotSigner()
 
 
 @pytest.fixture
-def rotating_site(database: Database, old: RobotSigner) -> Site:
+def rotating_site(database, old):
     """A server on which robot sim1 is active with that key."""
     rotating_site = Site(database)
     rotating_site.announce()
@@ -420,15 +415,13 @@ def rotating_site(database: Database, old: RobotSigner) -> Site:
     return rotating_site
 
 
-def signed(old: RobotSigner, mac: str = MAC, line: str = KEY.line) -> PreviousKey:
+def signed(old, mac=MAC, line=KEY.line):
     return PreviousKey(
         old.key.fingerprint, old.sign(ROTATION_NAMESPACE, rotation_message(mac, line))
     )
 
 
-def test_signed_key_takes_the_place_of_the_one_that_signed(
-    rotating_site: Site, old: RobotSigner
-) -> None:
+def test_signed_key_takes_the_place_of_the_one_that_signed(rotating_site, old):
     """The robot stays active; asking again, as after a lost answer, changes nothing."""
     for _ in range(2):
         assert rotating_site.ask(previous=signed(old)).code == "active"
@@ -440,16 +433,14 @@ def test_signed_key_takes_the_place_of_the_one_that_signed(
 
 
 @pytest.mark.parametrize("wrong", [{"mac": OTHER_MAC}, {"line": OTHER_KEY.line}])
-def test_signature_over_something_else_is_refused(
-    rotating_site: Site, old: RobotSigner, wrong: dict[str, str]
-) -> None:
+def test_signature_over_something_else_is_refused(rotating_site, old, wrong):
     """Another MAC or another key."""
     with pytest.raises(FieldInvalidError, match="cannot use previous_key"):
         rotating_site.ask(previous=signed(old, **wrong))
     assert rotating_site.robot("sim1").key == old.key
 
 
-def test_unknown_robots_signature_changes_nothing(rotating_site: Site, old: RobotSigner) -> None:
+def test_unknown_robots_signature_changes_nothing(rotating_site, old):
     """Under the old key's name it is refused; under its own the new key only waits."""
     stranger = RobotSigner()
     forged = PreviousKey(old.key.fingerprint, signed(stranger).signature)
@@ -459,7 +450,7 @@ def test_unknown_robots_signature_changes_nothing(rotating_site: Site, old: Robo
     assert rotating_site.robot("sim1").key == old.key
 
 
-def test_only_active_robots_change_their_key(rotating_site: Site, old: RobotSigner) -> None:
+def test_only_active_robots_change_their_key(rotating_site, old):
     """A disabled one is told so; one that waits goes on waiting with the key that it showed."""
     rotating_site.set_state("sim1", "disabled")
     with pytest.raises(RobotDisabledError):
@@ -469,7 +460,7 @@ def test_only_active_robots_change_their_key(rotating_site: Site, old: RobotSign
     assert rotating_site.robot("sim1").key == old.key
 
 
-def test_key_that_waited_elsewhere_is_free_for_it(rotating_site: Site, old: RobotSigner) -> None:
+def test_key_that_waited_elsewhere_is_free_for_it(rotating_site, old):
     """Be it this robot's claim or an unknown robot's row, as an unknown robot proves nothing."""
     assert rotating_site.ask().code == "mac_in_use"
     assert rotating_site.ask(previous=signed(old)).code == "active"
@@ -477,16 +468,14 @@ def test_key_that_waited_elsewhere_is_free_for_it(rotating_site: Site, old: Robo
         assert robots.list_claims(tx) == []
 
 
-def test_unknown_robots_row_with_the_new_key_goes(rotating_site: Site, old: RobotSigner) -> None:
+def test_unknown_robots_row_with_the_new_key_goes(rotating_site, old):
     """It does not keep the robot from rotating."""
     rotating_site.ask(OTHER_MAC)
     assert rotating_site.ask(previous=signed(old)).code == "active"
     assert rotating_site.names() == ["sim1"]
 
 
-def test_key_of_another_robot_or_a_rejected_one_is_refused(
-    rotating_site: Site, old: RobotSigner
-) -> None:
+def test_key_of_another_robot_or_a_rejected_one_is_refused(rotating_site, old):
     """The old key's signature does not make up for that."""
     name = rotating_site.ask(OTHER_MAC).robot
     rotating_site.set_state(name, "active")

@@ -1,14 +1,11 @@
 """Log-ins, and when the next attempt is accepted."""
 
-from __future__ import annotations
-
 import datetime as dt
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, audit, credentials, users
+from robotether_server.db import Database, audit, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import LoginFailedError, ThrottledError
 from robotether_server.services.logging_in import (
@@ -29,24 +26,23 @@ ANN = Source("ann", "192.0.2.1")
 
 
 @pytest.fixture(autouse=True)
-def _ann(database: Database) -> None:
+def _ann(database):
     with database.transaction() as tx:
         users.add(tx, "ann", HASH, "user")
 
 
-def test_right_password_makes_a_login(database: Database) -> None:
+def test_right_password_makes_a_login(database):
     """Which ends with the log-out."""
     text = log_in(database, ANN, PASSWORD, HOUR)
     with database.transaction() as tx:
         user = credentials.find_login_user(tx, text)
-    assert user is not None
     assert user.name == "ann"
     log_out(database, ANN, text)
     with database.transaction() as tx:
         assert credentials.find_login_user(tx, text) is None
 
 
-def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
+def test_disabled_user_looks_like_a_wrong_password(database):
     """The same sentence for all three."""
     sentences = set()
     with database.transaction() as tx:
@@ -60,12 +56,10 @@ def test_disabled_user_looks_like_a_wrong_password(database: Database) -> None:
 
 
 @pytest.mark.parametrize("change", ["password", "disabled"])
-def test_what_an_admin_changes_during_the_check_counts(
-    database: Database, monkeypatch: pytest.MonkeyPatch, change: str
-) -> None:
+def test_what_an_admin_changes_during_the_check_counts(database, monkeypatch, change):
     """Whoever has the old password gets no login that outlives it."""
 
-    def matches(_password: str, _hash: str | None) -> bool:
+    def matches(_password, _hash):
         with database.transaction() as tx:
             ann = users.get(tx, "ann").id
             if change == "password":
@@ -81,7 +75,7 @@ def test_what_an_admin_changes_during_the_check_counts(
         assert tx.row("SELECT 1 FROM logins") is None
 
 
-def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_throttled_try_costs_no_hash(database, monkeypatch):
     """An attacker cannot keep the processor busy."""
     for _ in range(5):
         with pytest.raises(LoginFailedError):
@@ -94,24 +88,24 @@ def test_throttled_try_costs_no_hash(database: Database, monkeypatch: pytest.Mon
 class AfterCommits(Database):
     """Calls `then` after each commit, before anything else happens."""
 
-    def __init__(self, database: Database, then: Callable[[], None]) -> None:
+    def __init__(self, database, then):
         # The same account, and the same connections.
         vars(self).update(vars(database))
         self._then = then
 
     @contextmanager
-    def transaction(self) -> Iterator[Transaction]:
+    def transaction(self):
         with super().transaction() as tx:
             yield tx
         self._then()
 
 
-def test_guess_counts_once_when_its_outcome_has_just_come_into_the_log(database: Database) -> None:
+def test_guess_counts_once_when_its_outcome_has_just_come_into_the_log(database):
     """The last try that is left is somebody's who comes in that moment."""
     fail(database, "ann", "192.0.2.1", PER_USER_AND_NETWORK - 2)
-    outcomes: list[bool] = []
+    outcomes = []
 
-    def come_after_the_failure() -> None:
+    def come_after_the_failure():
         if failures(database) == PER_USER_AND_NETWORK - 1:
             outcomes.append(is_heard(database, "ann", "192.0.2.1"))
 
@@ -120,7 +114,7 @@ def test_guess_counts_once_when_its_outcome_has_just_come_into_the_log(database:
     assert outcomes == [True]
 
 
-def test_confirming_makes_no_login(database: Database) -> None:
+def test_confirming_makes_no_login(database):
     """A failure counts as one of a login does."""
     confirm(database, ANN, PASSWORD)
     with database.transaction() as tx:
@@ -132,19 +126,19 @@ def test_confirming_makes_no_login(database: Database) -> None:
         log_in(database, ANN, PASSWORD, HOUR)
 
 
-def fail(database: Database, name: str, address: str, times: int = 1) -> None:
+def fail(database, name, address, times=1):
     """Failures as the log has them; hashing so many passwords would take long."""
     with database.transaction() as tx:
         for _ in range(times):
             audit.record(tx, Source(name, address), "login_failed")
 
 
-def failures(database: Database) -> int:
+def failures(database):
     with database.transaction() as tx:
         return len(audit.recent_of(tx, "login_failed", "ann", START))
 
 
-def is_heard(database: Database, name: str, address: str) -> bool:
+def is_heard(database, name, address):
     try:
         log_in(database, Source(name, address), PASSWORD, HOUR)
     except ThrottledError:
@@ -154,7 +148,7 @@ def is_heard(database: Database, name: str, address: str) -> bool:
     return True
 
 
-def test_addresses_of_one_ipv6_network_count_together(database: Database) -> None:
+def test_addresses_of_one_ipv6_network_count_together(database):
     """Who has a whole /64 gets no more tries than who has one address."""
     for host in range(5):
         fail(database, "ann", f"2001:db8::{host:x}")
@@ -162,7 +156,7 @@ def test_addresses_of_one_ipv6_network_count_together(database: Database) -> Non
     assert is_heard(database, "ann", "2001:db8:0:1::1")
 
 
-def test_success_ends_what_the_pair_failed_before(database: Database) -> None:
+def test_success_ends_what_the_pair_failed_before(database):
     """A user who mistypes now and then is not added up; the network's own count goes on."""
     fail(database, "ann", "192.0.2.1", 4)
     assert is_heard(database, "ann", "192.0.2.1")
@@ -172,7 +166,7 @@ def test_success_ends_what_the_pair_failed_before(database: Database) -> None:
     assert not is_heard(database, "ann", "192.0.2.1")
 
 
-def test_success_of_one_does_not_clear_another(database: Database) -> None:
+def test_success_of_one_does_not_clear_another(database):
     """An attacker's own account is no way to more tries with somebody else's."""
     with database.transaction() as tx:
         users.add(tx, "mallory", HASH, "user")
@@ -181,7 +175,7 @@ def test_success_of_one_does_not_clear_another(database: Database) -> None:
     assert not is_heard(database, "ann", "192.0.2.1")
 
 
-def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Database) -> None:
+def test_many_addresses_against_one_user_lock_nobody_out_at_home(database):
     """New addresses wait, for that user alone; where the user has logged in before all goes on."""
     assert is_heard(database, "ann", "192.0.2.1")
     for host in range(50):
@@ -191,7 +185,7 @@ def test_many_addresses_against_one_user_lock_nobody_out_at_home(database: Datab
     assert is_heard(database, "ann", "192.0.2.1")
 
 
-def test_networks_of_a_removed_user_are_new_to_the_next_of_that_name(database: Database) -> None:
+def test_networks_of_a_removed_user_are_new_to_the_next_of_that_name(database):
     """Whose password many may guess, the former person too."""
     assert is_heard(database, "ann", "192.0.2.1")
     with database.transaction() as tx:
@@ -204,12 +198,12 @@ def test_networks_of_a_removed_user_are_new_to_the_next_of_that_name(database: D
 START = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
-def timestamps(count: int) -> list[dt.datetime]:
+def timestamps(count):
     """One failure a second."""
     return [START + dt.timedelta(seconds=at) for at in range(count)]
 
 
-def test_try_is_heard_below_all_limits() -> None:
+def test_try_is_heard_below_all_limits():
     """One failure fewer than each limit, all together."""
     failures = Failures(
         timestamps(PER_USER_AND_NETWORK - 1), timestamps(PER_NETWORK - 1), timestamps(PER_USER - 1)
@@ -222,13 +216,13 @@ def test_try_is_heard_below_all_limits() -> None:
     ("kind", "limit"),
     [("of_pair", PER_USER_AND_NETWORK), ("of_network", PER_NETWORK), ("of_user", PER_USER)],
 )
-def test_each_limit_waits_until_the_oldest_that_counts_is_forgotten(kind: str, limit: int) -> None:
+def test_each_limit_waits_until_the_oldest_that_counts_is_forgotten(kind, limit):
     """With two failures too many the third is the one whose end leaves one fewer than the limit."""
     failures = Failures(**{kind: timestamps(limit + 2)})
     assert free_at(failures) == START + dt.timedelta(seconds=2) + WINDOW
 
 
-def test_latest_of_the_ends_counts() -> None:
+def test_latest_of_the_ends_counts():
     """All limits must be free again."""
     failures = Failures(of_network=timestamps(PER_NETWORK), of_user=timestamps(PER_USER + 7))
     assert free_at(failures) == START + dt.timedelta(seconds=7) + WINDOW

@@ -1,9 +1,7 @@
 """Keys that wait, and those that were rejected."""
 
-from __future__ import annotations
-
 import pytest
-from joins import MAC, OTHER_KEY, OTHER_MAC, Site, age
+from joins import MAC, OTHER_KEY, OTHER_MAC, age
 from robotether_server.db.audit import Source
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordMissingError
@@ -14,7 +12,7 @@ ADMIN = Source("root")
 THIRD_KEY = PublicKey("ssh-ed25519 C", "SHA256:c")
 
 
-def test_waiting_keys_of_both_kinds_stand_oldest_first(site: Site) -> None:
+def test_waiting_keys_of_both_kinds_stand_oldest_first(site):
     """Robots that are active, or have shown no key, are not among them."""
     site.announce("planned", "00:1b:44:00:61:09")
     site.ask(key=OTHER_KEY)
@@ -32,7 +30,7 @@ def test_waiting_keys_of_both_kinds_stand_oldest_first(site: Site) -> None:
     }
 
 
-def test_key_that_somebody_wrote_by_sql_waits_too(site: Site) -> None:
+def test_key_that_somebody_wrote_by_sql_waits_too(site):
     """It came with no join, so it stands first."""
     site.announce("planned", OTHER_MAC)
     with site.database.transaction() as tx:
@@ -43,7 +41,7 @@ def test_key_that_somebody_wrote_by_sql_waits_too(site: Site) -> None:
     assert (found.robot, found.hostname, found.fingerprint) == ("planned", "", "SHA256:k")
 
 
-def test_forgiven_key_may_ask_again(site: Site) -> None:
+def test_forgiven_key_may_ask_again(site):
     """The log says who let it."""
     name = site.ask(OTHER_MAC, OTHER_KEY).robot
     with site.database.transaction() as tx:

@@ -1,17 +1,13 @@
 """What admins and playbooks do to robots' rows, also many at once."""
 
-from __future__ import annotations
-
 import dataclasses
 import threading
-from collections.abc import Callable
 
 import pytest
 from joins import KEY, MAC, OTHER_KEY, OTHER_MAC, REPORT, Site, key
 from robot_signer import RobotSigner
-from robotether_server.db import Database, audit, robots, seen_robots
+from robotether_server.db import audit, robots, seen_robots
 from robotether_server.db.audit import Source
-from robotether_server.db.robots import RobotRow
 from robotether_server.problems import (
     FieldInvalidError,
     KeyInUseError,
@@ -33,23 +29,23 @@ from robotether_server.services.robots import Registration
 ADMIN = Source("root", "192.0.2.9")
 
 
-def do(site: Site, action: Callable[..., RobotRow], *args: object, **options: object) -> RobotRow:
+def do(site, action, *args, **options):
     with site.database.transaction() as tx:
         return action(tx, ADMIN, *args, **options)
 
 
-def logged(site: Site) -> list[tuple[str, str | None, str | None]]:
+def logged(site):
     """Kind, robot and address of what admins did, the oldest first."""
     with site.database.transaction() as tx:
         found = audit.find(tx, audit.AuditSearch(actor="root"))
     return [(event.kind, event.robot, event.address) for event in reversed(found)]
 
 
-def details(site: Site, kind: str) -> dict[str, object]:
+def details(site, kind):
     return site.events(kind)[0].details
 
 
-def test_added_robot_waits_for_its_key(site: Site) -> None:
+def test_added_robot_waits_for_its_key(site):
     """A local MAC only when the admin says so."""
     assert do(site, robot_service.add, "001b.4400.6102", "turtle").mac == OTHER_MAC
     with pytest.raises(FieldInvalidError, match="--allow-local-mac"):
@@ -63,7 +59,7 @@ def test_added_robot_waits_for_its_key(site: Site) -> None:
     ]
 
 
-def test_unknown_robot_does_not_keep_its_mac_from_being_announced(site: Site) -> None:
+def test_unknown_robot_does_not_keep_its_mac_from_being_announced(site):
     """Its key waits on under the admin's name, also where first keys get in unseen."""
     first_key = dataclasses.replace(site, policy="first-key")
     first_key.ask(OTHER_MAC, OTHER_KEY)
@@ -73,7 +69,7 @@ def test_unknown_robot_does_not_keep_its_mac_from_being_announced(site: Site) ->
     assert site.names() == ["sim1", "turtle"]
 
 
-def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site: Site) -> None:
+def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site):
     """Anybody who knows the new card's MAC could; asking again, its key is a claim."""
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
     assert do(site, robot_service.set_mac, "sim1", OTHER_MAC).mac == OTHER_MAC
@@ -82,7 +78,7 @@ def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site: Site) -> N
     assert site.ask(OTHER_MAC, OTHER_KEY).code == "mac_in_use"
 
 
-def test_approved_is_the_key_that_was_compared(site: Site) -> None:
+def test_approved_is_the_key_that_was_compared(site):
     """Whatever else waits there; approving it again changes nothing."""
     site.announce("turtle", OTHER_MAC)
     with pytest.raises(NotPossibleError, match="it has not joined yet"):
@@ -96,7 +92,7 @@ def test_approved_is_the_key_that_was_compared(site: Site) -> None:
     assert logged(site) == [("robot_approved", "turtle", "192.0.2.9")]
 
 
-def test_approved_claim_replaces_the_key(site: Site) -> None:
+def test_approved_claim_replaces_the_key(site):
     """The connections of the old key end, those of a rotation before it too."""
     site.ask(key=OTHER_KEY)
     robot = do(site, robot_service.approve, "sim1", "SHA256:b")
@@ -108,20 +104,20 @@ def test_approved_claim_replaces_the_key(site: Site) -> None:
     assert site.ask().code == "mac_in_use"
 
 
-def test_claim_of_another_robot_is_not_approved_here(site: Site) -> None:
+def test_claim_of_another_robot_is_not_approved_here(site):
     """A claim of another robot, or of a disabled one, is not approved here."""
     site.ask(key=OTHER_KEY)
     site.announce("turtle", OTHER_MAC)
     for action in (robot_service.approve, robot_service.reject):
         with pytest.raises(NotPossibleError):
-            do(site, action, "turtle", "SHA256:b")  # type: ignore[arg-type] # reject returns nothing
+            do(site, action, "turtle", "SHA256:b")  # reject returns nothing
     do(site, robot_service.disable, "sim1")
     with pytest.raises(NotPossibleError, match="robotether robot enable sim1"):
         do(site, robot_service.approve, "sim1", "SHA256:b")
 
 
 @pytest.mark.parametrize("is_announced", [True, False])
-def test_rejected_key_is_remembered(site: Site, is_announced: bool) -> None:
+def test_rejected_key_is_remembered(site, is_announced):
     """An unknown robot's row goes with it; an announced robot waits for its first key again."""
     if is_announced:
         site.announce("robot-006102", OTHER_MAC)
@@ -140,7 +136,7 @@ def test_rejected_key_is_remembered(site: Site, is_announced: bool) -> None:
     assert logged(site) == [("key_rejected", "robot-006102", "192.0.2.9")]
 
 
-def test_rejected_claim_leaves_the_robot_as_it_is(site: Site) -> None:
+def test_rejected_claim_leaves_the_robot_as_it_is(site):
     """An approved key is not rejected but forgotten."""
     site.ask(key=OTHER_KEY)
     with site.database.transaction() as tx:
@@ -153,7 +149,7 @@ def test_rejected_claim_leaves_the_robot_as_it_is(site: Site) -> None:
     assert (site.robot("sim1").state, site.robot("sim1").key) == ("active", KEY)
 
 
-def test_disabled_robot_comes_back_as_it_was(site: Site) -> None:
+def test_disabled_robot_comes_back_as_it_was(site):
     """With its key, if that was approved; once more makes no second line."""
     for _ in range(2):
         assert do(site, robot_service.disable, "sim1").state == "disabled"
@@ -163,7 +159,7 @@ def test_disabled_robot_comes_back_as_it_was(site: Site) -> None:
     assert [kind for kind, _, _ in logged(site)] == ["robot_disabled", "robot_enabled"]
 
 
-def test_key_that_waited_is_not_approved_by_the_way(site: Site) -> None:
+def test_key_that_waited_is_not_approved_by_the_way(site):
     """Disable and enable leave a robot without a key."""
     name = site.ask(OTHER_MAC, OTHER_KEY).robot
     do(site, robot_service.disable, name)
@@ -171,7 +167,7 @@ def test_key_that_waited_is_not_approved_by_the_way(site: Site) -> None:
     assert (robot.state, robot.key) == ("pending", None)
 
 
-def test_changes_keep_the_rest_and_are_logged_once(site: Site) -> None:
+def test_changes_keep_the_rest_and_are_logged_once(site):
     """Asking for what is so already changes nothing."""
     for _ in range(2):
         robot = do(site, robot_service.set_mac, "sim1", "001b.4400.6102")
@@ -202,7 +198,7 @@ def test_changes_keep_the_rest_and_are_logged_once(site: Site) -> None:
     assert do(site, robot_service.set_settings, "turtle", {}).settings == {}
 
 
-def test_settings_are_changed_from_what_they_are(site: Site) -> None:
+def test_settings_are_changed_from_what_they_are(site):
     """With one line in the log that has both; a change that is wrong does nothing."""
     do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
     changed = do(
@@ -221,7 +217,7 @@ def test_settings_are_changed_from_what_they_are(site: Site) -> None:
     ]
 
 
-def test_wrong_changes_are_refused(site: Site) -> None:
+def test_wrong_changes_are_refused(site):
     """What the database refuses comes with its sentence."""
     with pytest.raises(FieldInvalidError, match="locally administered"):
         do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
@@ -231,7 +227,7 @@ def test_wrong_changes_are_refused(site: Site) -> None:
     assert do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01", allow_local_mac=True).id
 
 
-def test_rekeyed_robot_has_no_key(site: Site) -> None:
+def test_rekeyed_robot_has_no_key(site):
     """And waits, unless it is disabled; only an active robot is asked to rotate its own."""
     robot = do(site, robot_service.rekey, "sim1")
     assert (robot.state, robot.key) == ("pending", None)
@@ -242,7 +238,7 @@ def test_rekeyed_robot_has_no_key(site: Site) -> None:
     assert do(site, robot_service.rekey, "sim1").state == "disabled"
 
 
-def test_removed_robot_is_told_as_it_was(site: Site) -> None:
+def test_removed_robot_is_told_as_it_was(site):
     """The log keeps its MAC and key."""
     robot = do(site, robot_service.remove, "sim1")
     assert (robot.name, robot.key) == ("sim1", KEY)
@@ -254,20 +250,12 @@ NEW_MAC = "00:1b:44:00:61:77"
 
 
 @pytest.fixture(scope="module")
-def signer() -> RobotSigner:
+def signer():
     """The key that the playbook made on its robot."""
     return RobotSigner()
 
 
-def register(
-    site: Site,
-    signer: RobotSigner,
-    name: str = "turtle",
-    mac: str = NEW_MAC,
-    *,
-    token: str | None = None,
-    local: bool = False,
-) -> tuple[RobotRow, bool]:
+def register(site, signer, name="turtle", mac=NEW_MAC, *, token=None, local=False):
     with site.database.transaction() as tx:
         credential = joining.find_credential(tx, token) if token else EnrolmentCredential("root")
         proof = signer.proof(mac) if token else None
@@ -275,7 +263,7 @@ def register(
         return robot_service.register(tx, ADMIN, asked)
 
 
-def test_new_robot_is_made_and_active(site: Site, signer: RobotSigner) -> None:
+def test_new_robot_is_made_and_active(site, signer):
     """Asking again changes nothing and uses no token up."""
     token = site.join_token(1)
     robot, is_made = register(site, signer, token=token)
@@ -289,7 +277,7 @@ def test_new_robot_is_made_and_active(site: Site, signer: RobotSigner) -> None:
     assert (event.robot, event.actor, event.address) == ("turtle", "root", "192.0.2.9")
 
 
-def test_used_up_token_makes_no_robot(site: Site, signer: RobotSigner) -> None:
+def test_used_up_token_makes_no_robot(site, signer):
     """And leaves no row; nor does it let in again whom an admin removed."""
     token = site.join_token(1)
     register(site, signer, token=token)
@@ -300,7 +288,7 @@ def test_used_up_token_makes_no_robot(site: Site, signer: RobotSigner) -> None:
     assert site.names() == ["sim1"]
 
 
-def test_announced_robot_takes_the_key(site: Site, signer: RobotSigner) -> None:
+def test_announced_robot_takes_the_key(site, signer):
     """In place of one that only waits there, too."""
     site.announce("turtle", NEW_MAC)
     site.ask(NEW_MAC, OTHER_KEY)
@@ -308,7 +296,7 @@ def test_announced_robot_takes_the_key(site: Site, signer: RobotSigner) -> None:
     assert (robot.state, robot.key, is_made) == ("active", signer.key, False)
 
 
-def test_unknown_robot_keeps_neither_mac_nor_key_nor_name(site: Site, signer: RobotSigner) -> None:
+def test_unknown_robot_keeps_neither_mac_nor_key_nor_name(site, signer):
     """Its row gets the playbook's name; the key that it showed elsewhere is free."""
     site.ask(NEW_MAC, OTHER_KEY)
     site.ask(OTHER_MAC, signer.key)
@@ -317,7 +305,7 @@ def test_unknown_robot_keeps_neither_mac_nor_key_nor_name(site: Site, signer: Ro
     assert site.names() == ["sim1", "turtle"]
 
 
-def test_what_belongs_to_another_is_told_apart(site: Site, signer: RobotSigner) -> None:
+def test_what_belongs_to_another_is_told_apart(site, signer):
     """Each refusal says what to do, and changes nothing."""
     with pytest.raises(MacInUseError, match="robotether robot rekey sim1"):
         register(site, signer, "sim1", MAC)
@@ -333,7 +321,7 @@ def test_what_belongs_to_another_is_told_apart(site: Site, signer: RobotSigner) 
     assert site.names() == ["sim1", "turtle"]
 
 
-def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigner) -> None:
+def test_disabled_robot_and_rejected_key_stay_out(site, signer):
     """A playbook does not undo what an admin decided."""
     register(site, signer)
     site.set_state("turtle", "disabled")
@@ -346,7 +334,7 @@ def test_disabled_robot_and_rejected_key_stay_out(site: Site, signer: RobotSigne
         register(site, signer)
 
 
-def test_what_is_no_name_mac_or_key_is_refused(site: Site, signer: RobotSigner) -> None:
+def test_what_is_no_name_mac_or_key_is_refused(site, signer):
     """A locally administered MAC too, unless it is allowed or announced."""
     with pytest.raises(RecordRefusedError, match="a name has a-z"):
         register(site, signer, "No Name")
@@ -357,7 +345,7 @@ def test_what_is_no_name_mac_or_key_is_refused(site: Site, signer: RobotSigner) 
     assert register(site, signer, mac="02:00:00:00:00:01", local=True)[1]
 
 
-def ask_again(ask: Callable[[int], Answer], number: int, tries: int = 10) -> Answer:
+def ask_again(ask, number, tries=10):
     """Ask until there is a turn, as agents do: a busy machine has fewer than twenty in the time that web waits.
 
     A database that refused, for a deadlock say, is the problem's cause, and is not asked again.
@@ -370,15 +358,13 @@ def ask_again(ask: Callable[[int], Answer], number: int, tries: int = 10) -> Ans
     return ask_again(ask, number, tries - 1)
 
 
-def all_at_once(
-    count: int, ask: Callable[[int], Answer]
-) -> tuple[list[Answer], list[RobotetherError]]:
+def all_at_once(count, ask):
     """Let that many robots ask, each in a thread."""
-    answers: list[Answer] = []
-    problems: list[RobotetherError] = []
+    answers = []
+    problems = []
     together = threading.Barrier(count)
 
-    def run(number: int) -> None:
+    def run(number):
         together.wait(20)
         try:
             answers.append(ask_again(ask, number))
@@ -393,7 +379,7 @@ def all_at_once(
     return answers, problems
 
 
-def test_joins_at_once_leave_no_double_row(database: Database) -> None:
+def test_joins_at_once_leave_no_double_row(database):
     """The same robot twenty times; twenty robots of one maker; twenty keys of one MAC."""
     site = Site(database, limit=100)
     assert all_at_once(20, lambda _: site.ask()) == ([site.ask()] * 20, [])
@@ -406,7 +392,7 @@ def test_joins_at_once_leave_no_double_row(database: Database) -> None:
     assert problems == []
 
 
-def test_one_key_at_many_macs_at_once_gets_one(database: Database) -> None:
+def test_one_key_at_many_macs_at_once_gets_one(database):
     """Whoever is first; the last use of a token lets one in as well."""
     site = Site(database)
     answers, problems = all_at_once(5, lambda n: site.ask(f"00:1b:44:00:72:0{n}"))
@@ -418,13 +404,13 @@ def test_one_key_at_many_macs_at_once_gets_one(database: Database) -> None:
     assert (len(answers), {type(problem) for problem in problems}) == (1, {TokenUsedUpError})
 
 
-def test_admin_who_approves_while_others_join_is_heard(database: Database) -> None:
+def test_admin_who_approves_while_others_join_is_heard(database):
     """What was approved is what was shown."""
     site = Site(database, limit=100)
     site.announce()
     site.ask()
 
-    def join_or_approve(number: int) -> Answer:
+    def join_or_approve(number):
         if number:
             return site.ask(
                 key=key(number), report=dataclasses.replace(REPORT, address=f"192.0.2.{number}")

@@ -1,13 +1,10 @@
 """People's SSH keys, and the entries for their ssh."""
 
-from __future__ import annotations
-
 import subprocess
-from pathlib import Path
 
 import pytest
 from granted import give
-from joins import OTHER_MAC, Site
+from joins import OTHER_MAC
 from robot_signer import RobotSigner
 from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
@@ -24,14 +21,12 @@ ANN = Source("ann")
 
 
 @pytest.fixture(scope="module")
-def signer() -> RobotSigner:
+def signer():
     """A real key, with the comment `robot`."""
     return RobotSigner()
 
 
-def test_key_is_named_by_its_comment_unless_a_name_is_given(
-    site: Site, signer: RobotSigner
-) -> None:
+def test_key_is_named_by_its_comment_unless_a_name_is_given(site, signer):
     """Without either, by its fingerprint."""
     bare = signer.key.line
     with site.database.transaction() as tx:
@@ -50,7 +45,7 @@ def test_key_is_named_by_its_comment_unless_a_name_is_given(
     assert (len(site.events("ssh_key_added")), len(site.events("ssh_key_deleted"))) == (3, 3)
 
 
-def test_other_peoples_keys_are_out_of_reach(site: Site, signer: RobotSigner) -> None:
+def test_other_peoples_keys_are_out_of_reach(site, signer):
     """Their numbers are as unknown as those of no key."""
     with site.database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
@@ -59,7 +54,7 @@ def test_other_peoples_keys_are_out_of_reach(site: Site, signer: RobotSigner) ->
             ssh_keys.delete(tx, Source("root"), root, key.id)
 
 
-def test_what_is_no_key_is_refused(site: Site, signer: RobotSigner) -> None:
+def test_what_is_no_key_is_refused(site, signer):
     """Options above all; and a name that would break a table."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -70,9 +65,7 @@ def test_what_is_no_key_is_refused(site: Site, signer: RobotSigner) -> None:
             ssh_keys.add(tx, ANN, ann, "de\tsk", signer.line)
 
 
-def test_a_user_has_so_many_keys_at_most(
-    site: Site, signer: RobotSigner, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_user_has_so_many_keys_at_most(site, signer, monkeypatch):
     """Each is a line that sshd is told at a log-in."""
     monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
     with site.database.transaction() as tx, pytest.raises(NotPossibleError, match="delete one"):
@@ -82,7 +75,7 @@ def test_a_user_has_so_many_keys_at_most(
 ENTRY = ShellEntry("sim1", 24000, None)
 
 
-def test_entries_are_the_shells_that_one_manages(site: Site) -> None:
+def test_entries_are_the_shells_that_one_manages(site):
     """Active robots with a shell; a setting that SQL wrote wrongly is left out."""
     site.announce("waits", OTHER_MAC)
     with site.database.transaction() as tx:
@@ -103,7 +96,7 @@ def test_entries_are_the_shells_that_one_manages(site: Site) -> None:
 
 
 @pytest.mark.parametrize("host", ["cloud.example", "192.0.2.1", "2001:db8::1"])
-def test_ssh_understands_what_is_rendered(tmp_path: Path, host: str) -> None:
+def test_ssh_understands_what_is_rendered(tmp_path, host):
     """Asked with ssh -G, one robot after the other."""
     file = tmp_path / "config"
     entries = [ENTRY, ShellEntry("turtle", 24001, "pi")]

@@ -1,12 +1,9 @@
 """API tokens and join tokens: who makes them, and what lets a robot in."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from api_visitor import new_public_key
-from joins import Site
 from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
@@ -22,7 +19,7 @@ from robotether_server.services import ssh_keys, tokens
 ANN = Source("ann")
 
 
-def test_token_works_until_it_is_deleted(site: Site) -> None:
+def test_token_works_until_it_is_deleted(site):
     """The log names it and never has its text."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -43,7 +40,7 @@ def test_token_works_until_it_is_deleted(site: Site) -> None:
     assert text not in repr(site.events("token_created"))
 
 
-def test_what_a_token_made_goes_with_it(site: Site) -> None:
+def test_what_a_token_made_goes_with_it(site):
     """Join tokens and SSH keys, as the log says; what its user made by a login stays. It makes no API token."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -63,7 +60,7 @@ def test_what_a_token_made_goes_with_it(site: Site) -> None:
         assert len(site.events(kind)) == 1
 
 
-def test_wrong_or_taken_name_is_refused(site: Site) -> None:
+def test_wrong_or_taken_name_is_refused(site):
     """A user's tokens have different names."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -74,7 +71,7 @@ def test_wrong_or_taken_name_is_refused(site: Site) -> None:
             tokens.create(tx, ANN, ann, "c\ni", None)
 
 
-def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_fills_the_table(site, monkeypatch):
     """Each user has a bound of their own."""
     monkeypatch.setattr(tokens, "MAX_TOKENS", 1)
     with site.database.transaction() as tx:
@@ -88,11 +85,11 @@ def test_nobody_fills_the_table(site: Site, monkeypatch: pytest.MonkeyPatch) -> 
 ADMIN = Source("root")
 
 
-def hours(count: float) -> dt.datetime:
+def hours(count):
     return dt.datetime.now(dt.UTC) + dt.timedelta(hours=count)
 
 
-def test_token_is_made_listed_and_deleted(site: Site) -> None:
+def test_token_is_made_listed_and_deleted(site):
     """The log names it and never has its text."""
     with site.database.transaction() as tx:
         text = tokens.create_join_token(tx, ADMIN, "lab", 10000, hours(8760))
@@ -106,9 +103,9 @@ def test_token_is_made_listed_and_deleted(site: Site) -> None:
     assert text not in repr(events)
 
 
-def test_wrong_token_is_not_made(site: Site) -> None:
+def test_wrong_token_is_not_made(site):
     """A name that fits a table, 1 to 10000 uses, an end within a year."""
-    wrong: list[tuple[str, int, float]] = [
+    wrong = [
         *((name, 1, 1) for name in ("", " lab", "l\nab", "x" * 64)),
         *(("lab", uses, 1) for uses in (0, 10001)),
         *(("lab", 1, end) for end in (0, -1, 8761)),

@@ -1,15 +1,12 @@
 """Users, of whom one stays an admin."""
 
-from __future__ import annotations
-
 import datetime as dt
 import threading
-from collections.abc import Callable
 
 import pytest
-from joins import OTHER_KEY, OTHER_MAC, Site
+from joins import OTHER_KEY, OTHER_MAC
 from robotether_server import passwords
-from robotether_server.db import Database, Transaction, credentials, users
+from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalidError,
@@ -26,7 +23,7 @@ ADMIN = Source("root")
 PASSWORD = "a long enough password"
 
 
-def test_user_is_added_with_a_password(site: Site) -> None:
+def test_user_is_added_with_a_password(site):
     """A short password or a name that is taken leaves nothing."""
     with site.database.transaction() as tx:
         bob = user_service.add(tx, ADMIN, "bob", PASSWORD, "user")
@@ -38,12 +35,12 @@ def test_user_is_added_with_a_password(site: Site) -> None:
     assert [event.actor for event in site.events("user_added")] == ["root"]
 
 
-def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
+def test_first_admin_is_made_where_there_is_no_user(database):
     """Of several servers that start at once one makes it, and none where there is any user."""
     together = threading.Barrier(4)
-    made: list[str] = []
+    made = []
 
-    def start(password: str) -> None:
+    def start(password):
         with database.transaction() as tx:
             # What the transaction sees is settled before any of them adds.
             assert users.list_all(tx) == []
@@ -66,7 +63,7 @@ def test_first_admin_is_made_where_there_is_no_user(database: Database) -> None:
         assert not user_service.add_first(tx, ADMIN, PASSWORD)
 
 
-def test_new_password_log_out_and_disabling_end_logins(site: Site) -> None:
+def test_new_password_log_out_and_disabling_end_logins(site):
     """Each says so in the log, without the password."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -86,7 +83,7 @@ def test_new_password_log_out_and_disabling_end_logins(site: Site) -> None:
     assert len(site.events("logins_ended")) == 1
 
 
-def test_role_and_state_change_once(site: Site) -> None:
+def test_role_and_state_change_once(site):
     """Asking for what is so already leaves no line."""
     with site.database.transaction() as tx:
         for _ in range(2):
@@ -101,7 +98,7 @@ def test_role_and_state_change_once(site: Site) -> None:
         assert len(site.events(kind)) == 1, kind
 
 
-LAST: list[Callable[[Transaction], object]] = [
+LAST = [
     lambda tx: user_service.remove(tx, ADMIN, "root"),
     lambda tx: user_service.set_disabled(tx, ADMIN, "root", disabled=True),
     lambda tx: user_service.set_role(tx, ADMIN, "root", "user"),
@@ -109,7 +106,7 @@ LAST: list[Callable[[Transaction], object]] = [
 
 
 @pytest.mark.parametrize("action", LAST)
-def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -> None:
+def test_last_admin_stays(site, action):
     """Another admin who is disabled does not count; one who is enabled does."""
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
@@ -120,14 +117,14 @@ def test_last_admin_stays(site: Site, action: Callable[[Transaction], object]) -
         action(tx)
 
 
-def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None:
+def test_two_admins_who_remove_each_other_are_not_both_heard(site):
     """One of them is left."""
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
     together = threading.Barrier(2)
-    problems: list[RobotetherError] = []
+    problems = []
 
-    def remove(name: str) -> None:
+    def remove(name):
         try:
             with site.database.transaction() as tx:
                 together.wait(20)
@@ -146,7 +143,7 @@ def test_two_admins_who_remove_each_other_are_not_both_heard(site: Site) -> None
 
 
 @pytest.mark.parametrize("end", ["role", "disabled", "removed"])
-def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site: Site, end: str) -> None:
+def test_an_admin_who_is_one_no_more_takes_the_join_tokens_along(site, end):
     """Whoever wrote one down lets no more robots in with it; other admins' tokens stay."""
     later = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     with site.database.transaction() as tx:

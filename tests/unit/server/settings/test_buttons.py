@@ -1,7 +1,5 @@
 """What the buttons of a drive page may be."""
 
-from __future__ import annotations
-
 import drive_settings
 import pytest
 from drive_settings import LIGHTS
@@ -11,7 +9,7 @@ from robotether_server.settings.buttons import MAX_BUTTONS, MAX_FIELDS_BYTES, pa
 DOCK = {**drive_settings.DOCK, "type": ""}
 
 
-def nested(depth: int) -> dict[str, object]:
+def nested(depth):
     return {"a": nested(depth - 1)} if depth > 1 else {}
 
 

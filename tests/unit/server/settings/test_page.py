@@ -1,7 +1,5 @@
 """What a robot's settings may say about its drive page."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

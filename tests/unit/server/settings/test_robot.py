@@ -1,10 +1,7 @@
 """What a robot's settings may hold, what they mean, and what is kept of them."""
 
-from __future__ import annotations
-
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 from drive_settings import DOCK, LIGHTS
@@ -42,20 +39,20 @@ VALUES = st.recursive(
 SETTINGS = {"shell_user": "pi", "guard": {"max_speed_m_s": None, "deadman_ms": 300}}
 
 
-def documented(part: str) -> Any:
+def documented(part):
     """The first JSON of a part's section in the reference."""
     section = DOCUMENT.read_text().split(f"\n## {part}\n", 1)[1]
     return json.loads(section.split("```json\n", 1)[1].split("```", 1)[0])
 
 
 @pytest.mark.parametrize("part", ["policy", "guard", "page"])
-def test_the_defaults_are_the_documented_ones(part: str) -> None:
+def test_the_defaults_are_the_documented_ones(part):
     """All members, as the reference shows them, and what it shows can be set."""
     assert get_path(DEFAULTS.as_dict(), part) == documented(part)
     assert parse({part: documented(part)}) == parse({}) == DEFAULTS
 
 
-def test_documented_buttons_can_be_set() -> None:
+def test_documented_buttons_can_be_set():
     """As they are; one that does not ask first need not say so."""
     shown = documented("buttons")
     given = {"policy": BUTTONS_POLICY, "buttons": shown}
@@ -147,7 +144,7 @@ def test_only_drivers_have_the_drive_topics():
 def test_a_wrong_value_is_named(path, value):
     """Who gave it reads which member it was."""
     *parents, last = path.split(".")
-    settings: dict[str, object] = {last: value}
+    settings = {last: value}
     for parent in reversed(parents):
         settings = {parent: settings}
     with pytest.raises(FieldInvalidError, match=f"cannot use {path}: "):
@@ -242,7 +239,7 @@ def test_whatever_is_given_is_refused_or_kept(value):
     assert parse(json.loads(json.dumps(settings.as_given()))) == settings
 
 
-def test_paths_lead_to_values() -> None:
+def test_paths_lead_to_values():
     """Null is a value; what is not there is none."""
     assert get_path(SETTINGS, "guard.deadman_ms") == 300
     assert get_path(SETTINGS, "guard.deadman_ms.x") is None
@@ -252,7 +249,7 @@ def test_paths_lead_to_values() -> None:
         assert not is_in(SETTINGS, path)
 
 
-def test_values_are_put_where_they_belong() -> None:
+def test_values_are_put_where_they_belong():
     """Beside what is there, or in the place of what stands in their way; what was given stays."""
     assert put_path(SETTINGS, "guard.deadman_ms", 400) == {
         "shell_user": "pi",
@@ -264,7 +261,7 @@ def test_values_are_put_where_they_belong() -> None:
     assert get_path(SETTINGS, "guard.deadman_ms") == 300
 
 
-def test_values_are_taken_out() -> None:
+def test_values_are_taken_out():
     """Nothing happens where nothing stands."""
     assert remove_path(SETTINGS, "shell_user") == {"guard": SETTINGS["guard"]}
     assert remove_path(SETTINGS, "guard.deadman_ms") == {

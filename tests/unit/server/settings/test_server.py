@@ -1,7 +1,5 @@
 """Settings: each part demands what it needs, and a wrong value stops the start with a sentence."""
 
-from __future__ import annotations
-
 import traceback
 from pathlib import Path
 
@@ -13,7 +11,6 @@ from robotether_server.settings.server import (
     DatabaseSettings,
     MigrateSettings,
     RelaySettings,
-    Variable,
     WebSettings,
     in_force,
     load,
@@ -26,7 +23,7 @@ WEB = DATABASE | {"TICKET_KEY": KEY, "WEB_SECRET_KEY": "x" * 32}
 RELAY = DATABASE | {"TICKET_KEY": KEY, "SESSION_KEY": "y" * 32}
 
 
-def test_defaults_are_the_documented_ones() -> None:
+def test_defaults_are_the_documented_ones():
     """With nothing but secrets and the account, everything else has its default."""
     web = load(WebSettings, WEB)
     assert (web.database.host, web.database.port, web.database.name) == (
@@ -66,9 +63,7 @@ def test_defaults_are_the_documented_ones() -> None:
         (MigrateSettings, DATABASE, "DB_PASSWORD"),
     ],
 )
-def test_missing_secret_or_account_stops_the_start(
-    kind: type, environ: dict[str, str], missing: str
-) -> None:
+def test_missing_secret_or_account_stops_the_start(kind, environ, missing):
     """There is no default that works; a variable that is empty counts as missing."""
     for value in (None, ""):
         changed = {name: text for name, text in environ.items() if name != missing}
@@ -78,7 +73,7 @@ def test_missing_secret_or_account_stops_the_start(
             load(kind, changed)
 
 
-def test_range_must_hold_a_pair() -> None:
+def test_range_must_hold_a_pair():
     """The sentence names both ends."""
     environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
     with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
@@ -94,7 +89,7 @@ def test_range_must_hold_a_pair() -> None:
         ("19000", "20000", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
     ],
 )
-def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -> None:
+def test_shell_ports_are_a_range_of_their_own(first, last, why):
     """One port may be enough; no port is of both ranges."""
     item = load(
         MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
@@ -104,7 +99,7 @@ def test_shell_ports_are_a_range_of_their_own(first: str, last: str, why: str) -
         load(MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
 
 
-def test_in_force_shows_everything_and_no_secret() -> None:
+def test_in_force_shows_everything_and_no_secret():
     """Secrets are masked, and what is not set is said so."""
     shown = in_force(WEB | {"TICKET_TTL_S": "45"})
     assert shown["TICKET_TTL_S"] == "45"
@@ -113,7 +108,7 @@ def test_in_force_shows_everything_and_no_secret() -> None:
     assert not set(WEB.values()) - {"web"} & set(shown.values())
 
 
-def test_secret_that_may_be_empty_is_not_masked(tmp_path: Path) -> None:
+def test_secret_that_may_be_empty_is_not_masked(tmp_path):
     """A mask stands for a value; an empty file is none."""
     file = tmp_path / "admin_password"
     file.write_text("\n")
@@ -124,13 +119,13 @@ def test_secret_that_may_be_empty_is_not_masked(tmp_path: Path) -> None:
     assert in_force(from_file)["ADMIN_PASSWORD"] == MASK
 
 
-def test_in_force_refuses_a_wrong_value() -> None:
+def test_in_force_refuses_a_wrong_value():
     """What is printed is what would start."""
     with pytest.raises(SettingsError, match="TICKET_TTL_S='soon'"):
         in_force(WEB | {"TICKET_TTL_S": "soon"})
 
 
-def test_printing_settings_shows_no_secret() -> None:
+def test_printing_settings_shows_no_secret():
     """A log line with the whole object gives nothing away."""
     loaded = (load(WebSettings, WEB), load(RelaySettings, RELAY))
     for secret in {*WEB.values(), *RELAY.values()} - {"web"}:
@@ -180,7 +175,7 @@ def test_printing_settings_shows_no_secret() -> None:
         ("LOG_LEVEL", "loud"),
     ],
 )
-def test_wrong_value_is_named_with_what_is_allowed(name: str, value: str) -> None:
+def test_wrong_value_is_named_with_what_is_allowed(name, value):
     """The sentence has variable, value and the allowed values."""
     variable = VARIABLES[name]
     with pytest.raises(SettingsError) as refused:
@@ -189,7 +184,7 @@ def test_wrong_value_is_named_with_what_is_allowed(name: str, value: str) -> Non
 
 
 @pytest.mark.parametrize("variable", VARIABLES.values(), ids=lambda variable: variable.name)
-def test_every_default_is_allowed_and_no_secret_has_one(variable: Variable) -> None:
+def test_every_default_is_allowed_and_no_secret_has_one(variable):
     """A default that its own rule refuses would stop every start."""
     if variable.secret:
         assert not variable.default
@@ -213,39 +208,39 @@ def test_every_default_is_allowed_and_no_secret_has_one(variable: Variable) -> N
         ("AUDIT_DAYS", "0", 0),
     ],
 )
-def test_value_is_read(name: str, text: str, value: object) -> None:
+def test_value_is_read(name, text, value):
     """Ports keep their order; white space after a comma is none of an origin's."""
     assert VARIABLES[name].read({name: text}) == value
 
 
-def test_secret_comes_from_its_file(tmp_path: Path) -> None:
+def test_secret_comes_from_its_file(tmp_path):
     """The newline at the end of the file is not part of it."""
     file = tmp_path / "secret"
     file.write_text("of the file\n".replace(" ", "-"))
     assert PASSWORD.read({"DB_PASSWORD_FILE": str(file)}) == "of-the-file"
 
 
-def test_secret_from_both_is_refused(tmp_path: Path) -> None:
+def test_secret_from_both_is_refused(tmp_path):
     """Which one holds would be a guess."""
     environ = {"DB_PASSWORD": "a", "DB_PASSWORD_FILE": str(tmp_path / "b")}
     with pytest.raises(SettingsError, match="both DB_PASSWORD and DB_PASSWORD_FILE"):
         PASSWORD.read(environ)
 
 
-def test_file_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+def test_file_that_cannot_be_read_is_named(tmp_path):
     """The sentence has variable and path."""
     with pytest.raises(SettingsError, match=r"DB_PASSWORD_FILE=.*nowhere"):
         PASSWORD.read({"DB_PASSWORD_FILE": str(tmp_path / "nowhere")})
 
 
-def test_only_secrets_come_from_files() -> None:
+def test_only_secrets_come_from_files():
     """LOG_LEVEL_FILE is nothing that anybody reads."""
     assert VARIABLES["LOG_LEVEL"].read({"LOG_LEVEL_FILE": "/etc/passwd"}) == "info"
 
 
 @pytest.mark.parametrize("name", [item.name for item in VARIABLES.values() if item.secret])
 @pytest.mark.parametrize("is_in_file", [False, True])
-def test_wrong_secret_is_not_shown(name: str, is_in_file: bool, tmp_path: Path) -> None:
+def test_wrong_secret_is_not_shown(name, is_in_file, tmp_path):
     """The sentence has the name and what is allowed; not even a traceback has the value."""
     file = tmp_path / "secret"
     file.write_text("has blanks")

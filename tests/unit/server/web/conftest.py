@@ -1,14 +1,11 @@
 """An admin and a user in browsers."""
 
-from __future__ import annotations
-
 import pytest
-from flask import Flask
 from web_visitor import Browser
 
 
 @pytest.fixture
-def admin(app: Flask) -> Browser:
+def admin(app):
     """root, logged in."""
     browser = Browser(app.test_client())
     browser.log_in("root")
@@ -16,7 +13,7 @@ def admin(app: Flask) -> Browser:
 
 
 @pytest.fixture
-def ann(app: Flask) -> Browser:
+def ann(app):
     """A user who is no admin, logged in."""
     browser = Browser(app.test_client())
     browser.log_in("ann")

@@ -1,21 +1,14 @@
 """The application as a whole, the security headers of every answer, and which pages of other sites may read what."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
-from flask import Flask
-from robotether_server.db import Database
-from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
 from robotether_server.web.app import MAX_REQUEST_BYTES, content_security_policy, make_app
 from web_visitor import Browser, bearer
 
 
-def test_large_request_is_refused(program: Browser) -> None:
+def test_large_request_is_refused(program):
     """Nobody fills the memory through a form or a join."""
     body = b"x" * (MAX_REQUEST_BYTES + 1)
     kind = "application/json"
@@ -23,7 +16,7 @@ def test_large_request_is_refused(program: Browser) -> None:
     assert answer.status_code == 413
 
 
-def test_form_cookie_is_kept_from_scripts_and_other_sites(app: Flask) -> None:
+def test_form_cookie_is_kept_from_scripts_and_other_sites(app):
     """The form's cookie is protected as the login's is."""
     cookie = Browser(app.test_client()).ask("GET", "/login").headers["Set-Cookie"]
     assert cookie.startswith("__Host-robotether_forms=")
@@ -31,15 +24,10 @@ def test_form_cookie_is_kept_from_scripts_and_other_sites(app: Flask) -> None:
     assert "Domain" not in cookie
 
 
-ENVIRON = {
-    "DB_USER": "web",
-    "DB_PASSWORD": "x",
-    "TICKET_KEY": "t" * 32,
-    "WEB_SECRET_KEY": "w" * 32,
-}
+ENVIRON = {"DB_USER": "web", "DB_PASSWORD": "x", "TICKET_KEY": "t" * 32, "WEB_SECRET_KEY": "w" * 32}
 
 
-def test_application_is_made_of_the_environment(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_application_is_made_of_the_environment(monkeypatch):
     """It answers before the database does."""
     for name, value in ENVIRON.items():
         monkeypatch.setenv(name, value)
@@ -50,7 +38,7 @@ def test_application_is_made_of_the_environment(monkeypatch: pytest.MonkeyPatch)
         assert client.get("/login", headers={"Host": host}).status_code == 400
 
 
-def test_every_answer_has_them(browser: Browser) -> None:
+def test_every_answer_has_them(browser):
     """Nothing runs or loads that this site does not serve, and no other site frames it."""
     for path in ("/", "/login", "/nothing", "/api/v1/me", "/healthz"):
         headers = browser.ask("GET", path).headers
@@ -69,7 +57,7 @@ def test_every_answer_has_them(browser: Browser) -> None:
         assert headers["Cache-Control"] == "no-store"
 
 
-def test_pages_use_joystick_and_full_screen_and_no_other_device(browser: Browser) -> None:
+def test_pages_use_joystick_and_full_screen_and_no_other_device(browser):
     """A script that should not be here has no camera, microphone or place to ask for."""
     allowed = browser.ask("GET", "/login").headers["Permissions-Policy"].split(", ")
     assert {"gamepad=(self)", "fullscreen=(self)", "camera=()", "microphone=()"} <= set(allowed)
@@ -90,12 +78,12 @@ def test_pages_use_joystick_and_full_screen_and_no_other_device(browser: Browser
         ("", "connect-src 'self'"),
     ],
 )
-def test_policy_names_the_host_and_nothing_that_a_client_made_up(host: str, sockets: str) -> None:
+def test_policy_names_the_host_and_nothing_that_a_client_made_up(host, sockets):
     """Sockets lead to this very host, however it is called."""
     assert sockets in content_security_policy(host).split("; ")
 
 
-def test_static_files_may_be_kept(browser: Browser) -> None:
+def test_static_files_may_be_kept(browser):
     """What is the same for everybody comes out of the browser's cache."""
     answer = browser.ask("GET", "/static/base.css")
     assert answer.status_code == 200
@@ -108,20 +96,20 @@ CLIENT = "/static/dist/robotether-client.js"
 
 
 @pytest.fixture
-def lab(app: Flask, web_settings: WebSettings) -> Browser:
+def lab(app, web_settings):
     """The lab's page, which may; the application with the people and robots of `app`."""
     assert app
     allowing = create_app(replace(web_settings, allowed_origins=(LAB,)))
     return Browser(allowing.test_client(use_cookies=False))
 
 
-def asks(method: str, origin: str = LAB) -> dict[str, Any]:
+def asks(method, origin=LAB):
     """The options of a browser's question whether a page may."""
     asked = {"Access-Control-Request-Method": method, "Origin": origin}
     return {"headers": asked | {"Access-Control-Request-Headers": "authorization,content-type"}}
 
 
-def test_a_page_of_an_allowed_site_may_ask(lab: Browser, database: Database) -> None:
+def test_a_page_of_an_allowed_site_may_ask(lab, database):
     """With a token, after a preflight; never with a login."""
     path = "/api/v1/tickets"
     before = lab.ask("OPTIONS", path, **asks("POST"))
@@ -137,14 +125,14 @@ def test_a_page_of_an_allowed_site_may_ask(lab: Browser, database: Database) -> 
         assert "Access-Control-Allow-Credentials" not in item.headers
 
 
-def test_a_page_reads_why_it_was_refused(lab: Browser) -> None:
+def test_a_page_reads_why_it_was_refused(lab):
     """A token that does not hold is told as a problem, not as a network that failed."""
     answer = lab.ask("POST", "/api/v1/tickets", headers={"Origin": LAB})
     assert answer.json["code"] == "login_missing"
     assert answer.headers["Access-Control-Allow-Origin"] == LAB
 
 
-def test_a_page_of_another_site_may_not(lab: Browser, database: Database) -> None:
+def test_a_page_of_another_site_may_not(lab, database):
     """Neither its question nor its request gets the header without which a browser keeps the answer from it."""
     token = bearer(database, "ann")
     for origin in (OTHER, "null", "", LAB + ".evil.example", "http://lab.example"):
@@ -156,22 +144,20 @@ def test_a_page_of_another_site_may_not(lab: Browser, database: Database) -> Non
             assert "Origin" in item.headers["Vary"]
 
 
-def test_nobody_may_unless_a_site_is_named(program: Browser) -> None:
+def test_nobody_may_unless_a_site_is_named(program):
     """By default only this site is allowed."""
     answer = program.ask("OPTIONS", "/api/v1/tickets", **asks("POST"))
     assert answer.status_code == 403
 
 
-def test_nothing_else_is_for_other_sites(lab: Browser) -> None:
+def test_nothing_else_is_for_other_sites(lab):
     """Other answers are not shared, even with sites that may ask for tickets."""
     for path in ("/", "/login", "/api/v1/me", "/api/v1/users", "/api/v1/robots/sim1"):
         for method, options in (("GET", {"headers": {"Origin": LAB}}), ("OPTIONS", asks("GET"))):
             assert "Access-Control-Allow-Origin" not in lab.ask(method, path, **options).headers
 
 
-def test_any_page_may_load_the_client(
-    program: Browser, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_any_page_may_load_the_client(program, monkeypatch, tmp_path):
     """As a module, from any site; kept for minutes, so that an upgrade reaches all pages."""
     static = tmp_path / "static"
     (static / "dist").mkdir(parents=True)

@@ -1,18 +1,13 @@
 """Confirmed actions: asked about first, done by a POST, told afterwards; a failure comes back with the form."""
 
-from __future__ import annotations
-
 import re
 
 from admin_visitor import send
-from flask import Flask
-from robotether_server.db import Database, robots
-from web_visitor import PASSWORD, Browser, audit_kinds, paths
+from robotether_server.db import robots
+from web_visitor import PASSWORD, audit_kinds, paths
 
 
-def test_nothing_but_a_post_changes_anything(
-    app: Flask, admin: Browser, database: Database
-) -> None:
+def test_nothing_but_a_post_changes_anything(app, admin, database):
     """Also HEAD, which browsers send without the token of a form; every page can be shown or is not there."""
     before = audit_kinds(database)
     for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
@@ -23,7 +18,7 @@ def test_nothing_but_a_post_changes_anything(
         assert robots.get(tx, "sim1").state == "pending"
 
 
-def test_no_action_on_what_is_not_there(app: Flask, admin: Browser) -> None:
+def test_no_action_on_what_is_not_there(app, admin):
     """Neither asked about nor done, whatever it is."""
     asked = [
         path
@@ -50,9 +45,7 @@ WITHOUT_TEXTS = {
 }
 
 
-def test_every_form_with_a_wrong_field_comes_back(
-    app: Flask, admin: Browser, database: Database
-) -> None:
+def test_every_form_with_a_wrong_field_comes_back(app, admin, database):
     """The page has the sentence once, and the texts that were typed; nothing is changed."""
     for path in ("users", "groups", "sites"):  # of the robot's name, as it stands for each in paths
         send(admin, f"/admin/{path}", name="sim1", role="user", password=PASSWORD)
@@ -72,7 +65,7 @@ def test_every_form_with_a_wrong_field_comes_back(
     assert audit_kinds(database) == [*before, ("login_failed", "root", "198.51.100.7")]
 
 
-def test_question_names_what_it_affects_and_how_to_undo_it(admin: Browser) -> None:
+def test_question_names_what_it_affects_and_how_to_undo_it(admin):
     """An effect without words is left out."""
     page = admin.ask("GET", "/admin/robots/sim1/disable").text
     assert "Disable robot sim1?" in page
@@ -80,7 +73,7 @@ def test_question_names_what_it_affects_and_how_to_undo_it(admin: Browser) -> No
     assert admin.ask("GET", "/admin/users/ann/disable").text.count("<li>") == 2
 
 
-def test_an_action_is_done_and_told_once(admin: Browser, database: Database) -> None:
+def test_an_action_is_done_and_told_once(admin, database):
     """The next page has the message, the one after has not."""
     answer = send(admin, "/admin/robots/sim1/disable")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")
@@ -89,9 +82,7 @@ def test_an_action_is_done_and_told_once(admin: Browser, database: Database) -> 
     assert ("robot_disabled", "root", "198.51.100.7") in audit_kinds(database)
 
 
-def test_an_action_that_fails_comes_back_as_it_was_filled_in(
-    admin: Browser, database: Database
-) -> None:
+def test_an_action_that_fails_comes_back_as_it_was_filled_in(admin, database):
     """With the sentence, and the status of the problem; nothing is changed, not even in part."""
     before = audit_kinds(database)
     answer = send(admin, "/admin/robots/sim1/rename", new_name="sim2")
@@ -101,7 +92,7 @@ def test_an_action_that_fails_comes_back_as_it_was_filled_in(
     assert audit_kinds(database) == before
 
 
-def test_names_are_no_templates(admin: Browser, database: Database) -> None:
+def test_names_are_no_templates(admin, database):
     """Braces in what people and robots call things stay what they are."""
     send(admin, "/profile/tokens", name="{token.id}{0}")
     path = (

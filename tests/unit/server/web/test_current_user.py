@@ -1,15 +1,11 @@
 """Who may look at the pages for admins and at the profile, whatever the page."""
 
-from __future__ import annotations
-
 from admin_visitor import join
-from flask import Flask
-from robotether_server.settings.server import WebSettings
 from robotether_server.web import create_app
-from web_visitor import Browser, paths
+from web_visitor import paths
 
 
-def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None:
+def test_nobody_is_sent_to_log_in_and_back(app, browser):
     """For every page of the fleet, the robots, the admins, the profile and drives."""
     starts = ("/admin", "/profile", "/drives", "/robots")
     asked = [path for start in starts for path in paths(app, start, "GET")]
@@ -19,7 +15,7 @@ def test_nobody_is_sent_to_log_in_and_back(app: Flask, browser: Browser) -> None
         assert (answer.status_code, answer.location) == (302, f"/login?next={path}"), path
 
 
-def test_a_user_who_is_no_admin_may_not(app: Flask, browser: Browser) -> None:
+def test_a_user_who_is_no_admin_may_not(app, browser):
     """The page says so with 403, and still leads on."""
     browser.log_in("ann")
     for path in paths(app, "/admin", "GET"):
@@ -30,7 +26,7 @@ def test_a_user_who_is_no_admin_may_not(app: Flask, browser: Browser) -> None:
     assert 'href="/admin/robots"' not in answer.text
 
 
-def test_a_users_forms_are_refused_too(app: Flask, browser: Browser) -> None:
+def test_a_users_forms_are_refused_too(app, browser):
     """The right is asked for at every request."""
     browser.log_in("ann")
     token = browser.csrf_of("/")
@@ -38,7 +34,7 @@ def test_a_users_forms_are_refused_too(app: Flask, browser: Browser) -> None:
         assert browser.ask("POST", path, data={"csrf_token": token}).status_code == 403, path
 
 
-def test_no_form_works_without_the_pages_token(app: Flask, browser: Browser) -> None:
+def test_no_form_works_without_the_pages_token(app, browser):
     """Another site cannot send an admin's form."""
     browser.log_in("root")
     for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
@@ -46,14 +42,14 @@ def test_no_form_works_without_the_pages_token(app: Flask, browser: Browser) -> 
         assert (answer.status_code, "cannot accept the form" in answer.text) == (403, True), path
 
 
-def test_every_form_has_a_page_at_its_path(web_settings: WebSettings) -> None:
+def test_every_form_has_a_page_at_its_path(web_settings):
     """A login that ended in between leads back to something that can be seen."""
     app = create_app(web_settings)
     for start in ("/admin", "/profile"):
         assert set(paths(app, start, "POST")) <= set(paths(app, start, "GET"))
 
 
-def test_what_was_searched_survives_the_login(browser: Browser) -> None:
+def test_what_was_searched_survives_the_login(browser):
     """The whole address comes back, with its query."""
     sent = browser.ask("GET", "/admin/robots?q=a%20b&state=online")
     back = browser.log_in("root", onward="/admin/robots?q=a%20b&state=online")
@@ -61,7 +57,7 @@ def test_what_was_searched_survives_the_login(browser: Browser) -> None:
     assert back.location == "/admin/robots?q=a%20b&state=online"
 
 
-def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser) -> None:
+def test_admins_see_everywhere_how_many_wait(browser, program):
     """The badge stands beside the menu's Admin; users have neither."""
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
     browser.log_in("root")
@@ -69,7 +65,7 @@ def test_admins_see_everywhere_how_many_wait(browser: Browser, program: Browser)
         assert "1 awaiting approval" in browser.ask("GET", path).text
 
 
-def test_users_have_no_menu_for_admins(browser: Browser) -> None:
+def test_users_have_no_menu_for_admins(browser):
     """But the profile, as everybody, and help for who drives."""
     browser.log_in("ann")
     page = browser.ask("GET", "/").text

@@ -1,21 +1,18 @@
 """Failures: JSON under /api, a page elsewhere, and never a traceback for the visitor."""
 
-from __future__ import annotations
-
 import logging
 
 import pytest
 from robotether_server.api import auth
-from web_visitor import Browser
 
 
-def test_page_problem_is_a_page(browser: Browser) -> None:
+def test_page_problem_is_a_page(browser):
     """With the status, and a way back."""
     answer = browser.ask("GET", "/nothing")
     assert (answer.status_code, answer.mimetype) == (404, "text/html")
 
 
-def test_menu_stays_for_who_is_logged_in(browser: Browser, ann: Browser, admin: Browser) -> None:
+def test_menu_stays_for_who_is_logged_in(browser, ann, admin):
     """At an address without a page, and at a robot that is not there; an admin's with all that it has."""
     for path in ("/nothing", "/robots/nosuch"):
         assert "menu-profile" in ann.ask("GET", path).text
@@ -27,7 +24,7 @@ def test_menu_stays_for_who_is_logged_in(browser: Browser, ann: Browser, admin: 
     assert "menu-profile" not in browser.ask("GET", "/nothing").text
 
 
-def test_a_file_that_is_not_there_is_no_page(browser: Browser) -> None:
+def test_a_file_that_is_not_there_is_no_page(browser):
     """What nginx compresses must hold no secret of the visitor's, as each page's form token is."""
     answer = browser.ask("GET", "/static/nothing.js")
     assert (answer.status_code, answer.mimetype) == (404, "application/problem+json")
@@ -42,16 +39,10 @@ def test_a_file_that_is_not_there_is_no_page(browser: Browser) -> None:
         ("/robots/a%0AERROR%20b", "text/html"),
     ],
 )
-def test_mistake_of_ours_is_logged_and_not_shown(
-    browser: Browser,
-    monkeypatch: pytest.MonkeyPatch,
-    caplog: pytest.LogCaptureFixture,
-    path: str,
-    mimetype: str,
-) -> None:
+def test_mistake_of_ours_is_logged_and_not_shown(browser, monkeypatch, caplog, path, mimetype):
     """500, with the traceback in the log alone, in which no path writes a line of its own."""
 
-    def fail(*_: object, **__: object) -> None:
+    def fail(*_, **__):
         raise ZeroDivisionError("the inner reason")
 
     monkeypatch.setattr(auth, "page_user", fail)
@@ -64,7 +55,7 @@ def test_mistake_of_ours_is_logged_and_not_shown(
     assert "\nERROR b" not in caplog.text
 
 
-def test_api_names_the_scheme_that_would_let_a_caller_in(browser: Browser) -> None:
+def test_api_names_the_scheme_that_would_let_a_caller_in(browser):
     """RFC 9110 asks for it with each 401: the description has the header, too."""
     described = browser.ask("GET", "/api/v1/openapi.json").json["components"]["responses"]
     assert described["Unauthorized"]["headers"]["WWW-Authenticate"]["schema"] == {"const": "Bearer"}

@@ -1,14 +1,11 @@
 """Who may open what, without a network; the handlers' tests show the answers to those who may not."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
+from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
     GrantMissingError,
     LoginMissingError,
@@ -22,23 +19,16 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.auth.access import Access, Permit, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
-from robotether_server.schemas import Level
-from robotether_server.tickets import Mode, Ticket, TicketSigner, new_id
+from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)
 
 
-def later(seconds: float):
+def later(seconds):
     return START + timedelta(seconds=seconds)
 
 
-def access_of(
-    database: MemoryDatabase,
-    granted: Level = "observe",
-    credentials: Credentials | None = None,
-    *,
-    online_s: Callable[[int], float | None] = lambda _robot_id: None,
-) -> Access:
+def access_of(database, granted="observe", credentials=None, *, online_s=lambda _robot_id: None):
     """Robot 7 is sim1, robot 8 is sim2, and user 3 has this grant on them."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
     other = RelayRobot(8, "sim2", "active", 20002, 20003)
@@ -56,23 +46,21 @@ ANN = RelayUser(3, "ann")
 
 
 @pytest.fixture
-def database() -> MemoryDatabase:
+def database():
     return MemoryDatabase()
 
 
 @pytest.fixture
-def credentials(database: MemoryDatabase) -> Credentials:
+def credentials(database):
     return Credentials(database)
 
 
 @pytest.fixture
-def login(database: MemoryDatabase) -> Credential:
+def login(database):
     return credential_of("login", database.add_credential("login", ANN))
 
 
-def showing_ticket(
-    login: Credential, name: str = "sim1", mode: Mode = "observe", *, remembered: bool = False
-) -> Request:
+def showing_ticket(login, name="sim1", mode="observe", *, remembered=False):
     """A request with a ticket that web made of the database's answer, or of what it remembered."""
     robot = (None if remembered else 7, name)
     by = (mode, "login", login.digest.hex())
@@ -148,7 +136,7 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(
     """One that the relay knows no more opens nothing."""
     access = access_of(database, credentials=credentials)
 
-    async def open_by(*, remembered: bool) -> Permit:
+    async def open_by(*, remembered):
         permit = getattr(access, opens)(showing_ticket(login, remembered=remembered), "sim1")
         return permit if isinstance(permit, Permit) else await permit
 

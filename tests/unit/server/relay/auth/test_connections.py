@@ -1,20 +1,15 @@
 """Live connections and what ends them, without a network."""
 
-from __future__ import annotations
-
 from contextlib import ExitStack
 from dataclasses import replace
 
 import pytest
-from relay_server import MemoryDatabase
-from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.close_reasons import CloseReason
-from robotether_server.relay.robots.connection import Connection, Use, permits
+from robotether_server.relay.robots.connection import Connection, permits
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import NEVER_SEEN, Change
-from robotether_server.schemas import Level
 from robotether_server.settings import robot as robot_settings
 
 USERS = {1: "ann", 2: "bob"}
@@ -23,19 +18,17 @@ USERS = {1: "ann", 2: "bob"}
 class Live:
     """Connections as the handlers make them; remembers how each ended."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.connections = Connections(SessionRegistry())
-        self.changed: list[int] = []
+        self.changed = []
         self.connections.listen(self.changed.append)
-        self.close_reasons: dict[Connection, list[str]] = {}
+        self.close_reasons = {}
         self._open = ExitStack()
 
-    def add(
-        self, user_id: int, robot: RelayRobot, use: Use, *, connected: bool = True
-    ) -> Connection:
-        ended: list[str] = []
+    def add(self, user_id, robot, use, *, connected=True):
+        ended = []
 
-        def end(close_reason: CloseReason) -> None:
+        def end(close_reason):
             ended.append(close_reason.name)
 
         connection = Connection(user_id, USERS[user_id], robot, use, end, connected)
@@ -43,26 +36,26 @@ class Live:
         self._open.enter_context(self.connections.joined(connection))
         return connection
 
-    def how(self, *connections: Connection) -> list[list[str]]:
+    def how(self, *connections):
         return [self.close_reasons[connection] for connection in connections]
 
-    def leave(self) -> None:
+    def leave(self):
         self._open.close()
 
 
 @pytest.fixture
-def live() -> Live:
+def live():
     """No connection yet."""
     return Live()
 
 
 @pytest.fixture
-def sim2(memory_database: MemoryDatabase) -> RelayRobot:
+def sim2(memory_database):
     """A second robot, which user 1 drives."""
     return memory_database.add_robot(8, "sim2", u1="drive")
 
 
-def snapshot(memory_database: MemoryDatabase) -> Snapshot:
+def snapshot(memory_database):
     return Snapshot(dict(memory_database.robots), dict(memory_database.grants))
 
 
@@ -75,7 +68,7 @@ def snapshot(memory_database: MemoryDatabase) -> Snapshot:
         ("manage", ["observe", "drive", "video"]),
     ],
 )
-def test_a_grant_permits_its_uses_and_no_more(level: Level | None, uses: list[Use]):
+def test_a_grant_permits_its_uses_and_no_more(level, uses):
     """Video is to observe; to manage includes to drive."""
     assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
 

@@ -1,13 +1,10 @@
 """Logins and tokens: kept for seconds, held by what is live."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import Awaitable, Collection
 
 import pytest
 from relay_server import MemoryDatabase
-from robotether_server.db.fleet import Credential, RelayUser
+from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import StoreUnavailableError, ThrottledError
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
@@ -16,17 +13,17 @@ ANN = RelayUser(1, "ann")
 
 
 @pytest.fixture
-def credentials(memory_database: MemoryDatabase) -> Credentials:
+def credentials(memory_database):
     return Credentials(memory_database)
 
 
 @pytest.fixture
-def login(memory_database: MemoryDatabase) -> Credential:
+def login(memory_database):
     """A login of ann's."""
     return credential_of("login", memory_database.add_credential("login", ANN))
 
 
-async def unanswered(question: Awaitable[object]) -> None:
+async def unanswered(question):
     """Ask what nobody knows while the database is away."""
     with pytest.raises(StoreUnavailableError):
         await question
@@ -53,20 +50,18 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
 class BusyDatabase(MemoryDatabase):
     """Answers about credentials when the test says so, and remembers what was asked at once."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
-        self.questions: list[list[Credential]] = []
+        self.questions = []
         self.answers = asyncio.Event()
 
-    async def users_of(
-        self, credentials: Collection[Credential], *, briefly: bool = False
-    ) -> dict[Credential, RelayUser]:
+    async def users_of(self, credentials, *, briefly=False):
         self.questions.append(list(credentials))
         await self.answers.wait()
         return await super().users_of(credentials, briefly=briefly)
 
 
-def unknown(count: int, address: str = "x") -> list[Credential]:
+def unknown(count, address="x"):
     return [credential_of("token", f"{address} {number}") for number in range(count)]
 
 
@@ -151,7 +146,7 @@ async def test_an_outage_is_told_and_not_kept(credentials, memory_database, logi
 async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
     gone = credential_of("login", memory_database.add_credential("login", ANN))
     stays = credential_of("token", memory_database.add_credential("token", ANN))
-    ended: list[str] = []
+    ended = []
     with (
         credentials.held(gone, lambda: ended.append("first")),
         credentials.held(gone, lambda: ended.append("second")),
@@ -168,7 +163,7 @@ async def test_what_ended_before_it_was_held_ends_too(credentials, memory_databa
     """The way from a ticket to its connection is long; what is new is asked for once."""
     gone = credential_of("login", "the login of somebody who has logged out")
     stays = credential_of("login", memory_database.add_credential("login", ANN))
-    ended: list[str] = []
+    ended = []
     with (
         credentials.held(gone, lambda: ended.append("gone")),
         credentials.held(stays, lambda: ended.append("stays")),
@@ -184,7 +179,7 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     credentials, memory_database
 ):
     """An outage leaves it live, and in doubt."""
-    ended: list[str] = []
+    ended = []
     with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
         memory_database.down = True
         await unanswered(credentials.check_new())
@@ -380,14 +375,12 @@ async def test_who_may_drive_without_the_database_is_bounded(
 class SlowDatabase(MemoryDatabase):
     """Records whose next answer waits until the test lets it go."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
         self.is_slow = True
 
-    async def users_of(
-        self, credentials: Collection[Credential], *, briefly: bool = False
-    ) -> dict[Credential, RelayUser]:
+    async def users_of(self, credentials, *, briefly=False):
         answer = await super().users_of(credentials)
         self.asked.set()
         if self.is_slow:

@@ -1,25 +1,19 @@
 """A site of two cells, a and b, that follow each other."""
 
-from __future__ import annotations
-
-from collections.abc import AsyncIterator
-from pathlib import Path
-
 import pytest
 import pytest_asyncio
-from relay_server import MemoryDatabase
-from robotether_server.relay.cells.keys import PeerKeys, read_peer_keys
-from site_cells import Site, SiteCell, make_peer_keys
+from robotether_server.relay.cells.keys import read_peer_keys
+from site_cells import Site, make_peer_keys
 
 
 @pytest.fixture(scope="session")
-def keys_dir(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def keys_dir(tmp_path_factory):
     """Certificate and key that all cells of the site have."""
     return make_peer_keys(tmp_path_factory.mktemp("peer_keys"))
 
 
 @pytest.fixture
-def peer_keys(keys_dir: Path) -> PeerKeys:
+def peer_keys(keys_dir):
     """What a relay makes of them."""
     keys = read_peer_keys(keys_dir)
     assert keys is not None
@@ -27,9 +21,7 @@ def peer_keys(keys_dir: Path) -> PeerKeys:
 
 
 @pytest_asyncio.fixture
-async def site(
-    keys_dir: Path, peer_keys: PeerKeys, memory_database: MemoryDatabase
-) -> AsyncIterator[Site]:
+async def site(keys_dir, peer_keys, memory_database):
     """Two cells."""
     site = Site(keys_dir, memory_database)
     for name in ("a", "b"):
@@ -39,12 +31,12 @@ async def site(
 
 
 @pytest.fixture
-def cell_a(site: Site) -> SiteCell:
+def cell_a(site):
     """One of them."""
     return site.cells["a"]
 
 
 @pytest.fixture
-def cell_b(site: Site) -> SiteCell:
+def cell_b(site):
     """The other."""
     return site.cells["b"]

@@ -1,7 +1,5 @@
 """What a relay knows of the cells, from records that a test changes."""
 
-from __future__ import annotations
-
 import logging
 from dataclasses import replace
 
@@ -16,27 +14,27 @@ OTHER = Cell("b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 3, False
 
 
 class Count:
-    def __init__(self) -> None:
+    def __init__(self):
         self.times = 0
 
-    def notify(self) -> None:
+    def notify(self):
         self.times += 1
 
 
 @pytest.fixture
-def memory_database() -> MemoryDatabase:
+def memory_database():
     memory_database = MemoryDatabase()
     memory_database.cells["b"] = OTHER
     return memory_database
 
 
 @pytest.fixture
-def count() -> Count:
+def count():
     return Count()
 
 
 @pytest.fixture
-def cells(memory_database: MemoryDatabase, count: Count) -> Cells:
+def cells(memory_database, count):
     cells = Cells(cell_settings("a", "a.example", "a.example:8444"), memory_database, lambda: 2)
     cells.listen(count.notify)
     return cells
@@ -122,7 +120,7 @@ async def test_a_cell_that_does_not_come_back_with_the_database_is_dead(
 class Taken(MemoryDatabase):
     """Records in which another relay has this cell's name."""
 
-    async def heartbeat(self, *_: object) -> list[Cell]:
+    async def heartbeat(self, *_):
         raise RecordExistsError("cannot take part as cell a: another relay has this name")
 
 

@@ -1,7 +1,5 @@
 """How a cell finds the others: whom it accepts, and how soon it is back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """A cell that is taken out of service, with robots on real sockets."""
 
-from __future__ import annotations
-
 import asyncio
 from dataclasses import replace
 from datetime import timedelta
@@ -9,10 +7,9 @@ from datetime import timedelta
 import pytest
 from fake_robot import FakeRobot
 from relay_clients import closing, ended, session_of
-from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
+from relay_server import FAST, SESSION_KEY, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.drain import DrainRules
-from robotether_server.relay.wiring import Timing
 from robotether_server.times import utc_now
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
@@ -24,18 +21,18 @@ CELL = cell_settings("a", "a.example")
 
 
 @pytest.fixture
-def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
+def memory_database(memory_database):
     memory_database.cells["b"] = OTHER
     for robot_id, name in ROBOTS.items():
         memory_database.add_robot(robot_id, name, u1="drive", u2="observe")
     return memory_database
 
 
-def timing(**changes: float) -> Timing:
+def timing(**changes):
     return replace(FAST, drain=replace(QUICK, **changes))
 
 
-def set_draining(memory_database: MemoryDatabase, *, on: bool) -> None:
+def set_draining(memory_database, *, on):
     memory_database.cells["a"] = replace(memory_database.cells["a"], draining=on)
 
 

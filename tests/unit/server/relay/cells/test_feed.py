@@ -1,7 +1,5 @@
 """What a cell tells another, asked by a test in that one's place."""
 
-from __future__ import annotations
-
 import asyncio
 from types import SimpleNamespace
 

@@ -1,18 +1,14 @@
 """Observers at cell a of a robot at cell b: their topics cross the line between the cells once."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from typing import Any
 
 import aiohttp
 import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
-from fake_robot import HOST, FakeRobot
+from fake_robot import HOST
 from relay_clients import breaks_and_returns
 from relay_server import until
 from robotether_server.db.fleet import RelayUser
@@ -29,15 +25,13 @@ from robotether_server.relay.channels.rosbridge.forwarded_topics import (
 )
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
 from robotether_server.relay.channels.rosbridge.topic_api import TopicPoll
-from site_cells import SiteCell
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 BEN = RelayUser(2, "ben")
-Observe = Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]]
 
 
 @pytest_asyncio.fixture
-async def at_b(site, cell_a, cell_b, sim1) -> AsyncIterator[FakeRobot]:
+async def at_b(site, cell_a, cell_b, sim1):
     """Have robot sim1 at cell b, as a knows."""
     robot = await cell_b.robot(sim1, epoch=1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
@@ -46,11 +40,11 @@ async def at_b(site, cell_a, cell_b, sim1) -> AsyncIterator[FakeRobot]:
 
 
 @pytest_asyncio.fixture
-async def observe(at_b, cell_a, sim1, http) -> AsyncIterator[Observe]:
+async def observe(at_b, cell_a, sim1, http):
     """Open observers' connections at cell a that are closed at the end."""
-    opened: list[aiohttp.ClientWebSocketResponse] = []
+    opened = []
 
-    async def open_one(*messages: dict[str, Any]) -> aiohttp.ClientWebSocketResponse:
+    async def open_one(*messages):
         socket = await http.ws_connect(
             cell_a.server.ros_url(sim1, "observe", BEN), max_msg_size=0, autoping=True
         )
@@ -64,19 +58,19 @@ async def observe(at_b, cell_a, sim1, http) -> AsyncIterator[Observe]:
         await socket.close()
 
 
-def topics_of(cell: SiteCell) -> list[SharedTopic]:
+def topics_of(cell):
     """Return the copies at a cell."""
     return list(cell.relay.shared_topics._tasks)
 
 
-async def read_until(socket: aiohttp.ClientWebSocketResponse, text: str) -> None:
+async def read_until(socket, text):
     """Read until this text comes."""
     async with asyncio.timeout(5):
         while await socket.receive_str() != text:
             pass
 
 
-async def closed_with(socket: aiohttp.ClientWebSocketResponse) -> int:
+async def closed_with(socket):
     """Read until the connection is closed; return the code."""
     async with asyncio.timeout(5):
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
@@ -163,7 +157,7 @@ async def test_a_slow_observer_skips_and_delays_nobody(*, cell_a, at_b, observe)
         await at_b.send_to_topics(b"%d " % number + b"x" * 200_000)
         assert (await quick.receive_str(timeout=5)).startswith(f"{number} ")
     slow._response.connection.transport.resume_reading()
-    numbers: list[int] = []
+    numbers = []
     while not numbers or numbers[-1] != count - 1:
         numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
     assert numbers == sorted(numbers)
@@ -188,7 +182,7 @@ async def test_what_an_observer_gave_up_waits_for_no_slow_line():
     """Else one that subscribes and unsubscribes fills the memory of the robot's cell, name by name."""
     topics, sent = ForwardedTopics(b"k", BEN.id, set()), asyncio.Queue[bytes]()
 
-    async def deliver(data: bytes, _kind: WSMsgType) -> None:
+    async def deliver(data, _kind):
         sent.put_nowait(data)
 
     for number in range(100):

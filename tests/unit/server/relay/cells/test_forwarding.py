@@ -1,7 +1,5 @@
 """Which requests go to another cell, as its nginx would be asked."""
 
-from __future__ import annotations
-
 import time
 
 import pytest
@@ -20,7 +18,7 @@ async def at_b(site, cell_a, cell_b, sim1):
 
 
 @pytest.fixture
-def ann(memory_database, cell_a, cell_b) -> dict[str, str]:
+def ann(memory_database, cell_a, cell_b):
     """What a program of ann's sends."""
     token = memory_database.add_credential("token", RelayUser(1, "ann"))
     for database in (cell_a.database, cell_b.database):

@@ -1,7 +1,5 @@
 """The certificate of the cells, as files."""
 
-from __future__ import annotations
-
 import hashlib
 
 import pytest

@@ -1,7 +1,5 @@
 """The lines between cells, without a network."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

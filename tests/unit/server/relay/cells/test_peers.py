@@ -1,7 +1,5 @@
 """What cells know of each other's robots and stops, through whole relays and real sockets."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest
@@ -123,7 +121,7 @@ async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, c
     peers = cell_a.relay.peers
     peer = peers.connected("c", "c.example:8444")
 
-    def report(robot_id: int, *, confirmed: bool) -> None:
+    def report(robot_id, *, confirmed):
         stopped = StopObject("ben", "2026-01-01T12:00:00Z", confirmed)
         live = LiveState(control=replace(NO_CONTROL, stopped=stopped))
         peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=live))

@@ -1,16 +1,13 @@
 """A cell that has more robots than another, with robots on real sockets."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
-from fake_robot import FakeRobot, RobotSession
+from fake_robot import FakeRobot
 from relay_clients import ended, session_of
-from relay_server import FAST, SESSION_KEY, MemoryDatabase, cell_settings, running_relay, until
+from relay_server import FAST, SESSION_KEY, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.rebalancing import BalanceRules
-from robotether_server.relay.wiring import Timing
 
 EMPTY = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 0, False, True)
 RULES = BalanceRules(robots=0, share=0, robots_per_s=50, look_every_s=0.05, stays_s=0.3)
@@ -18,18 +15,18 @@ CELL = cell_settings("a", "a.example")
 
 
 @pytest.fixture
-def memory_database(memory_database: MemoryDatabase) -> MemoryDatabase:
+def memory_database(memory_database):
     memory_database.cells["b"] = EMPTY
     for robot_id, name in {8: "sim2", 9: "sim3"}.items():
         memory_database.add_robot(robot_id, name, u1="drive")
     return memory_database
 
 
-def timing(**changes: float) -> Timing:
+def timing(**changes):
     return replace(FAST, balance=replace(RULES, **changes))
 
 
-async def stay(*sessions: RobotSession) -> None:
+async def stay(*sessions):
     """Let more time pass than robots must have been there."""
     seen = [session.pings for session in sessions]
     await until(

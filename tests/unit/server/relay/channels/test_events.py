@@ -1,23 +1,20 @@
 """The live fleet: what one client is told, and the server-sent events that carry it."""
 
-from __future__ import annotations
-
 import asyncio
 import json
-from collections.abc import Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
 from fake_robot import WAIT_S
 from jsonschema import Draft202012Validator
-from relay_server import MemoryDatabase, until, utc
+from relay_server import until, utc
 from robotether_server.api.description import document
-from robotether_server.contract.control import NO_CONTROL, ControlObject
+from robotether_server.contract.control import NO_CONTROL
 from robotether_server.db.fleet import RelayUser, Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.channels import events as module
-from robotether_server.relay.channels.events import FleetEvents, Subscriber
+from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Presence
 
@@ -25,20 +22,20 @@ NOW = utc(2026, 1, 1, 12, 3)
 
 
 class NoControl:
-    def driver(self, _robot_id: int) -> None:
+    def driver(self, _robot_id):
         return None
 
-    def describe(self, _robot_id: int) -> ControlObject:
+    def describe(self, _robot_id):
         return NO_CONTROL
 
 
 @pytest.fixture
-def robots() -> SessionRegistry:
+def robots():
     return SessionRegistry()
 
 
 @pytest.fixture
-def fleet_events(memory_database: MemoryDatabase, robots: SessionRegistry) -> FleetEvents:
+def fleet_events(memory_database, robots):
     return FleetEvents(
         lambda: Snapshot(dict(memory_database.robots), dict(memory_database.grants)),
         robots,
@@ -48,7 +45,7 @@ def fleet_events(memory_database: MemoryDatabase, robots: SessionRegistry) -> Fl
 
 
 @pytest.fixture
-def subscriber(fleet_events: FleetEvents) -> Iterator[Subscriber]:
+def subscriber(fleet_events):
     """A subscriber of user 1 that has its first event."""
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
@@ -116,7 +113,7 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots
     assert fleet_events.describe(row).agent_version == "0.2.0"
 
 
-def validators() -> dict[str, Draft202012Validator]:
+def validators():
     """What the description of the API says of the data of each event."""
     api = document()
     [content] = api["paths"]["/api/v1/events"]["get"]["responses"]["200"]["content"].values()
@@ -131,10 +128,10 @@ VALIDATORS = validators()
 class Events:
     """A client's view of the stream, which is as the API describes it."""
 
-    def __init__(self, answer) -> None:
+    def __init__(self, answer):
         self._content = answer.content
 
-    async def next(self, name: str | None = None) -> tuple[str, object]:
+    async def next(self, name=None):
         """The next event, or the next of that name."""
         async with asyncio.timeout(5):
             while True:
@@ -148,11 +145,11 @@ class Events:
                 if name in {None, event}:
                     return event, sent
 
-    async def ended(self) -> None:
+    async def ended(self):
         """Read until the relay ends the stream."""
         await self._content.read()
 
-    async def robot_with(self, **expected) -> dict:
+    async def robot_with(self, **expected):
         """The next robot event with these members."""
         while True:
             _, robot = await self.next("robot")
@@ -165,7 +162,7 @@ def follow(relay, http, memory_database):
     """Follow the fleet as a user, by login."""
 
     @asynccontextmanager
-    async def following(user: RelayUser):
+    async def following(user):
         cookie = {
             "Cookie": f"__Host-robotether_login={memory_database.add_credential('login', user)}"
         }

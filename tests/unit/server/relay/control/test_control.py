@@ -1,7 +1,5 @@
 """The control object, and who is notified of changes."""
 
-from __future__ import annotations
-
 from robotether_server.contract.control import NO_CONTROL
 
 
@@ -17,7 +15,7 @@ async def test_describing_a_robot_keeps_nothing_of_it(relay, sim1):
 
 
 async def test_a_watcher_hears_inside_the_block(relay, guarded, sim1):
-    heard: list[int] = []
+    heard = []
     control = relay.relay.control
     with control.watched(sim1.id, lambda: heard.append(1)):
         control.stops.stop(sim1, "ben")

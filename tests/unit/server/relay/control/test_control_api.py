@@ -1,7 +1,5 @@
 """The HTTP requests that concern control: who may, what they do, and what they answer."""
 
-from __future__ import annotations
-
 import pytest
 import pytest_asyncio
 from relay_clients import audit_lines, closing

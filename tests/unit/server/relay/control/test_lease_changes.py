@@ -1,7 +1,5 @@
 """Each change of control by itself, without a network: what is written, and what robot and people are told."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 from dataclasses import replace
@@ -13,14 +11,10 @@ from relay_clients import SlowFences
 from relay_server import until, utc
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
 from robotether_server.db.fleet import AuditEntry, RelayUser, Snapshot
-from robotether_server.problems import (
-    RecordMissingError,
-    RecordRefusedError,
-    StoreUnavailableError,
-)
+from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreUnavailableError
 from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots import lease as lease_module
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -30,19 +24,19 @@ ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
 
 
-def asker(user: RelayUser) -> leasing.LeaseRequester:
+def asker(user):
     return leasing.LeaseRequester(user, "198.51.100.9")
 
 
 class Bare:
     """Leasing alone: its robot, its event writer, and what robot, drivers and watchers are told."""
 
-    def __init__(self, sim1, memory_database) -> None:
+    def __init__(self, sim1, memory_database):
         self.robot = sim1
-        self.written: list[AuditEntry | LeaseEnd] = []
-        self.lines: list[dict[str, object]] = []
-        self.changed: list[int] = []
-        self.ends: list[CloseReason] = []
+        self.written = []
+        self.lines = []
+        self.changed = []
+        self.ends = []
         self.reported = asyncio.Event()
         self.reported.set()
         self.registry = SessionRegistry()
@@ -61,33 +55,27 @@ class Bare:
         )
 
     @property
-    def presence(self) -> Presence:
+    def presence(self):
         return self.registry.presence(self.robot.id)
 
     @presence.setter
-    def presence(self, presence: Presence) -> None:
+    def presence(self, presence):
         self.registry.ensure_robot(self.robot.id).presence = presence
 
-    async def drives(self, user: RelayUser) -> Connection:
-        connection = Connection(
-            user.id,
-            user.name,
-            self.robot,
-            "drive",
-            self.ends.append,
-        )
+    async def drives(self, user):
+        connection = Connection(user.id, user.name, self.robot, "drive", self.ends.append)
         await self.leasing.begin(connection)
         return connection
 
     @property
-    def codes(self) -> list[int]:
+    def codes(self):
         return [end.code for end in self.ends]
 
-    def audit(self) -> list[tuple[str, str, object]]:
+    def audit(self):
         lines = [entry for entry in self.written if isinstance(entry, AuditEntry)]
         return [(line.kind, line.actor, dict(line.details)) for line in lines]
 
-    def ended(self) -> list[tuple[int, int]]:
+    def ended(self):
         ends = [entry for entry in self.written if isinstance(entry, LeaseEnd)]
         return [(end.robot_id, end.fence) for end in ends]
 
@@ -216,9 +204,9 @@ async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monke
 
 
 async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, sim1):
-    asked: list[tuple[int, int]] = []
+    asked = []
 
-    def may_drive(user_id: int, robot_id: int) -> bool:
+    def may_drive(user_id, robot_id):
         asked.append((user_id, robot_id))
         return len(asked) == 1
 

@@ -1,7 +1,5 @@
 """Leases through the whole relay: who drives, who waits, and what robots and drivers are told."""
 
-from __future__ import annotations
-
 import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import replace
@@ -40,11 +38,11 @@ def control(relay, sim1):
     return relay.relay.control.describe(sim1.id)
 
 
-def asker(user: RelayUser) -> leasing.LeaseRequester:
+def asker(user):
     return leasing.LeaseRequester(user, "198.51.100.9")
 
 
-async def driven(relay, sim1, user: RelayUser = ANN) -> None:
+async def driven(relay, sim1, user=ANN):
     await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
 
 
@@ -120,7 +118,7 @@ async def test_what_a_drive_was_like_stands_in_its_record(
     viewer_stats = relay.relay.registry.robot(sim1.id).viewer_stats
     observer = relay.relay.observer
 
-    def record() -> DriveEntry | None:
+    def record():
         observer.write_drives()
         return next(
             (entry for entry in memory_database.written if isinstance(entry, DriveEntry)), None
@@ -165,7 +163,7 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
         await driven(relay, sim1)
         relay.relay.control.leasing.take(sim1, asker(CARL))
         assert (await closing(socket))[0] == 4010
-    free: list[bool] = []
+    free = []
     relay.relay.control.listen(lambda _robot_id: free.append(control(relay, sim1).reserved is None))
     await until(lambda: True in free, "those who watch are told")
 
@@ -202,7 +200,7 @@ async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
         assert control(relay, sim1).driver.fence == 1
 
 
-def leases_written(memory_database) -> list[tuple[type, int]]:
+def leases_written(memory_database):
     kinds = LeaseStart | LeaseEnd
     return [
         (type(entry), entry.fence) for entry in memory_database.written if isinstance(entry, kinds)

@@ -6,7 +6,6 @@ import asyncio
 import itertools
 import json
 import random
-from collections.abc import AsyncIterator
 from dataclasses import dataclass, field
 from datetime import timedelta
 from typing import Any
@@ -23,7 +22,7 @@ from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import GuardReport, Robot
+from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.robot_stops import MAX_STOPS
 
 NOON = utc(2026, 1, 1, 12, 0)
@@ -38,22 +37,22 @@ class FakeLink:
     address: str = "198.51.100.7"
     sent: list[dict[str, Any]] = field(default_factory=list)
 
-    def send(self, line: bytes) -> None:
+    def send(self, line):
         self.sent.append(json.loads(line))
 
     @property
-    def kinds(self) -> list[str]:
+    def kinds(self):
         return [line["type"] for line in self.sent]
 
 
 class World:
     """The stops of two robots, and what their surroundings are told."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.registry = SessionRegistry(clock=lambda: NOON)
-        self.written: list[object] = []
-        self.revoked: list[tuple[int, object]] = []
-        self.changed: list[int] = []
+        self.written = []
+        self.revoked = []
+        self.changed = []
         self.stops = Stops(
             event_writer=self,
             registry=self.registry,
@@ -64,17 +63,17 @@ class World:
         self.registry.listen(self.stops.on_robot_change)
 
     @property
-    def robot(self) -> Robot:
+    def robot(self):
         return self.registry.robot(SIM1.id)
 
     @property
-    def audit(self) -> list[AuditEntry]:
+    def audit(self):
         return [entry for entry in self.written if isinstance(entry, AuditEntry)]
 
-    def add(self, entry: object) -> None:
+    def add(self, entry):
         self.written.append(entry)
 
-    def online(self, guard: str = "on") -> FakeLink:
+    def online(self, guard="on"):
         """SIM1 connects and says whether it has a guard."""
         link = FakeLink()
         self.registry.make_current(link)
@@ -82,7 +81,7 @@ class World:
         self.registry.on_hello(link, "0.1.0", guard)
         return link
 
-    async def releasing(self, link: FakeLink) -> asyncio.Task[None]:
+    async def releasing(self, link):
         """Have ann release SIM1, which waits for its guard."""
         release = asyncio.create_task(self.stops.release(SIM1, "ann"))
         await until(lambda: "release" in link.kinds, "it is on its way")
@@ -90,7 +89,7 @@ class World:
 
 
 @pytest.fixture
-async def world() -> AsyncIterator[World]:
+async def world():
     world = World()
     yield world
     world.registry.close()
@@ -330,7 +329,7 @@ async def test_who_stops_without_end_fills_neither_the_session_nor_the_log(world
     """A session that is full would end, and the robot were offline; each counts once in a while."""
     link = world.online()
 
-    def insist() -> None:
+    def insist():
         for _ in range(500):
             world.stops.stop(SIM1, "eve")
             world.stops.stop(SIM1, "mallory")
@@ -472,10 +471,10 @@ async def test_cells_agree_on_stops_whatever_reaches_whom(seed):
     """What no release knew stays in force everywhere, and nothing else; the robot is at the first cell."""
     chance, cells = random.Random(seed), [World() for _ in range(3)]
     cells[0].online("off")
-    begun: set[object] = set()
-    ended: set[object] = set()
+    begun = set()
+    ended = set()
 
-    def report(to: World, of: World) -> None:
+    def report(to, of):
         known = of.robot.stops
         for stop_id in list(known.ended) if known else ():
             to.stops.learn_end(SIM1.id, stop_id)

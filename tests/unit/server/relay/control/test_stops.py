@@ -1,7 +1,5 @@
 """Stopping and releasing robots through the whole relay, with guards that behave and guards that do not."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest

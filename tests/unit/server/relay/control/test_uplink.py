@@ -1,10 +1,7 @@
 """What fills a robot's uplink, as the API shows it."""
 
-from __future__ import annotations
-
 import asyncio
 import struct
-from typing import Any
 
 import pytest
 from relay_server import until
@@ -19,7 +16,7 @@ UPLINK = "/api/v1/robots/sim1/uplink"
 def show(relay, http, memory_database):
     """Return status and body of the uplink as a user gets it."""
 
-    async def ask(user: RelayUser) -> tuple[int, dict[str, Any]]:
+    async def ask(user):
         token = memory_database.add_credential("token", user)
         headers = {"Authorization": f"Bearer {token}"}
         async with http.get(relay.url + UPLINK, headers=headers) as answer:
@@ -28,7 +25,7 @@ def show(relay, http, memory_database):
     return ask
 
 
-def stream_of(body: dict[str, Any], kind: str) -> dict[str, Any]:
+def stream_of(body, kind):
     """Return the one stream of this kind."""
     [stream] = [stream for stream in body["streams"] if stream["kind"] == kind]
     return stream
@@ -133,7 +130,7 @@ async def test_all_who_ask_lately_share_what_the_robot_says_of_its_line():
     """Each question crosses the line, and whoever sees the robot may ask as often as nginx lets through."""
     now_s, questions = 100.0, 0
 
-    async def ask() -> int:
+    async def ask():
         nonlocal questions
         questions += 1
         await asyncio.sleep(0)

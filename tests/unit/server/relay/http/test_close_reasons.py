@@ -1,7 +1,5 @@
 """Close reasons: short enough for the wire, and readable."""
 
-from __future__ import annotations
-
 import pytest
 from relay_server import utc
 from robotether_server.relay.http import close_reasons

@@ -1,7 +1,5 @@
 """What the relay's event loop mends of uvloop."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import struct
@@ -16,7 +14,7 @@ from robotether_server.relay.http.event_loop import EventLoop
 RESETS = struct.pack("ii", 1, 0)
 
 
-async def _file_descriptor_after_reset() -> int:
+async def _file_descriptor_after_reset():
     """Have TLS begin on a connection that the other end has reset; return what the socket takes for its own."""
     loop = asyncio.get_running_loop()
     with socket.create_server(("127.0.0.1", 0)) as listener:

@@ -1,10 +1,7 @@
 """The two ends of a bridge, over real sockets with peers that behave badly."""
 
-from __future__ import annotations
-
 import asyncio
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
 from typing import cast
@@ -30,11 +27,9 @@ from stopwatch import Stopwatch
 
 OFFLINE = CloseReason("robot_offline", "robot sim1 is offline")
 
-Talk = Callable[[OperatorSocket], Awaitable[None]]
-
 
 @asynccontextmanager
-async def serving(handler: Callable[[web.Request], Awaitable[web.StreamResponse]]):
+async def serving(handler):
     """Serve at an address that the block gets."""
     app = web.Application()
     app.router.add_get("/", handler)
@@ -52,8 +47,8 @@ def operator(http):
     """Connect a client to an operator's end that talks as a test says."""
 
     @asynccontextmanager
-    async def connected(talk: Talk) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
-        async def handle(request: web.Request) -> OperatorSocket:
+    async def connected(talk):
+        async def handle(request):
             socket = OperatorSocket(message_limit=1000)
             await socket.open(request)
             await talk(socket)
@@ -68,7 +63,7 @@ def operator(http):
     return connected
 
 
-def transport_of(client: aiohttp.ClientWebSocketResponse) -> asyncio.Transport:
+def transport_of(client):
     transport = client._response.connection.transport
     assert transport is not None
     return transport
@@ -83,7 +78,7 @@ async def test_the_reason_arrives(operator):
 async def test_nobody_but_finish_says_goodbye(operator):
     """What aiohttp closes by itself is no close frame: it would have the wrong reason."""
 
-    async def talk(socket: OperatorSocket) -> None:
+    async def talk(socket):
         await socket.close(code=1000, message=b"aiohttp's own")
 
     async with operator(talk) as client:
@@ -101,9 +96,9 @@ async def test_a_code_that_is_never_sent_cuts(operator):
 
 async def test_a_client_that_does_not_answer_the_close_is_cut(operator, monkeypatch):
     monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.2)
-    lasted: asyncio.Future[Stopwatch] = asyncio.get_running_loop().create_future()
+    lasted = asyncio.get_running_loop().create_future()
 
-    async def talk(socket: OperatorSocket) -> None:
+    async def talk(socket):
         with Stopwatch() as stopwatch:
             await socket.finish(OFFLINE)
         lasted.set_result(stopwatch)
@@ -121,7 +116,7 @@ async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monk
     monkeypatch.setattr(module, "OPERATOR_FAREWELL_S", 0.5)
     sent, seen, receive = asyncio.Event(), [], OperatorSocket.receive
 
-    async def finishes(socket: OperatorSocket) -> None:
+    async def finishes(socket):
         await sent.wait()
         await asyncio.sleep(0.1)
         await socket.finish(OFFLINE)
@@ -139,9 +134,9 @@ async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monk
 
 async def test_what_the_client_has_not_taken_is_known(operator):
     """Bytes wait while the client does not read, and none once it is gone."""
-    opened: list[OperatorSocket] = []
+    opened = []
 
-    async def talk(socket: OperatorSocket) -> None:
+    async def talk(socket):
         opened.append(socket)
         while True:
             await socket.send_frame(b"x" * 65536, WSMsgType.BINARY)
@@ -157,9 +152,9 @@ async def test_what_the_client_has_not_taken_is_known(operator):
 @pytest.mark.parametrize("reads", [True, False])
 async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, code, reads):
     """A close frame counts, whether it was read before the connection was cut or not."""
-    answer: asyncio.Future[int | None] = asyncio.get_running_loop().create_future()
+    answer = asyncio.get_running_loop().create_future()
 
-    async def talk(socket: OperatorSocket) -> None:
+    async def talk(socket):
         try:
             while reads:
                 await socket.receive()
@@ -179,9 +174,9 @@ async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, code,
 
 async def test_a_connection_that_lives_has_not_said_goodbye(operator):
     """Asking does not wait for a client that says nothing."""
-    answer: asyncio.Future[int | None] = asyncio.get_running_loop().create_future()
+    answer = asyncio.get_running_loop().create_future()
 
-    async def talk(socket: OperatorSocket) -> None:
+    async def talk(socket):
         answer.set_result(await socket.goodbye_code())
         await socket.finish(OFFLINE)
 
@@ -191,7 +186,7 @@ async def test_a_connection_that_lives_has_not_said_goodbye(operator):
         await client.close()
 
 
-async def unresponsive(request: web.Request) -> web.WebSocketResponse:
+async def unresponsive(request):
     """Accept, then neither read nor write, as a robot that hangs."""
     socket = web.WebSocketResponse()
     await socket.prepare(request)
@@ -200,7 +195,7 @@ async def unresponsive(request: web.Request) -> web.WebSocketResponse:
 
 
 @asynccontextmanager
-async def robot_session(limit: int = 0) -> AsyncIterator[aiohttp.ClientSession]:
+async def robot_session(limit=0):
     connector = aiohttp.TCPConnector(limit=limit, force_close=True)
     kind = cast(type[aiohttp.ClientWebSocketResponse], RobotSocket)
     async with aiohttp.ClientSession(connector=connector, ws_response_class=kind) as session:
@@ -231,9 +226,9 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
     """A frame that is written already arrives as it is; what is not taken waits here, and little in the system."""
     data = b"x" * 8_000_000
     message = websocket_header(WHOLE_BINARY, len(data)) + data
-    waited: list[int] = []
+    waited = []
 
-    async def handle(request: web.Request) -> ViewerSocket:
+    async def handle(request):
         socket = ViewerSocket(message_limit=1000)
         await socket.open(request)
         own = request.transport.get_extra_info("socket")
@@ -262,9 +257,9 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
 @pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
 async def test_a_redirect_is_not_followed(status):
     """Neither a request nor a WebSocket that opens goes where the robot sends it."""
-    visits: list[web.Request] = []
+    visits = []
 
-    async def elsewhere(request: web.Request) -> web.Response:
+    async def elsewhere(request):
         visits.append(request)
         return web.Response()
 
@@ -273,7 +268,7 @@ async def test_a_redirect_is_not_followed(status):
         ClientSession(trace_configs=[refuse_redirects()]) as client,
     ):
 
-        async def redirect(_request: web.Request) -> web.Response:
+        async def redirect(_request):
             return web.Response(status=status, headers={"Location": target})
 
         async with serving(redirect) as robot:

@@ -1,7 +1,5 @@
 """Rates, silence, clocks and pauses, without a network and with moments of the test's own."""
 
-from __future__ import annotations
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,7 +18,7 @@ LIMITS = LivenessLimits()
 timestamps = st.floats(0, 1e6)
 
 
-def taken(limiter: RateLimiter, now: float, tries: int) -> int:
+def taken(limiter, now, tries):
     return sum(limiter.allow(now) for _ in range(tries))
 
 
@@ -55,7 +53,7 @@ def test_a_limiter_says_when_it_may_be_used_again():
     assert limiter.allow(2.0)
 
 
-def verdicts(looks: list[tuple[float, float, tuple[int, int], tuple[int, int]]]) -> list[str]:
+def verdicts(looks):
     """Judge (now, heard at, to client, to robot) one after the other."""
     liveness = Liveness(LIMITS, 0.0)
     return [

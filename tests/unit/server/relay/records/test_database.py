@@ -1,24 +1,20 @@
 """The relay's way to the database: what it does when that hangs, and the whole path with it."""
 
-from __future__ import annotations
-
 import asyncio
 import datetime as dt
 import threading
-from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager
 from socket import create_server
 
 import pytest
-from aiohttp import ClientSession, ClientWebSocketResponse, TCPConnector
-from fake_robot import FINGERPRINT, WAIT_S, FakeRobot, Mode
+from aiohttp import ClientSession, TCPConnector
+from fake_robot import FINGERPRINT, WAIT_S, FakeRobot
 from granted import give
-from mariadb_server import MariaDb
 from relay_clients import closing
-from relay_server import SESSION_KEY, RelayServer, running_relay, until
-from robotether_server.db import Database, Transaction, cells, credentials, grants, robots, users
+from relay_server import SESSION_KEY, running_relay, until
+from robotether_server.db import Database, cells, credentials, grants, robots, users
 from robotether_server.db.control import NewLease
-from robotether_server.db.fleet import Credential, RelayUser
+from robotether_server.db.fleet import RelayUser
 from robotether_server.identity import PublicKey
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.auth.credentials import credential_of
@@ -32,7 +28,7 @@ LOOK_UP = '{"op":"call_service","service":"/rosapi/topics"}'
 
 
 @pytest.fixture
-def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
+def paused(mariadb):
     """A database that accepts connections and answers nothing."""
     mariadb.container.pause()
     try:
@@ -42,7 +38,7 @@ def paused(mariadb: MariaDb) -> Iterator[MariaDb]:
 
 
 @pytest.fixture
-def ann(database: Database) -> RelayUser:
+def ann(database):
     """A user who drives sim1."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
@@ -56,13 +52,13 @@ def ann(database: Database) -> RelayUser:
 
 
 @pytest.fixture
-def patient(mariadb: MariaDb, monkeypatch: pytest.MonkeyPatch) -> RelayDatabase:
+def patient(mariadb, monkeypatch):
     """The relay's way to the database, which may be slow because the machine is busy."""
     monkeypatch.setattr(module, "BRIEF_S", WAIT_S)
     return RelayDatabase(Database(mariadb.settings("relay")), "main", answer_within_s=WAIT_S)
 
 
-def log_in(database: Database) -> Credential:
+def log_in(database):
     """Log ann in."""
     with database.transaction() as tx:
         text = credentials.create_login(
@@ -72,7 +68,7 @@ def log_in(database: Database) -> Credential:
 
 
 @asynccontextmanager
-async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterator[FakeRobot]:
+async def robot_of(relay, mode="guard_off"):
     """Have sim1 online and well."""
     # A database that was too slow for the first question answers one of the next.
     await until(lambda: "sim1" in relay.relay.fleet.state().by_name, "the relay knows sim1")
@@ -86,14 +82,14 @@ async def robot_of(relay: RelayServer, mode: Mode = "guard_off") -> AsyncIterato
         await robot.stop()
 
 
-async def passes(socket: ClientWebSocketResponse) -> None:
+async def passes(socket):
     """A message goes to the robot and back, however long it takes: no command, which grows too old meanwhile."""
     await socket.send_str(LOOK_UP)
     async with asyncio.timeout(WAIT_S):
         assert await socket.receive_str() == LOOK_UP
 
 
-async def echoed(socket: ClientWebSocketResponse, text: str) -> None:
+async def echoed(socket, text):
     """Read until the text comes back; who reads nothing answers no ping, and is gone after some seconds."""
     while await socket.receive_str() != text:
         pass
@@ -183,7 +179,7 @@ async def test_strangers_take_no_place_of_the_relays_own_duties(
         assert set(await strangers) <= {401, 429}
 
 
-def tokens_of_ann(database: Database) -> tuple[str, Credential]:
+def tokens_of_ann(database):
     """Two API tokens: one as its text, and one as what a ticket holds of it."""
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -191,7 +187,7 @@ def tokens_of_ann(database: Database) -> tuple[str, Credential]:
     return texts[0], credential_of("token", texts[1])
 
 
-async def status_of(http, url: str, token: str, address: str) -> int:
+async def status_of(http, url, token, address):
     headers = {"Authorization": f"Bearer {token}", "X-Forwarded-For": address}
     async with http.get(url, headers=headers) as answer:
         return answer.status
@@ -255,7 +251,7 @@ async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, h
     assert fences_in(database) == (3, [1, 2, 3])
 
 
-def fences_in(database: Database) -> tuple[int, list[int]]:
+def fences_in(database):
     """The newest lease's number, which is over, and those of all drives that are over."""
     with database.transaction() as tx:
         (lease,) = tx.rows("SELECT fence FROM control_leases WHERE ended_at IS NOT NULL")
@@ -323,19 +319,19 @@ async def test_rights_in_the_real_database_end_a_connection(patient, database, a
     assert lease["ended_at"] is not None
 
 
-def log_out(tx: Transaction, ann: users.User, text: str) -> None:
+def log_out(tx, ann, text):
     assert credentials.end_login(tx, text)
 
 
-def change_password(tx: Transaction, ann: users.User, text: str) -> None:
+def change_password(tx, ann, text):
     users.set_password(tx, ann.id, "y")
 
 
-def disable(tx: Transaction, ann: users.User, text: str) -> None:
+def disable(tx, ann, text):
     users.set_disabled(tx, ann.id, disabled=True)
 
 
-def delete_token(tx: Transaction, ann: users.User, text: str) -> None:
+def delete_token(tx, ann, text):
     (token,) = credentials.list_tokens_of(tx, ann)
     credentials.delete_token(tx, token.id)
 

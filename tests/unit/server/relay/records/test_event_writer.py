@@ -1,31 +1,27 @@
 """The background writer, with records that come and go."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from pathlib import Path
 
 import pytest
 import pytest_asyncio
 from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
+from robotether_server.db.fleet import AuditEntry, FormerSessions, SessionEntry
 from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal, JournalEntry
+from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal
 
 NOW = utc(2026, 1, 1)
 
 
 class Silent(MemoryDatabase):
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self._asked = asyncio.Event()
 
-    def is_asked(self) -> bool:
+    def is_asked(self):
         return self._asked.is_set()
 
     async def write(self, entries):
@@ -33,12 +29,12 @@ class Silent(MemoryDatabase):
         await asyncio.Event().wait()
 
 
-def session(robot_id: int = 7) -> SessionEntry:
+def session(robot_id=7):
     return SessionEntry(robot_id, NOW, "198.51.100.7")
 
 
 @pytest_asyncio.fixture
-async def event_writer(memory_database: MemoryDatabase) -> AsyncIterator[EventWriter]:
+async def event_writer(memory_database):
     """A writer that runs, and holds at most 5 entries."""
     async with _at_work(event_writer := EventWriter(memory_database, max_waiting=5)):
         yield event_writer
@@ -103,7 +99,7 @@ async def test_a_stop_and_the_end_of_former_sessions_are_never_dropped(
 class Picky(MemoryDatabase):
     """Records that do not take the sessions of robot 13."""
 
-    def __init__(self, problem: Exception) -> None:
+    def __init__(self, problem):
         super().__init__()
         self._problem = problem
 
@@ -115,10 +111,7 @@ class Picky(MemoryDatabase):
 
 @pytest.mark.parametrize(
     ("problem", "logged"),
-    [
-        (RecordRefusedError("no such robot"), "no such robot"),
-        (TypeError("a defect"), "Traceback"),
-    ],
+    [(RecordRefusedError("no such robot"), "no such robot"), (TypeError("a defect"), "Traceback")],
 )
 async def test_one_refused_entry_does_not_keep_the_others(caplog, problem, logged):
     """What the database refuses, or a defect meets, is dropped with a line in the log; the rest is written."""
@@ -145,7 +138,7 @@ async def test_a_flush_ends_without_a_database(event_writer, memory_database, ca
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
@@ -155,12 +148,12 @@ LINE = AuditEntry(NOW, "ann", "drive_started")
 
 
 @pytest.fixture
-def drive() -> DriveEntry:
+def drive():
     return DriveEntry(7, "sim1", "ann", 3, NOW, ended_at=NOW, end_code="client_left")
 
 
 @asynccontextmanager
-async def _at_work(event_writer: EventWriter) -> AsyncIterator[None]:
+async def _at_work(event_writer):
     task = asyncio.create_task(event_writer.run())
     try:
         yield
@@ -173,12 +166,12 @@ async def _at_work(event_writer: EventWriter) -> AsyncIterator[None]:
 class _Settled(Journal):
     """Waits for the disk after each entry, as the loop of a relay that has time does."""
 
-    def add(self, entry: JournalEntry) -> None:
+    def add(self, entry):
         super().add(entry)
         self.wait(WITHIN_S)
 
 
-def _killed_with(path: Path, memory_database: MemoryDatabase, *entries: Entry) -> None:
+def _killed_with(path, memory_database, *entries):
     """Leave what a relay leaves that the database did not answer."""
     killed = EventWriter(memory_database, journal=_Settled(path))
     for entry in entries:
@@ -186,7 +179,7 @@ def _killed_with(path: Path, memory_database: MemoryDatabase, *entries: Entry) -
     killed.close()
 
 
-def _kept(path: Path) -> list[type[Entry]]:
+def _kept(path):
     return [type(entry) for entry in Journal(path).read()]
 
 

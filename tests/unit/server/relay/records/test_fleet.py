@@ -1,36 +1,34 @@
 """Polling for changes, with records that come and go."""
 
-from __future__ import annotations
-
 import pytest
-from relay_server import MemoryDatabase, utc
-from robotether_server.db.fleet import RelayUser, Snapshot
+from relay_server import utc
+from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.records.fleet import Fleet
 
 
 class Heard:
-    def __init__(self) -> None:
-        self.snapshots: list[Snapshot] = []
+    def __init__(self):
+        self.snapshots = []
         self.rechecks = 0
         self.checks_of_new = 0
-        self.last_seen: list[object] = []
-        self.kept: list[object] = []
+        self.last_seen = []
+        self.kept = []
 
-    async def recheck(self) -> None:
+    async def recheck(self):
         self.rechecks += 1
 
-    async def check_new(self) -> None:
+    async def check_new(self):
         self.checks_of_new += 1
 
 
 @pytest.fixture
-def heard() -> Heard:
+def heard():
     return Heard()
 
 
 @pytest.fixture
-def fleet(memory_database: MemoryDatabase, heard: Heard) -> Fleet:
+def fleet(memory_database, heard):
     """A fleet that is polled by hand."""
     fleet = Fleet(memory_database, heard)
     fleet.listen(heard.snapshots.append)

@@ -1,11 +1,8 @@
 """What a relay leaves on its disk for the next one."""
 
-from __future__ import annotations
-
 import os
 import threading
 from datetime import timedelta
-from pathlib import Path
 
 import pytest
 from relay_server import utc
@@ -22,16 +19,16 @@ LINE = AuditEntry(NOON, "ann", "drive_ended", "sim1", "192.0.2.1", {"fence": 3, 
 
 
 @pytest.fixture
-def path(tmp_path: Path) -> Path:
+def path(tmp_path):
     return tmp_path / "journal.jsonl"
 
 
-def ended_drive(**others: float | None) -> DriveEntry:
+def ended_drive(**others):
     times = {"started_at": NOON, "ended_at": NOON + HOUR, "end_code": "client_left"}
-    return DriveEntry(7, "sim1", "ann", 3, **times, refused={"topic": 1}, **others)  # type: ignore[arg-type]  # figures
+    return DriveEntry(7, "sim1", "ann", 3, **times, refused={"topic": 1}, **others)
 
 
-def keep(path: Path, *entries: module.JournalEntry) -> Journal:
+def keep(path, *entries):
     journal = Journal(path)
     for entry in entries:
         journal.add(entry)

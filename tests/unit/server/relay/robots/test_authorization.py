@@ -1,16 +1,10 @@
 """Who may connect and stay, and what a new row means for a live link, without a network."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.relay.robots.authorization import (
-    NotAuthorizedError,
-    authorize,
-    needs_config,
-)
+from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize, needs_config
 from robotether_server.relay.robots.session_messages import Preface
 from robotether_server.settings.robot import parse
 
@@ -27,7 +21,7 @@ SIM1 = RelayRobot(
 MINE = frozenset({20000, 20001, 24000})
 
 
-def refusal(robot: RelayRobot | None, **preface: object) -> str | None:
+def refusal(robot, **preface):
     fields = {"kind": "session", "robot_id": 7, "address": "", "fingerprint": "SHA256:new"}
     robots = {} if robot is None else {robot.id: robot}
     try:

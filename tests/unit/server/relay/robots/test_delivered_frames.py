@@ -1,33 +1,28 @@
 """Which frames a user was sent, and what the robot calls them."""
 
-from __future__ import annotations
-
 import pytest
 from robotether_common.guard import MAX_FRAMES, MAX_SEEN_S
-from robotether_server.relay.robots.delivered_frames import (
-    DeliveredFrames,
-    NamedFrame,
-)
+from robotether_server.relay.robots.delivered_frames import DeliveredFrames, NamedFrame
 
 
 class Clock:
     now = 100.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
 @pytest.fixture
-def clock() -> Clock:
+def clock():
     return Clock()
 
 
 @pytest.fixture
-def delivered(clock: Clock) -> DeliveredFrames:
+def delivered(clock):
     return DeliveredFrames(clock)
 
 
-def test_a_frame_has_the_robots_own_number(delivered: DeliveredFrames) -> None:
+def test_a_frame_has_the_robots_own_number(delivered):
     delivered.note(1, "/a", 5, 905)
     delivered.note(1, "/b", 5, 17)
     assert delivered.robots(1, NamedFrame("/a", 5)) == NamedFrame("/a", 905)
@@ -37,15 +32,13 @@ def test_a_frame_has_the_robots_own_number(delivered: DeliveredFrames) -> None:
 @pytest.mark.parametrize(
     ("user_id", "camera", "frame"), [(1, "/a", 6), (1, "/a", None), (1, "/b", 5), (2, "/a", 5)]
 )
-def test_what_was_not_sent_is_unknown(
-    delivered: DeliveredFrames, user_id: int, camera: str, frame: int | None
-) -> None:
+def test_what_was_not_sent_is_unknown(delivered, user_id, camera, frame):
     """Another number, camera or user; however well somebody guesses."""
     delivered.note(1, "/a", 5, 905)
     assert delivered.robots(user_id, NamedFrame(camera, frame)) == NamedFrame(camera, None)
 
 
-def test_a_frame_is_forgotten(delivered: DeliveredFrames, clock: Clock) -> None:
+def test_a_frame_is_forgotten(delivered, clock):
     delivered.note(1, "/a", 5, 905)
     clock.now += MAX_SEEN_S
     assert delivered.robots(1, NamedFrame("/a", 5)).frame == 905
@@ -53,7 +46,7 @@ def test_a_frame_is_forgotten(delivered: DeliveredFrames, clock: Clock) -> None:
     assert delivered.robots(1, NamedFrame("/a", 5)).frame is None
 
 
-def test_memory_is_bounded(delivered: DeliveredFrames, clock: Clock) -> None:
+def test_memory_is_bounded(delivered, clock):
     """By frames of one viewer, and by viewers who are gone."""
     for number in range(MAX_FRAMES + 10):
         delivered.note(1, "/a", number, number)

@@ -7,7 +7,7 @@ from robotether_server.relay.robots.demand import Demand
 
 async def test_the_last_user_is_remembered_for_a_while():
     """Demand reports only its beginning and its end; whoever comes within that while is neither."""
-    changes: list[bool] = []
+    changes = []
     demand = Demand(lambda: changes.append(demand.exists), kept_s=0.01)
     with demand.counted():
         with demand.counted():
@@ -22,7 +22,7 @@ async def test_the_last_user_is_remembered_for_a_while():
 
 
 async def test_a_robot_with_published_ports_is_always_needed():
-    changes: list[bool] = []
+    changes = []
     demand = Demand(lambda: changes.append(True), always=True, kept_s=0)
     with demand.counted():
         pass
@@ -31,7 +31,7 @@ async def test_a_robot_with_published_ports_is_always_needed():
 
 
 async def test_close_cancels_the_timer():
-    changes: list[bool] = []
+    changes = []
     demand = Demand(lambda: changes.append(True), kept_s=0.01)
     with demand.counted():
         pass

@@ -30,24 +30,24 @@ class FakeHolder:
     of: RelayUser
 
     @property
-    def user_id(self) -> int:
+    def user_id(self):
         return self.of.id
 
     @property
-    def user(self) -> str:
+    def user(self):
         return self.of.name
 
 
 @pytest.fixture
-def lease() -> Lease:
+def lease():
     return Lease()
 
 
-def at(seconds: float) -> Instant:
+def at(seconds):
     return Instant(seconds, NOON + timedelta(seconds=seconds))
 
 
-def driven_by(user: RelayUser, lease: Lease, seconds: float = 0.0) -> FakeHolder:
+def driven_by(user, lease, seconds=0.0):
     holder = FakeHolder(user)
     lease.claim(holder, at(seconds))
     assert lease.grant(holder, lease.fence + 1, at(seconds))
@@ -242,14 +242,14 @@ def test_without_the_right_nobody_waits(lease):
 class LeaseMachine(RuleBasedStateMachine):
     """Whatever people do and in whatever order: one driver, and numbers that grow."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         super().__init__()
         self.lease = Lease()
         self.now = at(0)
-        self.claimed: list[tuple[FakeHolder, int]] = []
-        self.open: set[FakeHolder] = set()
+        self.claimed = []
+        self.open = set()
         self.database = 0
-        self.granted: list[int] = []
+        self.granted = []
 
     users = st.sampled_from([ANN, BEN, CARL])
 

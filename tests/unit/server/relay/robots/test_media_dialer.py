@@ -37,7 +37,7 @@ TOPICS = MediaPath(
 async def test_a_robot_that_refuses_is_asked_ever_more_seldom_and_says_why(sim1, own_words, says):
     asked_s: list[float] = []
 
-    async def refuse(_: web.Request) -> web.Response:
+    async def refuse(_):
         asked_s.append(time.monotonic())
         return web.Response(status=502, headers=own_words)
 

@@ -1,11 +1,8 @@
 """What stands behind a robot's ports, asked over real sockets, and how often it is asked."""
 
-from __future__ import annotations
-
 import asyncio
 import socket
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import ExitStack
 
 import pytest
@@ -22,10 +19,8 @@ from robotether_server.relay.robots.port_checks import (
 )
 from stopwatch import Stopwatch
 
-Serve = Callable[[bytes, float], Awaitable[int]]
 
-
-def http(status: int) -> bytes:
+def http(status):
     return b"HTTP/1.1 %d Any Reason\r\n\r\n" % status
 
 
@@ -34,12 +29,12 @@ SSH = b"SSH-2.0-OpenSSH_9.2\r\n"
 
 
 @pytest_asyncio.fixture
-async def serve() -> AsyncIterator[Serve]:
+async def serve():
     """Listen on ports that answer with given bytes after a while, and close."""
-    servers: list[asyncio.Server] = []
+    servers = []
 
-    async def start(answer: bytes, after_s: float = 0.0) -> int:
-        async def handle(_reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def start(answer, after_s=0.0):
+        async def handle(_reader, writer):
             await asyncio.sleep(after_s)
             writer.write(answer)
             writer.close()
@@ -53,7 +48,7 @@ async def serve() -> AsyncIterator[Serve]:
         await server.wait_closed()
 
 
-def robot(ros: int, video: int, shell: int | None = None) -> RelayRobot:
+def robot(ros, video, shell=None):
     return RelayRobot(7, "sim1", "active", ros, video, shell_port=shell)
 
 
@@ -71,7 +66,7 @@ def robot(ros: int, video: int, shell: int | None = None) -> RelayRobot:
     ],
 )
 async def test_each_service_is_known_by_its_first_bytes(serve, answers, found):
-    noted: list[tuple[str, str]] = []
+    noted = []
     checker = PortChecker(HOST, lambda service, health: noted.append((service, health)))
     ports = [await serve(HTTP if answer is None else answer, 0) for answer in answers]
     assert await checker.check(robot(*ports), video=answers[1] is not None) == PortHealth(*found)
@@ -97,13 +92,13 @@ async def test_a_check_takes_a_bounded_time(serve):
 
 
 @pytest.fixture
-def asked() -> list[float]:
+def asked():
     return []
 
 
 @pytest_asyncio.fixture
-async def link(asked: list[float]) -> AsyncIterator[LinkChecks]:
-    async def check() -> None:
+async def link(asked):
+    async def check():
         asked.append(time.monotonic())
         if len(asked) == 1:
             raise ValueError("a defect")
@@ -130,7 +125,7 @@ async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
 async def test_a_link_that_ends_checks_no_more(asked):
     started = asyncio.Event()
 
-    async def check() -> None:
+    async def check():
         started.set()
         await asyncio.sleep(60)
 
@@ -138,7 +133,6 @@ async def test_a_link_that_ends_checks_no_more(asked):
     checks.ask()
     await started.wait()
     await checks.close()
-    assert checks._task is not None
     assert checks._task.cancelled()
 
 

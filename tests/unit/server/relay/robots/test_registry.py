@@ -8,7 +8,7 @@ import pytest
 from relay_server import utc
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import NEVER_SEEN, Change, GuardReport, Presence
+from robotether_server.relay.robots.robot import NEVER_SEEN, GuardReport, Presence
 
 NOW = utc(2026, 1, 1, 12, 3)
 
@@ -20,24 +20,24 @@ class FakeLink:
     address: str = "198.51.100.7"
     ended: list[str] = field(default_factory=list)
 
-    def end(self, code: str, detail: str) -> None:
+    def end(self, code, detail):
         self.ended.append(code)
 
 
 @pytest.fixture
-def changes() -> list[Change]:
+def changes():
     return []
 
 
 @pytest.fixture
-def registry(changes) -> SessionRegistry:
+def registry(changes):
     """A registry with a listener, where it is always 12:03, and 5 s by the monotonic clock."""
     registry = SessionRegistry(clock=lambda: NOW, monotonic=lambda: 5.0)
     registry.listen(changes.append)
     return registry
 
 
-def online(registry: SessionRegistry) -> FakeLink:
+def online(registry):
     link = FakeLink()
     registry.make_current(link)
     registry.established(link)
@@ -156,11 +156,7 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
 
 @pytest.mark.parametrize(
     ("mode", "state", "shown"),
-    [
-        ("on", "ready", "ready"),
-        ("on", "down", "down"),
-        ("off", "ready", "off"),
-    ],
+    [("on", "ready", "ready"), ("on", "down", "down"), ("off", "ready", "off")],
 )
 def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
     """A guard that is switched off has no state of its own."""

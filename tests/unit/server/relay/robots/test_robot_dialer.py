@@ -1,7 +1,5 @@
 """How a robot's rosbridge is reached, and what its guard is told."""
 
-from __future__ import annotations
-
 import pytest
 from relay_clients import closing, misbehaving
 from relay_server import utc

@@ -1,9 +1,6 @@
 """A robot's link over a real socket: configuration, take-over, heartbeat, and each way it ends."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from unittest.mock import ANY
@@ -12,24 +9,20 @@ import pytest
 from fake_robot import HOST, WAIT_S
 from local_network import free_port
 from relay_clients import configured, ended
-from relay_server import FAST, MemoryDatabase, RelayServer, until
+from relay_server import FAST, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.db.cells import Cell
-from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.robots.robot import Presence
 from robotether_server.settings.robot import DEFAULTS, parse
 from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
 
 
-def presence(relay: RelayServer, robot: RelayRobot) -> Presence:
+def presence(relay, robot):
     return relay.relay.registry.presence(robot.id)
 
 
-async def give_shell(
-    relay: RelayServer, memory_database: MemoryDatabase, robot: RelayRobot
-) -> RelayRobot:
+async def give_shell(relay, memory_database, robot):
     """Switch the robot's shell on, and wait until the relay knows."""
     with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
     memory_database.robots = {robot.id: with_shell}
@@ -38,7 +31,7 @@ async def give_shell(
 
 
 @asynccontextmanager
-async def port_taken(port: int) -> AsyncIterator[None]:
+async def port_taken(port):
     """Listen on a robot's port in the block, as a tunnel that sshd has not given up yet."""
     async with await asyncio.start_server(lambda _r, w: w.close(), HOST, port):
         yield

@@ -1,7 +1,5 @@
 """The lines of the session, and what is wrong with them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 
@@ -15,7 +13,6 @@ from robotether_server.problems import ProtocolError
 from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.session_messages import (
     MAX_DETAIL,
-    Line,
     Preface,
     WrongKeyError,
     bye_line,
@@ -37,7 +34,7 @@ PREFACE = {
 }
 
 
-def preface(**changes: object) -> bytes:
+def preface(**changes):
     return json.dumps(PREFACE | changes).encode()
 
 
@@ -75,7 +72,7 @@ HEALTH = {"type": "health", "ros": "ok", "video": "down", "ros_exposed": False}
 PING = {"type": "ping", "seq": 17, "t_ms": 123456.7}
 
 
-def parse(line: dict[str, object], **changes: object) -> Line | None:
+def parse(line, **changes):
     return parse_line(json.dumps(line | changes).encode() + b"\n")
 
 

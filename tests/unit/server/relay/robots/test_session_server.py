@@ -1,7 +1,5 @@
 """Who is accepted on the port for robots' sessions, over real sockets, and who may stay."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 from dataclasses import replace
@@ -65,7 +63,7 @@ async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
 ):
     """A link lives on through one rotation; another key in the row ends it."""
 
-    async def rotate(to: str, previous: str | None = None) -> None:
+    async def rotate(to, previous=None):
         keys = {"fingerprint": f"SHA256:{to}", "previous_fingerprint": previous}
         memory_database.robots = {sim1.id: replace(sim1, **keys)}
         await relay.relay.fleet.poll()

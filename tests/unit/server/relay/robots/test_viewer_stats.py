@@ -4,14 +4,14 @@ from robotether_server.relay.robots.viewer_stats import ViewerCounts, ViewerStat
 
 
 class _Clock:
-    def __init__(self) -> None:
+    def __init__(self):
         self.now = 100.0
 
-    def __call__(self) -> float:
+    def __call__(self):
         return self.now
 
 
-def test_tells_what_came_since_an_earlier_count() -> None:
+def test_tells_what_came_since_an_earlier_count():
     clock = _Clock()
     viewer_stats = ViewerStats(clock)
     viewer_stats.count(3, 1000)
@@ -24,7 +24,7 @@ def test_tells_what_came_since_an_earlier_count() -> None:
     assert since == ViewerCounts(frames=1, bytes=400, viewed_s=3.0)
 
 
-def test_two_cameras_at_once_are_watched_for_one_time() -> None:
+def test_two_cameras_at_once_are_watched_for_one_time():
     """Time counts while at least one video is open, and no longer."""
     clock = _Clock()
     viewer_stats = ViewerStats(clock)

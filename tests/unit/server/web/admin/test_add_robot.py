@@ -1,32 +1,27 @@
 """A robot is added in three steps: which one, the line to run on it, its arrival; or announced by its MAC."""
 
-from __future__ import annotations
-
 import dataclasses
 import datetime as dt
 import shlex
-from collections.abc import Iterator
 from html import unescape
-from pathlib import Path
 
 import pytest
 import tls_front
 from admin_visitor import fingerprint, join, send
-from flask import Flask
 from relay_server import cell_settings
 from robot_signer import RobotSigner
-from robotether_server.db import Database, cells, join_tokens, robots
+from robotether_server.db import cells, join_tokens, robots
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.install_line import SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
-from web_visitor import Browser, audit_kinds
+from web_visitor import audit_kinds
 
 FORM = {"name": "", "uses": "1", "hours": "1"}
 NEW_MAC = "00:1b:44:11:3a:b7"
 
 
 @pytest.fixture
-def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
+def site_certificate(app, tmp_path):
     """A certificate that the site can tell."""
     with tls_front.running(tmp_path) as running:
         context = app.extensions["robotether"]
@@ -35,13 +30,13 @@ def site_certificate(app: Flask, tmp_path: Path) -> Iterator[None]:
         yield
 
 
-def names(database: Database) -> list[str]:
+def names(database):
     """The names of all join tokens, without the end that tells them apart."""
     with database.transaction() as tx:
         return [token.name.rpartition(" ")[0] for token in join_tokens.list_all(tx)]
 
 
-def words_of(page: str) -> list[str]:
+def words_of(page):
     """The words of the install line of a page."""
     line = unescape(page.split('data-testid="install-line">')[1].split("<", maxsplit=1)[0])
     assert line.startswith("curl -fsSk --pinnedpubkey")
@@ -49,7 +44,7 @@ def words_of(page: str) -> list[str]:
     return shlex.split(line)
 
 
-def arrives(program: Browser, words: list[str], hostname: str = "turtle") -> str:
+def arrives(program, words, hostname="turtle"):
     """A new machine joins with what the line gives it; the name that it gets."""
     body = RobotSigner(9).join(NEW_MAC, words[-1], hostname=hostname)
     if "--name" in words:
@@ -60,7 +55,7 @@ def arrives(program: Browser, words: list[str], hostname: str = "turtle") -> str
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
+def test_the_line_is_shown_once(admin, database):
     """In the answer to the form; it is in no address and no cookie, and no other page has it."""
     answer = send(admin, "/admin/join-tokens", **FORM)
     assert answer.status_code == 200
@@ -78,9 +73,7 @@ def test_the_line_is_shown_once(admin: Browser, database: Database) -> None:
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_a_robot_arrives_as_it_was_said(
-    admin: Browser, program: Browser, database: Database, relay_database: Database
-) -> None:
+def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database):
     """With its name, at its site, in its region, driven by its group; the page then leads to it, and waits no more."""
     with database.transaction() as tx:
         SITES.add(tx, "lab")
@@ -108,15 +101,13 @@ def test_a_robot_arrives_as_it_was_said(
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_a_robot_that_was_added_may_be_added_again(admin: Browser) -> None:
+def test_a_robot_that_was_added_may_be_added_again(admin):
     """Its line may be lost."""
     for _ in range(2):
         assert send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"})).status_code == 200
 
 
-def test_a_site_that_cannot_tell_its_certificate_makes_no_token(
-    admin: Browser, database: Database
-) -> None:
+def test_a_site_that_cannot_tell_its_certificate_makes_no_token(admin, database):
     """The form comes back, filled in, with the reason."""
     answer = send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"}))
     assert (answer.status_code, 'value="lift"' in answer.text) == (503, True)
@@ -124,7 +115,7 @@ def test_a_site_that_cannot_tell_its_certificate_makes_no_token(
     assert names(database) == []
 
 
-def test_a_wrong_form_comes_back(admin: Browser, database: Database) -> None:
+def test_a_wrong_form_comes_back(admin, database):
     """With the sentence at its field; no token is made."""
     for wrong, field in (
         ({"name": "-x-"}, "name"),
@@ -143,7 +134,7 @@ def test_a_wrong_form_comes_back(admin: Browser, database: Database) -> None:
 
 
 @pytest.mark.usefixtures("site_certificate")
-def test_a_token_is_revoked_after_a_question(admin: Browser, database: Database) -> None:
+def test_a_token_is_revoked_after_a_question(admin, database):
     """Which says how many uses are left; the others stay."""
     send(admin, "/admin/join-tokens", **(FORM | {"uses": "3"}))
     page = admin.ask("GET", "/admin/add-robot").text
@@ -155,7 +146,7 @@ def test_a_token_is_revoked_after_a_question(admin: Browser, database: Database)
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
 
 
-def test_an_approved_robot_is_led_to(admin: Browser, program: Browser) -> None:
+def test_an_approved_robot_is_led_to(admin, program):
     """The page leads to the robot that approval leads back to."""
     join(program, "02:00:00:00:51:01", 1)
     form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
@@ -163,7 +154,7 @@ def test_an_approved_robot_is_led_to(admin: Browser, program: Browser) -> None:
     assert 'data-testid="arrived-sim1"' in admin.ask("GET", onward.partition("#")[0]).text
 
 
-def test_a_robot_is_announced(admin: Browser, database: Database) -> None:
+def test_a_robot_is_announced(admin, database):
     """Its page follows, and its row is there; a local MAC may be allowed by a box."""
     answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")

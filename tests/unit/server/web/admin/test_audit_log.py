@@ -1,19 +1,16 @@
 """The audit log: filtered, and paged from the newest to the oldest."""
 
-from __future__ import annotations
-
 import json
 import re
 
 import pytest
-from robotether_server.db import Database, audit
+from robotether_server.db import audit
 from robotether_server.db.audit import Source
 from robotether_server.web.filters import PER_PAGE
-from web_visitor import Browser
 
 
 @pytest.fixture
-def _events(database: Database) -> None:
+def _events(database):
     """Events of two actors, more than a page has."""
     with database.transaction() as tx:
         audit.record(tx, Source("zoe", "203.0.113.9"), "grant_given", "sim1", user="olga")
@@ -22,7 +19,7 @@ def _events(database: Database) -> None:
 
 
 @pytest.mark.usefixtures("_events")
-def test_events_are_found(admin: Browser) -> None:
+def test_events_are_found(admin):
     """By robot, by actor and by kind, in the list and in the file."""
     for query in ("robot=sim1", "actor=zoe", "kind=grant_given"):
         page = admin.ask("GET", f"/admin/audit?{query}").text
@@ -33,7 +30,7 @@ def test_events_are_found(admin: Browser) -> None:
 
 
 @pytest.mark.usefixtures("_events")
-def test_older_pages_go_on_where_the_newer_ended(admin: Browser) -> None:
+def test_older_pages_go_on_where_the_newer_ended(admin):
     """With the same filter, until there is none."""
     page = admin.ask("GET", "/admin/audit?robot=sim2").text
     assert page.count("number: ") == PER_PAGE
@@ -47,14 +44,14 @@ def test_older_pages_go_on_where_the_newer_ended(admin: Browser) -> None:
     assert "Older" not in page
 
 
-def test_kinds_are_chosen_by_name(admin: Browser) -> None:
+def test_kinds_are_chosen_by_name(admin):
     """From a list; a kind that no name is known of stays what is asked for."""
     page = admin.ask("GET", "/admin/audit?kind=grant_given").text
     assert '<option value="grant_given" selected>Grant given</option>' in page
     assert "<option selected>counted</option>" in admin.ask("GET", "/admin/audit?kind=counted").text
 
 
-def test_nothing_fits(admin: Browser) -> None:
+def test_nothing_fits(admin):
     """The page leads back to everything, and takes nonsense for no page at all; a wrong day is said."""
     page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text
     assert "Nothing matches" in page

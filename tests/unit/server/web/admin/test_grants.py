@@ -1,18 +1,16 @@
 """Grants on the pages of robots, users, groups and sites: which each shows, given and removed."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 import pytest
 from admin_visitor import send
-from robotether_server.db import Database, robots, users
+from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES, list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web.admin import grants as grant_pages
-from web_visitor import Browser, audit_kinds
+from web_visitor import audit_kinds
 
 ADMIN = Source("root")
 FORM = {"holder": "user:ann", "scope": "robot:sim2", "level": "drive", "ends_at": ""}
@@ -26,7 +24,7 @@ PAGES = {
 
 
 @pytest.fixture(autouse=True)
-def _crew_and_lab(admin: Browser, database: Database) -> None:
+def _crew_and_lab(admin, database):
     """A group with ann, and a site with sim2; after the users and robots of `admin`."""
     assert admin
     with database.transaction() as tx:
@@ -36,14 +34,14 @@ def _crew_and_lab(admin: Browser, database: Database) -> None:
         grants.place_robot(tx, ADMIN, "sim2", "lab")
 
 
-def all_grants(database: Database) -> set[tuple[str, str, str]]:
+def all_grants(database):
     """Every grant: who, what, level."""
     with database.transaction() as tx:
         found = list_all(tx)
     return {(item.holder_words, item.scope_words, item.level) for item in found}
 
 
-def number_of(database: Database, who: str, what: str) -> int:
+def number_of(database, who, what):
     """The number of a grant."""
     with database.transaction() as tx:
         found = [
@@ -53,7 +51,7 @@ def number_of(database: Database, who: str, what: str) -> int:
 
 
 @pytest.fixture
-def every_kind(database: Database) -> None:
+def every_kind(database):
     """The crew manages the lab, and olga observes all, beside ann's and olga's grants for sim1."""
     with database.transaction() as tx:
         grants.give(tx, ADMIN, Grantee("group", "crew"), Scope("site", "lab"), "manage")
@@ -61,7 +59,7 @@ def every_kind(database: Database) -> None:
 
 
 @pytest.mark.usefixtures("every_kind")
-def test_page_shows_all_that_reach_its_subject(database: Database) -> None:
+def test_page_shows_all_that_reach_its_subject(database):
     """Also by way of group, site and all."""
     with database.transaction() as tx:
         lists = {
@@ -86,7 +84,7 @@ def test_page_shows_all_that_reach_its_subject(database: Database) -> None:
     }
 
 
-def test_forms_offer_who_needs_a_grant_and_what_there_is(database: Database) -> None:
+def test_forms_offer_who_needs_a_grant_and_what_there_is(database):
     """Admins need none."""
     with database.transaction() as tx:
         offered = grant_pages.holders(tx), grant_pages.scopes(tx)
@@ -97,7 +95,7 @@ def test_forms_offer_who_needs_a_grant_and_what_there_is(database: Database) -> 
     ]
 
 
-def test_a_grant_is_given_and_changed(admin: Browser, database: Database) -> None:
+def test_a_grant_is_given_and_changed(admin, database):
     """The page with the form follows."""
     for page, shown in PAGES.items():
         for level in ("observe", "manage"):
@@ -107,7 +105,7 @@ def test_a_grant_is_given_and_changed(admin: Browser, database: Database) -> Non
     assert audit_kinds(database)[-1] == ("grant_given", "root", "198.51.100.7")
 
 
-def test_groups_sites_and_all_can_be_chosen(admin: Browser, database: Database) -> None:
+def test_groups_sites_and_all_can_be_chosen(admin, database):
     """In the one form that all pages share; each page offers what it can."""
     page = admin.ask("GET", "/admin/users/ann").text
     assert all(f'value="{item}"' in page for item in ("robot:sim1", "site:lab", "all"))
@@ -122,7 +120,7 @@ def test_groups_sites_and_all_can_be_chosen(admin: Browser, database: Database) 
         assert given in all_grants(database)
 
 
-def test_an_end_comes_with_its_offset_or_in_utc(admin: Browser) -> None:
+def test_an_end_comes_with_its_offset_or_in_utc(admin):
     """From the page's script, or without it; the field has it in UTC."""
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
     for text, shown in (
@@ -135,7 +133,7 @@ def test_an_end_comes_with_its_offset_or_in_utc(admin: Browser) -> None:
         assert f'value="{day}{shown}"' in admin.ask("GET", "/admin/users/ann").text
 
 
-def test_the_answer_has_the_end_as_pages_show_it(admin: Browser) -> None:
+def test_the_answer_has_the_end_as_pages_show_it(admin):
     """In UTC until the page's script makes it the reader's time."""
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T12:30"}))
@@ -144,7 +142,7 @@ def test_the_answer_has_the_end_as_pages_show_it(admin: Browser) -> None:
     assert f"User ann may drive robot sim2 until {shown}." in admin.ask("GET", "/profile").text
 
 
-def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
+def test_a_wrong_end_is_said_at_its_field(admin):
     """Which keeps what was typed."""
     form = FORM | {"ends_at": "2020-01-01T00:00:00.000Z"}
     page = send(admin, "/admin/users/ann/grants", **form).text
@@ -154,7 +152,7 @@ def test_a_wrong_end_is_said_at_its_field(admin: Browser) -> None:
     assert "It has passed" in page.split('id="grant-end-problem"')[1].split("<")[0]
 
 
-def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin: Browser, database: Database) -> None:
+def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
     """Which keeps what was typed; the fields that add a grant stay empty."""
     send(admin, "/admin/users/ann/grants", **FORM)
     number = number_of(database, "user ann", "robot sim2")
@@ -170,7 +168,7 @@ def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin: Browser, database: Dat
     assert "selected" not in page.split('id="grant-name"')[1].split("</select>")[0]
 
 
-def test_a_wrong_grant_comes_back_with_the_page(admin: Browser, database: Database) -> None:
+def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     """The page has the sentence, and no grant is given."""
     before = all_grants(database)
     for wrong in (
@@ -199,8 +197,8 @@ def test_a_wrong_grant_comes_back_with_the_page(admin: Browser, database: Databa
     ],
 )
 def test_a_grant_is_taken_away_after_a_question(
-    *, admin: Browser, database: Database, who: str, what: str, level: str, about: str, onward: str
-) -> None:
+    *, admin, database, who, what, level, about, onward
+):
     """It leads back to where it began."""
     path = f"/admin/grants/{number_of(database, who, what)}/take?from={about}"
     assert f"who may {level} now" in admin.ask("GET", path).text
@@ -209,9 +207,7 @@ def test_a_grant_is_taken_away_after_a_question(
     assert (who, what, level) not in all_grants(database)
 
 
-def test_the_question_names_the_end(
-    admin: Browser, database: Database, admin_database: Database
-) -> None:
+def test_the_question_names_the_end(admin, database, admin_database):
     """As the lists do, for the page's script; a grant that is over is not said to give anything now."""
     day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
@@ -230,9 +226,7 @@ def test_the_question_names_the_end(
 
 
 @pytest.mark.usefixtures("every_kind")
-def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(
-    admin: Browser, database: Database
-) -> None:
+def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(admin, database):
     """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
     number = number_of(database, "group crew", "site lab")
     for page in ("/admin/users/ann", "/admin/robots/sim2/access"):

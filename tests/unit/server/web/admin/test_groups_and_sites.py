@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 
 import pytest
 from admin_visitor import send
-from robotether_server.db import Database, join_tokens, robots
+from robotether_server.db import join_tokens, robots
 from robotether_server.db.grants import GROUPS, SITES, Collection
 from robotether_server.db.join_tokens import Place
-from web_visitor import Browser, audit_kinds
+from web_visitor import audit_kinds
 
 
 class Case(NamedTuple):
@@ -30,12 +30,10 @@ CASES = [
 
 
 @pytest.mark.parametrize("case", CASES)
-def test_collection_is_added_filled_and_removed(
-    admin: Browser, database: Database, case: Case
-) -> None:
+def test_collection_is_added_filled_and_removed(admin, database, case):
     """Each step has its page, its question and its line in the log."""
 
-    def members() -> tuple[str, ...]:
+    def members():
         with database.transaction() as tx:
             return tuple(case.collection.get(tx, "x").members)
 
@@ -70,7 +68,7 @@ def test_collection_is_added_filled_and_removed(
     ]
 
 
-def test_wrong_field_is_marked(admin: Browser) -> None:
+def test_wrong_field_is_marked(admin):
     """What to enter stands at its label, the focus is there, and the summary leads to it."""
     page = send(admin, "/admin/groups", name="The Crew").text
     assert 'aria-invalid="true" autofocus aria-describedby="name-problem name-hint"' in page
@@ -80,10 +78,10 @@ def test_wrong_field_is_marked(admin: Browser) -> None:
     assert "The name is taken." in send(admin, "/admin/groups", name="crew").text
 
 
-def test_robot_is_moved_from_its_own_page(admin: Browser, database: Database) -> None:
+def test_robot_is_moved_from_its_own_page(admin, database):
     """Its page, the search and the site's pages follow; a robot that is not at a site cannot be removed from it."""
 
-    def site_of_sim1() -> str | None:
+    def site_of_sim1():
         with database.transaction() as tx:
             return robots.get(tx, "sim1").site
 
@@ -102,9 +100,7 @@ def test_robot_is_moved_from_its_own_page(admin: Browser, database: Database) ->
 @pytest.mark.parametrize(
     ("kind", "place"), [("group", "given to no group"), ("site", "at no site")]
 )
-def test_question_names_the_join_tokens_that_lose_the_record(
-    admin: Browser, database: Database, kind: str, place: str
-) -> None:
+def test_question_names_the_join_tokens_that_lose_the_record(admin, database, kind, place):
     """Only tokens that can still admit a robot are named."""
     now = dt.datetime.now(dt.UTC)
     later, past = (now + dt.timedelta(hours=hours) for hours in (1, -1))

@@ -1,41 +1,38 @@
 """Keys that wait: shown to be compared, approved, rejected, forgiven."""
 
-from __future__ import annotations
-
 import pytest
 from admin_visitor import fingerprint, join, send
-from robotether_server.db import Database, robots
+from robotether_server.db import robots
 from robotether_server.problems import RecordMissingError
-from web_visitor import Browser
 
 MAC = "02:00:00:00:51:01"
 
 
-def key_of(database: Database, name: str) -> tuple[str, str | None]:
+def key_of(database, name):
     """State and fingerprint of a robot."""
     with database.transaction() as tx:
         robot = robots.get(tx, name)
     return robot.state, robot.fingerprint
 
 
-def approve(admin: Browser, robot: str, key: int, name: str | None = None) -> int:
+def approve(admin, robot, key, name=None):
     """Send the form of the card; the status of the answer."""
     form = {"robot": robot, "fingerprint": fingerprint(key), "name": name or robot}
     return send(admin, "/admin/pending", **form).status_code
 
 
-def asked(action: str, robot: str, key: int) -> str:
+def asked(action, robot, key):
     """The path of the page that asks."""
     return f"/admin/pending/{action}/{robot}?fingerprint=" + fingerprint(key).replace("+", "%2B")
 
 
-def test_nobody_waits_at_first(admin: Browser) -> None:
+def test_nobody_waits_at_first(admin):
     """The page says how somebody comes to; it is at the old address, too."""
     for path in ("/admin/add-robot", "/admin/pending"):
         assert 'data-testid="nobody-waits"' in admin.ask("GET", path).text
 
 
-def test_a_refused_join_is_shown_with_its_reason(admin: Browser, program: Browser) -> None:
+def test_a_refused_join_is_shown_with_its_reason(admin, program):
     """The admin who waits for the machine sees why it does not come."""
     assert 'data-testid="refused"' not in admin.ask("GET", "/admin/add-robot").text
     join(program, MAC, 1, token="rj_wrong")
@@ -46,7 +43,7 @@ def test_a_refused_join_is_shown_with_its_reason(admin: Browser, program: Browse
     assert "nobody-waits" not in page
 
 
-def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Browser) -> None:
+def test_a_key_is_shown_in_full_with_what_to_compare(admin, program):
     """Beside all that the machine told."""
     join(program, MAC, 1)
     page = admin.ask("GET", "/admin/pending").text
@@ -55,18 +52,14 @@ def test_a_key_is_shown_in_full_with_what_to_compare(admin: Browser, program: Br
         assert text in page
 
 
-def test_an_unknown_robot_is_approved_under_another_name(
-    admin: Browser, program: Browser, database: Database
-) -> None:
+def test_an_unknown_robot_is_approved_under_another_name(admin, program, database):
     """The robot is approved and renamed in one step."""
     join(program, "02:00:00:00:51:77", 1)
     assert approve(admin, "robot-005177", 1, "lift") == 303
     assert key_of(database, "lift") == ("active", fingerprint(1))
 
 
-def test_a_name_that_is_taken_approves_nothing(
-    admin: Browser, program: Browser, database: Database
-) -> None:
+def test_a_name_that_is_taken_approves_nothing(admin, program, database):
     """The form comes back with the name that was typed."""
     join(program, "02:00:00:00:51:77", 1)
     form = {"robot": "robot-005177", "fingerprint": fingerprint(1), "name": "sim1"}
@@ -76,8 +69,8 @@ def test_a_name_that_is_taken_approves_nothing(
 
 
 def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
-    admin: Browser, program: Browser, database: Database
-) -> None:
+    admin, program, database
+):
     """The first goes on until then; the page names both."""
     join(program, MAC, 1)
     approve(admin, "sim1", 1)
@@ -93,9 +86,7 @@ def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     assert key_of(database, "sim1") == ("active", fingerprint(2))
 
 
-def test_a_rejected_key_is_refused_until_it_may_ask_again(
-    admin: Browser, program: Browser, database: Database
-) -> None:
+def test_a_rejected_key_is_refused_until_it_may_ask_again(admin, program, database):
     """The list of rejected keys takes it back."""
     join(program, "02:00:00:00:51:77", 1)
     assert "Allow the key to ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
@@ -111,7 +102,7 @@ def test_a_rejected_key_is_refused_until_it_may_ask_again(
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
 
 
-def test_a_key_that_waits_no_more_is_not_asked_about(admin: Browser) -> None:
+def test_a_key_that_waits_no_more_is_not_asked_about(admin):
     """Another admin may have been first."""
     for action in ("replace", "reject"):
         answer = admin.ask("GET", asked(action, "sim1", 1))

@@ -1,16 +1,14 @@
 """The robots' list, search and pages, and what an admin changes after a question."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
 from admin_visitor import fingerprint, join, send
-from robotether_server.db import Database, audit, robots
+from robotether_server.db import audit, robots
 from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.web.admin.robots import RobotSearch
-from web_visitor import Browser, audit_kinds
+from web_visitor import audit_kinds
 
 ROBOT = RobotRow(
     1, "00:1b:44:11:3a:b7", "lift-7", "active", 20000, 20001, "SHA256:x", {},
@@ -26,7 +24,7 @@ MAC = "02:00:00:00:51:01"
     "words",
     ["", "lift", "LIFT 7", "1b:44", "00-1B-44", "001b44", "turtle", "203.0.113", "198.51.100.9"],
 )
-def test_a_robot_is_found_by_what_people_know_of_it(words: str) -> None:
+def test_a_robot_is_found_by_what_people_know_of_it(words):
     """Name, MAC in any spelling, host name, address; every word must fit."""
     assert RobotSearch(words).finds(SEEN)
 
@@ -41,14 +39,12 @@ def test_a_robot_is_found_by_what_people_know_of_it(words: str) -> None:
         ("", "pending", False),
     ],
 )
-def test_both_words_and_state_must_fit(words: str, state: str, finds: bool) -> None:
+def test_both_words_and_state_must_fit(words, state, finds):
     """Online is a state beside the record's own."""
     assert RobotSearch(words, state).finds(SEEN) is finds
 
 
-def test_list_shows_who_drives_and_what_is_stopped(
-    admin: Browser, admin_database: Database
-) -> None:
+def test_list_shows_who_drives_and_what_is_stopped(admin, admin_database):
     """And finds the robots by it; the robot's own page says it too."""
     with admin_database.transaction() as tx:
         first, second = (robots.get(tx, name).id for name in ("sim1", "sim2"))
@@ -74,7 +70,7 @@ def test_list_shows_who_drives_and_what_is_stopped(
     assert re.search(rf"Stopped by zoe \(<time [^>]*{stopped}", second)
 
 
-def test_list_shows_what_the_search_finds(admin: Browser) -> None:
+def test_list_shows_what_the_search_finds(admin):
     """And how many of how many; one that finds nothing leads back to all."""
     page = admin.ask("GET", "/admin/robots?q=sim2").text
     assert "row-sim2" in page
@@ -85,7 +81,7 @@ def test_list_shows_what_the_search_finds(admin: Browser) -> None:
     assert 'href="/admin/robots" data-keeps-ticks>Show all' in page
 
 
-def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database) -> None:
+def test_an_empty_fleet_says_what_to_do_first(admin, database):
     """An empty fleet has one link to the first step."""
     with database.transaction() as tx:
         for name in ("sim1", "sim2"):
@@ -95,7 +91,7 @@ def test_an_empty_fleet_says_what_to_do_first(admin: Browser, database: Database
     assert page.count(">Add robot<") == 1
 
 
-def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Browser) -> None:
+def test_what_an_unknown_robot_calls_itself_is_text(admin, program):
     """A host name is anybody's; it becomes no markup, on no page."""
     assert join(program, "02:00:00:00:51:77", 7, "<script>alert(1)</script>").status_code == 202
     for path in ("/admin/robots", "/admin/add-robot", "/admin/robots/robot-005177", "/admin/audit"):
@@ -104,7 +100,7 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin: Browser, program: Bro
         assert "<script>alert" not in page, path
 
 
-def insert_sessions(database: Database, count: int) -> RobotRow:
+def insert_sessions(database, count):
     """Sessions of sim1 that a lost link ended; returns the robot."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
@@ -116,9 +112,7 @@ def insert_sessions(database: Database, count: int) -> RobotRow:
     return robot
 
 
-def test_overview_tells_what_is_known(
-    admin: Browser, program: Browser, admin_database: Database
-) -> None:
+def test_overview_tells_what_is_known(admin, program, admin_database):
     """Machine, key and ports."""
     join(program, MAC, 1)
     robot = insert_sessions(admin_database, 1)
@@ -128,7 +122,7 @@ def test_overview_tells_what_is_known(
     assert fingerprint(1) in page.replace("</span><span>", "")
 
 
-def test_each_tab_is_a_page_of_its_own(admin: Browser) -> None:
+def test_each_tab_is_a_page_of_its_own(admin):
     """Which leads to the others, and has nothing of theirs."""
     titles = {"overview": "end-title", "access": "grants-title", "history": "sessions-title"}
     for tab, has in titles.items():
@@ -141,9 +135,7 @@ def test_each_tab_is_a_page_of_its_own(admin: Browser) -> None:
         assert [title for title in titles.values() if f'"{title}"' in page] == [has]
 
 
-def test_history_has_the_last_of_everything(
-    admin: Browser, program: Browser, admin_database: Database
-) -> None:
+def test_history_has_the_last_of_everything(admin, program, admin_database):
     """The history has the newest entries and leads to all of them."""
     join(program, MAC, 1)
     path = "/admin/robots/sim1/history"
@@ -162,7 +154,7 @@ def test_history_has_the_last_of_everything(
 
 
 @pytest.mark.usefixtures("active")
-def test_drive_and_watch_are_on_top(admin: Browser, admin_database: Database) -> None:
+def test_drive_and_watch_are_on_top(admin, admin_database):
     """Of an active robot; an offline one cannot be driven."""
     assert "robot-watch" not in admin.ask("GET", "/admin/robots/sim2").text
     page = admin.ask("GET", "/admin/robots/sim1").text
@@ -175,9 +167,7 @@ def test_drive_and_watch_are_on_top(admin: Browser, admin_database: Database) ->
     assert "robot-drive" in admin.ask("GET", "/admin/robots/sim1/access").text
 
 
-def test_page_warns_of_a_rosbridge_that_its_network_reaches(
-    admin: Browser, admin_database: Database
-) -> None:
+def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_database):
     """While the robot is online and says so; what a session said that is over may be mended."""
     for ended_at, exposed, warns in (
         ("NULL", "FALSE", False),
@@ -195,7 +185,7 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(
         assert ("<code>address:=127.0.0.1</code>" in page) == warns
 
 
-def test_page_says_why_the_robot_is_offline(admin: Browser, admin_database: Database) -> None:
+def test_page_says_why_the_robot_is_offline(admin, admin_database):
     """The page says nothing of it while the robot is online."""
     pages = []
     for change in (
@@ -211,21 +201,21 @@ def test_page_says_why_the_robot_is_offline(admin: Browser, admin_database: Data
     assert "The robot went silent" in pages[2]
 
 
-def test_page_says_what_to_do_next(admin: Browser, program: Browser) -> None:
+def test_page_says_what_to_do_next(admin, program):
     """A robot that has not joined needs its agent, one that waits needs an admin."""
     assert "has not joined yet" in admin.ask("GET", "/admin/robots/sim1").text
     join(program, MAC, 1)
     assert "compare its key" in admin.ask("GET", "/admin/robots/sim1").text
 
 
-def test_unknown_robot_leads_back(admin: Browser) -> None:
+def test_unknown_robot_leads_back(admin):
     """404, with a way to the list."""
     answer = admin.ask("GET", "/admin/robots/ghost")
     assert (answer.status_code, "cannot show robot ghost" in answer.text) == (404, True)
     assert 'href="/admin/robots">Back' in answer.text
 
 
-def test_robot_called_as_a_page_is_reached(admin: Browser) -> None:
+def test_robot_called_as_a_page_is_reached(admin):
     """No name that a robot may have is taken by a page of the admins."""
     for number, name in enumerate(("new", "add", "pending")):
         mac = f"00:1b:44:11:3a:0{number}"
@@ -235,23 +225,23 @@ def test_robot_called_as_a_page_is_reached(admin: Browser) -> None:
 
 
 @pytest.fixture
-def active(admin: Browser, program: Browser) -> None:
+def active(admin, program):
     """sim1 has joined and is approved."""
     join(program, MAC, 1)
     form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
     assert send(admin, "/admin/pending", **form).status_code == 303
 
 
-def get(database: Database, name: str) -> RobotRow:
+def get(database, name):
     """The robot's row."""
     with database.transaction() as tx:
         return robots.get(tx, name)
 
 
 @pytest.mark.usefixtures("active")
-def test_each_action_is_done_and_audited(admin: Browser, database: Database) -> None:
+def test_each_action_is_done_and_audited(admin, database):
     """Each leads back to the robot's page, or to the list from a robot that is gone."""
-    actions: tuple[tuple[str, str, dict[str, str], str, dict[str, object]], ...] = (
+    actions = (
         ("sim1", "disable", {}, "robot_disabled", {}),
         ("sim1", "enable", {}, "robot_enabled", {}),
         ("sim1", "rotate-key", {}, "robot_rotation_requested", {}),
@@ -274,12 +264,12 @@ def test_each_action_is_done_and_audited(admin: Browser, database: Database) -> 
         assert details.items() <= newest.details.items()
 
 
-def test_form_of_the_mac_has_the_present_one(admin: Browser) -> None:
+def test_form_of_the_mac_has_the_present_one(admin):
     """An admin sees what changes."""
     assert f'value="{MAC}"' in admin.ask("GET", "/admin/robots/sim1/mac").text
 
 
-def test_ports_move(admin: Browser, database: Database) -> None:
+def test_ports_move(admin, database):
     """To those named, both or neither, or to a free pair. The page names the present ones."""
     path = "/admin/robots/sim1/ports"
     assert "Now: 20000" in admin.ask("GET", path).text
@@ -291,7 +281,7 @@ def test_ports_move(admin: Browser, database: Database) -> None:
     assert get(database, "sim1").ros_port != 20100
 
 
-def test_region_is_set_and_cleared(admin: Browser, database: Database) -> None:
+def test_region_is_set_and_cleared(admin, database):
     """There is nothing to choose while neither a machine nor the robot has one."""
     assert "region-form" not in admin.ask("GET", "/admin/robots/sim1").text
     send(admin, "/admin/robots/sim1/region", region="eu")
@@ -311,15 +301,7 @@ def test_region_is_set_and_cleared(admin: Browser, database: Database) -> None:
         ("grant", {"holder": "user:ann", "level": "observe", "hours": "24"}, "grant_given"),
     ],
 )
-def test_ticked_robots_are_changed_after_one_question(
-    *,
-    admin: Browser,
-    ann: Browser,
-    database: Database,
-    action: str,
-    form: dict[str, str],
-    kind: str,
-) -> None:
+def test_ticked_robots_are_changed_after_one_question(*, admin, ann, database, action, form, kind):
     """The question names each robot, and each has its entry in the audit log; no tick is refused."""
     send(admin, "/admin/sites", name="yard")
     path = f"/admin/selected-robots/{action}"
@@ -337,7 +319,7 @@ def test_ticked_robots_are_changed_after_one_question(
     assert send(admin, path, robots="sim1 ghost", **form).status_code == 404
 
 
-def test_ticks_stay_where_a_search_shows_others(admin: Browser) -> None:
+def test_ticks_stay_where_a_search_shows_others(admin):
     """What is not shown is sent along, and counted; a robot that is no more is not."""
     page = admin.ask("GET", "/admin/robots?q=sim1&robot=sim1&robot=sim2&robot=ghost").text
     assert 'value="sim1" aria-label="Select sim1" checked' in page
@@ -349,14 +331,14 @@ def test_ticks_stay_where_a_search_shows_others(admin: Browser) -> None:
     assert 'data-testid="ticks" hidden' in admin.ask("GET", "/admin/robots").text
 
 
-def test_no_more_is_ticked_than_an_address_holds(admin: Browser) -> None:
+def test_no_more_is_ticked_than_an_address_holds(admin):
     names = [f"sim{number}" for number in range(101)]
     path = "/admin/selected-robots/disable"
     answer = admin.ask("GET", path, query_string={"robot": names})
     assert "tick at most 100 robots at once" in answer.text
 
 
-def test_a_list_of_robots_has_pages(admin: Browser, admin_database: Database) -> None:
+def test_a_list_of_robots_has_pages(admin, admin_database):
     """A page shows 50 and says which."""
     with admin_database.transaction() as tx:
         for number in range(3, 62):

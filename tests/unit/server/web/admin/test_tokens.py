@@ -1,15 +1,10 @@
 """The API tokens of all users."""
 
-from __future__ import annotations
-
 from admin_visitor import send
-from robotether_server.db import Database
-from web_visitor import Browser, audit_kinds, bearer
+from web_visitor import audit_kinds, bearer
 
 
-def test_an_admin_deletes_a_users_token(
-    admin: Browser, program: Browser, database: Database
-) -> None:
+def test_an_admin_deletes_a_users_token(admin, program, database):
     """After a question that names both; the program is refused from then on."""
     header = bearer(database, "ann")
     page = admin.ask("GET", "/admin/tokens").text
@@ -21,6 +16,6 @@ def test_an_admin_deletes_a_users_token(
     assert audit_kinds(database)[-1] == ("token_deleted", "root", "198.51.100.7")
 
 
-def test_an_empty_list_says_where_tokens_are_made(admin: Browser) -> None:
+def test_an_empty_list_says_where_tokens_are_made(admin):
     """An empty list leads to the profile."""
     assert "Nobody has an API token" in admin.ask("GET", "/admin/tokens").text

@@ -1,17 +1,14 @@
 """Users: listed, added, shown, and what an admin changes after a question."""
 
-from __future__ import annotations
-
 import re
 
 import pytest
 from admin_visitor import send
-from flask import Flask
-from robotether_server.db import Database, users
+from robotether_server.db import users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 
-def test_every_user_is_listed_and_has_a_page(admin: Browser) -> None:
+def test_every_user_is_listed_and_has_a_page(admin):
     """With the grants, each with a form to change it; a user who is not there has none."""
     page = admin.ask("GET", "/admin/users").text
     for name in ("ann", "olga", "root"):
@@ -21,12 +18,11 @@ def test_every_user_is_listed_and_has_a_page(admin: Browser) -> None:
     assert (answer.status_code, "cannot find user ghost" in answer.text) == (404, True)
 
 
-def test_a_password_that_was_made_is_shown_once_and_works(app: Flask, admin: Browser) -> None:
+def test_a_password_that_was_made_is_shown_once_and_works(app, admin):
     """In the answer to the form, and neither in an address nor in a cookie."""
     answer = send(admin, "/admin/users", name="zoe", role="user", password="")
     assert answer.status_code == 200
     shown = re.search(r'data-testid="secret">([^<]+)<', answer.text)
-    assert shown is not None
     assert shown[1] not in str(answer.headers)
     assert answer.headers["Cache-Control"] == "no-store"
     assert shown[1] not in admin.ask("GET", "/admin/users/zoe").text
@@ -34,7 +30,7 @@ def test_a_password_that_was_made_is_shown_once_and_works(app: Flask, admin: Bro
     assert zoe.log_in("zoe", shown[1]).status_code == 303
 
 
-def test_a_password_that_was_typed_is_not_shown(admin: Browser, database: Database) -> None:
+def test_a_password_that_was_typed_is_not_shown(admin, database):
     """The user's page follows."""
     answer = send(admin, "/admin/users", name="zoe", role="admin", password="typed by an admin")
     assert (answer.status_code, answer.location) == (303, "/admin/users/zoe")
@@ -43,7 +39,7 @@ def test_a_password_that_was_typed_is_not_shown(admin: Browser, database: Databa
     assert ("user_added", "root", "198.51.100.7") in audit_kinds(database)
 
 
-def test_a_wrong_form_comes_back(admin: Browser) -> None:
+def test_a_wrong_form_comes_back(admin):
     """Filled in, but for the password."""
     for form, sentence in (
         ({"name": "ann", "role": "user"}, "The name is taken."),
@@ -57,14 +53,14 @@ def test_a_wrong_form_comes_back(admin: Browser) -> None:
         assert "short" not in answer.text
 
 
-def is_in(visitor: Browser) -> bool:
+def is_in(visitor):
     """Whether the login holds."""
     return visitor.ask("GET", "/").status_code == 200
 
 
-def test_each_action_is_done_and_audited(admin: Browser, database: Database) -> None:
+def test_each_action_is_done_and_audited(admin, database):
     """Each leads back to the user's page; a user who is gone has none."""
-    actions: tuple[tuple[str, dict[str, str], str], ...] = (
+    actions = (
         ("role", {"role": "admin"}, "user_role_set"),
         ("disable", {}, "user_disabled"),
         ("enable", {}, "user_enabled"),
@@ -79,17 +75,16 @@ def test_each_action_is_done_and_audited(admin: Browser, database: Database) -> 
         assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
 
 
-def test_a_new_password_is_made_and_shown(admin: Browser, ann: Browser) -> None:
+def test_a_new_password_is_made_and_shown(admin, ann):
     """The old one holds no more, nor do logins made with it."""
     answer = send(admin, "/admin/users/ann/password", password="")
     shown = re.search(r'data-testid="secret">([^<]+)<', answer.text)
-    assert shown is not None
     assert not is_in(ann)
     assert ann.log_in("ann", PASSWORD).status_code == 401
     assert ann.log_in("ann", shown[1]).status_code == 303
 
 
-def test_what_an_admin_leaves_behind_is_said(admin: Browser) -> None:
+def test_what_an_admin_leaves_behind_is_said(admin):
     """Tokens that this admin made for robots and others do not end; a user has made none."""
     for action in ("role", "disable", "remove"):
         said = "Join tokens that root made"
@@ -110,15 +105,7 @@ def test_what_an_admin_leaves_behind_is_said(admin: Browser) -> None:
         ),
     ],
 )
-def test_ticked_users_are_changed_after_one_question(
-    *,
-    admin: Browser,
-    database: Database,
-    action: str,
-    form: dict[str, str],
-    kind: str,
-    asked: str,
-) -> None:
+def test_ticked_users_are_changed_after_one_question(*, admin, database, action, form, kind, asked):
     """The question names each; one who is not there changes nothing."""
     send(admin, "/admin/groups", name="crew")
     path = f"/admin/selected-users/{action}"
@@ -132,7 +119,7 @@ def test_ticked_users_are_changed_after_one_question(
     assert "tick at least one user" in admin.ask("GET", path).text
 
 
-def test_ticked_users_are_enabled_again_and_the_last_admin_stays(admin: Browser) -> None:
+def test_ticked_users_are_enabled_again_and_the_last_admin_stays(admin):
     send(admin, "/admin/selected-users/disable", users="ann olga")
     assert send(admin, "/admin/selected-users/enable", users="ann olga").status_code == 303
     assert admin.ask("GET", "/admin/users?user=ann").text.count(">Enabled<") == 3

@@ -1,16 +1,13 @@
 """A manager who is no admin, in a browser."""
 
-from __future__ import annotations
-
 import pytest
-from flask import Flask
 from granted import give
-from robotether_server.db import Database, robots, users
+from robotether_server.db import robots, users
 from web_visitor import HASH, Browser
 
 
 @pytest.fixture
-def manager(app: Flask, database: Database) -> Browser:
+def manager(app, database):
     """May, who manages sim1, logged in; drivers there may publish /lights and call /dock."""
     policy = '{"policy": {"drive": {"publish": ["/lights"], "call": ["/dock"]}}}'
     with database.transaction() as tx:

@@ -1,7 +1,5 @@
 """The forms for a robot's buttons."""
 
-from __future__ import annotations
-
 import pytest
 from admin_visitor import send
 from drive_settings import (
@@ -15,21 +13,20 @@ from drive_settings import (
     names,
     problem_of,
 )
-from robotether_server.db import Database, robots
-from web_visitor import Browser
+from robotether_server.db import robots
 
 NEW = f"{BUTTONS}/new"
 
 
 @pytest.fixture
-def two(manager: Browser) -> None:
+def two(manager):
     """Lights on and Dock, in this order."""
     for form in (LIGHTS_FORM, DOCK_FORM):
         assert send(manager, NEW, **form).location == BUTTONS
 
 
 @pytest.mark.usefixtures("two")
-def test_manager_adds_buttons(manager: Browser, database: Database) -> None:
+def test_manager_adds_buttons(manager, database):
     """They stand in the order in which they came, in settings, audit log and list."""
     assert kept(database, "buttons") == [LIGHTS, DOCK]
     newest, first = audited(database, "robot_buttons_set")
@@ -42,7 +39,7 @@ def test_manager_adds_buttons(manager: Browser, database: Database) -> None:
 
 
 @pytest.mark.usefixtures("two")
-def test_button_is_changed_where_it_stands(manager: Browser, database: Database) -> None:
+def test_button_is_changed_where_it_stands(manager, database):
     """Its form has what it is; sent back unchanged it changes nothing."""
     path = f"{BUTTONS}/1"
     page = manager.ask("GET", path).text
@@ -57,7 +54,7 @@ def test_button_is_changed_where_it_stands(manager: Browser, database: Database)
 
 
 @pytest.mark.usefixtures("two")
-def test_true_is_another_message_than_one(manager: Browser, database: Database) -> None:
+def test_true_is_another_message_than_one(manager, database):
     """To Python they are equal, to a robot they are not."""
     form = LIGHTS_FORM | {"sends": '{"data": 1}'}
     send(manager, f"{BUTTONS}/1", was="Lights on", **form)
@@ -65,7 +62,7 @@ def test_true_is_another_message_than_one(manager: Browser, database: Database) 
 
 
 @pytest.mark.usefixtures("two")
-def test_buttons_change_places(manager: Browser, database: Database) -> None:
+def test_buttons_change_places(manager, database):
     """One step at a time; the ends are ends."""
     move = f"{BUTTONS}/2/move"
     assert send(manager, move, was="Dock", to="up").status_code == 303
@@ -78,7 +75,7 @@ def test_buttons_change_places(manager: Browser, database: Database) -> None:
 
 
 @pytest.mark.usefixtures("two")
-def test_button_is_removed_after_a_question(manager: Browser, database: Database) -> None:
+def test_button_is_removed_after_a_question(manager, database):
     """The audit log keeps what it sent."""
     path = f"{BUTTONS}/1/remove"
     assert 'name="was" value="Lights on"' in manager.ask("GET", path).text
@@ -89,7 +86,7 @@ def test_button_is_removed_after_a_question(manager: Browser, database: Database
 
 
 @pytest.mark.usefixtures("two")
-def test_a_form_of_before_changes_no_other_button(manager: Browser, database: Database) -> None:
+def test_a_form_of_before_changes_no_other_button(manager, database):
     """Somebody moved them meanwhile: the place is another button's."""
     send(manager, f"{BUTTONS}/1/move", was="Lights on", to="down")
     for path, form in (("1", LIGHTS_FORM), ("1/remove", {}), ("1/move", {"to": "down"})):
@@ -101,7 +98,7 @@ def test_a_form_of_before_changes_no_other_button(manager: Browser, database: Da
     assert manager.ask("GET", f"{BUTTONS}/3").status_code == 409
 
 
-def test_what_is_wrong_is_named_and_kept_in_the_form(manager: Browser, database: Database) -> None:
+def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
     """Nothing is lost of what was typed."""
     for changes, sentence in (
         ({"sends": "{data: true}"}, "at line 1, column 2"),
@@ -120,9 +117,7 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(manager: Browser, database:
     assert names(database) == []
 
 
-def test_admin_lets_drivers_send_it_in_the_same_step(
-    *, admin: Browser, manager: Browser, database: Database
-) -> None:
+def test_admin_lets_drivers_send_it_in_the_same_step(*, admin, manager, database):
     """By a box that only admins have and only admins are heard with."""
     form = LIGHTS_FORM | {"target": "/arm/wave", "allow": "yes"}
     assert 'name="allow"' not in manager.ask("GET", NEW).text
@@ -138,16 +133,14 @@ def test_admin_lets_drivers_send_it_in_the_same_step(
     assert len(audited(database, "robot_settings_set")) == 1
 
 
-def test_a_button_that_is_refused_widens_no_policy(admin: Browser, database: Database) -> None:
+def test_a_button_that_is_refused_widens_no_policy(admin, database):
     """Both or neither: on a drive topic there is no button, whatever is allowed."""
     form = LIGHTS_FORM | {"target": "/cmd_vel", "allow": "yes"}
     assert send(admin, NEW, **form).status_code == 422
     assert audited(database, "robot_settings_set") == []
 
 
-def test_no_button_before_broken_settings_are_corrected(
-    manager: Browser, database: Database
-) -> None:
+def test_no_button_before_broken_settings_are_corrected(manager, database):
     """What somebody wrote by SQL is for an admin to mend."""
     with database.transaction() as tx:
         tx.change("""UPDATE robots SET settings = '{"guard": {"deadman_ms": 1}}'""")

@@ -1,19 +1,13 @@
 """The documents' site: pages by their folder, with a policy of their own, and nothing from outside."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import pytest
 from robotether_server.web.pages import documents
-from web_visitor import Browser
-from werkzeug.datastructures import Headers
 
 POLICY = "default-src 'self'; script-src 'self' 'sha256-abc'"
 
 
 @pytest.fixture
-def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def site(tmp_path, monkeypatch):
     """A site as MkDocs builds it, with a file beside that is not part of it."""
     made = tmp_path / "site"
     (made / "howto").mkdir(parents=True)
@@ -25,14 +19,14 @@ def site(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return made
 
 
-def read(program: Browser, path: str) -> tuple[bytes, Headers]:
+def read(program, path):
     """The body and the headers; the file that was sent is closed."""
     with program.ask("GET", path) as answer:
         assert answer.status_code == 200
         return answer.data, answer.headers
 
 
-def test_a_page_is_found_by_its_folder(program: Browser, site: Path) -> None:
+def test_a_page_is_found_by_its_folder(program, site):
     """Without a login; an address without the slash leads to the one that has it."""
     assert read(program, "/docs/")[0] == (site / "index.html").read_bytes()
     assert read(program, "/docs/howto/")[0] == b"<title>how</title>"
@@ -41,7 +35,7 @@ def test_a_page_is_found_by_its_folder(program: Browser, site: Path) -> None:
 
 
 @pytest.mark.usefixtures("site")
-def test_its_scripts_run_by_its_own_policy(program: Browser) -> None:
+def test_its_scripts_run_by_its_own_policy(program):
     """All other headers are those of any page."""
     _, headers = read(program, "/docs/")
     assert headers["Content-Security-Policy"] == POLICY
@@ -49,7 +43,7 @@ def test_its_scripts_run_by_its_own_policy(program: Browser) -> None:
 
 
 @pytest.mark.usefixtures("site")
-def test_nothing_else_is_sent(program: Browser) -> None:
+def test_nothing_else_is_sent(program):
     """Neither what is not there nor what lies beside."""
     for path in ("/docs/nothing/", "/docs/../secret", "/docs/%2e%2e/secret"):
         answer = program.ask("GET", path)
@@ -57,9 +51,7 @@ def test_nothing_else_is_sent(program: Browser) -> None:
         assert "not published" not in answer.text
 
 
-def test_a_server_without_the_site_says_so(
-    program: Browser, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_server_without_the_site_says_so(program, tmp_path, monkeypatch):
     """A server that runs from a checkout says that it has no site of documents."""
     monkeypatch.setattr(documents, "SITE", tmp_path / "none")
     answer = program.ask("GET", "/docs/")

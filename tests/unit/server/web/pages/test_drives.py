@@ -1,18 +1,12 @@
 """The page of drives, for everybody with a login."""
 
-from __future__ import annotations
-
 import json
 import re
 
 from drive_records import add_drive
-from robotether_server.db import Database
-from web_visitor import Browser
 
 
-def test_admin_sees_all_and_user_her_own(
-    admin: Browser, ann: Browser, admin_database: Database
-) -> None:
+def test_admin_sees_all_and_user_her_own(admin, ann, admin_database):
     """The list has commands and refusals."""
     add_drive(admin_database, "sim2", "zoe")
     page = admin.ask("GET", "/drives").text
@@ -43,7 +37,7 @@ def test_admin_sees_all_and_user_her_own(
     assert "/admin/" not in page
 
 
-def test_what_nobody_measured_is_not_claimed(admin: Browser, admin_database: Database) -> None:
+def test_what_nobody_measured_is_not_claimed(admin, admin_database):
     """Of a drive from before there were such records, and of one without pings and video."""
     measured = ("latency_p50_ms", "latency_p95_ms", "bytes", "pictures", "picture_bytes")
     seen = ("seen_p50_ms", "seen_p95_ms", "seen_p99_ms", "seen_max_ms", "seen_unknown", "slowed_s")
@@ -53,14 +47,14 @@ def test_what_nobody_measured_is_not_claimed(admin: Browser, admin_database: Dat
     assert [words for words in facts if f"<dt>{words}<" in page] == []
 
 
-def test_each_drive_is_a_file_of_its_own(ann: Browser, admin_database: Database) -> None:
+def test_each_drive_is_a_file_of_its_own(ann, admin_database):
     """The link leads to the API, which takes the login."""
     number = add_drive(admin_database, "sim1", "ann")
     assert f'href="/api/v1/drives/{number}" download' in ann.ask("GET", "/drives").text
     assert ann.ask("GET", f"/api/v1/drives/{number}").json["frames"] == 6000
 
 
-def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Database) -> None:
+def test_drive_that_a_stop_ended_says_so_once(admin, admin_database):
     """The API and the files have the code."""
     add_drive(admin_database, "sim1", "ann", end_code="robot_stopped", stops=1)
     page = admin.ask("GET", "/drives").text
@@ -69,24 +63,24 @@ def test_drive_that_a_stop_ended_says_so_once(admin: Browser, admin_database: Da
     assert '"robot_stopped"' in admin.ask("GET", "/drives/download?format=jsonl").text
 
 
-def test_filters_offer_what_the_viewer_knows(admin: Browser, ann: Browser) -> None:
+def test_filters_offer_what_the_viewer_knows(admin, ann):
     """All robots and people to an admin; to others the robots that they see, and themselves."""
 
-    def offered(browser: Browser) -> set[str]:
+    def offered(browser):
         return set(re.findall(r'<option value="([^"]+)">', browser.ask("GET", "/drives").text))
 
     assert offered(admin) == {"sim1", "sim2", "ann", "olga", "root"}
     assert offered(ann) == {"sim1", "ann"}
 
 
-def test_menu_leads_everybody_to_it(ann: Browser) -> None:
+def test_menu_leads_everybody_to_it(ann):
     """The menu leads everybody to the page and marks it while it is shown."""
     link = '<a href="/drives"{} data-testid="menu-drives">'
     assert link.format("") in ann.ask("GET", "/").text
     assert link.format(' aria-current="page"') in ann.ask("GET", "/drives").text
 
 
-def test_drives_are_found(admin: Browser, admin_database: Database) -> None:
+def test_drives_are_found(admin, admin_database):
     """By robot, user and day, in the list and in the file."""
     add_drive(admin_database, "sim1", "ann")
     for query, found in (

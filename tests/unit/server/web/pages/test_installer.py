@@ -1,21 +1,16 @@
 """What a robot installs itself from: open to everybody, and nothing but what the manifest lists."""
 
-from __future__ import annotations
-
 import hashlib
-from pathlib import Path
 
 import pytest
-from robotether_server.settings.server import WebSettings
 from robotether_server.web.pages.installer import listed
-from web_visitor import Browser
 
 WHEEL = "robotether_agent-0.1.0-py3-none-any.whl"
 CONTENTS = {WHEEL: b"PK\x03\x04wheel", "requirements.txt": b"aiohttp==3\n"}
 
 
 @pytest.fixture
-def folder(web_settings: WebSettings) -> Path:
+def folder(web_settings):
     """The folder as the image has it, with a file beside that nobody asked to publish."""
     made = web_settings.agent_files_dir
     made.mkdir()
@@ -30,14 +25,14 @@ def folder(web_settings: WebSettings) -> Path:
     return made
 
 
-def test_script_is_text_for_curl(program: Browser, folder: Path) -> None:
+def test_script_is_text_for_curl(program, folder):
     """In UTF-8, and never a page."""
     answer = program.ask("GET", "/join.sh")
     assert (answer.status_code, answer.data) == (200, (folder / "join.sh").read_bytes())
     assert answer.content_type == "text/x-shellscript; charset=utf-8"
 
 
-def test_listed_files_have_the_listed_hashes(program: Browser, folder: Path) -> None:
+def test_listed_files_have_the_listed_hashes(program, folder):
     """A robot fetches the manifest, then each file, and compares."""
     manifest = program.ask("GET", "/agent/manifest")
     assert manifest.content_type == "text/plain; charset=utf-8"
@@ -47,7 +42,7 @@ def test_listed_files_have_the_listed_hashes(program: Browser, folder: Path) -> 
         assert hashlib.sha256(program.ask("GET", f"/agent/{name}").data).hexdigest() == digest
 
 
-def test_package_is_for_the_asked_architecture(program: Browser, folder: Path) -> None:
+def test_package_is_for_the_asked_architecture(program, folder):
     """And for the usual one where none is asked for; of another one there is a sentence that says which there are."""
     for query, architecture in (("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")):
         with program.ask("GET", f"/agent.deb{query}") as answer:
@@ -58,7 +53,7 @@ def test_package_is_for_the_asked_architecture(program: Browser, folder: Path) -
     assert "amd64 or arm64" in answer.text
 
 
-def test_caches_ask_again(program: Browser, folder: Path) -> None:
+def test_caches_ask_again(program, folder):
     """After an upgrade no cache mixes old and new files; what is the same is not sent again."""
     for path in ("/join.sh", "/agent/manifest", f"/agent/{WHEEL}", "/agent.deb"):
         with program.ask("GET", path) as answer:
@@ -68,13 +63,13 @@ def test_caches_ask_again(program: Browser, folder: Path) -> None:
             assert (again.status_code, again.data) == (304, b"")
 
 
-def test_nothing_else_is_served(program: Browser, folder: Path) -> None:
+def test_nothing_else_is_served(program, folder):
     """Only files of the manifest are served."""
     for name in ("secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"):
         assert program.ask("GET", f"/agent/{name}").status_code == 404, name
 
 
-def test_server_outside_of_its_image_says_so(program: Browser) -> None:
+def test_server_outside_of_its_image_says_so(program):
     """404 with a sentence, not a mistake of the server."""
     for path in ("/join.sh", "/agent/manifest", "/agent/requirements.txt", "/agent.deb"):
         answer = program.ask("GET", path)

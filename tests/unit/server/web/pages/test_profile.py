@@ -1,18 +1,15 @@
 """The profile page."""
 
-from __future__ import annotations
-
 import pytest
 from admin_visitor import fingerprint, public_key, send
-from flask import Flask
 from robotether_server import passwords
-from robotether_server.db import Database, robots, users
+from robotether_server.db import robots, users
 from web_visitor import PASSWORD, Browser, bearer
 
 NEW = "an even longer password"
 
 
-def test_everybody_has_a_profile(browser: Browser) -> None:
+def test_everybody_has_a_profile(browser):
     """It says what to do first."""
     browser.log_in("ann")
     page = browser.ask("GET", "/profile").text
@@ -20,9 +17,7 @@ def test_everybody_has_a_profile(browser: Browser) -> None:
     assert "No robot gives you a shell" in page
 
 
-def test_ssh_configuration_of_the_robots_that_one_manages(
-    browser: Browser, database: Database
-) -> None:
+def test_ssh_configuration_of_the_robots_that_one_manages(browser, database):
     """The configuration has the host at which the page was opened."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
@@ -35,7 +30,7 @@ def test_ssh_configuration_of_the_robots_that_one_manages(
     assert "Add an SSH key above first" in page
 
 
-def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) -> None:
+def test_password_is_changed_and_this_browser_stays(app, ann):
     """Every other one has to log in again, with the new one."""
     other = Browser(app.test_client())
     other.log_in("ann")
@@ -59,9 +54,7 @@ def test_password_is_changed_and_this_browser_stays(app: Flask, ann: Browser) ->
         ),
     ],
 )
-def test_what_is_wrong_is_said_and_changes_nothing(
-    ann: Browser, form: dict[str, str], status: int, sentence: str
-) -> None:
+def test_what_is_wrong_is_said_and_changes_nothing(ann, form, status, sentence):
     """No password comes back in the form."""
     answer = send(ann, "/profile/password", **form)
     assert (answer.status_code, sentence in answer.text) == (status, True)
@@ -70,12 +63,10 @@ def test_what_is_wrong_is_said_and_changes_nothing(
     assert ann.log_in("ann").status_code == 303
 
 
-def test_an_admins_password_is_not_replaced_by_whoever_has_the_old_one(
-    database: Database, ann: Browser, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_admins_password_is_not_replaced_by_whoever_has_the_old_one(database, ann, monkeypatch):
     """It was set while the old one was checked."""
 
-    def matches(_password: str, _hash: str | None) -> bool:
+    def matches(_password, _hash):
         with database.transaction() as tx:
             users.set_password(tx, users.get(tx, "ann").id, "the admin's")
         return True
@@ -87,21 +78,21 @@ def test_an_admins_password_is_not_replaced_by_whoever_has_the_old_one(
         assert users.get(tx, "ann").password_hash == "the admin's"
 
 
-def test_log_out_everywhere_ends_this_login_too(ann: Browser) -> None:
+def test_log_out_everywhere_ends_this_login_too(ann):
     """The log-in page confirms it."""
     assert "this one too" in ann.ask("GET", "/profile/log-out").text
     assert send(ann, "/profile/log-out").location == "/login"
     assert "You are logged out everywhere." in ann.ask("GET", "/login").text
 
 
-def key_path(page: str) -> str:
+def key_path(page):
     """The path of the first key's deletion."""
     return (
         "/profile/ssh-keys/" + page.split('href="/profile/ssh-keys/')[1].split('"', maxsplit=1)[0]
     )
 
 
-def test_a_key_is_added_and_deleted(ann: Browser) -> None:
+def test_a_key_is_added_and_deleted(ann):
     """The list shows its fingerprint; the deletion asks first."""
     answer = send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
     assert (answer.status_code, answer.location) == (303, "/profile#ssh-keys")
@@ -113,7 +104,7 @@ def test_a_key_is_added_and_deleted(ann: Browser) -> None:
     assert "You have none here yet" in ann.ask("GET", "/profile").text
 
 
-def test_another_users_key_is_out_of_reach(ann: Browser) -> None:
+def test_another_users_key_is_out_of_reach(ann):
     """Neither asked about nor deleted, as if it were not there."""
     send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
     path = key_path(ann.ask("GET", "/profile").text)
@@ -123,14 +114,12 @@ def test_another_users_key_is_out_of_reach(ann: Browser) -> None:
     assert send(ann, path).status_code == 404
 
 
-def token_path(page: str) -> str:
+def token_path(page):
     """The path of the first token's deletion."""
     return "/profile/tokens/" + page.split('href="/profile/tokens/')[1].split('"', maxsplit=1)[0]
 
 
-def test_a_token_is_shown_once_and_works_until_it_is_deleted(
-    ann: Browser, program: Browser
-) -> None:
+def test_a_token_is_shown_once_and_works_until_it_is_deleted(ann, program):
     """It is in no address, no cookie and no later page."""
     answer = send(ann, "/profile/tokens", name="notebook", days="30")
     token = answer.text.split('data-testid="secret">')[1].split("<")[0]
@@ -145,7 +134,7 @@ def test_a_token_is_shown_once_and_works_until_it_is_deleted(
     assert program.ask("GET", "/api/v1/me", headers=header).status_code == 401
 
 
-def test_another_users_token_is_out_of_reach(ann: Browser, database: Database) -> None:
+def test_another_users_token_is_out_of_reach(ann, database):
     """Even an admin's profile has the admin's own alone."""
     bearer(database, "root")
     with database.transaction() as tx:

@@ -1,11 +1,8 @@
 """The tabs of a robot's settings."""
 
-from __future__ import annotations
-
 import html
 import math
 import re
-from typing import Any
 
 import pytest
 from admin_visitor import send
@@ -19,9 +16,8 @@ from drive_settings import (
     kept,
     problem_of,
 )
-from robotether_server.db import Database, robots
+from robotether_server.db import robots
 from robotether_server.settings.page import MAX_CAMERAS
-from web_visitor import Browser
 
 FORMS = (SETTINGS, CAMERAS, DRIVING, PERMISSIONS)
 OF_ADMINS = (SETTINGS, PERMISSIONS, f"{SETTINGS}/defaults")
@@ -38,26 +34,26 @@ CHANGED = {
 }
 
 
-def all_kept(database: Database) -> dict[str, Any]:
+def all_kept(database):
     """All settings in the database."""
     with database.transaction() as tx:
         return robots.get(tx, "sim1").settings
 
 
-def write(database: Database, settings: str) -> None:
+def write(database, settings):
     """Somebody's settings, by SQL."""
     with database.transaction() as tx:
         tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
 
 
-def tabs(page: str) -> list[tuple[str, bool]]:
+def tabs(page):
     """The titles of the tabs, and which of them is the page."""
     [nav] = re.findall(r'<nav class="tabs".*?</nav>', page, re.S)
     links = re.findall(r"<a ([^>]*)>([^<]*)</a>", nav)
     return [(title, 'aria-current="page"' in attributes) for attributes, title in links]
 
 
-def wrong(page: str) -> dict[str, str]:
+def wrong(page):
     """The sentences at wrong fields, by the fields' ids; each field says that it is wrong."""
     found = re.findall(r'<p class="wrong" id="([^"]+)-problem">([^<]*)</p>', page)
     for id_, _ in found:
@@ -65,7 +61,7 @@ def wrong(page: str) -> dict[str, str]:
     return {id_: html.unescape(sentence) for id_, sentence in found}
 
 
-def test_admin_has_every_tab(admin: Browser) -> None:
+def test_admin_has_every_tab(admin):
     """Each at its address, of which the tabs say which it is."""
     pages = {
         "Safety": SETTINGS,
@@ -78,7 +74,7 @@ def test_admin_has_every_tab(admin: Browser) -> None:
         assert tabs(admin.ask("GET", path).text) == [(item, item == title) for item in pages]
 
 
-def test_manager_has_the_tabs_of_managers(manager: Browser, database: Database) -> None:
+def test_manager_has_the_tabs_of_managers(manager, database):
     """The page begins with the first of them; safety and permissions stay the admins'."""
     assert manager.ask("GET", SETTINGS).location == CAMERAS
     found = tabs(manager.ask("GET", CAMERAS).text)
@@ -90,7 +86,7 @@ def test_manager_has_the_tabs_of_managers(manager: Browser, database: Database) 
     assert all_kept(database) == before
 
 
-def test_only_managers_have_the_forms(browser: Browser, manager: Browser) -> None:
+def test_only_managers_have_the_forms(browser, manager):
     """Ann may drive sim1 and not see sim2; may manages sim1."""
     browser.log_in("ann")
     for path in (
@@ -105,14 +101,14 @@ def test_only_managers_have_the_forms(browser: Browser, manager: Browser) -> Non
         assert manager.ask("GET", elsewhere).status_code == 404
 
 
-def test_old_address_leads_to_the_new_one(admin: Browser, ann: Browser) -> None:
+def test_old_address_leads_to_the_new_one(admin, ann):
     """For admins, as it was theirs."""
     old = "/admin/robots/sim1/settings"
     assert (admin.ask("GET", old).status_code, admin.ask("GET", old).location) == (301, SETTINGS)
     assert ann.ask("GET", old).status_code == 403
 
 
-def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> None:
+def test_drive_page_leads_managers_to_it(browser, manager):
     """The drive page leads managers to it, and nobody else."""
     link = f'href="{SETTINGS}"'
     assert link in manager.ask("GET", "/robots/sim1").text
@@ -120,7 +116,7 @@ def test_drive_page_leads_managers_to_it(browser: Browser, manager: Browser) -> 
     assert link not in browser.ask("GET", "/robots/sim1").text
 
 
-def test_nothing_changed_is_nothing_kept(admin: Browser, database: Database) -> None:
+def test_nothing_changed_is_nothing_kept(admin, database):
     """What is in force is sent back as it is, and not even the log has it."""
     for path in FORMS:
         answer = send(admin, path, **filled(admin, path))
@@ -130,9 +126,7 @@ def test_nothing_changed_is_nothing_kept(admin: Browser, database: Database) -> 
 
 
 @pytest.mark.parametrize("order", [FORMS, FORMS[::-1]], ids=["forth", "back"])
-def test_a_tab_saves_its_own_settings(
-    admin: Browser, database: Database, order: tuple[str, ...]
-) -> None:
+def test_a_tab_saves_its_own_settings(admin, database, order):
     """However old its form is: what others saved meanwhile stays, whichever of two is saved first."""
     opened = {path: filled(admin, path) | CHANGES[path] for path in FORMS}
     for path in order:
@@ -143,7 +137,7 @@ def test_a_tab_saves_its_own_settings(
     assert all_kept(database) == CHANGED
 
 
-def test_a_tab_saves_only_what_was_changed_in_it(admin: Browser, database: Database) -> None:
+def test_a_tab_saves_only_what_was_changed_in_it(admin, database):
     """An old form lifts no limit that another admin has set meanwhile; nor does one that had a mistake at first."""
     old = filled(admin, SETTINGS)
     limits = {"guard.max_speed_m_s": "0.3", "guard.drive_topics": "/cmd_vel"}
@@ -165,7 +159,7 @@ def test_a_tab_saves_only_what_was_changed_in_it(admin: Browser, database: Datab
     assert kept(database, "guard") == guard
 
 
-def test_admin_sets_safety_and_permissions(admin: Browser, database: Database) -> None:
+def test_admin_sets_safety_and_permissions(admin, database):
     """The shell user stays; the robot's page names them; the log has what they were."""
     send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
     safety = {"guard.max_speed_m_s": "0,5", "guard.deadman_ms": "300"}
@@ -185,7 +179,7 @@ def test_admin_sets_safety_and_permissions(admin: Browser, database: Database) -
     assert newest == ("root", {"was": set_first, "settings": set_first | {"policy": policy}})
 
 
-def test_manager_sets_cameras_and_driving(manager: Browser, database: Database) -> None:
+def test_manager_sets_cameras_and_driving(manager, database):
     """In numbers, names and rows; rows without a word are left out; the forms show it afterwards."""
     cameras = filled(manager, CAMERAS) | {
         "page.quality_max": "60",
@@ -221,7 +215,7 @@ def test_manager_sets_cameras_and_driving(manager: Browser, database: Database) 
     assert len(audited(database, "robot_page_set")) == 2
 
 
-def test_holding_is_switched_off_only_by_its_box(manager: Browser, database: Database) -> None:
+def test_holding_is_switched_off_only_by_its_box(manager, database):
     """An empty number is a mistake; without the box driving goes on whatever the picture."""
     form = filled(manager, DRIVING)
     assert form["page.hold_after_ms.on"] == "yes"
@@ -255,7 +249,7 @@ WRONG = (
 )  # fmt: skip
 
 
-def test_what_is_wrong_is_said_at_its_field(admin: Browser, database: Database) -> None:
+def test_what_is_wrong_is_said_at_its_field(admin, database):
     """By its label in the summary, which leads to it; what was typed is kept in the form, and nothing is changed."""
     for path, field, text, sentence in WRONG:
         answer = send(admin, path, **filled(admin, path) | {field: text})
@@ -268,7 +262,7 @@ def test_what_is_wrong_is_said_at_its_field(admin: Browser, database: Database) 
     assert all_kept(database) == {}
 
 
-def filled_is(page: str, field: str, text: str) -> bool:
+def filled_is(page, field, text):
     """Whether the field has what was typed; a choice that there is not cannot have it."""
     found = re.search(f'<(input|textarea|select) id="{re.escape(field)}"[^>]*>([^<]*)', page)
     assert found, page
@@ -276,7 +270,7 @@ def filled_is(page: str, field: str, text: str) -> bool:
     return found[1] == "select" or f'value="{text}"' in shown or shown.endswith(f">\n{text}")
 
 
-def test_every_wrong_field_is_named(admin: Browser) -> None:
+def test_every_wrong_field_is_named(admin):
     """In the order of the form; what is rarely needed unfolds."""
     texts = {"guard.max_turn_rad_s": "x", "guard.deadman_ms": "1", "guard.max_steering_rad": "900"}
     page = send(admin, SETTINGS, **filled(admin, SETTINGS) | texts).text
@@ -286,9 +280,7 @@ def test_every_wrong_field_is_named(admin: Browser) -> None:
     assert '<details class="panel fold" data-testid="more">' in admin.ask("GET", SETTINGS).text
 
 
-def test_angles_are_typed_in_degrees_and_kept_in_radians(
-    admin: Browser, database: Database
-) -> None:
+def test_angles_are_typed_in_degrees_and_kept_in_radians(admin, database):
     """What is saved unchanged keeps all its digits, and a bound is named in degrees."""
     write(database, '{"guard": {"max_turn_rad_s": 1.23456789}}')
     form = filled(admin, SETTINGS)
@@ -304,7 +296,7 @@ def test_angles_are_typed_in_degrees_and_kept_in_radians(
     )
 
 
-def test_wrong_camera_is_said_at_its_row(manager: Browser, database: Database) -> None:
+def test_wrong_camera_is_said_at_its_row(manager, database):
     """Two of one topic, one without a name, one without a topic."""
     form = filled(manager, CAMERAS)
     for topics, names, at in (
@@ -319,7 +311,7 @@ def test_wrong_camera_is_said_at_its_row(manager: Browser, database: Database) -
     assert kept(database, "page") is None
 
 
-def test_there_is_room_for_as_many_cameras_as_may_be(manager: Browser) -> None:
+def test_there_is_room_for_as_many_cameras_as_may_be(manager):
     """The form has room for the maximum number of cameras and no more."""
     topics = [f"/camera_{number}" for number in range(MAX_CAMERAS)]
     form = filled(manager, CAMERAS) | {"topic": topics, "name": ["x"] * len(topics)}
@@ -327,7 +319,7 @@ def test_there_is_room_for_as_many_cameras_as_may_be(manager: Browser) -> None:
     assert filled(manager, CAMERAS)["topic"] == topics
 
 
-def test_browser_asks_only_for_what_may_not_be_empty(admin: Browser) -> None:
+def test_browser_asks_only_for_what_may_not_be_empty(admin):
     """And never for what is folded: it could not show where."""
     pages = [admin.ask("GET", path).text for path in FORMS]
     required = re.findall(r'<input id="([^"]+)"[^>]* required', " ".join(pages))
@@ -336,7 +328,7 @@ def test_browser_asks_only_for_what_may_not_be_empty(admin: Browser) -> None:
     assert required == [*times, *video]
 
 
-def test_field_that_is_missing_means_nothing(admin: Browser, database: Database) -> None:
+def test_field_that_is_missing_means_nothing(admin, database):
     """A form that was cut short must not lift a limit."""
     for path in FORMS:
         form = filled(admin, path)
@@ -346,7 +338,7 @@ def test_field_that_is_missing_means_nothing(admin: Browser, database: Database)
     assert all_kept(database) == {}
 
 
-def test_defaults_come_back_after_a_question(admin: Browser, database: Database) -> None:
+def test_defaults_come_back_after_a_question(admin, database):
     """Safety and permissions get their defaults; other settings stay."""
     send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
     for path in FORMS:
@@ -363,7 +355,7 @@ def test_defaults_come_back_after_a_question(admin: Browser, database: Database)
     assert all_kept(database) == {"shell_user": "pi", "page": CHANGED["page"]}
 
 
-def test_what_somebody_wrote_by_sql_can_be_mended(admin: Browser, database: Database) -> None:
+def test_what_somebody_wrote_by_sql_can_be_mended(admin, database):
     """The tab shows it and what is wrong with it; what is no setting at all goes."""
     write(database, '{"guard": {"deadman_ms": 5}, "page": {"fps": 10}}')
     assert "guard.deadman_ms" in admin.ask("GET", "/admin/robots/sim1").text
@@ -387,7 +379,7 @@ def test_what_somebody_wrote_by_sql_can_be_mended(admin: Browser, database: Data
     assert all_kept(database) == {"page": {"cameras": [camera], "fps": 10}}
 
 
-def test_settings_that_nobody_may_set_are_named(manager: Browser, database: Database) -> None:
+def test_settings_that_nobody_may_set_are_named(manager, database):
     """What somebody wrote by SQL outside the managers' part is for an admin to mend."""
     write(database, '{"guard": {"deadman_ms": 1}}')
     for path in (CAMERAS, DRIVING):

@@ -1,7 +1,5 @@
 """The fields of a robot's settings."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import pytest
@@ -14,15 +12,13 @@ from robotether_server.web.pages.setting_fields import (
     PERMISSIONS,
     SAFETY,
     TABS,
-    SettingField,
-    Tab,
     summary,
 )
 
 FIELDS = [field for tab in TABS for field in tab.fields]
 
 
-def leaves(settings: Mapping[str, object], above: str) -> list[str]:
+def leaves(settings, above):
     """The paths of all single settings."""
     found = []
     for name, value in settings.items():
@@ -39,14 +35,14 @@ def leaves(settings: Mapping[str, object], above: str) -> list[str]:
         ("page", [CAMERAS, DRIVING], [CAMERAS_PATH]),
     ],
 )
-def test_every_setting_has_its_field(part: str, tabs: list[Tab], own: list[str]) -> None:
+def test_every_setting_has_its_field(part, tabs, own):
     """In one tab; `own` have rows of their own kind."""
     present = leaves(get_path(DEFAULTS.as_dict(), part), f"{part}.")
     assert sorted([*own, *(field.path for tab in tabs for field in tab.fields)]) == sorted(present)
 
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.path)
-def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
+def test_field_is_of_the_kind_of_its_default(field):
     """Names are a list, and what has no value by default may be left empty, but for what has a box."""
     default = get_path(DEFAULTS.as_dict(), field.path)
     assert isinstance(default, list) == (field.kind == "globs")
@@ -59,13 +55,13 @@ def test_field_is_of_the_kind_of_its_default(field: SettingField) -> None:
 
 
 @pytest.mark.parametrize("field", [item for item in FIELDS if item.kind == "choice"])
-def test_choices_are_all_there(field: SettingField) -> None:
+def test_choices_are_all_there(field):
     """Each with its words, and one for no value if there may be none."""
     values = schemas.member(GivenSettings, field.path).kind.values
     assert {value for value, _ in field.options} == {*values, *([""] if field.empty else [])}
 
 
-def test_summary_has_what_differs() -> None:
+def test_summary_has_what_differs():
     """In words; the defaults are nothing, and what is no setting is said."""
     assert summary({}) == []
     assert summary({"guard": {"deadman_ms": 300}, "policy": {"manage": {"call": []}}}) == [

@@ -1,13 +1,10 @@
 """Messages between operators, a fake robot and the real relay, and what ends their connections."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import struct
 import time
 
-import aiohttp
 import pytest
 from aiohttp import WSMsgType
 from fake_operator import FakeOperator
@@ -39,7 +36,7 @@ async def test_an_observer_who_floods_is_closed_and_nobody_else(
         await _driven_on(ann)
 
 
-async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
+async def _driven_on(socket):
     """Publish until the robot has it: what this process kept of the driver's pongs makes the first commands old."""
     async with asyncio.timeout(5):
         while True:
@@ -49,9 +46,7 @@ async def _driven_on(socket: aiohttp.ClientWebSocketResponse) -> None:
             await asyncio.sleep(0.1)
 
 
-async def _flood(
-    socket: aiohttp.ClientWebSocketResponse, data: bytes, kind: WSMsgType = WSMsgType.TEXT
-) -> None:
+async def _flood(socket, data, kind=WSMsgType.TEXT):
     with contextlib.suppress(ConnectionError):
         while not socket.closed:
             for _ in range(100):
@@ -59,7 +54,7 @@ async def _flood(
             await asyncio.sleep(0.01)
 
 
-def large(size: int) -> str:
+def large(size):
     begin, end = '{"op":"publish","topic":"/map","msg":{"data":"', '"}}'
     return begin + "x" * (size - len(begin) - len(end)) + end
 
@@ -204,7 +199,7 @@ async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
     await robot.stop()
 
 
-async def _send_all(socket: aiohttp.ClientWebSocketResponse, messages: list[str]) -> None:
+async def _send_all(socket, messages):
     """Send these unless the connection is closed."""
     with contextlib.suppress(ConnectionError):
         for message in messages:
@@ -226,7 +221,7 @@ async def test_others_have_a_turn_between_what_comes_at_once(
     *, relay, robot, sim1, http, monkeypatch, sender
 ):
     """Else who sends thousands of small messages holds up the commands of every driver."""
-    seen: list[int] = []
+    seen = []
     async with http.ws_connect(relay.ros_url(sim1)) as socket, counted_turns() as turns:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         (client,) = robot.clients
@@ -270,7 +265,7 @@ async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
 async def test_a_client_that_never_reads_is_bounded_and_ends(relay, robot, sim1, http):
     """A flood to it stops at the robot."""
 
-    async def flood() -> None:
+    async def flood():
         while robot.clients:
             await robot.send_to_clients(b"x" * 65536)
 

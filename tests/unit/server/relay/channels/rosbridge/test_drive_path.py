@@ -1,7 +1,5 @@
 """Drive commands on their way to the guard: stamps, ages, the newest one first, and the drive's books."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import math
@@ -51,11 +49,11 @@ def test_a_command_is_stamped_without_writing_it_again():
     }
 
 
-def drives(memory_database) -> list[DriveEntry]:
+def drives(memory_database):
     return [entry for entry in memory_database.written if isinstance(entry, DriveEntry)]
 
 
-def stamps(robot) -> list[dict[str, object]]:
+def stamps(robot):
     return [json.loads(data)["robotether"] for data in robot.received]
 
 
@@ -208,18 +206,18 @@ async def test_a_flood_ends_with_the_newest_command(relay, guarded, sim1, http):
 
 
 class FullSocket:
-    def __init__(self) -> None:
+    def __init__(self):
         self.full = True
-        self.sent: list[bytes] = []
+        self.sent = []
 
-    def waiting_bytes(self) -> int:
+    def waiting_bytes(self):
         return int(self.full)
 
-    async def send_frame(self, data: bytes, _kind: object) -> None:
+    async def send_frame(self, data, _kind):
         self.sent.append(data)
 
 
-def command(speed: float, topic: str = "/cmd_vel"):
+def command(speed, topic="/cmd_vel"):
     policy = DEFAULTS.policy
     validator = MessageValidator(policy.drive, DEFAULTS.guard.drive_topics, policy.limits)
     message = {"op": "publish", "topic": topic, "msg": {"linear": {"x": speed}}}
@@ -227,21 +225,21 @@ def command(speed: float, topic: str = "/cmd_vel"):
 
 
 @pytest.fixture
-def sizes() -> list[int]:
+def sizes():
     return []
 
 
 @pytest.fixture
-def refused() -> Counter[str]:
+def refused():
     return Counter()
 
 
 @pytest.fixture
-def log(refused) -> DriveLog:
+def log(refused):
     return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused)
 
 
-def path_to(socket: FullSocket, log: DriveLog, sizes: list[int], *, max_age_s: float) -> DrivePath:
+def path_to(socket, log, sizes, *, max_age_s):
     lease = DriveLease(fence=1, max_age_s=max_age_s, clock=None, log=log, on_command=lambda: None)
     return DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
 
@@ -388,12 +386,12 @@ def test_what_the_guard_refused_stands_apart_from_the_policys(log, refused):
 
 
 class Counts:
-    def __init__(self) -> None:
+    def __init__(self):
         self.bytes = 0
-        self.rtt_ms: float | None = None
+        self.rtt_ms = None
         self.viewer_counts = ViewerCounts(100, 5000, 60.0)
 
-    def counters(self) -> DriveCounters:
+    def counters(self):
         return DriveCounters(lambda: self.bytes, lambda: self.rtt_ms, lambda: self.viewer_counts)
 
 
@@ -403,12 +401,7 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
     log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
     counts.bytes, counts.viewer_counts = 700, ViewerCounts(130, 8000, 62.5)
     entry = log.written()
-    assert (entry.bytes, entry.frames, entry.frame_bytes, entry.viewed_s) == (
-        700,
-        30,
-        3000,
-        2.5,
-    )
+    assert (entry.bytes, entry.frames, entry.frame_bytes, entry.viewed_s) == (700, 30, 3000, 2.5)
     counts.bytes = 800
     log.end(1.0, NOON, "client_left")
     counts.bytes, counts.viewer_counts = 900, ViewerCounts(999, 99_999, 999.0)
@@ -475,7 +468,7 @@ def test_no_part_of_what_was_seen_is_older_than_the_oldest(refused):
         assert max(entry.seen_p50_ms, entry.seen_p95_ms, entry.seen_p99_ms) <= age_ms
 
 
-def of(*values: float) -> LatencyHistogram:
+def of(*values):
     latency = LatencyHistogram()
     for value in values:
         latency.add(value)

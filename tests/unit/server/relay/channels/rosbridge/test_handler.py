@@ -1,15 +1,11 @@
 """Who is connected to a robot's rosbridge, and how the robot is reached."""
 
-from __future__ import annotations
-
 import asyncio
 import time
 from dataclasses import replace
 from datetime import timedelta
 
-import aiohttp
 import pytest
-from aiohttp import web
 from fake_robot import FakeRobot
 from relay_clients import PUBLISH, audit_lines, closing, misbehaving
 from relay_server import FAST, SESSION_KEY, running_relay, until
@@ -24,7 +20,7 @@ ANN = RelayUser(1, "ann")
 BOB = RelayUser(2, "bob")
 
 
-async def refusal(http: aiohttp.ClientSession, url: str, **headers: str) -> tuple[int, str]:
+async def refusal(http, url, **headers):
     """Try to open a WebSocket; return status and code of the refusal."""
     upgrade = {
         "Upgrade": "websocket",
@@ -190,7 +186,7 @@ async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
     """Nothing may slip in between the check of the grant and the watch on it."""
     really_open = OperatorSocket.open
 
-    async def open_late(self: OperatorSocket, request: web.Request) -> None:
+    async def open_late(self, request):
         del memory_database.grants[1, sim1.id]
         await relay.relay.fleet.poll()
         await really_open(self, request)

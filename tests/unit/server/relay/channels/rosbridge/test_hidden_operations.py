@@ -1,10 +1,7 @@
 """No operation passes inside of another, in whatever spelling, also where the robot reads less than the relay."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Iterator
 
 import pytest
 from hypothesis import given, settings
@@ -19,21 +16,20 @@ from robotether_server.relay.channels.rosbridge.operations import (
     OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from robotether_server.schemas import Level
 from robotether_server.settings.robot import LevelPolicy, Limits
 
 DRIVE_TOPICS = Globs(["/cmd_vel", "*/cmd_vel"])
 
 
-def strict_loads(text: str, deepest: int = 64) -> object:
+def strict_loads(text, deepest=64):
     """Parse as the strictest robot may: few levels, 64 bits, no NaN, no half characters."""
 
-    def number(digits: str) -> int:
+    def number(digits):
         if not -(2**63) <= int(digits) < 2**64:
             raise ValueError(digits)
         return int(digits)
 
-    def constant(name: str) -> float:
+    def constant(name):
         raise ValueError(name)
 
     value = json.loads(text, parse_int=number, parse_constant=constant)
@@ -43,13 +39,13 @@ def strict_loads(text: str, deepest: int = 64) -> object:
     return value
 
 
-def depth_of(value: object) -> int:
+def depth_of(value):
     inner = value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
     own = 1 if isinstance(value, dict | list) else 0
     return own + max((depth_of(item) for item in inner), default=0)
 
 
-def run_by_rosbridge(text: str, deepest: int = 64) -> list[object]:
+def run_by_rosbridge(text, deepest=64):
     """The operations that rosbridge may run of a text: it, or any object inside when it fails."""
     try:
         return [strict_loads(text, deepest)]
@@ -57,7 +53,7 @@ def run_by_rosbridge(text: str, deepest: int = 64) -> list[object]:
         return list(_inner_operations(text, deepest))
 
 
-def _inner_operations(text: str, deepest: int) -> Iterator[object]:
+def _inner_operations(text, deepest):
     ends = [place + 1 for place, letter in enumerate(text) if letter == "}"]
     for start in (place for place, letter in enumerate(text) if letter == "{"):
         for end in ends:
@@ -81,7 +77,7 @@ HIDING = [
 ]
 
 
-def validator_with(level: Level, **globs: Globs) -> MessageValidator:
+def validator_with(level, **globs):
     rights = LevelPolicy(**{"subscribe": Globs(["*"]), **globs}, drives=level != "observe")
     return MessageValidator(rights, DRIVE_TOPICS, Limits())
 
@@ -131,7 +127,7 @@ TWISTS = st.fixed_dictionaries(
 
 
 @st.composite
-def messages(draw: st.DrawFn) -> dict[str, object]:
+def messages(draw):
     """A message with names that nearly or really match, and fields of any kind."""
     fields = st.sampled_from(FIELDS) | st.text()
     # Most with nothing but what is needed, since a wrong field hides all else that is wrong.
@@ -145,7 +141,7 @@ def messages(draw: st.DrawFn) -> dict[str, object]:
 
 
 @st.composite
-def spelled(draw: st.DrawFn, message: object) -> bytes:
+def spelled(draw, message):
     """The message as JSON, in one of the ways in which the same can be written."""
     text = json.dumps(
         message, ensure_ascii=draw(st.booleans()), indent=draw(st.sampled_from([None, 1]))
@@ -156,7 +152,7 @@ def spelled(draw: st.DrawFn, message: object) -> bytes:
     return text.encode(errors="surrogatepass")
 
 
-def as_textbook(globs: list[str], name: str) -> bool:
+def as_textbook(globs, name):
     return any(re.fullmatch(".*".join(map(re.escape, glob.split("*"))), name) for glob in globs)
 
 

@@ -1,12 +1,9 @@
 """What a client may send of operations that pass: how often, how large, and how many subscriptions."""
 
-from __future__ import annotations
-
 import pytest
 from robotether_server.relay.channels.rosbridge.message_validator import (
     ANSWERS_PER_S,
     MessageRefusedError,
-    MessageValidator,
     Subscriptions,
     ValidatedMessage,
 )
@@ -78,7 +75,7 @@ SMALL, LARGE = b'{"op":"subscribe","topic":"/a"}', b" " * 100_000
 STOP = b'{"op":"robotether.stop"}'
 
 
-def floods(at: MessageValidator, data: bytes) -> bool:
+def floods(at, data):
     """Send a message; tell whether it is one too many."""
     try:
         at.check(data)
@@ -87,7 +84,7 @@ def floods(at: MessageValidator, data: bytes) -> bool:
     return False
 
 
-def seconds_until_closed(data: bytes, per_s: int, *, within_s: int = 30) -> float | None:
+def seconds_until_closed(data, per_s, *, within_s=30):
     """Send so many messages a second through an observer's validator of 200 a second; None: it is never closed."""
     clock = Clock()
     at = validator(clock=clock, settings={"policy": {"limits": {"message_kb": 1}}})
@@ -125,7 +122,7 @@ def test_answers_have_a_limit():
     clock = Clock()
     at = validator(clock=clock)
 
-    def answers() -> int:
+    def answers():
         answered = 0
         for _ in range(100):
             with pytest.raises(MessageRefusedError) as refusal:

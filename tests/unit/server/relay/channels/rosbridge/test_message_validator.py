@@ -1,7 +1,5 @@
 """Which operations pass for which level, and what of them, and nothing beside in any spelling."""
 
-from __future__ import annotations
-
 import json
 import math
 import re
@@ -125,7 +123,7 @@ def test_nobody_sends_an_unknown_operation(operation, level):
 @pytest.mark.parametrize("message", OBSERVING + DRIVING + MANAGING, ids=name_of)
 def test_a_field_of_another_type_is_named(message):
     for name in message.keys() - {"op"}:
-        wrong: object = 7.5 if name in {"args", "msg", "values"} else {"a": {"op": "publish"}}
+        wrong = 7.5 if name in {"args", "msg", "values"} else {"a": {"op": "publish"}}
         kind, answer = refused({**message, name: wrong}, validator("manage"))
         assert kind == "shape"
         assert str(answer["msg"]).startswith(f"cannot pass {message['op']}: its field {name} ")
@@ -213,7 +211,6 @@ def test_a_drive_command_is_recognised():
     }
     checked = check(message, validator("drive"))
     command = checked.drive
-    assert command is not None
     assert (command.topic, command.stamp) == ("/left/cmd_vel", DriveStamp(12.5))
     assert (command.speed_m_s, command.turn_rad_s) == (5.0, 0.5)
     assert "robotether" not in json.loads(checked.data)
@@ -283,7 +280,7 @@ def test_names_are_looked_up_once():
     policy, looks = DEFAULTS.policy.drive, []
 
     class Counting(Globs):
-        def match(self, name: str) -> bool:
+        def match(self, name):
             looks.append(name)
             return many.match(name)
 

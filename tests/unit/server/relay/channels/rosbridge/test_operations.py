@@ -1,7 +1,5 @@
 """What a client's message may hold: JSON that all parsers read alike, and fields of the types that are listed."""
 
-from __future__ import annotations
-
 import json
 from contextlib import suppress
 

@@ -1,18 +1,14 @@
 """What a robot's ROS offers over HTTP: who may read and call, when a request ends, and what it leaves at the robot."""
 
-from __future__ import annotations
-
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any
 
 import aiohttp
 import pytest
 import pytest_asyncio
-from fake_robot import WAIT_S, FakeRobot
+from fake_robot import WAIT_S
 from msgspec.structs import replace as replace_struct
 from relay_clients import SlowFences, audit_lines, misbehaving
 from relay_server import FAST, running_relay, until
@@ -30,11 +26,10 @@ from yarl import URL
 
 TOPICS, SERVICES = "/api/v1/robots/sim1/topics", "/api/v1/robots/sim1/services"
 ANN, BOB, BEN = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(3, "ben")
-Ask = Callable[..., Awaitable[tuple[int, Any]]]
 
 
 @pytest_asyncio.fixture
-async def people(relay, memory_database, sim1) -> dict[str, dict[str, str]]:
+async def people(relay, memory_database, sim1):
     """Ann and ben may call all services, bob observes; what their programs send."""
     memory_database.grants[ANN.id, sim1.id] = memory_database.grants[BEN.id, sim1.id] = "manage"
     await relay.relay.fleet.poll()
@@ -45,10 +40,10 @@ async def people(relay, memory_database, sim1) -> dict[str, dict[str, str]]:
 
 
 @pytest.fixture
-def ask(relay, http, people) -> Ask:
+def ask(relay, http, people):
     """Send a request as somebody; return its status and body."""
 
-    async def send(method: str, path: str, by: str = "bob", args: object = None) -> tuple[int, Any]:
+    async def send(method, path, by="bob", args=None):
         url = URL(relay.url + path, encoded=True)
         async with http.request(method, url, json=args, headers=people[by]) as answer:
             return answer.status, await answer.json() if answer.status != 204 else None
@@ -56,12 +51,12 @@ def ask(relay, http, people) -> Ask:
     return send
 
 
-def news(number: int) -> bytes:
+def news(number):
     """A message of a topic, as rosbridge sends it."""
     return b'{"op": "publish", "topic": "/odom", "msg": {"number": %d}}' % number
 
 
-def of_operation(robot: FakeRobot, operation: str) -> list[dict[str, Any]]:
+def of_operation(robot, operation):
     """The messages of one operation that reached the robot."""
     return [message for data in robot.received if (message := json.loads(data))["op"] == operation]
 
@@ -159,11 +154,11 @@ async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, s
 class FloodingSocket(RobotSocket):
     """A robot's end with a message at any time; until somebody else has had a turn, none is the answer."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self._turn = self.read = 0
         self.others = asyncio.create_task(asyncio.sleep(0))
 
-    async def receive(self) -> aiohttp.WSMessage:
+    async def receive(self):
         self.read += 1
         assert self.read < 1000, "nobody else has had a turn"
         data = b'{"op": "service_response", "id": "call"}' if self.others.done() else b"{}"
@@ -224,10 +219,10 @@ async def test_who_does_not_take_the_answer_is_cut(relay, robot, people, monkeyp
 
 
 @pytest_asyncio.fixture
-async def serving(guarded) -> AsyncIterator[Callable[..., Awaitable[None]]]:
+async def serving(guarded):
     """Answer the next call as rosbridge does."""
 
-    async def answer(**members: object) -> None:
+    async def answer(**members):
         await until(lambda: of_operation(guarded, "call_service"), "the call has come")
         response = {"op": "service_response", "id": "call", "result": True} | members
         await guarded.send_to_clients(json.dumps(response).encode())

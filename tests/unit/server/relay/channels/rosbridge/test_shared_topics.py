@@ -1,12 +1,8 @@
 """Subscriptions of several people that share one on the robot."""
 
-from __future__ import annotations
-
 import asyncio
 import json
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection
 from dataclasses import replace
-from typing import Any
 
 import aiohttp
 import pytest_asyncio
@@ -25,15 +21,14 @@ from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVE
 from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
-Observe = Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]]
 
 
 @pytest_asyncio.fixture
-async def observe(relay, sim1, http, robot) -> AsyncIterator[Observe]:
+async def observe(relay, sim1, http, robot):
     """Open observers' connections that are closed at the end."""
-    opened: list[aiohttp.ClientWebSocketResponse] = []
+    opened = []
 
-    async def open_one(*messages: dict[str, Any]) -> aiohttp.ClientWebSocketResponse:
+    async def open_one(*messages):
         socket = await http.ws_connect(relay.ros_url(sim1, "observe"), max_msg_size=0)
         opened.append(socket)
         for message in messages:
@@ -45,7 +40,7 @@ async def observe(relay, sim1, http, robot) -> AsyncIterator[Observe]:
         await socket.close()
 
 
-def subscribed(robot) -> list[dict[str, Any]]:
+def subscribed(robot):
     """Return the subscriptions that reached the robot."""
     messages = [json.loads(data) for data in robot.received]
     return [message for message in messages if message["op"] == "subscribe"]
@@ -110,14 +105,14 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
 class AskedConnector:
     """Counts the questions what a robot repeats, and answers when a test says so."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.questions = 0
         self.answers = asyncio.Semaphore(0)
 
-    async def run(self, _topic: SharedTopic) -> None:
+    async def run(self, _topic):
         await asyncio.Event().wait()
 
-    async def repeat(self, _topic: SharedTopic, digests: Collection[str]) -> list[str]:
+    async def repeat(self, _topic, digests):
         self.questions += 1
         await self.answers.acquire()
         return list(digests)
@@ -129,7 +124,7 @@ async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, 
     monkeypatch.setattr(topics, "_connector", connector)
     topic = topics._open(SharedTopic(sim1, TopicRequest("/odom")))
     topic.on_message(b"map", aiohttp.WSMsgType.TEXT)
-    got: list[Client] = []
+    got = []
     monkeypatch.setattr(Client, "on_message", lambda client, *_: got.append(client))
     clients = [Client() for _ in range(50)]
     for client in clients:
@@ -152,25 +147,25 @@ async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, 
 class RepeatingSocket:
     """A robot's end that names one message that it repeats, without end."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.read = 0
 
-    async def send_frame(self, data: bytes, kind: aiohttp.WSMsgType) -> None: ...
+    async def send_frame(self, data, kind): ...
 
-    async def receive(self) -> aiohttp.WSMessage:
+    async def receive(self):
         self.read += 1
         assert self.read < 1000, "it is read without end"
         named = b'{"op": "robotether.known", "digest": "1"}'
         return aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, named, None)
 
-    def drop(self) -> None: ...
+    def drop(self): ...
 
 
 async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
     """Else the relay keeps a name for each, and gives the message to the newcomer as often."""
 
     class Dialer:
-        async def open(self, *_args: object) -> RepeatingSocket:
+        async def open(self, *_args):
             return RepeatingSocket()
 
     topic = SharedTopic(sim1, TopicRequest("/odom"))
@@ -262,14 +257,14 @@ async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
 
 
 class Client:
-    def user_ids(self) -> tuple[int, ...]:
+    def user_ids(self):
         return (1,)
 
-    def on_topic_ready(self, topic: str) -> None: ...
+    def on_topic_ready(self, topic): ...
 
-    def on_message(self, topic: str, message: bytes, kind: aiohttp.WSMsgType) -> None: ...
+    def on_message(self, topic, message, kind): ...
 
-    def on_topic_failed(self, topic: str, why: str) -> None: ...
+    def on_topic_failed(self, topic, why): ...
 
 
 async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, relay, robot, http):
@@ -339,9 +334,9 @@ async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
 
 async def test_what_the_robot_does_not_take_is_not_read(wide, relay, robot, http, monkeypatch):
     """Also behind what waited for a subscription; a stop is read all the same."""
-    opened: list[HeldMessages] = []
+    opened = []
 
-    async def next_never(held: HeldMessages) -> bytes:
+    async def next_never(held):
         opened.append(held)
         await asyncio.Event().wait()
         raise AssertionError
