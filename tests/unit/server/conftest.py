@@ -18,7 +18,6 @@ SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
 
 
 def settings_of(mariadb, folder):
-    """What web runs with, against the real database."""
     host_keys = folder / "host_keys"
     host_keys.mkdir()
     (host_keys / "ssh_host_ed25519_key.pub").write_text(f"{SSH_HOST_KEY} root@sshd\n")
@@ -37,7 +36,6 @@ def settings_of(mariadb, folder):
 
 @pytest.fixture
 def web_settings(mariadb, tmp_path):
-    """What web runs with in this test."""
     return settings_of(mariadb, tmp_path)
 
 

@@ -9,7 +9,6 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
 def test_no_backup_and_no_copy_are_known(tmp_path):
-    """As long as there is a place for the record."""
     assert last_backup(tmp_path) == LastBackup(None, None)
     (tmp_path / "made").write_text(f"{NOON.timestamp():.0f}\n")
     assert last_backup(tmp_path) == LastBackup(NOON, None)

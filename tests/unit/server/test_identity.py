@@ -40,7 +40,6 @@ MESSAGE = "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n"
     ],
 )
 def test_usual_spellings_become_one(text):
-    """Lower case with colons, two digits a byte."""
     assert normalise_mac(text) == "00:1b:44:11:3a:b7"
 
 
@@ -70,7 +69,6 @@ def test_anything_else_is_refused(text):
     ["00:00:00:00:00:00", "0:0:0:0:0:0", "ffff.ffff.ffff", "01:00:5e:00:00:fb", "330000000001"],
 )
 def test_macs_of_no_single_robot_are_refused(text):
-    """Zero, broadcast and multicast, whatever the spelling."""
     with pytest.raises(FieldInvalidError, match=r"cannot use mac .* which no single robot has"):
         normalise_mac(text)
 
@@ -88,12 +86,10 @@ def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text):
 
 @pytest.mark.parametrize("text", ["00:1b:44:11:3a:b7", "b8:27:eb:00:00:01"])
 def test_macs_of_makers_pass(text):
-    """Those that stand on a network card."""
     assert normalise_mac(text, allow_local=False) == text
 
 
 def make_key(folder, kind, bits):
-    """A real key line and its fingerprint."""
     file = folder / "key"
     size = ["-b", str(bits)] if bits else []
     subprocess.run(
@@ -107,7 +103,6 @@ def make_key(folder, kind, bits):
 
 @pytest.fixture(scope="module")
 def ed25519(tmp_path_factory):
-    """A real key line."""
     return make_key(tmp_path_factory.mktemp("key"), "ed25519", 0)[0].strip()
 
 
@@ -129,7 +124,6 @@ def wire(*fields):
 
 
 def test_keys_of_security_keys_are_peoples(tmp_path):
-    """Those that live in hardware, which ssh-keygen reads as we do."""
     for kind, *fields in (
         (b"sk-ssh-ed25519@openssh.com", b"p" * 32, b"ssh:"),
         (b"sk-ecdsa-sha2-nistp256@openssh.com", b"nistp256", NISTP256_POINT, b"ssh:"),
@@ -189,18 +183,15 @@ def test_rubbish_is_refused_with_a_problem(blob, kind):
 
 @pytest.fixture
 def signer():
-    """A robot's key."""
     return RobotSigner()
 
 
 def test_signature_of_the_key_holds(signer):
-    """Over this message, for this namespace."""
     signature = signer.sign(NAMESPACE, MESSAGE)
     assert signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
 
 
 def test_any_other_signature_does_not(signer):
-    """Another message, another namespace, another key, damage, or none at all."""
     stranger = RobotSigner()
     good = signer.sign(NAMESPACE, MESSAGE)
     for wrong in (

@@ -32,12 +32,10 @@ class KnownCertificate(SiteCertificates):
         self.given = Certificate(FINGERPRINT, PIN, is_known)
 
     def certificate(self, host):
-        """The given one, whatever the name."""
         return self.given
 
 
 def test_self_signed_certificate_is_pinned_twice():
-    """By curl for the script, and by the script for all that follows."""
     certificates = KnownCertificate(None, 443, is_known=False)
     assert enrolment_lines(certificates, "robots.example:8443", "rj_abc").install == (
         f"curl -fsSk --pinnedpubkey sha256//{PIN} https://robots.example:8443/join.sh | "
@@ -76,7 +74,6 @@ def test_token_is_one_word_whatever_it_is():
     ],
 )
 def test_an_address_that_is_the_robot_itself_is_warned_of(asked):
-    """Whether the page was opened under it, or PUBLIC_HOST is it."""
     here = KnownCertificate(None, 443, is_known=False)
     assert "No robot can use this line" in enrolment_lines(here, asked, "rj_abc").warning
     public = KnownCertificate(asked.strip("[]"), 443, is_known=False)
@@ -144,7 +141,6 @@ def test_host_that_is_none_is_refused(text):
 
 @pytest.fixture
 def shown(tmp_path):
-    """A server with a self-signed certificate."""
     with tls_front.running(tmp_path) as certificates:
         yield certificates
 
@@ -154,7 +150,6 @@ def certificates_of(shown, **options):
 
 
 def test_fingerprint_and_pin_are_those_of_openssl(shown):
-    """What people compare with openssl, and what curl computes."""
     found = certificates_of(shown).certificate("localhost")
     pem = str(shown.certificate)
     printed = openssl("x509", "-in", pem, "-noout", "-fingerprint", "-sha256").decode().strip()
@@ -175,7 +170,6 @@ def test_authorities_are_asked_for_a_name(shown, monkeypatch, host, is_known):
 
 
 def test_certificate_is_kept_for_a_minute(shown):
-    """Then a new one is seen."""
     now = 1000.0
     certificates = certificates_of(shown, now=lambda: now)
     certificates.certificate("localhost")
@@ -197,7 +191,6 @@ def test_many_names_do_not_fill_the_memory(shown):
 
 
 def test_no_certificate_is_said_so():
-    """Nobody listens: a sentence, not a traceback."""
     certificates = SiteCertificates(SiteAddressSettings(None, 443, ("127.0.0.1", free_port())))
     with pytest.raises(
         SiteCertificateUnavailableError,

@@ -20,14 +20,10 @@ class Inner(Struct):
 
 
 class Publish(Struct, tag_field="kind", tag="publish", forbid_unknown_fields=True):
-    """One of two kinds."""
-
     topic: Annotated[str, Meta(max_length=9, pattern="^/[a-z]+$", extra={"exact": True})]
 
 
 class Call(Struct, tag_field="kind", tag="call", forbid_unknown_fields=True):
-    """The other."""
-
     service: Label
 
 
@@ -69,7 +65,6 @@ def test_text_loses_the_space_around_it():
 
 @pytest.mark.parametrize("value", [None, 1, [], "", "  ", "x" * 64, "a\nb", "a\x00", "\ud800"])
 def test_anything_else_is_refused_by_name(value):
-    """Of another type, empty, too long, not printable."""
     expected = "cannot use name: it must be a text of 1 to 63 printable characters"
     assert refused({"name": value}) == expected
     assert refused({}) == expected
@@ -123,7 +118,6 @@ def test_choice_tells_what_is_allowed(value):
 
 
 def test_number_may_be_real():
-    """But neither NaN nor infinite; where null is a value the sentence says so."""
     assert (read(speed=1), type(read(speed=1))) == (1.0, float)
     assert read(speed=None) is None
     for value in (0.4, 5.1, "1", False, float("inf"), float("nan"), 10**400):
@@ -155,7 +149,6 @@ def test_items_are_read_by_their_kind():
 
 
 def test_flag_is_true_or_false():
-    """Nothing that merely counts as one."""
     assert read(disabled=False) is False
     for value in (None, 0, 1, "true"):
         assert "must be true or false" in refused({"name": "x", "disabled": value})
@@ -170,7 +163,6 @@ def test_moment_has_its_offset():
 
 
 def test_object_is_no_list_of_pairs():
-    """Whatever its members are."""
     assert read(settings={"a": {}}) == {"a": {}}
     assert refused({"name": "x", "settings": []}) == (
         "cannot use settings: it must be a JSON object"
@@ -203,7 +195,6 @@ def test_member_that_nobody_reads_is_named():
 
 @pytest.mark.parametrize("name", ["a", "Ann's desk", "x" * 63, "Küche"])
 def test_single_value_passes(name):
-    """Whatever people call their things."""
     schemas.check("name", name, Label)
 
 

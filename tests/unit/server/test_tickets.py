@@ -47,7 +47,6 @@ def test_ticket_from_memory_says_so_and_no_other_does():
 
 @pytest.mark.parametrize(("later_s", "is_good"), [(-3, False), (-2, True), (30, True), (31, False)])
 def test_ticket_is_good_for_its_time(monkeypatch, later_s, is_good):
-    """And a little before, as another machine's clock may be ahead."""
     now = int(time.time())
     monkeypatch.setattr(time, "time", lambda: now)
     text = SIGNER.sign(TICKET)
@@ -116,6 +115,5 @@ def test_rubbish_is_refused_with_a_problem(text):
 
 
 def test_ids_differ():
-    """16 random bytes in hex."""
     assert len({new_id() for _ in range(100)}) == 100
     assert len(new_id()) == 32

@@ -89,7 +89,6 @@ def test_end_must_be_to_come_and_not_too_far(wait, why):
     ],
 )
 def test_moments_are_written_in_utc_and_whole_seconds(timestamp, written):
-    """As the contract writes them, whatever zone they come in."""
     assert times.rfc3339(timestamp) == written
 
 
@@ -103,5 +102,4 @@ def test_durations_have_two_units_at_most(seconds, words):
 
 
 def test_pauses_double_up_to_the_longest():
-    """Half a second first, five at most, for ever."""
     assert list(islice(times.delays(), 7)) == [0.5, 1.0, 2.0, 4.0, 5.0, 5.0, 5.0]

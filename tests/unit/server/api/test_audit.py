@@ -22,7 +22,6 @@ def events(root):
 
 
 def test_events_are_chosen_and_paged(root, events):
-    """All filters together, and on from an id."""
     assert root.get("/audit?robot=sim1&actor=root")["events"] == [events[0], events[2]]
     assert root.get(f"/audit?kind={events[0]['kind']}&robot=sim2&actor=ann")["events"] == []
     assert root.get("/audit?limit=2")["events"] == events[:2]
@@ -30,7 +29,6 @@ def test_events_are_chosen_and_paged(root, events):
 
 
 def test_events_are_chosen_by_moment(root, events):
-    """From one on, and before another, which must have its offset."""
     assert events
     assert len(root.get("/audit?since=2020-01-01T00:00:00Z")["events"]) >= len(events)
     assert root.get("/audit?until=2020-01-01T00:00:00Z")["events"] == []
@@ -39,7 +37,6 @@ def test_events_are_chosen_by_moment(root, events):
 
 
 def test_events_are_a_file_too(root, events):
-    """The same objects a line, or the same columns; all that fit, unless a limit is asked for."""
     answer = root.ask("GET", "/audit?format=jsonl")
     assert answer.content_type == "application/jsonl"
     assert [json.loads(line) for line in answer.text.splitlines()] == events
@@ -132,7 +129,6 @@ STEPS = (
 
 
 def lines_in(database):
-    """Kind, actor and details of all that is in the log, the oldest first."""
     with database.transaction() as tx:
         rows = tx.rows("SELECT kind, actor, details FROM audit_events ORDER BY id")
     return [(row["kind"], row["actor"], row["details"]) for row in rows]
@@ -149,7 +145,6 @@ def numbered(root, path):
 
 @pytest.mark.usefixtures("site_certificate")
 def test_every_change_leaves_its_line(program, browser, root, database):
-    """By who made it, a machine that joins without a login included; a password or a token is in none."""
     in_browser = in_person(browser, "root")
     for step in STEPS:
         method, path, body, kind = step
@@ -185,7 +180,6 @@ def oddly_spelt(value, odd):
 
 @pytest.mark.usefixtures("site_certificate")
 def test_no_odd_text_is_answered_in_the_databases_words(program, browser, root):
-    """Wherever the API takes a text, in bodies and paths, at a moment when it would be saved."""
     in_browser = in_person(browser, "root")
     for method, path, body, _ in STEPS:
         who = Program(program, {}) if path == "/join" else in_browser if path == "/tokens" else root

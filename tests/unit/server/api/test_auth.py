@@ -60,7 +60,6 @@ def age(admin_database, hours, total_hours=0):
 
 
 def test_login_that_nobody_uses_ends(browser, admin_database):
-    """After LOGIN_IDLE_H; a use before that begins the time anew."""
     browser.log_in("ann")
     for _ in range(2):
         age(admin_database, 3.9)
@@ -120,7 +119,6 @@ def for_admins(program):
 
 
 def test_others_are_refused_before_anything_is_looked_at(program, ann, database):
-    """The same answer for what exists and what does not, whatever the body; and nothing happens."""
     paths = list(for_admins(program))
     assert len(paths) > 20
     for method, path in paths:

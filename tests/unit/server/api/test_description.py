@@ -41,7 +41,6 @@ def operations(document):
 
 
 def test_each_route_is_described_and_each_description_routed(app, document):
-    """Paths, methods and the names of what stands in the paths."""
     served = {
         (re.sub(r"<(?:\w+:)?(\w+)>", r"{\1}", rule.rule), method.lower())
         for rule in app.url_map.iter_rules()
@@ -91,7 +90,6 @@ def test_what_is_for_admins_is_tagged_and_may_be_refused(document):
 
 
 def test_every_schema_is_one(document):
-    """JSON Schema 2020-12, which OpenAPI 3.1 uses; an object names its required members among its own."""
     assert document["openapi"] == "3.1.0"
     for name, schema in document["components"]["schemas"].items():
         Draft202012Validator.check_schema(schema)
@@ -100,7 +98,6 @@ def test_every_schema_is_one(document):
 
 
 def test_every_other_method_is_refused_with_those_that_there_are(program, document):
-    """405 and the header Allow, whoever asks."""
     described = list(operations(document))
     for path, item in document["paths"].items():
         if any(path == other for other, _ in ELSEWHERE):
@@ -115,7 +112,6 @@ def test_every_other_method_is_refused_with_those_that_there_are(program, docume
 
 
 def test_database_that_is_away_is_said_so(web_settings):
-    """503 with a code; the health check still answers."""
     away = replace(web_settings, database=replace(web_settings.database, port=1))
     program = Browser(create_app(away).test_client())
     answer = program.ask("GET", "/api/v1/robots", headers={"Authorization": "Bearer rt_x"})

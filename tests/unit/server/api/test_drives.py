@@ -40,7 +40,6 @@ def test_each_filter_reaches_the_search(root):
 
 
 def test_one_drive_is_a_file(root, ann, drives):
-    """With what the list says of it; drives of others are not there."""
     answer = ann.ask("GET", f"/drives/{drives[0]}")
     assert [answer.json] == ann.get("/drives")["drives"]
     assert [json.loads(ann.ask("GET", "/drives?format=jsonl").text)] == [answer.json]

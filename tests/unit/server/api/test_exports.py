@@ -15,8 +15,6 @@ COLUMNS = ("id", "actor", "details")
 
 @dataclass(frozen=True)
 class Numbered:
-    """A record."""
-
     id: int
 
 
@@ -33,7 +31,6 @@ def fetched(total, asked):
 
 @pytest.mark.parametrize("total", [0, 1, exports.PIECE, exports.PIECE + 1])
 def test_everything_comes_piece_by_piece(total):
-    """Each once, in order; no piece is larger than it may be."""
     asked = []
     assert [item.id for item in fetched(total, asked)] == list(range(total, 0, -1))
     assert set(asked) == {exports.PIECE}
@@ -63,7 +60,6 @@ def test_csv_has_no_cell_that_a_spreadsheet_runs(text):
 
 
 def test_json_has_an_object_a_line():
-    """As the API's own answers have it; and the browser saves it as a file."""
     records = [{"id": 2, "actor": "=ü\n"}, {"id": 1, "actor": None}]
     answer = exports.answer(iter(records), COLUMNS, "jsonl", "x")
     assert [json.loads(line) for line in answer.get_data(as_text=True).splitlines()] == records

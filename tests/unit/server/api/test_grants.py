@@ -4,12 +4,10 @@ import datetime as dt
 
 
 def in_days(days):
-    """A moment, as programs write it."""
     return (dt.datetime.now(dt.UTC) + dt.timedelta(days=days)).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def test_grant_of_a_group_for_a_site_is_each_members(root, ann):
-    """Until she leaves the group; given again it takes the place of the first, and its number goes away with it."""
     root.ask("POST", "/groups", {"name": "crew"})
     root.ask("POST", "/sites", {"name": "lab"})
     root.ask("PATCH", "/robots/sim2", {"site": "lab"})

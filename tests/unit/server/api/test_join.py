@@ -23,12 +23,10 @@ MAC = "02:00:00:00:61:01"
 
 @pytest.fixture
 def robot():
-    """A robot's key."""
     return RobotSigner()
 
 
 def test_rotated_key_is_active_at_once(program, database):
-    """With the old key's signature, as ssh-keygen makes it."""
     old, new = (RobotSigner() for _ in range(2))
     program.ask("POST", "/api/v1/join", json=old.join(MAC))
     with database.transaction() as tx:
@@ -116,7 +114,6 @@ def test_robot_is_told_where_its_tunnel_goes(tmp_path):
 
 
 def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_database, robot):
-    """Once it is active, by each way of joining; of those of its region, if it has one."""
     with relay_database.transaction() as tx:
         for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
             cell = cell_settings(name, f"{name}.example", region=region)
@@ -150,7 +147,6 @@ def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_datab
 
 
 def test_public_keys_are_read_without_their_comments(tmp_path):
-    """By file name, and only *.pub."""
     (tmp_path / "b.pub").write_text("ssh-rsa BBBB root@x\n")
     (tmp_path / "a.pub").write_text("ssh-ed25519 AAAA\n")
     (tmp_path / "a").write_text("PRIVATE")
@@ -199,7 +195,6 @@ def test_refused_joins_of_one_network_push_out_its_own_alone(database, robot):
 def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
     program, database, relay_database, robot
 ):
-    """On the page that adds robots, and at the relay as the reason why it is offline, until it joins anew."""
     name = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json["robot"]
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, name).id, "active")

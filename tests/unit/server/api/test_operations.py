@@ -11,8 +11,6 @@ from robotether_server.api.operations import plain
 
 
 class Answer(Struct):
-    """An answer with a moment, and a member that may be left out."""
-
     at: dt.datetime
     settings: dict[str, Any]
     more: int | UnsetType = UNSET
@@ -35,7 +33,6 @@ def sent(root, path, body, kind):
 
 
 def test_body_is_one_json_object(root):
-    """Of any JSON type, as programs send several; broken, deep or long is a wrong body, no failure of the server."""
     for number, kind in enumerate(("json", "json; charset=utf-8", "merge-patch+json")):
         assert sent(root, "/groups", b'{"name": "x%d"}' % number, f"application/{kind}")[0] == 201
     for data in (b"", b"{", b"[]", b"\xff\xfe", b"null", b"[" * 60000, b"1" * 5000):
@@ -44,7 +41,6 @@ def test_body_is_one_json_object(root):
 
 @pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded"])
 def test_body_that_is_not_sent_as_json_is_refused(root, kind):
-    """415; but not where programs are simple: `curl -d` calls everything a form."""
     body = b'{"robot": "sim1", "mode": "drive"}'
     assert sent(root, "/groups", body, kind) == (415, "unsupported_media_type")
     assert sent(root, "/tickets", body, kind)[0] == 201

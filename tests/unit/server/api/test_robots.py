@@ -11,7 +11,6 @@ def registration(**changes):
 
 
 def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(ann, root, admin_database):
-    """In the list and alone, as the relay wrote them."""
     with admin_database.transaction() as tx:
         for number, robot in enumerate(("sim1", "sim2"), start=1):
             tx.change(

@@ -46,7 +46,6 @@ def test_ticket_is_given_within_the_grant(program, database, user, mode):
 
 
 def test_ticket_names_the_cell_of_the_robot(program, database, relay_database):
-    """While the robot is online there, and the cell is in service."""
     body, headers = {"robot": "sim1", "mode": "observe"}, bearer(database, "ann")
 
     def ask():
@@ -88,13 +87,11 @@ def away(app):
 
 
 def answer_of(visitor, headers, **body):
-    """Status and code of the answer to a wish for a ticket of sim1."""
     answer = visitor.ask("POST", "/api/v1/tickets", json={"robot": "sim1"} | body, headers=headers)
     return answer.status_code, answer.json.get("code", "")
 
 
 def test_without_a_database_a_user_of_lately_gets_a_ticket(program, database, away):
-    """By whatever the token asked before, for any robot: the ticket leaves that to the relay."""
     ann = bearer(database, "ann")
     assert program.ask("GET", "/api/v1/robots", headers=ann).status_code == 200
     with database.transaction() as tx:
@@ -132,7 +129,6 @@ def test_a_database_that_hangs_keeps_nobody_waiting_for_long(
 
 
 def test_what_the_database_denies_is_remembered_no_more(program, database, away):
-    """A token that has ended; robots and rights are the relay's."""
     ann, olga = (bearer(database, name) for name in ("ann", "olga"))
     for token in (ann, olga):
         assert answer_of(program, token, mode="observe") == (201, "")

@@ -69,7 +69,6 @@ JOIN_TOKEN = {"name": "lab", "uses": 3, "hours": 24}
 
 
 def test_join_token_says_where_its_robots_belong(root, site_certificate, database):
-    """At a site and to a group that exist; regions need no list."""
     place = {"site": "hall", "group": "crew", "region": "eu"}
     assert root.refused("POST", "/join-tokens", JOIN_TOKEN | place) == (404, "record_missing")
     with database.transaction() as tx:

@@ -10,7 +10,6 @@ def matches(database, user, password):
 
 
 def test_password_that_is_made_is_told_once(root, database):
-    """And one that was given is not told at all."""
     answer = root.ask("POST", "/users", {"name": "eve", "role": "user"})
     assert answer.status_code == 201
     made = answer.json["password"]
@@ -23,7 +22,6 @@ def test_password_that_is_made_is_told_once(root, database):
 
 
 def test_removed_user_is_out(root, ann):
-    """At once, with the tokens."""
     assert root.ask("DELETE", "/users/ann").status_code == 204
     assert ann.refused("GET", "/me") == (401, "token_invalid")
     assert root.refused("DELETE", "/users/ann") == (404, "record_missing")

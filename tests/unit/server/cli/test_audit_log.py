@@ -6,7 +6,6 @@ from admin_records import ADD
 
 
 def test_log_is_shown_newest_last(run):
-    """All of it, or what fits the question."""
     run("user", "add", "ann")
     run(*ADD)
     heads, first, second = run("audit").out.splitlines()

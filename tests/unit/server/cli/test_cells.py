@@ -28,7 +28,6 @@ def _cells(relay_database, admin_database):
 
 
 def test_cells_are_listed(run):
-    """For people, and for programs."""
     assert run("cell", "drain", "b").out == "cell b is draining\n"
     assert [line.split() for line in run("cell", "list").out.splitlines()] == [
         ["NAME", "HOST", "REGION", "ROBOTS", "VERSION", "STATE"],

@@ -31,7 +31,6 @@ OUTCOMES = [
 
 
 def test_list_tells_how_robots_are_reached(run_fleet, network):
-    """For people and for programs, without a connection."""
     network.stop()
     done = run_fleet("list", "--on", "sim*", "--ssh-config", network.config)
     heads, row, _ = done.out.splitlines()
@@ -43,7 +42,6 @@ def test_list_tells_how_robots_are_reached(run_fleet, network):
 
 
 def test_run_prints_lines_and_a_table(run_fleet, network):
-    """Lines on standard output, the table on standard error; exit status 0 when all succeeded."""
     done = run_fleet("run", "echo hi", "--on", "sim1", "--on", "*", "--ssh-config", network.config)
     assert (done.status, sorted(done.out.splitlines())) == (0, ["sim1 | hi", "sim2 | hi"])
     rows = [line.split()[0::2] for line in done.err.splitlines()[2:4]]
@@ -83,7 +81,6 @@ def test_run_prints_json(run_fleet, network):
 
 
 def test_sudo_password_is_asked_once(run_fleet, network, monkeypatch):
-    """For all robots, and is shown nowhere."""
     asked = []
 
     def prompt(text, **how):
@@ -99,8 +96,6 @@ def test_sudo_password_is_asked_once(run_fleet, network, monkeypatch):
 
 
 def test_ctrl_c_is_told_as_a_shell_tells_it(run_fleet, network, monkeypatch):
-    """With a row for each robot, and status 130."""
-
     class Interrupted(fleet.FleetRun):
         def run(self):
             self.interrupted = True
@@ -118,7 +113,6 @@ def make(network, command, *robots, timeout_s=20):
 
 
 def test_defect_is_one_robots_outcome(network, monkeypatch, caplog):
-    """With its traceback in the log; the run comes to its end."""
     real = fleet_ssh.resolve
 
     def resolve(name, config):
@@ -134,7 +128,6 @@ def test_defect_is_one_robots_outcome(network, monkeypatch, caplog):
 
 
 def test_ctrl_c_ends_the_command_everywhere(network):
-    """On the robots too, and those that had not begun do not begin."""
     pids = network.folder / "pids"
     command = f"sleep 60 & echo $! >> {pids}; wait"
     running = make(network, command, "sim1", "sim2", "sim3")
@@ -265,10 +258,6 @@ def fake_sudo(network):
 
 
 def test_command_runs_as_it_was_typed(do):
-    """Quotes, line breaks and all; its standard input is empty; a signal is 128 and its number.
-
-    Output comes whole that is more than any buffer on the way.
-    """
     for command, status, out, err in (
         ("echo hi", 0, "hi\n", ""),
         ("echo oops >&2; exit 7", 7, "", "oops\n"),
@@ -323,7 +312,6 @@ def test_lost_link_is_no_exit_status(do, network, tmp_path):
 
 
 def test_background_process_may_outlive_the_command(do, tmp_path):
-    """As with ssh: what was sent to the background with its outputs elsewhere."""
     path = tmp_path / "pid"
     assert do(f"sleep 60 >/dev/null 2>&1 & echo $! > {path}")[0] == 0
     pid = pid_written(path)
@@ -364,7 +352,6 @@ def printed(*pieces):
 
 
 def test_lines_are_passed_on_whole():
-    """However they were cut on the way; a last one gets its end."""
     assert printed("a", "b\nc\n", "\nd") == "sim1 | ab\nsim1 | c\nsim1 | \nsim1 | d\n"
 
 

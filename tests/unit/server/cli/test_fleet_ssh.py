@@ -127,10 +127,6 @@ def test_jump_host_that_is_away_is_asked_once(network, connections):
 @pytest.mark.parametrize("accept_new", [False, True])
 @pytest.mark.parametrize("which", ["jump", "robot"])
 def test_changed_host_key_ends_the_connection(network, which, accept_new):
-    """The robot's, and the jump host's just so, whatever else is allowed; no key of the person is shown to it.
-
-    The sentence says how to forget the old one; the file stays as it is.
-    """
     before = network.known_hosts.read_text()
     host = network.jump if which == "jump" else network.robots["sim1"]
     host.new_host_key()
@@ -146,7 +142,6 @@ def test_changed_host_key_ends_the_connection(network, which, accept_new):
 
 @pytest.mark.parametrize("which", ["jump", "robot"])
 def test_unknown_host_key(network, connections, which):
-    """Is refused, or taken once and for all with --accept-new."""
     name = network.jump_address if which == "jump" else "robotether-sim1"
     lines = network.known_hosts.read_text().splitlines(keepends=True)
     network.known_hosts.write_text("".join(item for item in lines if not item.startswith(name)))
@@ -269,7 +264,6 @@ def check(target, key, *, accept_new=False):
 
 
 def test_known_key_passes(target, key):
-    """Under the alias, and never under the address, which all robots share."""
     write(target, line(key))
     check(target, key)
     write(target, line(key, "[127.0.0.1]:24000"))
@@ -396,7 +390,6 @@ def test_added_key_is_known_also_when_names_are_hashed(tmp_path, key):
 
 
 def test_file_that_cannot_be_used_is_told(tmp_path, key, monkeypatch):
-    """One that the person may not read, say, which ssh-keygen then tells, or a folder in its place."""
     with pytest.raises(FleetError, match="cannot save the key of sim1"):
         fleet_ssh.add_known(tmp_path, "sim1", known_key(key))
     program = tmp_path / "ssh-keygen"
@@ -429,13 +422,11 @@ def test_patterns_choose_robots_once(listed, patterns, names):
 
 
 def test_pattern_without_a_robot_is_a_mistake(listed):
-    """Even beside another that has some; the sentence lists what there is."""
     with pytest.raises(FleetError, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"):
         fleet_ssh.choose(listed, ["sim1", "bank"])
 
 
 def test_included_files_are_read(listed, tmp_path, monkeypatch):
-    """By absolute name, or below ~/.ssh, with wildcards."""
     monkeypatch.setenv("HOME", str(tmp_path))
     home = tmp_path / ".ssh"
     home.mkdir()
@@ -445,7 +436,6 @@ def test_included_files_are_read(listed, tmp_path, monkeypatch):
 
 
 def test_file_that_includes_itself_is_refused(tmp_path):
-    """As OpenSSH does, and not for ever."""
     path = tmp_path / "config"
     path.write_text(f"Include {path}\n")
     with pytest.raises(FleetError, match="over 16 deep"):

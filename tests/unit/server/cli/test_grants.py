@@ -15,7 +15,6 @@ def _ann_and_sim1(run):
 
 
 def test_grant_is_given_listed_and_taken(run, database):
-    """Each with its audit event; taking one that is not there fails."""
     assert run("grant", "ann", "sim1", "drive").out == "user ann may drive robot sim1\n"
     with database.transaction() as tx:
         assert [seen.level for seen in seen_robots.list_seen(tx, users.get(tx, "ann"))] == ["drive"]
@@ -47,7 +46,6 @@ def test_help_shows_both_ways(run):
 
 
 def test_options_stand_in_for_user_and_robot(run):
-    """Wherever they stand; revoke takes the same."""
     run("group", "add", "crew")
     run("site", "add", "lab")
     for words, who, level, what in (
@@ -72,7 +70,6 @@ def test_grant_has_an_end(run):
 
 
 def test_mistake_in_the_arguments(run):
-    """Exit status 2, it says what there is, and nothing is given."""
     for words, says in (
         (("ann", "sim1", "fly"), "'observe', 'drive', 'manage'"),
         (("ann",), "Missing argument"),

@@ -19,7 +19,6 @@ def test_settings_are_shown_without_secrets(run, mariadb):
 
 
 def test_wrong_setting_stops_every_start(run, monkeypatch):
-    """One sentence with variable and value, no traceback."""
     monkeypatch.setenv("DB_PORT", "many")
     for command in ("web", "migrate", "show-settings"):
         done = run(command)
@@ -29,7 +28,6 @@ def test_wrong_setting_stops_every_start(run, monkeypatch):
 
 @pytest.fixture
 def run_as_migrate(run, mariadb, monkeypatch, sql_dir):
-    """The command with the settings of migrate."""
     settings = mariadb.settings("migrate")
     monkeypatch.setenv("DB_USER", settings.user)
     monkeypatch.setenv("DB_PASSWORD", settings.password)
@@ -39,13 +37,11 @@ def run_as_migrate(run, mariadb, monkeypatch, sql_dir):
 
 
 def test_migrate_says_what_it_did(run_as_migrate):
-    """As account migrate; the range of ports is told too."""
     done = run_as_migrate("migrate")
     assert done == (0, "applied: nothing was missing\nports for robots: 20000 to 20199\n", "")
 
 
 def test_migrate_makes_the_first_admin_with_a_password_alone(run_as_migrate, database, monkeypatch):
-    """Where web may start before the database; a second run, with another password, changes nothing."""
     run_as_migrate("migrate")
     with database.transaction() as tx:
         assert users.list_all(tx) == []
@@ -78,7 +74,6 @@ def started(monkeypatch):
 
 
 def test_web_becomes_gunicorn(run, started):
-    """With one worker that has threads, and our application."""
     assert run("web").status == 0
     assert started[0][:3] == [sys.executable, "-m", "gunicorn"]
     assert {"--workers=1", "--worker-class=gthread", "--threads=8"} <= set(started[0])
@@ -86,7 +81,6 @@ def test_web_becomes_gunicorn(run, started):
 
 
 def test_web_prints_the_first_admin_once(run, started, database, monkeypatch):
-    """With the address and a password that works; later starts print nothing."""
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
     monkeypatch.setenv("PUBLIC_PORT", "8443")
     said = run("web").out

@@ -13,13 +13,11 @@ THIRD_KEY = PublicKey("ssh-ed25519 CCCC", "SHA256:third")
 
 
 def shown(out):
-    """The fields of a record that was printed."""
     lines = (line.split("  ", 1) for line in out.splitlines() if "  " in line)
     return {name: value.strip() for name, value in lines}
 
 
 def test_what_waits_is_listed(run, database):
-    """A new robot's key and a claim, with the reason; nothing that is let in."""
     run(*ADD)
     assert len(run("robot", "pending").out.splitlines()) == 1
     activate(database)
@@ -157,7 +155,6 @@ def test_disabled_robot_is_enabled_first(run, database):
 
 
 def test_rejected_key_is_gone(run, database):
-    """After a yes, or by its fingerprint; the robot that was added waits for another."""
     run(*ADD)
     show_key(database)
     done = run("robot", "reject", "sim1")

@@ -14,7 +14,6 @@ def _sim1(run):
 
 
 def test_settings_in_force_are_json(run):
-    """With the defaults, and as they are to be set."""
     assert json.loads(run("robot", "settings", "sim1").out) == DEFAULTS.as_dict()
     run("robot", "set", "sim1", "guard.deadman_ms=400", "shell_user=pi")
     shown = json.loads(run("robot", "settings", "sim1").out)
@@ -40,7 +39,6 @@ def test_settings_are_set_in_one_step(run, database):
 
 
 def test_null_is_the_default(run, database):
-    """Of one setting or of all in an object; said again, it changes nothing."""
     run("robot", "set", "sim1", "guard.max_speed_m_s=1", "guard.deadman_ms=400", "shell_user=pi")
     done = run("robot", "set", "sim1", "guard.deadman_ms=null", "shell_user=null")
     assert done.out == "robot sim1 has guard.deadman_ms=500 shell_user=null\n"
@@ -63,7 +61,6 @@ def test_null_is_meant_where_it_is_a_value(run, database):
 
 
 def test_shell_user_is_set_and_taken_away(run, database):
-    """Only a name that an account may have; saying nothing is a mistake."""
     assert run("robot", "set", "sim1", "--shell-user", "pi").status == 0
     assert robot(database).settings == {"shell_user": "pi"}
     assert "cannot use shell_user" in run("robot", "set", "sim1", "--shell-user", "a b").err

@@ -7,7 +7,6 @@ from robotether_server.db import seen_robots
 
 
 def test_added_robot_is_listed(run, database):
-    """For people and for programs, with its ports and its MAC in one spelling."""
     assert run(*ADD).out == "added robot sim1 with ports 20000 and 20001\n"
     heads, row = run("robot", "list").out.splitlines()
     assert " ".join(heads.split()) == "NAME STATE ONLINE SINCE MAC ROS VIDEO SHELL KEY"
@@ -35,7 +34,6 @@ def test_added_robot_is_listed(run, database):
 
 
 def test_show_tells_all_of_one_robot(run, database, admin_database):
-    """Its record, what waits there, and its last sessions."""
     run(*ADD)
     assert "never seen" in run("robot", "show", "sim1").out
     activate(database)
@@ -62,7 +60,6 @@ def test_show_tells_all_of_one_robot(run, database, admin_database):
 
 
 def test_removed_robot_is_gone(run, database):
-    """After a yes, or with --yes."""
     run(*ADD)
     assert "no terminal to ask on; say --yes" in run("robot", "remove", "sim1").err
     refused = run("robot", "remove", "sim1", terminal="n\n")
@@ -76,7 +73,6 @@ def test_removed_robot_is_gone(run, database):
 
 
 def test_wait_online(run, admin_database):
-    """Ends well once a session is open, and says so when none comes."""
     run(*ADD)
     done = run("robot", "wait-online", "sim1", "--timeout", "0")
     assert done.status == 1

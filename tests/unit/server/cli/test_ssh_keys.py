@@ -15,7 +15,6 @@ def _ann(run):
 
 
 def test_key_is_added_listed_and_deleted(run, database, tmp_path):
-    """From a file or standard input, under its name or its comment's."""
     make_key(tmp_path / "id")
     done = run("ssh-key", "add", *ANN, "--name", "laptop", tmp_path / "id.pub")
     assert done.out.startswith("added SSH key laptop of user ann: SHA256:")
@@ -31,7 +30,6 @@ def test_key_is_added_listed_and_deleted(run, database, tmp_path):
 
 
 def test_ssh_config_has_the_shells_that_the_user_manages(run, database, monkeypatch):
-    """Each reached through this server's own port."""
     monkeypatch.setenv("SSH_PORTS", "2022,443")
     monkeypatch.setenv("PUBLIC_HOST", "robots.example")
     run(*ADD)

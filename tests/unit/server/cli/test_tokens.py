@@ -55,7 +55,6 @@ def test_deleted_token_works_no_more(run, database):
 
 
 def test_install_line_is_the_last_line(run, database):
-    """With a token that works, the pins, and where robots reach the site."""
     run("site", "add", "hall")
     run("group", "add", "crew")
     place = ("--site", "hall", "--group", "crew", "--region", "eu")

@@ -28,7 +28,6 @@ def test_user_with_a_generated_password(run, database):
 
 
 def test_user_that_cannot_be_is_refused_in_one_sentence(run):
-    """Exit status 1, nothing made, nothing printed but the sentence."""
     done = run("user", "add", "ann", "--password-stdin", stdin="short")
     assert (done.status, done.out) == (1, "")
     assert done.err.startswith("robotether: cannot ")
@@ -73,7 +72,6 @@ def test_users_are_listed(run):
 
 
 def test_removed_user_is_gone(run, database):
-    """After a yes, or with --yes."""
     run("user", "add", "ann")
     assert "no terminal to ask on; say --yes" in run("user", "remove", "ann").err
     assert "did not remove user ann" in run("user", "remove", "ann", terminal="n\n").err

@@ -58,7 +58,6 @@ def test_line_is_said_in_words(event, words):
 
 
 def test_every_event_has_words():
-    """Those that the server's own modules write, as far as they stand there as a text."""
     source = "".join(
         path.read_text(encoding="utf-8")
         for path in Path(robotether_server.__file__).parent.rglob("*.py")

@@ -23,30 +23,25 @@ BY_OTHERS = {"relay_restarted", "cell_removed"}
 
 
 def script_texts(name):
-    """The texts of an object in texts/panels.js."""
     source = (SCRIPTS / "texts" / "panels.js").read_text()
     inside = source.split(f"export const {name} = {{", 1)[1].split("\n};", 1)[0]
     return dict(re.findall(r'^  (\w+): "([^"]*)",$', inside, re.MULTILINE))
 
 
 def test_every_refusal_has_words():
-    """Those of the policy and those of the guard, and no other."""
     assert set(REFUSALS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
 
 
 def test_every_close_reason_has_its_code():
-    """Those that the relay closes with, and no other."""
     written = re.findall(r'CloseReason\(\s*"([a-z_]+)"', inspect.getsource(close_reasons))
     assert set(written) == set(CLOSE_CODES)
 
 
 def test_every_ending_of_a_session_has_words():
-    """Those that the agent reads in `bye`, and no other."""
     assert set(SESSION_ENDS) == set(get_args(ByeCode)) | BY_OTHERS
 
 
 def test_scripts_say_each_end_of_a_drive_and_each_refusal():
-    """To who drove, so in other words where the end is the driver's own; commands that are too old are no refusal."""
     assert set(script_texts("endReasons")) == set(DRIVE_ENDS)
     late = {"dropped_old": "too old at the server"}
     assert script_texts("refusals") == {**REFUSALS, **late}
@@ -92,7 +87,6 @@ def test_described_codes_are_those_of_problems():
 
 
 def test_codes_that_clients_know_are_those_of_problems():
-    """Those that the scripts compare, and those for which a robot that joins has advice."""
     scripts = "".join(path.read_text() for path in SCRIPTS.rglob("*.js"))
     compared = {code for code in re.findall(r'\bcode === "(\w+)"', scripts) if "_" in code}
     assert compared

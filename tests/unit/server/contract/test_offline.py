@@ -25,8 +25,6 @@ def test_what_is_unknown_is_said_to_be_unknown(code):
 
 
 def test_an_agent_that_is_too_old_is_called_that():
-    """By the version that it said; what is not known is not said."""
-
     def said(version):
         return offline_reason("active", "protocol_error", ever_online=True, agent_version=version)
 

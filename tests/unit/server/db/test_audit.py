@@ -58,7 +58,6 @@ def test_recent_events_are_of_kinds_network_and_time(database):
     ],
 )
 def test_network_of_ipv6_is_found_in_every_spelling(database, address, other, same):
-    """All addresses of one /64 and no others, whatever of them begin with the same bytes."""
     since = dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1)
     with database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
@@ -70,7 +69,6 @@ def test_network_of_ipv6_is_found_in_every_spelling(database, address, other, sa
 
 
 def test_events_of_one_actor_come_from_anywhere(database):
-    """But not those of others, of other kinds, or from before."""
     now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
     with database.transaction() as tx:
         for kind, actor, address in (
@@ -85,7 +83,6 @@ def test_events_of_one_actor_come_from_anywhere(database):
 
 
 def test_events_are_found_by_what_is_asked_for(database):
-    """The newest first, page by page; all conditions hold together."""
     with database.transaction() as tx:
         for actor, kind, robot in (
             ("root", "robot_added", "a"),
@@ -120,5 +117,4 @@ def test_events_are_found_by_what_is_asked_for(database):
     ],
 )
 def test_one_owner_has_one_network(address, network):
-    """An IPv4 address, in either spelling, or a /64; what is no address is nobody's."""
     assert network_of(address) == ip_network(network)

@@ -86,7 +86,6 @@ def test_a_robot_stays_with_the_first_and_then_has_an_own_sequence():
 
 
 def test_a_cell_that_goes_moves_its_own_robots_alone():
-    """And spreads them over the others, about evenly."""
     before = {robot_id: hosts(robot_id, [A, B, C])[0] for robot_id in range(300)}
     after = {robot_id: hosts(robot_id, [A, B])[0] for robot_id in range(300)}
     moved = [robot_id for robot_id in before if before[robot_id] != after[robot_id]]
@@ -105,7 +104,6 @@ def test_a_cell_that_takes_no_robots_is_not_listed(change):
 
 
 def test_a_cell_that_is_drained_is_last():
-    """Of all regions, as the others may die: even where it has the fewest robots, or is the only one."""
     out = replace(A, draining=True, region="eu")
     for robot_id in range(20):
         assert hosts(robot_id, [out, B, C], "a", "eu") == [*hosts(robot_id, [B, C]), "a.example"]
@@ -126,7 +124,6 @@ EU_A, EU_B, US_C = replace(A, region="eu"), replace(B, region="eu"), replace(C, 
 
 
 def test_cells_of_a_robots_region_are_first():
-    """Each group in its usual order, where the robot is first of its own."""
     for robot_id in range(20):
         usual = hosts(robot_id, [A, B])
         assert hosts(robot_id, [EU_A, EU_B, US_C], "c", "eu") == [*usual, "c.example"]
@@ -137,7 +134,6 @@ def test_cells_of_a_robots_region_are_first():
 
 @pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
 def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
-    """As one without a region does, and every robot where no cell has one."""
     out = replace(US_C, **change)
     for robot_id in range(20):
         assert hosts(robot_id, [EU_A, EU_B, out], "b", "us") == hosts(robot_id, [A, B], "b")
@@ -157,7 +153,6 @@ def test_who_joins_goes_where_the_fewest_robots_of_its_region_are():
 
 
 def test_a_robot_is_where_its_newest_session_is(relay_database, database):
-    """Of those that last, if two cells still say that they have it."""
     for name in ("a", "b"):
         heartbeat(relay_database, cell_settings(name, f"{name}.example"))
     with database.transaction() as tx:

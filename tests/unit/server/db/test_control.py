@@ -24,14 +24,12 @@ HOUR = dt.timedelta(hours=1)
 
 @pytest.fixture
 def sim1(database):
-    """The id of robot sim1."""
     with database.transaction() as tx:
         return robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
 
 
 @pytest.fixture
 def ann(database):
-    """The id of user ann."""
     with database.transaction() as tx:
         return users.add(tx, "ann", "x", "user")
 
@@ -105,7 +103,6 @@ def test_a_lease_that_began_without_the_database_is_written_later(relay_database
 
 
 def test_a_lease_is_of_the_cell_that_wrote_it_last(relay_database, sim1, ben):
-    """Whose relay ends it, should it be left open."""
     for number, cell in enumerate("ab", start=1):
         with relay_database.transaction() as tx:
             fleet.write(tx, [LeaseStart(sim1, number, ben, "ben", NOON)], cell)
@@ -114,7 +111,6 @@ def test_a_lease_is_of_the_cell_that_wrote_it_last(relay_database, sim1, ben):
 
 
 def test_a_lease_that_is_written_late_leaves_the_newer(relay_database, sim1, ann, ben):
-    """Its number, its driver and its end."""
     fence(relay_database, sim1, ann, above=8)
     write(relay_database, LeaseEnd(sim1, 9, NOON + HOUR))
     write(relay_database, LeaseStart(sim1, 8, ben, "ben", NOON + HOUR))
@@ -130,7 +126,6 @@ def test_a_lease_that_is_written_again_is_as_it_began(relay_database, sim1, ann,
 
 
 def test_a_lease_of_somebody_who_is_gone_keeps_its_number(relay_database, sim1):
-    """With the name alone; one of a robot that is gone is nothing."""
     write(relay_database, LeaseStart(sim1, 7, 999, "gone", NOON), LeaseStart(998, 1, 999, "", NOON))
     assert lease(relay_database) == (7, None, "gone", NOON, None)
 
@@ -182,7 +177,6 @@ def test_a_stop_of_a_removed_robot_writes_nothing(relay_database, sim1):
 
 
 def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
-    """The same row each time, with the newest figures."""
     drive = DriveEntry(sim1, "sim1", "ann", 3, NOON, "198.51.100.7")
     drive.row_id = write(relay_database, drive)[0]
     drive.distance_m, drive.refused, drive.stops = 2.5, {"topic": 1}, 1
@@ -212,7 +206,6 @@ def test_a_drive_whose_first_writing_got_no_answer_is_one_row(relay_database, si
 
 
 def test_a_drive_that_is_written_as_new_again_has_its_newest_figures(relay_database, sim1):
-    """By the relay after the one that wrote it first; a former relay's end of it stands."""
     write(relay_database, DriveEntry(sim1, "sim1", "ann", 3, NOON))
     again = DriveEntry(sim1, "sim1", "ann", 3, NOON, distance_m=2.5, refused={"topic": 1})
     again.ended_at, again.end_code = NOON + HOUR, "relay_restarted"
@@ -223,7 +216,6 @@ def test_a_drive_that_is_written_as_new_again_has_its_newest_figures(relay_datab
 
 
 def test_a_lease_that_a_killed_relay_left_open_is_ended(relay_database, sim1, ann):
-    """Written by the next one, in front of what ends all of them."""
     lease = LeaseStart(sim1, 4, ann, "ann", NOON)
     write(relay_database, lease, FormerSessions(NOON + HOUR))
     (row,) = rows(relay_database, "control_leases")

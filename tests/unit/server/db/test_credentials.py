@@ -9,14 +9,12 @@ from robotether_server.problems import TokenInvalidError
 
 
 def test_texts_differ_and_are_long():
-    """32 random bytes in URL-safe base64, after the prefix."""
     made = {credentials.new_secret("rt_") for _ in range(20)}
     assert len(made) == 20
     assert all(len(text) == 3 + 43 and text.startswith("rt_") for text in made)
 
 
 def test_digest_is_sha256_of_the_whole_text():
-    """As docs/reference/protocols.md says, so the relay finds the same row."""
     assert credentials.digest("rt_abc") == hashlib.sha256(b"rt_abc").digest()
 
 
@@ -54,7 +52,6 @@ def test_login_that_is_over_holds_no_more_and_is_swept(database):
 
 
 def test_login_of_disabled_user_does_not_hold(database):
-    """Even one that nobody removed."""
     with database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
         text = credentials.create_login(tx, users.get(tx, "ann"), "", HOUR)

@@ -25,7 +25,6 @@ ADD_USER = "INSERT INTO users (name, password_hash, role) VALUES (%s, 'x', %s)"
 
 
 def test_database_that_is_not_reached_is_soon_given_up_by_who_can_do_without(monkeypatch):
-    """Such as one whose machine is off: nothing answers, not even with a refusal."""
     monkeypatch.setattr(module, "BRIEF_TIMEOUT_S", 1)
     with socket.create_server(("127.0.0.1", 0), backlog=0) as full, ExitStack() as stack:
         for _ in range(3):
@@ -75,7 +74,6 @@ def test_moments_are_aware_and_in_utc(database):
     ],
 )
 def test_refused_rows_are_problems(database, name, role, problem, why):
-    """Twice the same, a check, too long, missing, no such choice; in our own words."""
     with database.transaction() as tx:
         tx.insert(ADD_USER, ("ann", "user"))
         with pytest.raises(problem) as refused:
@@ -148,14 +146,12 @@ def connection_id(database, *, briefly=False):
 
 @pytest.fixture
 def keeping(mariadb):
-    """One that keeps a connection."""
     keeping = Database(mariadb.settings("web"), keep=1)
     yield keeping
     keeping.close_kept()
 
 
 def test_connection_is_kept_for_the_next_transaction(keeping, database):
-    """Not for one whose answers must come sooner, and none where nobody asked for it."""
     first = connection_id(keeping)
     assert connection_id(keeping) == first
     assert connection_id(keeping, briefly=True) != first
@@ -216,7 +212,6 @@ def test_busy_server_is_unavailable(number):
 
 
 def cipher(settings):
-    """What encrypts a connection; empty: nothing."""
     with Database(settings).transaction() as tx:
         row = tx.row("SHOW SESSION STATUS LIKE 'Ssl_cipher'")
     return str(row["Value"])
@@ -236,7 +231,6 @@ def test_certificate_of_another_authority_is_refused(mariadb, tmp_path):
 
 
 def test_certificate_of_another_host_is_refused(mariadb):
-    """Although the authority is the right one: it may have signed others."""
     address = mariadb.container.attrs["NetworkSettings"]["IPAddress"]
     elsewhere = replace(mariadb.settings("web"), host=address, port=3306)
     assert cipher(elsewhere) == ""

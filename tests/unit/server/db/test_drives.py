@@ -30,7 +30,6 @@ def seen_by(
     name,
     search=DriveSearch(),  # noqa: B008 - frozen
 ):
-    """Robot and driver of what a user is shown."""
     with database.transaction() as tx:
         found = drives.find(tx, users.get(tx, name), search)
     return [(item.robot, item.user) for item in found]
@@ -136,7 +135,6 @@ def test_one_drive_is_for_who_may_see_it(database, admin_database):
 
 
 def test_a_drive_of_a_dead_cell_has_ended(database, admin_database, relay_database):
-    """When it was last written, though nobody could write that."""
     with relay_database.transaction() as tx:
         cells.write_heartbeat(tx, cell_settings("x"), robots=1, started_at=NOON)
     changes = {"ended_at": None, "end_code": None, "updated_at": NOON, "cell": "x"}

@@ -34,7 +34,6 @@ def user_id(database, name):
 
 
 def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
-    """Robots with their ports, grants, and admins as managers of all."""
     with relay_database.transaction() as tx:
         snapshot = fleet.load(tx)
     robot = snapshot.by_name["sim1"]
@@ -71,7 +70,6 @@ def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypat
 
 
 def test_the_snapshot_has_shell_keys_and_key_requests(database, relay_database, sim1):
-    """A shell port once the shell is on, the two keys, and whether the agent is asked for a new one."""
     with relay_database.transaction() as tx:
         before = fleet.load(tx).robots[sim1]
     assert (before.shell_port, before.fingerprint, before.previous_fingerprint) == (None,) * 3
@@ -180,7 +178,6 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
 
 
 def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1):
-    """Whatever came before, as a relay that begins need not read all of it."""
     former, newest = SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")
     newest.ended_at = NOON + 2 * HOUR
     with relay_database.transaction() as tx:

@@ -12,7 +12,6 @@ LATER = NOW + dt.timedelta(hours=1)
 
 
 def test_token_is_found_by_its_text_alone(database):
-    """Which the database does not keep."""
     with database.transaction() as tx:
         text = join_tokens.create(tx, "lab", 3, LATER, "root")
         token = join_tokens.find(tx, text)
@@ -44,7 +43,6 @@ def test_each_key_uses_a_token_once(database):
 
 
 def test_token_whose_time_is_over_lets_nobody_in(database):
-    """Also one that ended while its robot was on the way."""
     with database.transaction() as tx:
         text = join_tokens.create(tx, "lab", 2, NOW - dt.timedelta(seconds=1), "root")
         token = join_tokens.find(tx, text)

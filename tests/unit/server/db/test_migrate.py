@@ -42,7 +42,6 @@ def migrate_to_older(server, folder, sql_dir, files):
 
 
 def rights(tx):
-    """What holds, by names."""
     rows = tx.rows(
         "SELECT u.name AS user, r.name AS robot, g.level FROM relay_grants g "
         "JOIN users u ON u.id = g.user_id JOIN robots r ON r.id = g.robot_id"
@@ -69,7 +68,6 @@ def add_older_rows(tx, given):
 
 
 def test_rows_of_an_older_release_are_kept(sql_dir, tmp_path, tmp_path_factory):
-    """Also when each migration runs twice; an odd robot can still be changed, and grants hold as before."""
     old = {("ann", "odd", "drive"), ("ann", "announced", "observe"), ("ben", "odd", "manage")}
     with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
         # Before join tokens, shells, groups and sites.
@@ -283,7 +281,6 @@ def fill(tx):
 
 
 def counts(tx):
-    """How much there is: events, drives, sessions."""
     tables = ("audit_events", "drives", "robot_sessions")
     rows = [tx.row(f"SELECT COUNT(*) AS rows_ FROM {table}") or {} for table in tables]
     return rows[0]["rows_"], rows[1]["rows_"], rows[2]["rows_"]

@@ -112,7 +112,6 @@ def test_ports_that_were_named_are_kept_and_not_allotted(database, admin_databas
 
 
 def test_ports_that_cannot_be_are_refused(database):
-    """Another robot's port of either kind, half a pair, twice the same, a privileged one."""
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
         for ros, video in (
@@ -150,7 +149,6 @@ def test_taken_mac_and_taken_name_are_told_apart(database):
 
 
 def test_mac_of_no_single_robot_is_refused(database):
-    """Zero, broadcast and multicast, on insert and on update."""
     why = r"cannot add robot a: .* is no MAC of one robot"
     with database.transaction() as tx:
         good = robots.add(tx, mac(1), "good")
@@ -180,7 +178,6 @@ def test_key_and_report_are_kept_together(database):
 
 
 def test_rotated_key_keeps_the_one_before(database):
-    """Until any other change of the key, whose old connections end."""
     new = PublicKey("ssh-ed25519 BBBB", "SHA256:new")
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
@@ -297,14 +294,12 @@ def test_refused_update_says_change(database):
 
 @pytest.fixture
 def robot(database):
-    """A robot with a key of its own."""
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "sim1"), KEY, REPORT)
         return robots.get(tx, "sim1")
 
 
 def test_claim_waits_under_its_robots_present_name(database, robot):
-    """With what it told when it asked; the same key claims once."""
     with database.transaction() as tx:
         robots.add_claim(tx, robot, OTHER_KEY, REPORT)
         robots.rename(tx, robot.id, "turtle1")

@@ -41,7 +41,6 @@ def test_user_sees_granted_robots_and_admin_all(database):
 
 
 def test_presence_is_the_newest_session(database, admin_database):
-    """No session: never seen; an open one: online since; an ended one: offline since."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
     seen = []
@@ -83,7 +82,6 @@ def sim1(database, relay_database):
 
 
 def test_robot_of_a_dead_cell_is_offline(sim1, database, admin_database):
-    """Since the cell was last alive; nobody drives it, though nobody could write either down."""
     with database.transaction() as tx:
         assert seen_robots.is_online(tx, sim1.id)
         assert seen_robots.control_of(tx, sim1.id).driver == DrivenBy("ann", NOON)
@@ -187,7 +185,6 @@ def test_driver_and_stop_are_shown(database, admin_database):
 
 
 def test_another_key_shows_on_web_and_at_the_relay(database, relay_database, sim1):
-    """While it waits, and when it was rejected; both notice the change."""
     said = []
     for act in (
         lambda _tx: None,

@@ -70,13 +70,11 @@ def memory_database():
 
 @pytest.fixture
 def sim1(memory_database):
-    """The row of robot sim1."""
     return memory_database.robots[7]
 
 
 @pytest.fixture
 def timing():
-    """The relay's times."""
     return FAST
 
 
@@ -89,14 +87,12 @@ def robots_may_answer_late(monkeypatch):
 
 @pytest_asyncio.fixture
 async def relay(memory_database, timing):
-    """Run a relay."""
     async with running_relay(memory_database, timing) as server:
         yield server
 
 
 @pytest_asyncio.fixture
 async def robot(relay, sim1):
-    """Have robot sim1 online and well."""
     robot = FakeRobot(sim1.id, SESSION_KEY)
     await robot.start(relay.relay.session_port)
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
@@ -106,7 +102,6 @@ async def robot(relay, sim1):
 
 @pytest.fixture
 def login(memory_database):
-    """The cookie of ann's login, among others."""
     text = memory_database.add_credential("login", RelayUser(1, "ann"))
     return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
 
@@ -173,7 +168,6 @@ async def connect(relay, sim1):
 
 @pytest_asyncio.fixture
 async def http():
-    """Ask over HTTP as a browser or program does."""
     connector = aiohttp.TCPConnector(force_close=True)
     async with timed_session(connector=connector) as session:
         yield session

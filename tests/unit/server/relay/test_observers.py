@@ -49,7 +49,6 @@ def metrics():
 
 @pytest.fixture
 def observer(memory_database, event_writer, metrics, caplog):
-    """Reports to this writer, these metrics and the test's log."""
     caplog.set_level(logging.INFO)
     return RelayObserver(
         event_writer,
@@ -115,7 +114,6 @@ def test_robots_are_logged_by_name_and_their_close_reasons_counted(
 
 
 def test_a_drive_is_two_audit_lines_and_one_record(observer, event_writer, sim1, metrics):
-    """Who drove which robot from where, how long, how far, and why it ended."""
     connection, drive = driving(sim1), a_drive()
     observer.connection(ConnectionReport(connection, "203.0.113.9", drive=drive))
     drive.command(10.0, 1.0, None)
@@ -162,7 +160,6 @@ def refused_in(event_writer):
 
 
 def test_what_the_guard_refused_is_the_drives(observer, event_writer, sim1, metrics):
-    """Not what it refused before, nor twice; what it tells after the end is added to the record."""
     connection, drive = driving(sim1), a_drive()
     observer.on_robot_change(guard_refused(old=4, held=0))
     observer.connection(ConnectionReport(connection, None, drive=drive))

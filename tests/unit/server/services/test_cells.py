@@ -36,7 +36,6 @@ def kinds(database):
 
 
 def test_cell_is_drained_and_resumed(database):
-    """Each once, whatever is asked again."""
     for service, draining in ((cell_service.drain, True), (cell_service.resume, False)):
         for _ in range(2):
             with database.transaction() as tx:
@@ -59,7 +58,6 @@ def test_last_cell_in_service_is_not_drained(database, admin_database):
 
 
 def test_of_two_drains_at_once_the_second_waits(database):
-    """And then reads what the first one wrote: each alone leaves the other cell in service."""
     with database.transaction() as tx, database.transaction() as other:
         cell_service.drain(tx, ADMIN, "a")
         other.change("SET innodb_lock_wait_timeout = 0")

@@ -18,7 +18,6 @@ def kinds(database):
 
 
 def test_a_button_needs_its_right_and_allow_gives_it(site, database):
-    """Once: asked again, nothing changes; the rest of the policy stays."""
     assert site
     with database.transaction() as tx:
         robot_service.set_settings(tx, MAY, "sim1", {"policy": {"drive": {"call": ["/dock"]}}})
@@ -38,7 +37,6 @@ def test_a_button_needs_its_right_and_allow_gives_it(site, database):
 
 
 def test_page_and_buttons_leave_each_other_alone(site, database):
-    """And the rest; back to the defaults, nothing is kept."""
     assert site
     with database.transaction() as tx:
         robot_service.set_settings(tx, MAY, "sim1", {"guard": {"deadman_ms": 400}})

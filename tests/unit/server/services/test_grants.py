@@ -12,7 +12,6 @@ ANN, SIM1 = Grantee("user", "ann"), Scope("robot", "sim1")
 
 
 def test_grant_is_given_changed_and_taken(site):
-    """One a user and robot; each change is in the log."""
     with site.database.transaction() as tx:
         assert grants.give(tx, ADMIN, ANN, SIM1, "observe")[1]
         given, is_new = grants.give(tx, ADMIN, ANN, SIM1, "manage")

@@ -82,7 +82,6 @@ def test_second_key_of_a_mac_waits_beside_the_first(site, state):
 
 
 def test_claim_moves_up_when_the_row_has_no_key_any_more(site):
-    """After the admin turned the first key away, or forgot it."""
     site.announce()
     site.ask()
     site.ask(key=OTHER_KEY)
@@ -117,7 +116,6 @@ def test_disabled_robot_is_told_how_to_come_back(site):
 
 
 def test_only_so_many_may_wait(site):
-    """Strangers and claims together; those who wait go on waiting, and announced robots take no place."""
     site = dataclasses.replace(site, limit=2)
     for number in range(3):
         site.announce(f"planned-{number}", f"00:1b:44:00:62:0{number}")
@@ -191,7 +189,6 @@ def test_known_key_changes_nothing(site):
 
 @pytest.mark.parametrize("policy", ["approve", "first-key", "token-only"])
 def test_rejected_key_is_told_so(site, policy):
-    """With a token too; the robot may come with another key."""
     site.ask()
     token = site.admins_token()
     reject(site, "robot-006101", "SHA256:a")
@@ -203,7 +200,6 @@ def test_rejected_key_is_told_so(site, policy):
 
 
 def test_rekeyed_robot_takes_the_next_key_and_waits(site):
-    """Under first-key too: whoever joined in its name must not be back at once."""
     for policy in ("approve", "first-key"):
         site = dataclasses.replace(site, policy=policy)
         with site.database.transaction() as tx:
@@ -217,7 +213,6 @@ def test_rekeyed_robot_takes_the_next_key_and_waits(site):
 
 
 def test_first_key_of_an_announced_robot_gets_in(site):
-    """By that policy alone; the second key and a MAC that nobody announced wait."""
     site = dataclasses.replace(site, policy="first-key")
     site.announce()
     assert site.ask() == Answer("sim1", "active")
@@ -285,7 +280,6 @@ def test_join_token_lets_as_many_in_as_it_says(site):
 
 
 def test_token_puts_a_robot_in_its_place(site):
-    """At its site, in its region and with its group's grant, unless an admin has said another for this robot."""
     site.announce("sim2", OTHER_MAC)
     ends_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=1)
     crew = Grantee("group", "crew")
@@ -363,7 +357,6 @@ def test_wrong_tokens_are_told_apart(site):
     ],
 )
 def test_requested_name_is_given_with_a_token(site, wish, name):
-    """Where it can be; without a token, and for a MAC that has a row, nobody hears it."""
     site.announce("taken", "00:1b:44:00:61:09")
     token = site.admins_token()
     assert site.ask(OTHER_MAC, OTHER_KEY, name=wish).robot == "robot-006102"
@@ -372,7 +365,6 @@ def test_requested_name_is_given_with_a_token(site, wish, name):
 
 
 def test_local_macs_are_for_announced_robots(site):
-    """Unless they are allowed; a token does not make one unique."""
     local = "02:42:ac:11:00:02"
     for token in (None, site.admins_token()):
         with pytest.raises(FieldInvalidError, match="locally administered"):
@@ -434,7 +426,6 @@ def test_signed_key_takes_the_place_of_the_one_that_signed(rotating_site, old):
 
 @pytest.mark.parametrize("wrong", [{"mac": OTHER_MAC}, {"line": OTHER_KEY.line}])
 def test_signature_over_something_else_is_refused(rotating_site, old, wrong):
-    """Another MAC or another key."""
     with pytest.raises(FieldInvalidError, match="cannot use previous_key"):
         rotating_site.ask(previous=signed(old, **wrong))
     assert rotating_site.robot("sim1").key == old.key

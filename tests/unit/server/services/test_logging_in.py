@@ -32,7 +32,6 @@ def _ann(database):
 
 
 def test_right_password_makes_a_login(database):
-    """Which ends with the log-out."""
     text = log_in(database, ANN, PASSWORD, HOUR)
     with database.transaction() as tx:
         user = credentials.find_login_user(tx, text)
@@ -43,7 +42,6 @@ def test_right_password_makes_a_login(database):
 
 
 def test_disabled_user_looks_like_a_wrong_password(database):
-    """The same sentence for all three."""
     sentences = set()
     with database.transaction() as tx:
         users.add(tx, "gone", HASH, "user")
@@ -186,7 +184,6 @@ def test_many_addresses_against_one_user_lock_nobody_out_at_home(database):
 
 
 def test_networks_of_a_removed_user_are_new_to_the_next_of_that_name(database):
-    """Whose password many may guess, the former person too."""
     assert is_heard(database, "ann", "192.0.2.1")
     with database.transaction() as tx:
         users.remove(tx, users.get(tx, "ann").id)
@@ -199,12 +196,10 @@ START = dt.datetime(2026, 1, 1, tzinfo=dt.UTC)
 
 
 def timestamps(count):
-    """One failure a second."""
     return [START + dt.timedelta(seconds=at) for at in range(count)]
 
 
 def test_try_is_heard_below_all_limits():
-    """One failure fewer than each limit, all together."""
     failures = Failures(
         timestamps(PER_USER_AND_NETWORK - 1), timestamps(PER_NETWORK - 1), timestamps(PER_USER - 1)
     )

@@ -46,7 +46,6 @@ def details(site, kind):
 
 
 def test_added_robot_waits_for_its_key(site):
-    """A local MAC only when the admin says so."""
     assert do(site, robot_service.add, "001b.4400.6102", "turtle").mac == OTHER_MAC
     with pytest.raises(FieldInvalidError, match="--allow-local-mac"):
         do(site, robot_service.add, "02:00:00:00:00:01", "local")
@@ -79,7 +78,6 @@ def test_unknown_robot_does_not_keep_its_mac_from_another_robot(site):
 
 
 def test_approved_is_the_key_that_was_compared(site):
-    """Whatever else waits there; approving it again changes nothing."""
     site.announce("turtle", OTHER_MAC)
     with pytest.raises(NotPossibleError, match="it has not joined yet"):
         do(site, robot_service.approve, "turtle", "SHA256:b")
@@ -150,7 +148,6 @@ def test_rejected_claim_leaves_the_robot_as_it_is(site):
 
 
 def test_disabled_robot_comes_back_as_it_was(site):
-    """With its key, if that was approved; once more makes no second line."""
     for _ in range(2):
         assert do(site, robot_service.disable, "sim1").state == "disabled"
     assert do(site, robot_service.enable, "sim1").state == "active"
@@ -199,7 +196,6 @@ def test_changes_keep_the_rest_and_are_logged_once(site):
 
 
 def test_settings_are_changed_from_what_they_are(site):
-    """With one line in the log that has both; a change that is wrong does nothing."""
     do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
     changed = do(
         site,
@@ -228,7 +224,6 @@ def test_wrong_changes_are_refused(site):
 
 
 def test_rekeyed_robot_has_no_key(site):
-    """And waits, unless it is disabled; only an active robot is asked to rotate its own."""
     robot = do(site, robot_service.rekey, "sim1")
     assert (robot.state, robot.key) == ("pending", None)
     assert details(site, "robot_rekeyed") == {"was": "active", "fingerprint": "SHA256:a"}
@@ -278,7 +273,6 @@ def test_new_robot_is_made_and_active(site, signer):
 
 
 def test_used_up_token_makes_no_robot(site, signer):
-    """And leaves no row; nor does it let in again whom an admin removed."""
     token = site.join_token(1)
     register(site, signer, token=token)
     with site.database.transaction() as tx:
@@ -289,7 +283,6 @@ def test_used_up_token_makes_no_robot(site, signer):
 
 
 def test_announced_robot_takes_the_key(site, signer):
-    """In place of one that only waits there, too."""
     site.announce("turtle", NEW_MAC)
     site.ask(NEW_MAC, OTHER_KEY)
     robot, is_made = register(site, signer)
@@ -380,7 +373,6 @@ def all_at_once(count, ask):
 
 
 def test_joins_at_once_leave_no_double_row(database):
-    """The same robot twenty times; twenty robots of one maker; twenty keys of one MAC."""
     site = Site(database, limit=100)
     assert all_at_once(20, lambda _: site.ask()) == ([site.ask()] * 20, [])
     token = site.join_token(20)
@@ -393,7 +385,6 @@ def test_joins_at_once_leave_no_double_row(database):
 
 
 def test_one_key_at_many_macs_at_once_gets_one(database):
-    """Whoever is first; the last use of a token lets one in as well."""
     site = Site(database)
     answers, problems = all_at_once(5, lambda n: site.ask(f"00:1b:44:00:72:0{n}"))
     assert (len(answers), {type(problem) for problem in problems}) == (1, {KeyInUseError})

@@ -22,12 +22,10 @@ ANN = Source("ann")
 
 @pytest.fixture(scope="module")
 def signer():
-    """A real key, with the comment `robot`."""
     return RobotSigner()
 
 
 def test_key_is_named_by_its_comment_unless_a_name_is_given(site, signer):
-    """Without either, by its fingerprint."""
     bare = signer.key.line
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -55,7 +53,6 @@ def test_other_peoples_keys_are_out_of_reach(site, signer):
 
 
 def test_what_is_no_key_is_refused(site, signer):
-    """Options above all; and a name that would break a table."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         for line in ("", "rubbish", f'command="sh" {signer.line}', f"{signer.line}\n{signer.line}"):
@@ -76,7 +73,6 @@ ENTRY = ShellEntry("sim1", 24000, None)
 
 
 def test_entries_are_the_shells_that_one_manages(site):
-    """Active robots with a shell; a setting that SQL wrote wrongly is left out."""
     site.announce("waits", OTHER_MAC)
     with site.database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
@@ -97,7 +93,6 @@ def test_entries_are_the_shells_that_one_manages(site):
 
 @pytest.mark.parametrize("host", ["cloud.example", "192.0.2.1", "2001:db8::1"])
 def test_ssh_understands_what_is_rendered(tmp_path, host):
-    """Asked with ssh -G, one robot after the other."""
     file = tmp_path / "config"
     entries = [ENTRY, ShellEntry("turtle", 24001, "pi")]
     file.write_text(ssh_keys.render_config(entries, host, 2222))

@@ -41,7 +41,6 @@ def test_token_works_until_it_is_deleted(site):
 
 
 def test_what_a_token_made_goes_with_it(site):
-    """Join tokens and SSH keys, as the log says; what its user made by a login stays. It makes no API token."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         program = Source(
@@ -104,7 +103,6 @@ def test_token_is_made_listed_and_deleted(site):
 
 
 def test_wrong_token_is_not_made(site):
-    """A name that fits a table, 1 to 10000 uses, an end within a year."""
     wrong = [
         *((name, 1, 1) for name in ("", " lab", "l\nab", "x" * 64)),
         *(("lab", uses, 1) for uses in (0, 10001)),

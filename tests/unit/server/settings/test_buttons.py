@@ -14,7 +14,6 @@ def nested(depth):
 
 
 def test_buttons_come_back_as_they_were_given():
-    """In their order, with what they send."""
     assert [button.as_dict() for button in parse([LIGHTS, DOCK])] == [LIGHTS, DOCK]
 
 

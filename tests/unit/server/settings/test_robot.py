@@ -47,13 +47,11 @@ def documented(part):
 
 @pytest.mark.parametrize("part", ["policy", "guard", "page"])
 def test_the_defaults_are_the_documented_ones(part):
-    """All members, as the reference shows them, and what it shows can be set."""
     assert get_path(DEFAULTS.as_dict(), part) == documented(part)
     assert parse({part: documented(part)}) == parse({}) == DEFAULTS
 
 
 def test_documented_buttons_can_be_set():
-    """As they are; one that does not ask first need not say so."""
     shown = documented("buttons")
     given = {"policy": BUTTONS_POLICY, "buttons": shown}
     assert parse(given).as_given()["buttons"] == [{"confirm": False, **item} for item in shown]
@@ -179,7 +177,6 @@ def test_settings_are_an_object(given_value):
 
 
 def test_page_and_buttons_are_kept_as_what_differs():
-    """Of the page what is not the default, a null included; of buttons all."""
     given_members = {
         "policy": BUTTONS_POLICY,
         "page": {"hold_after_ms": None, "kind": "holonomic"},

@@ -6,7 +6,6 @@ from web_visitor import Browser
 
 @pytest.fixture
 def admin(app):
-    """root, logged in."""
     browser = Browser(app.test_client())
     browser.log_in("root")
     return browser

@@ -110,7 +110,6 @@ def asks(method, origin=LAB):
 
 
 def test_a_page_of_an_allowed_site_may_ask(lab, database):
-    """With a token, after a preflight; never with a login."""
     path = "/api/v1/tickets"
     before = lab.ask("OPTIONS", path, **asks("POST"))
     assert before.status_code == 204
@@ -158,7 +157,6 @@ def test_nothing_else_is_for_other_sites(lab):
 
 
 def test_any_page_may_load_the_client(program, monkeypatch, tmp_path):
-    """As a module, from any site; kept for minutes, so that an upgrade reaches all pages."""
     static = tmp_path / "static"
     (static / "dist").mkdir(parents=True)
     (static / "dist" / "robotether-client.js").write_text("export {};")

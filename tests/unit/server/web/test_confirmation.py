@@ -8,7 +8,6 @@ from web_visitor import PASSWORD, audit_kinds, paths
 
 
 def test_nothing_but_a_post_changes_anything(app, admin, database):
-    """Also HEAD, which browsers send without the token of a form; every page can be shown or is not there."""
     before = audit_kinds(database)
     for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
         assert admin.ask("GET", path).status_code in (200, 404, 422), path
@@ -19,7 +18,6 @@ def test_nothing_but_a_post_changes_anything(app, admin, database):
 
 
 def test_no_action_on_what_is_not_there(app, admin):
-    """Neither asked about nor done, whatever it is."""
     asked = [
         path
         for start in ("/admin", "/profile", "/robots")

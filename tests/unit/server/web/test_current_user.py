@@ -6,7 +6,6 @@ from web_visitor import paths
 
 
 def test_nobody_is_sent_to_log_in_and_back(app, browser):
-    """For every page of the fleet, the robots, the admins, the profile and drives."""
     starts = ("/admin", "/profile", "/drives", "/robots")
     asked = [path for start in starts for path in paths(app, start, "GET")]
     assert len(asked) > 30
@@ -66,7 +65,6 @@ def test_admins_see_everywhere_how_many_wait(browser, program):
 
 
 def test_users_have_no_menu_for_admins(browser):
-    """But the profile, as everybody, and help for who drives."""
     browser.log_in("ann")
     page = browser.ask("GET", "/").text
     assert "menu-admin" not in page

@@ -13,7 +13,6 @@ def test_page_problem_is_a_page(browser):
 
 
 def test_menu_stays_for_who_is_logged_in(browser, ann, admin):
-    """At an address without a page, and at a robot that is not there; an admin's with all that it has."""
     for path in ("/nothing", "/robots/nosuch"):
         assert "menu-profile" in ann.ask("GET", path).text
         assert "menu-admin" in admin.ask("GET", path).text
@@ -40,8 +39,6 @@ def test_a_file_that_is_not_there_is_no_page(browser):
     ],
 )
 def test_mistake_of_ours_is_logged_and_not_shown(browser, monkeypatch, caplog, path, mimetype):
-    """500, with the traceback in the log alone, in which no path writes a line of its own."""
-
     def fail(*_, **__):
         raise ZeroDivisionError("the inner reason")
 

@@ -12,13 +12,11 @@ NAMES = ("robot", "since", "until")
 
 
 def asked(query):
-    """What a page finds in its query."""
     with Flask("x").test_request_context(f"/?{query}"):
         return filters.query_of(NAMES)
 
 
 def test_days_are_whole():
-    """From the first moment of one to the last of the other, in UTC."""
     found = asked("robot=+sim1&since=2026-01-30&until=2026-01-31&other=1")
     assert found == {"robot": "sim1", "since": "2026-01-30", "until": "2026-01-31"}
     assert filters.since(found) == dt.datetime(2026, 1, 30, tzinfo=dt.UTC)

@@ -22,7 +22,6 @@ def test_text_is_stripped():
 
 @pytest.mark.parametrize("value", [None, "", "  "])
 def test_an_empty_field_is_named(value):
-    """Or nothing, where it may be empty."""
     with pytest.raises(FieldInvalidError, match="fill in Name") as refused:
         given(value, lambda: forms.text("x", "Name", 63))
     assert refused.value.field == "x"
@@ -32,7 +31,6 @@ def test_an_empty_field_is_named(value):
 
 @pytest.mark.parametrize("value", ["a\nb", "x" * 64, "a\u202eb"])
 def test_text_that_no_column_holds_is_refused(value):
-    """Too long, or with characters that show nothing."""
     with pytest.raises(FieldInvalidError, match="cannot use Name"):
         given(value, lambda: forms.text("x", "Name", 63))
 
@@ -88,7 +86,6 @@ def test_a_password_is_as_typed():
     ],
 )
 def test_values_are_texts_as_a_field_takes_them(value, text):
-    """Numbers without needless zeros, and with all their digits."""
     assert forms.value_text(value) == text
 
 
@@ -97,12 +94,10 @@ def test_values_are_texts_as_a_field_takes_them(value, text):
     [("0.5", 0.5), ("0,5", 0.5), ("-1", -1.0), ("1,2,3", "1,2,3"), ("1e3", "1e3"), ("", "")],
 )
 def test_a_setting_may_have_a_comma(text, value):
-    """As many languages write it; what is no number stays for the settings to refuse."""
     assert forms.number_or_text(text) == value
 
 
 def test_a_whole_number_has_no_comma():
-    """Which may part thousands, too."""
     assert forms.number_or_text("2,000", whole=True) == "2,000"
     assert forms.number_or_text("2000", whole=True) == 2000
 

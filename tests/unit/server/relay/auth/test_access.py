@@ -227,7 +227,6 @@ async def test_a_login_that_is_not_there_or_not_meant_is_not_looked_up(origin):
 
 @pytest.mark.parametrize("scheme", ["Bearer ", "bearer ", "BEARER  "])
 async def test_a_token_comes_behind_the_word_bearer(scheme):
-    """However that is written (RFC 9110, 11.1)."""
     database, ann = MemoryDatabase(), RelayUser(3, "ann")
     token = database.add_credential("token", ann)
     request = Request("robots.example", None, None, None, authorization=scheme + token)

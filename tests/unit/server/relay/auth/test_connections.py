@@ -45,13 +45,11 @@ class Live:
 
 @pytest.fixture
 def live():
-    """No connection yet."""
     return Live()
 
 
 @pytest.fixture
 def sim2(memory_database):
-    """A second robot, which user 1 drives."""
     return memory_database.add_robot(8, "sim2", u1="drive")
 
 

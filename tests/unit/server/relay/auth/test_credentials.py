@@ -19,7 +19,6 @@ def credentials(memory_database):
 
 @pytest.fixture
 def login(memory_database):
-    """A login of ann's."""
     return credential_of("login", memory_database.add_credential("login", ANN))
 
 
@@ -192,7 +191,6 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
 async def test_who_drove_lately_may_again_while_the_database_is_away(
     credentials, memory_database, monkeypatch
 ):
-    """For a while after the database's last yes; whoever it has not been asked for may not."""
     login, other = (
         credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
     )
@@ -249,7 +247,6 @@ async def test_what_may_have_ended_when_the_database_went_does_not_count(
 async def test_what_ended_by_any_answer_does_not_come_back(
     credentials, memory_database, login, asks
 ):
-    """Also before the relay reads that credentials have changed, and though something hangs on it."""
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         assert await credentials.holds(login)
@@ -266,7 +263,6 @@ async def test_what_ended_by_any_answer_does_not_come_back(
 async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
     credentials, memory_database
 ):
-    """By a token alone, with nothing open; unless the database has said since that it ended."""
     stays, ended = (
         credential_of("token", memory_database.add_credential("token", ANN)) for _ in range(2)
     )

@@ -8,13 +8,11 @@ from site_cells import Site, make_peer_keys
 
 @pytest.fixture(scope="session")
 def keys_dir(tmp_path_factory):
-    """Certificate and key that all cells of the site have."""
     return make_peer_keys(tmp_path_factory.mktemp("peer_keys"))
 
 
 @pytest.fixture
 def peer_keys(keys_dir):
-    """What a relay makes of them."""
     keys = read_peer_keys(keys_dir)
     assert keys is not None
     return keys
@@ -22,7 +20,6 @@ def peer_keys(keys_dir):
 
 @pytest_asyncio.fixture
 async def site(keys_dir, peer_keys, memory_database):
-    """Two cells."""
     site = Site(keys_dir, memory_database)
     for name in ("a", "b"):
         await site.add(name, peer_keys)
@@ -32,11 +29,9 @@ async def site(keys_dir, peer_keys, memory_database):
 
 @pytest.fixture
 def cell_a(site):
-    """One of them."""
     return site.cells["a"]
 
 
 @pytest.fixture
 def cell_b(site):
-    """The other."""
     return site.cells["b"]

@@ -134,7 +134,6 @@ async def test_a_name_that_another_relay_has_is_reported_once(caplog):
 
 
 async def test_surplus_is_against_the_emptiest_cell(memory_database):
-    """Of the robot's region, where that has one; nothing is known of the others while the database is away."""
     memory_database.cells["b"] = replace(OTHER, region="us")
     memory_database.cells["c"] = replace(OTHER, name="c", robots=1)
     memory_database.cells["d"] = replace(OTHER, name="d", robots=0, is_alive=False)

@@ -46,7 +46,6 @@ async def test_a_cell_that_moves_is_found(site, cell_a, cell_b, keys_dir, peer_k
 
 
 async def test_another_cell_at_the_address_is_none(site, cell_a, cell_b, caplog):
-    """Such as this one itself; the log says so once."""
     move(cell_a, cell_b, f"{HOST}:{cell_a.listener.port}")
     await until(lambda: "a answers there; check PEER_ADDRESS" in caplog.text, "the log says so")
     await until(lambda: cell_a.relay.peers.count() == 0, "nobody is followed")
@@ -60,7 +59,6 @@ async def test_a_name_without_an_address_is_reported(site, cell_a, cell_b, caplo
 
 @pytest.mark.parametrize("side", ["listener", "dialer"])
 async def test_only_the_sites_own_certificate_is_accepted(site, cell_a, cell_b, tmp_path, side):
-    """Neither at the listener nor by it, though the name is the same."""
     folder = make_peer_keys(tmp_path)
     foreign = read_peer_keys(folder)
     if side == "listener":

@@ -39,7 +39,6 @@ async def read(connection, kind):
 
 
 async def test_robots_are_reported_as_they_are_and_as_they_change(follow, cell_a, sim1):
-    """First who answers, then all robots that are online here, then each change of one."""
     robot = await cell_a.robot(sim1, epoch=1000)
     connection = await follow()
     assert await connection.receive_json() == {"type": "hello", "cell": "a"}
@@ -56,7 +55,6 @@ async def test_robots_are_reported_as_they_are_and_as_they_change(follow, cell_a
 
 
 async def test_stops_go_before_robots_and_come_from_everywhere(follow, cell_a, cell_b, sim1):
-    """Also those of another cell, which the third may not reach; then that they ended."""
     robot = await cell_a.robot(sim1)
     cell_b.relay.control.stops.stop(sim1, "ben", reason="smoke")
     await until(lambda: cell_a.relay.control.stops.of(7), "a knows")
@@ -79,7 +77,6 @@ async def test_stops_go_before_robots_and_come_from_everywhere(follow, cell_a, c
 
 
 async def test_only_nginx_peer_listener_is_answered(http, cell_a, cell_b, peer_keys, sim1):
-    """On every path of the peer port; others reach it, too."""
     base = f"http://{HOST}:{cell_a.relay.peer_port}"
     for path in ("/cell/v1/fleet", f"/robots/{sim1.name}/ros", "/api/v1/events", "/x"):
         for proof in ("", "0" * 64):

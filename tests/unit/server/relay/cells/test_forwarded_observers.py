@@ -59,12 +59,10 @@ async def observe(at_b, cell_a, sim1, http):
 
 
 def topics_of(cell):
-    """Return the copies at a cell."""
     return list(cell.relay.shared_topics._tasks)
 
 
 async def read_until(socket, text):
-    """Read until this text comes."""
     async with asyncio.timeout(5):
         while await socket.receive_str() != text:
             pass
@@ -165,7 +163,6 @@ async def test_a_slow_observer_skips_and_delays_nobody(*, cell_a, at_b, observe)
 
 
 async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, at_b, observe):
-    """Whichever cell learns of it first."""
     for database in (cell_a.database, cell_b.database):
         socket = await observe(ODOM)
         await until(lambda: at_b.topics, "the robot has a subscription")
@@ -287,7 +284,6 @@ async def test_the_cell_decides_by_the_host_and_address_that_were_asked(
 
 
 async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, sim1, http):
-    """So that the cell's own words reach it."""
     url = cell_a.server.ros_url(sim1, "observe", BEN)
     async with http.ws_connect(url):
         pass
@@ -298,7 +294,6 @@ async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, 
 
 
 async def test_observers_of_a_cell_that_is_gone_are_closed(*, cell_a, cell_b, sim1, observe, at_b):
-    """With what they shared, so that nothing comes through a dead line."""
     socket = await observe(ODOM)
     await socket.receive_str(timeout=5)
     with cell_b.listener.frozen():

@@ -11,7 +11,6 @@ from robotether_server.relay.cells.keys import PROOF_HEADER
 
 @pytest.fixture
 async def at_b(site, cell_a, cell_b, sim1):
-    """Have robot sim1 at cell b, as a knows."""
     robot = await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
     return robot

@@ -7,7 +7,6 @@ from robotether_server.relay.cells.keys import CERTIFICATE, KEY, read_peer_keys
 
 
 def test_the_proof_is_the_hash_that_nginx_makes(keys_dir):
-    """`sha256sum peer_key.pem`; nothing shows it in a log."""
     keys = read_peer_keys(keys_dir)
     proof = hashlib.sha256((keys_dir / KEY).read_bytes()).hexdigest()
     assert keys.is_proof(proof)

@@ -14,7 +14,6 @@ from robotether_server.times import utc_now
 
 
 async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_a, cell_b, sim1):
-    """All that sessions and connections know; when it leaves, it is offline since then."""
     robot = await cell_b.robot(sim1)
     await until(lambda: cell_a.shown(sim1).ros == "ok", "a shows its health")
     await until(lambda: cell_a.shown(sim1) == cell_b.shown(sim1), "and all else")
@@ -75,7 +74,6 @@ async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b,
 
 @pytest.mark.parametrize("how", ["cut", "frozen"])
 async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, sim1, how):
-    """Whether its connection breaks or falls silent; its stops stay, and all is back when it is."""
     cell_b.relay.control.stops.stop(sim1, "ben")
     await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
@@ -157,7 +155,6 @@ async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
 
 
 async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
-    """One that began at another cell than the robot's, and is written as ended by both."""
     robot = await cell_b.robot(sim1)
     cell_a.relay.control.stops.stop(sim1, "ben")
     await until(lambda: robot.session.stopped, "the robot is stopped")

@@ -37,7 +37,6 @@ async def stay(*sessions):
 
 
 async def test_robots_go_until_cells_are_about_even(memory_database, sim1):
-    """Each to the cell with the fewest, which it is told before its bye."""
     async with running_relay(memory_database, timing(robots=1), CELL) as relay:
         sessions = [await session_of(relay, each) for each in (sim1.id, 8, 9)]
         await until(lambda: sum(item.bye is not None for item in sessions) == 2, "two have gone")

@@ -132,7 +132,6 @@ class Events:
         self._content = answer.content
 
     async def next(self, name=None):
-        """The next event, or the next of that name."""
         async with asyncio.timeout(5):
             while True:
                 block = (await self._content.readuntil(b"\n\n")).decode()
@@ -150,7 +149,6 @@ class Events:
         await self._content.read()
 
     async def robot_with(self, **expected):
-        """The next robot event with these members."""
         while True:
             _, robot = await self.next("robot")
             if expected.items() <= robot.items():

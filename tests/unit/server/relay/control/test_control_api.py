@@ -98,7 +98,6 @@ async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, 
 async def test_who_asks_in_a_loop_is_told_to_wait(
     *, relay, guarded, sim1, http, people, ask, memory_database
 ):
-    """429 with the time to wait; neither the driver nor the audit log hears of it."""
     lease = f"{SIM1}/lease"
     async with http.ws_connect(relay.ros_url(sim1)):
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
@@ -115,7 +114,6 @@ async def test_who_asks_in_a_loop_is_told_to_wait(
 
 
 async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_database, ask):
-    """All robots or a site; robots of others are left alone; who manages none gets 403."""
     memory_database.add_robot(8, "sim2", u1="drive")
     await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both")
     status, body = await ask("POST", "/api/v1/stop", "carl")

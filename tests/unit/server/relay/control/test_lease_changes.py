@@ -88,7 +88,6 @@ def bare(sim1, memory_database):
 
 
 async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
-    """Who did it, who drove or gets it, and the number that is over."""
     acts = bare.leasing
     await bare.drives(ANN)
     acts.ask(sim1, asker(BEN))
@@ -180,7 +179,6 @@ async def test_who_gets_no_number_hears_why(
 async def test_a_lease_without_the_database_is_written_as_it_began(
     bare, sim1, memory_database, monkeypatch
 ):
-    """Only once it is granted, and only while the guard is there that refuses the older ones."""
     monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
     memory_database.down = True
     bare.leasing.remember({sim1.id: 41})

@@ -114,7 +114,6 @@ async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, 
 async def test_what_a_drive_was_like_stands_in_its_record(
     relay, guarded, sim1, http, memory_database
 ):
-    """Round trips, bytes of both directions, and the frames that this driver got of this robot meanwhile."""
     viewer_stats = relay.relay.registry.robot(sim1.id).viewer_stats
     observer = relay.relay.observer
 
@@ -171,7 +170,6 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
 async def test_without_a_database_who_drove_lately_drives_again(
     relay, guarded, sim1, http, memory_database
 ):
-    """With the relay's own number, above the guard's; the record has it once the database is back."""
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
     await until(lambda: memory_database.fences == {sim1.id: 1}, "the first has its number")

@@ -96,7 +96,6 @@ async def world():
 
 
 async def test_a_stop_is_sent_shown_and_written(world):
-    """To the robot, the driver, the pages, the row and the audit log, each with who, why and from where."""
     link = world.online()
     world.stops.stop(SIM1, "ben", reason="smoke", address="198.51.100.9")
     stop = world.stops.of(SIM1.id)
@@ -174,7 +173,6 @@ async def test_a_stop_that_comes_again_is_sent_again_but_not_at_once(world, monk
 @pytest.mark.parametrize("stopped", [True, False])
 @pytest.mark.parametrize("guard", ["on", "off"])
 async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch, guard, stopped):
-    """From the moment that a guard is known; not to a robot without one, nor to one that is free."""
     monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
     if stopped:
         world.stops.learn(Stop(SIM1.id, NOON, "ben"))
@@ -207,7 +205,6 @@ async def test_all_who_wait_hear_of_the_confirmation(world):
 
 @pytest.mark.parametrize("guard", [None, "off", "unknown"])
 async def test_nobody_waits_for_a_guard_that_cannot_answer(world, monkeypatch, guard):
-    """Offline, without one, or not known yet: the answer is no, at once."""
     monkeypatch.setattr(stops_module, "CONFIRMED_WITHIN_S", 60.0)
     if guard is not None:
         world.online(guard)
@@ -282,7 +279,6 @@ async def test_what_came_last_is_shown_whenever_it_began(world):
 
 
 async def test_a_release_ends_all_stops_that_were_here_and_writes_which(world):
-    """So that each can be ended wherever it is; it never comes back."""
     world.online("off")
     stops = [Stop(SIM1.id, NOON, "ann"), Stop(SIM1.id, NOON, "ben")]
     for stop in stops:
@@ -389,7 +385,6 @@ async def test_a_reason_of_its_own_makes_another_stop(world):
 
 
 async def test_a_release_ends_the_stop_that_was_seen_and_no_other(world):
-    """Neither another person's nor a later one; a robot that is free already is no error."""
     world.online("off")
     world.stops.stop(SIM1, "ann")
     seen = world.stops.shown(SIM1.id)

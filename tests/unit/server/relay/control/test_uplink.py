@@ -26,7 +26,6 @@ def show(relay, http, memory_database):
 
 
 def stream_of(body, kind):
-    """Return the one stream of this kind."""
     [stream] = [stream for stream in body["streams"] if stream["kind"] == kind]
     return stream
 

@@ -39,7 +39,6 @@ def paused(mariadb):
 
 @pytest.fixture
 def ann(database):
-    """A user who drives sim1."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
         robots.rotate_key(tx, robot_id, PublicKey("ssh-ed25519 AAAA", FINGERPRINT))
@@ -59,7 +58,6 @@ def patient(mariadb, monkeypatch):
 
 
 def log_in(database):
-    """Log ann in."""
     with database.transaction() as tx:
         text = credentials.create_login(
             tx, users.get(tx, "ann"), "192.0.2.1", dt.timedelta(hours=1)
@@ -69,7 +67,6 @@ def log_in(database):
 
 @asynccontextmanager
 async def robot_of(relay, mode="guard_off"):
-    """Have sim1 online and well."""
     # A database that was too slow for the first question answers one of the next.
     await until(lambda: "sim1" in relay.relay.fleet.state().by_name, "the relay knows sim1")
     sim1 = relay.relay.fleet.state().by_name["sim1"]

@@ -184,7 +184,6 @@ def _kept(path):
 
 
 async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
-    """First, and in its order; sessions are no part of it, and what ends them comes behind."""
     _killed_with(path, memory_database, session(), START, LINE, drive, END)
     event_writer = EventWriter(memory_database, journal=_Settled(path))
     assert event_writer.restore() == []
@@ -210,7 +209,6 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
 
 
 async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
-    """Of each robot the newest state; nothing writes them by itself."""
     stop = StopEntry(7, Stop(7, NOW, "ben"))
     _killed_with(path, memory_database, stop, LINE)
     event_writer = EventWriter(memory_database, journal=_Settled(path))
@@ -220,7 +218,6 @@ async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
 
 
 async def test_the_journal_is_empty_when_all_is_written(path, memory_database, drive, caplog):
-    """And has what waits while anything does, also what the database was asked to write."""
     memory_database.down = True
     event_writer = EventWriter(memory_database, journal=_Settled(path))
     async with _at_work(event_writer):

@@ -29,7 +29,6 @@ def heard():
 
 @pytest.fixture
 def fleet(memory_database, heard):
-    """A fleet that is polled by hand."""
     fleet = Fleet(memory_database, heard)
     fleet.listen(heard.snapshots.append)
     fleet.restore_into(heard.last_seen.append, heard.kept.append)

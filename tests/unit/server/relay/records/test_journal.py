@@ -87,7 +87,6 @@ def test_a_drive_and_a_robots_stops_are_read_once(path):
 
 
 def test_a_drive_that_lasted_ended_when_it_was_last_written(path):
-    """Not when the next relay writes it; and its row is found by robot and fence."""
     keep(path, DriveEntry(7, "sim1", "ann", 3, NOON, row_id=5))
     written_at = utc(2026, 1, 1, 13)
     text = path.read_text()

@@ -33,7 +33,6 @@ def test_a_frame_has_the_robots_own_number(delivered):
     ("user_id", "camera", "frame"), [(1, "/a", 6), (1, "/a", None), (1, "/b", 5), (2, "/a", 5)]
 )
 def test_what_was_not_sent_is_unknown(delivered, user_id, camera, frame):
-    """Another number, camera or user; however well somebody guesses."""
     delivered.note(1, "/a", 5, 905)
     assert delivered.robots(user_id, NamedFrame(camera, frame)) == NamedFrame(camera, None)
 
@@ -47,7 +46,6 @@ def test_a_frame_is_forgotten(delivered, clock):
 
 
 def test_memory_is_bounded(delivered, clock):
-    """By frames of one viewer, and by viewers who are gone."""
     for number in range(MAX_FRAMES + 10):
         delivered.note(1, "/a", number, number)
     assert delivered.robots(1, NamedFrame("/a", 9)).frame is None

@@ -109,7 +109,6 @@ async def link(asked):
 
 
 async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
-    """The first question at once, the rest together; a check that failed stops no later one."""
     for _ in range(5):
         link.ask()
         await asyncio.sleep(0)

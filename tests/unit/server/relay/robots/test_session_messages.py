@@ -142,7 +142,6 @@ def test_a_battery_is_known_in_whole_percent(battery, known):
     ],
 )
 def test_a_wrong_field_of_a_line_is_named(line, field, value):
-    """With what is allowed there; whatever the robot writes, the text is short and steers no terminal."""
     with pytest.raises(ProtocolError, match=field) as refusal:
         parse(line, **{field: value})
     assert str(refusal.value).isprintable()

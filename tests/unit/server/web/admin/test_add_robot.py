@@ -22,7 +22,6 @@ NEW_MAC = "00:1b:44:11:3a:b7"
 
 @pytest.fixture
 def site_certificate(app, tmp_path):
-    """A certificate that the site can tell."""
     with tls_front.running(tmp_path) as running:
         context = app.extensions["robotether"]
         seen = SiteCertificates(SiteAddressSettings("robots.example", 443, running.endpoint))
@@ -37,7 +36,6 @@ def names(database):
 
 
 def words_of(page):
-    """The words of the install line of a page."""
     line = unescape(page.split('data-testid="install-line">')[1].split("<", maxsplit=1)[0])
     assert line.startswith("curl -fsSk --pinnedpubkey")
     assert " https://robots.example/join.sh | sudo sh -s -- " in line
@@ -56,7 +54,6 @@ def arrives(program, words, hostname="turtle"):
 
 @pytest.mark.usefixtures("site_certificate")
 def test_the_line_is_shown_once(admin, database):
-    """In the answer to the form; it is in no address and no cookie, and no other page has it."""
     answer = send(admin, "/admin/join-tokens", **FORM)
     assert answer.status_code == 200
     token = words_of(answer.text)[-1]
@@ -74,7 +71,6 @@ def test_the_line_is_shown_once(admin, database):
 
 @pytest.mark.usefixtures("site_certificate")
 def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database):
-    """With its name, at its site, in its region, driven by its group; the page then leads to it, and waits no more."""
     with database.transaction() as tx:
         SITES.add(tx, "lab")
         GROUPS.add(tx, "crew")
@@ -116,7 +112,6 @@ def test_a_site_that_cannot_tell_its_certificate_makes_no_token(admin, database)
 
 
 def test_a_wrong_form_comes_back(admin, database):
-    """With the sentence at its field; no token is made."""
     for wrong, field in (
         ({"name": "-x-"}, "name"),
         ({"name": "sim1"}, "name"),
@@ -135,7 +130,6 @@ def test_a_wrong_form_comes_back(admin, database):
 
 @pytest.mark.usefixtures("site_certificate")
 def test_a_token_is_revoked_after_a_question(admin, database):
-    """Which says how many uses are left; the others stay."""
     send(admin, "/admin/join-tokens", **(FORM | {"uses": "3"}))
     page = admin.ask("GET", "/admin/add-robot").text
     path = page.split('href="/admin/join-tokens/')[1].split('"')[0]

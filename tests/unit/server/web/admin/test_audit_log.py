@@ -20,7 +20,6 @@ def _events(database):
 
 @pytest.mark.usefixtures("_events")
 def test_events_are_found(admin):
-    """By robot, by actor and by kind, in the list and in the file."""
     for query in ("robot=sim1", "actor=zoe", "kind=grant_given"):
         page = admin.ask("GET", f"/admin/audit?{query}").text
         assert "user: olga" in page
@@ -31,7 +30,6 @@ def test_events_are_found(admin):
 
 @pytest.mark.usefixtures("_events")
 def test_older_pages_go_on_where_the_newer_ended(admin):
-    """With the same filter, until there is none."""
     page = admin.ask("GET", "/admin/audit?robot=sim2").text
     assert page.count("number: ") == PER_PAGE
     assert "Older" not in page
@@ -45,7 +43,6 @@ def test_older_pages_go_on_where_the_newer_ended(admin):
 
 
 def test_kinds_are_chosen_by_name(admin):
-    """From a list; a kind that no name is known of stays what is asked for."""
     page = admin.ask("GET", "/admin/audit?kind=grant_given").text
     assert '<option value="grant_given" selected>Grant given</option>' in page
     assert "<option selected>counted</option>" in admin.ask("GET", "/admin/audit?kind=counted").text

@@ -35,14 +35,12 @@ def _crew_and_lab(admin, database):
 
 
 def all_grants(database):
-    """Every grant: who, what, level."""
     with database.transaction() as tx:
         found = list_all(tx)
     return {(item.holder_words, item.scope_words, item.level) for item in found}
 
 
 def number_of(database, who, what):
-    """The number of a grant."""
     with database.transaction() as tx:
         found = [
             item.id for item in list_all(tx) if (item.holder_words, item.scope_words) == (who, what)
@@ -60,7 +58,6 @@ def every_kind(database):
 
 @pytest.mark.usefixtures("every_kind")
 def test_page_shows_all_that_reach_its_subject(database):
-    """Also by way of group, site and all."""
     with database.transaction() as tx:
         lists = {
             "sim1": grant_pages.for_robot(tx, robots.get(tx, "sim1")),
@@ -106,7 +103,6 @@ def test_a_grant_is_given_and_changed(admin, database):
 
 
 def test_groups_sites_and_all_can_be_chosen(admin, database):
-    """In the one form that all pages share; each page offers what it can."""
     page = admin.ask("GET", "/admin/users/ann").text
     assert all(f'value="{item}"' in page for item in ("robot:sim1", "site:lab", "all"))
     assert 'value="group:crew"' in admin.ask("GET", "/admin/sites/lab").text
@@ -121,7 +117,6 @@ def test_groups_sites_and_all_can_be_chosen(admin, database):
 
 
 def test_an_end_comes_with_its_offset_or_in_utc(admin):
-    """From the page's script, or without it; the field has it in UTC."""
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
     for text, shown in (
         ("T12:30", "T12:30"),
@@ -153,7 +148,6 @@ def test_a_wrong_end_is_said_at_its_field(admin):
 
 
 def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
-    """Which keeps what was typed; the fields that add a grant stay empty."""
     send(admin, "/admin/users/ann/grants", **FORM)
     number = number_of(database, "user ann", "robot sim2")
     form = FORM | {"grant": str(number), "ends_at": "2020-01-01T00:00:00.000Z"}
@@ -208,7 +202,6 @@ def test_a_grant_is_taken_away_after_a_question(
 
 
 def test_the_question_names_the_end(admin, database, admin_database):
-    """As the lists do, for the page's script; a grant that is over is not said to give anything now."""
     day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
     send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
     path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"

@@ -9,7 +9,6 @@ MAC = "02:00:00:00:51:01"
 
 
 def key_of(database, name):
-    """State and fingerprint of a robot."""
     with database.transaction() as tx:
         robot = robots.get(tx, name)
     return robot.state, robot.fingerprint
@@ -22,7 +21,6 @@ def approve(admin, robot, key, name=None):
 
 
 def asked(action, robot, key):
-    """The path of the page that asks."""
     return f"/admin/pending/{action}/{robot}?fingerprint=" + fingerprint(key).replace("+", "%2B")
 
 
@@ -44,7 +42,6 @@ def test_a_refused_join_is_shown_with_its_reason(admin, program):
 
 
 def test_a_key_is_shown_in_full_with_what_to_compare(admin, program):
-    """Beside all that the machine told."""
     join(program, MAC, 1)
     page = admin.ask("GET", "/admin/pending").text
     assert fingerprint(1) in page.replace("</span><span>", "")

@@ -25,7 +25,6 @@ MAC = "02:00:00:00:51:01"
     ["", "lift", "LIFT 7", "1b:44", "00-1B-44", "001b44", "turtle", "203.0.113", "198.51.100.9"],
 )
 def test_a_robot_is_found_by_what_people_know_of_it(words):
-    """Name, MAC in any spelling, host name, address; every word must fit."""
     assert RobotSearch(words).finds(SEEN)
 
 
@@ -45,7 +44,6 @@ def test_both_words_and_state_must_fit(words, state, finds):
 
 
 def test_list_shows_who_drives_and_what_is_stopped(admin, admin_database):
-    """And finds the robots by it; the robot's own page says it too."""
     with admin_database.transaction() as tx:
         first, second = (robots.get(tx, name).id for name in ("sim1", "sim2"))
         tx.change(
@@ -71,7 +69,6 @@ def test_list_shows_who_drives_and_what_is_stopped(admin, admin_database):
 
 
 def test_list_shows_what_the_search_finds(admin):
-    """And how many of how many; one that finds nothing leads back to all."""
     page = admin.ask("GET", "/admin/robots?q=sim2").text
     assert "row-sim2" in page
     assert "row-sim1" not in page
@@ -113,7 +110,6 @@ def insert_sessions(database, count):
 
 
 def test_overview_tells_what_is_known(admin, program, admin_database):
-    """Machine, key and ports."""
     join(program, MAC, 1)
     robot = insert_sessions(admin_database, 1)
     page = admin.ask("GET", "/admin/robots/sim1").text
@@ -155,7 +151,6 @@ def test_history_has_the_last_of_everything(admin, program, admin_database):
 
 @pytest.mark.usefixtures("active")
 def test_drive_and_watch_are_on_top(admin, admin_database):
-    """Of an active robot; an offline one cannot be driven."""
     assert "robot-watch" not in admin.ask("GET", "/admin/robots/sim2").text
     page = admin.ask("GET", "/admin/robots/sim1").text
     assert ("robot-drive" in page, "robot-watch" in page) == (False, True)
@@ -168,7 +163,6 @@ def test_drive_and_watch_are_on_top(admin, admin_database):
 
 
 def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_database):
-    """While the robot is online and says so; what a session said that is over may be mended."""
     for ended_at, exposed, warns in (
         ("NULL", "FALSE", False),
         ("NULL", "TRUE", True),
@@ -233,7 +227,6 @@ def active(admin, program):
 
 
 def get(database, name):
-    """The robot's row."""
     with database.transaction() as tx:
         return robots.get(tx, name)
 
@@ -270,7 +263,6 @@ def test_form_of_the_mac_has_the_present_one(admin):
 
 
 def test_ports_move(admin, database):
-    """To those named, both or neither, or to a free pair. The page names the present ones."""
     path = "/admin/robots/sim1/ports"
     assert "Now: 20000" in admin.ask("GET", path).text
     assert send(admin, path, ros_port="20100", video_port="20101").status_code == 303

@@ -5,7 +5,6 @@ from web_visitor import audit_kinds, bearer
 
 
 def test_an_admin_deletes_a_users_token(admin, program, database):
-    """After a question that names both; the program is refused from then on."""
     header = bearer(database, "ann")
     page = admin.ask("GET", "/admin/tokens").text
     path = page.split('href="/admin/tokens/')[1].split('"')[0]

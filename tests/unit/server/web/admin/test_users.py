@@ -9,7 +9,6 @@ from web_visitor import PASSWORD, Browser, audit_kinds
 
 
 def test_every_user_is_listed_and_has_a_page(admin):
-    """With the grants, each with a form to change it; a user who is not there has none."""
     page = admin.ask("GET", "/admin/users").text
     for name in ("ann", "olga", "root"):
         assert f'data-testid="row-{name}"' in page
@@ -19,7 +18,6 @@ def test_every_user_is_listed_and_has_a_page(admin):
 
 
 def test_a_password_that_was_made_is_shown_once_and_works(app, admin):
-    """In the answer to the form, and neither in an address nor in a cookie."""
     answer = send(admin, "/admin/users", name="zoe", role="user", password="")
     assert answer.status_code == 200
     shown = re.search(r'data-testid="secret">([^<]+)<', answer.text)
@@ -40,7 +38,6 @@ def test_a_password_that_was_typed_is_not_shown(admin, database):
 
 
 def test_a_wrong_form_comes_back(admin):
-    """Filled in, but for the password."""
     for form, sentence in (
         ({"name": "ann", "role": "user"}, "The name is taken."),
         ({"name": "zoe", "role": "king"}, "Choose one of admin, user."),
@@ -54,7 +51,6 @@ def test_a_wrong_form_comes_back(admin):
 
 
 def is_in(visitor):
-    """Whether the login holds."""
     return visitor.ask("GET", "/").status_code == 200
 
 

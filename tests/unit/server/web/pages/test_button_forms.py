@@ -20,7 +20,6 @@ NEW = f"{BUTTONS}/new"
 
 @pytest.fixture
 def two(manager):
-    """Lights on and Dock, in this order."""
     for form in (LIGHTS_FORM, DOCK_FORM):
         assert send(manager, NEW, **form).location == BUTTONS
 
@@ -118,7 +117,6 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
 
 
 def test_admin_lets_drivers_send_it_in_the_same_step(*, admin, manager, database):
-    """By a box that only admins have and only admins are heard with."""
     form = LIGHTS_FORM | {"target": "/arm/wave", "allow": "yes"}
     assert 'name="allow"' not in manager.ask("GET", NEW).text
     assert send(manager, NEW, **form).status_code == 422

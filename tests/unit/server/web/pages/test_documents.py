@@ -27,7 +27,6 @@ def read(program, path):
 
 
 def test_a_page_is_found_by_its_folder(program, site):
-    """Without a login; an address without the slash leads to the one that has it."""
     assert read(program, "/docs/")[0] == (site / "index.html").read_bytes()
     assert read(program, "/docs/howto/")[0] == b"<title>how</title>"
     sent = program.ask("GET", "/docs/howto")
@@ -44,7 +43,6 @@ def test_its_scripts_run_by_its_own_policy(program):
 
 @pytest.mark.usefixtures("site")
 def test_nothing_else_is_sent(program):
-    """Neither what is not there nor what lies beside."""
     for path in ("/docs/nothing/", "/docs/../secret", "/docs/%2e%2e/secret"):
         answer = program.ask("GET", path)
         assert answer.status_code == 404

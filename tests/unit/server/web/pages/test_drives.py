@@ -38,7 +38,6 @@ def test_admin_sees_all_and_user_her_own(admin, ann, admin_database):
 
 
 def test_what_nobody_measured_is_not_claimed(admin, admin_database):
-    """Of a drive from before there were such records, and of one without pings and video."""
     measured = ("latency_p50_ms", "latency_p95_ms", "bytes", "pictures", "picture_bytes")
     seen = ("seen_p50_ms", "seen_p95_ms", "seen_p99_ms", "seen_max_ms", "seen_unknown", "slowed_s")
     add_drive(admin_database, "sim1", "ann", **dict.fromkeys((*measured, *seen, "viewed_s")))
@@ -64,8 +63,6 @@ def test_drive_that_a_stop_ended_says_so_once(admin, admin_database):
 
 
 def test_filters_offer_what_the_viewer_knows(admin, ann):
-    """All robots and people to an admin; to others the robots that they see, and themselves."""
-
     def offered(browser):
         return set(re.findall(r'<option value="([^"]+)">', browser.ask("GET", "/drives").text))
 

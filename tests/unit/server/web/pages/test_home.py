@@ -106,7 +106,6 @@ def test_login_and_logout_leave_audit_events(browser, database):
 
 
 def test_sixth_try_waits(browser, database):
-    """Even with the right password; throttle and log have the name without the blanks that phones add."""
     for blanks in range(5):
         assert browser.log_in(" " * blanks + "ann" + " " * blanks, "wrong").status_code == 401
     answer = browser.log_in("ann")
@@ -141,7 +140,6 @@ def test_fleet_page_names_each_robots_first_camera(browser, database):
 
 
 def test_fleet_page_leads_an_admin_to_the_first_robot(browser, database):
-    """By one button; and tells a user whom to ask."""
     browser.log_in("root")
     assert 'data-testid="add-robot">Add robot' in browser.ask("GET", "/").text
     with database.transaction() as tx:

@@ -26,7 +26,6 @@ def folder(web_settings):
 
 
 def test_script_is_text_for_curl(program, folder):
-    """In UTF-8, and never a page."""
     answer = program.ask("GET", "/join.sh")
     assert (answer.status_code, answer.data) == (200, (folder / "join.sh").read_bytes())
     assert answer.content_type == "text/x-shellscript; charset=utf-8"
@@ -43,7 +42,6 @@ def test_listed_files_have_the_listed_hashes(program, folder):
 
 
 def test_package_is_for_the_asked_architecture(program, folder):
-    """And for the usual one where none is asked for; of another one there is a sentence that says which there are."""
     for query, architecture in (("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")):
         with program.ask("GET", f"/agent.deb{query}") as answer:
             assert (answer.status_code, answer.text) == (200, architecture)
@@ -70,7 +68,6 @@ def test_nothing_else_is_served(program, folder):
 
 
 def test_server_outside_of_its_image_says_so(program):
-    """404 with a sentence, not a mistake of the server."""
     for path in ("/join.sh", "/agent/manifest", "/agent/requirements.txt", "/agent.deb"):
         answer = program.ask("GET", path)
         assert answer.status_code == 404

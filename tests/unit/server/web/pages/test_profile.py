@@ -86,7 +86,6 @@ def test_log_out_everywhere_ends_this_login_too(ann):
 
 
 def key_path(page):
-    """The path of the first key's deletion."""
     return (
         "/profile/ssh-keys/" + page.split('href="/profile/ssh-keys/')[1].split('"', maxsplit=1)[0]
     )
@@ -105,7 +104,6 @@ def test_a_key_is_added_and_deleted(ann):
 
 
 def test_another_users_key_is_out_of_reach(ann):
-    """Neither asked about nor deleted, as if it were not there."""
     send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
     path = key_path(ann.ask("GET", "/profile").text)
     ann.ask("POST", "/logout", data={"csrf_token": ann.csrf_of("/")})
@@ -115,7 +113,6 @@ def test_another_users_key_is_out_of_reach(ann):
 
 
 def token_path(page):
-    """The path of the first token's deletion."""
     return "/profile/tokens/" + page.split('href="/profile/tokens/')[1].split('"', maxsplit=1)[0]
 
 

@@ -35,13 +35,11 @@ CHANGED = {
 
 
 def all_kept(database):
-    """All settings in the database."""
     with database.transaction() as tx:
         return robots.get(tx, "sim1").settings
 
 
 def write(database, settings):
-    """Somebody's settings, by SQL."""
     with database.transaction() as tx:
         tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
 
@@ -102,7 +100,6 @@ def test_only_managers_have_the_forms(browser, manager):
 
 
 def test_old_address_leads_to_the_new_one(admin, ann):
-    """For admins, as it was theirs."""
     old = "/admin/robots/sim1/settings"
     assert (admin.ask("GET", old).status_code, admin.ask("GET", old).location) == (301, SETTINGS)
     assert ann.ask("GET", old).status_code == 403
@@ -180,7 +177,6 @@ def test_admin_sets_safety_and_permissions(admin, database):
 
 
 def test_manager_sets_cameras_and_driving(manager, database):
-    """In numbers, names and rows; rows without a word are left out; the forms show it afterwards."""
     cameras = filled(manager, CAMERAS) | {
         "page.quality_max": "60",
         "page.fps": "7,5",
@@ -250,7 +246,6 @@ WRONG = (
 
 
 def test_what_is_wrong_is_said_at_its_field(admin, database):
-    """By its label in the summary, which leads to it; what was typed is kept in the form, and nothing is changed."""
     for path, field, text, sentence in WRONG:
         answer = send(admin, path, **filled(admin, path) | {field: text})
         assert answer.status_code == 422
@@ -297,7 +292,6 @@ def test_angles_are_typed_in_degrees_and_kept_in_radians(admin, database):
 
 
 def test_wrong_camera_is_said_at_its_row(manager, database):
-    """Two of one topic, one without a name, one without a topic."""
     form = filled(manager, CAMERAS)
     for topics, names, at in (
         (["/a", "/a"], ["A", "B"], "camera-2-topic"),

@@ -36,7 +36,6 @@ def leaves(settings, above):
     ],
 )
 def test_every_setting_has_its_field(part, tabs, own):
-    """In one tab; `own` have rows of their own kind."""
     present = leaves(get_path(DEFAULTS.as_dict(), part), f"{part}.")
     assert sorted([*own, *(field.path for tab in tabs for field in tab.fields)]) == sorted(present)
 
@@ -56,13 +55,11 @@ def test_field_is_of_the_kind_of_its_default(field):
 
 @pytest.mark.parametrize("field", [item for item in FIELDS if item.kind == "choice"])
 def test_choices_are_all_there(field):
-    """Each with its words, and one for no value if there may be none."""
     values = schemas.member(GivenSettings, field.path).kind.values
     assert {value for value, _ in field.options} == {*values, *([""] if field.empty else [])}
 
 
 def test_summary_has_what_differs():
-    """In words; the defaults are nothing, and what is no setting is said."""
     assert summary({}) == []
     assert summary({"guard": {"deadman_ms": 300}, "policy": {"manage": {"call": []}}}) == [
         ("Stop if no command arrives for (ms)", "300"),

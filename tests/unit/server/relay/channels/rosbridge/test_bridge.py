@@ -200,7 +200,6 @@ async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
 
 
 async def _send_all(socket, messages):
-    """Send these unless the connection is closed."""
     with contextlib.suppress(ConnectionError):
         for message in messages:
             await socket.send_str(message)

@@ -58,7 +58,6 @@ def stamps(robot):
 
 
 async def test_a_command_carries_its_timestamp_on_the_robots_clock(relay, guarded, sim1, http):
-    """Of a page with clock syncs it is the input event's; never later than that."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
         timestamp_ms = guarded.session.clock_ms() - 100
@@ -94,7 +93,6 @@ async def test_of_other_clients_the_timestamp_is_that_of_a_ping(relay, guarded, 
 
 
 async def test_a_command_names_the_robots_own_frames(relay, guarded, sim1, http):
-    """Only those that this very user was sent; of a client that names none the robot reads nothing."""
     delivered = relay.relay.registry.ensure_robot(sim1.id).delivered_frames
     delivered.note(1, "/a", 41, 900)
     delivered.note(2, "/b", 7, 500)
@@ -396,7 +394,6 @@ class Counts:
 
 
 def test_bytes_and_frames_are_those_of_the_drive(refused):
-    """Not what the driver saw before it, nor what comes after its end."""
     counts = Counts()
     log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
     counts.bytes, counts.viewer_counts = 700, ViewerCounts(130, 8000, 62.5)
@@ -411,7 +408,6 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
 
 
 def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
-    """Both halves as they are at that moment; without the robot's half nothing is claimed."""
     counts = Counts()
     log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
     log.round_trip(10.0)
@@ -427,7 +423,6 @@ def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
 
 
 def test_what_the_driver_saw_is_counted_by_its_age(refused):
-    """Of this drive alone; what is unknown is counted apart, and nothing is claimed without a report."""
     shown = []
     log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused, show_seen=shown.append)
     log.on_seen(SeenReport(4, (9000.0,)))
@@ -481,7 +476,6 @@ def test_without_a_round_trip_nothing_is_claimed():
 
 @pytest.mark.parametrize("share", [0.5, 0.95, 0.99])
 def test_quantiles_are_those_of_what_was_measured(share):
-    """Within 1 %, over links of every kind; the share of all values is at most the quantile."""
     dice = random.Random(5)
     values = sorted(dice.lognormvariate(4, 1) for _ in range(2000))
     expected = values[round(share * len(values)) - 1]

@@ -159,7 +159,6 @@ def as_textbook(globs, name):
 @settings(max_examples=4 * settings.default.max_examples)
 @given(st.data(), st.sampled_from(["observe", "drive"]), messages(), RIGHTS)
 def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
-    """In whatever spelling: a full name that the level's globs match, and only fields of the list."""
     at = validator_with(level, **{right: Globs(globs) for right, globs in rights.items()})
     try:
         checked = at.check(data.draw(spelled(message)))

@@ -133,7 +133,6 @@ def test_each_type_passes_as_it_is(check, passes, refused):
 
 
 def test_a_stamp_is_a_timestamp_and_what_was_seen():
-    """Whatever else stands beside it; of an older client the timestamp alone."""
     assert operations.stamp({"t_ms": 12, "fence": 3}) == DriveStamp(12.0)
     view = {"camera": "/a", "frame": 2**32 - 1, "taken_ms": 5}
     seen = (NamedFrame("/a", 2**32 - 1), NamedFrame("/b", None))

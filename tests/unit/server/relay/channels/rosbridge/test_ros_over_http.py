@@ -52,12 +52,10 @@ def ask(relay, http, people):
 
 
 def news(number):
-    """A message of a topic, as rosbridge sends it."""
     return b'{"op": "publish", "topic": "/odom", "msg": {"number": %d}}' % number
 
 
 def of_operation(robot, operation):
-    """The messages of one operation that reached the robot."""
     return [message for data in robot.received if (message := json.loads(data))["op"] == operation]
 
 
@@ -354,7 +352,6 @@ async def test_a_call_begins_only_with_a_credential_that_holds_now(memory_databa
 async def test_observers_call_what_they_may_over_the_websocket(
     *, relay, guarded, sim1, http, ask, serving
 ):
-    """Look-ups that ask no other node, also while somebody drives; nothing else reaches the robot."""
     for service in ("arm/move", "rosapi/get_param"):
         status, body = await ask("POST", f"{SERVICES}/{service}")
         assert (status, body["code"]) == (403, "grant_missing")

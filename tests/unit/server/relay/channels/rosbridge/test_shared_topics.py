@@ -41,7 +41,6 @@ async def observe(relay, sim1, http, robot):
 
 
 def subscribed(robot):
-    """Return the subscriptions that reached the robot."""
     messages = [json.loads(data) for data in robot.received]
     return [message for message in messages if message["op"] == "subscribe"]
 
@@ -83,7 +82,6 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
 
 
 async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
-    """Of a latched topic the last message, which the relay still has; of any other nothing old."""
     first = await observe(ODOM)
     await first.receive_str(timeout=5)
     await robot.send_to_topics(b"the map")
@@ -268,7 +266,6 @@ class Client:
 
 
 async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, relay, robot, http):
-    """In order, and no other message waits with it, nor a drive command to a topic that it subscribes to."""
     echo = {"op": "publish", "topic": "/echo"}
     drive = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}
     async with http.ws_connect(relay.ros_url(wide)) as driver:
