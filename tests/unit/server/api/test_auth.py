@@ -88,23 +88,6 @@ def test_login_ends_however_much_it_is_used(browser, admin_database):
     assert browser.ask("GET", "/api/v1/me").status_code == 401
 
 
-def test_login_that_is_used_is_seldom_written(browser, admin_database):
-    """Once a minute, whatever the number of requests."""
-    browser.log_in("ann")
-    before = ends_of(admin_database)
-    for _ in range(3):
-        browser.ask("GET", "/api/v1/me")
-    assert ends_of(admin_database) == before
-    age(admin_database, 0.05)
-    browser.ask("GET", "/api/v1/me")
-    assert ends_of(admin_database) > before
-
-
-def ends_of(database):
-    with database.transaction() as tx:
-        return tx.rows("SELECT expires_at FROM logins")[0]["expires_at"]
-
-
 IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id"), "1")
 
 
@@ -150,11 +133,3 @@ def test_join_token_opens_nothing_but_enrolment(program, root, site_certificate)
     for method, path in asked:
         answer = program.ask(method, f"/api/v1{path}", json={}, headers=headers)
         assert (answer.status_code, answer.json["code"]) == (401, "token_invalid"), path
-
-
-def test_failure_leaves_nothing_behind(root, database):
-    """What a request did before it failed is undone, with its audit events."""
-    body = {"shell": True, "name": "sim2"}
-    assert root.refused("PATCH", "/robots/sim1", body) == (409, "record_exists")
-    assert root.get("/robots/sim1")["shell_port"] is None
-    assert audit_kinds(database) == []

@@ -7,7 +7,7 @@ import pytest
 from relay_server import cell_settings
 from robot_signer import RobotSigner
 from robotether_common.join import ROTATION_NAMESPACE, join_message
-from robotether_server.api.join import MAX_AT_ONCE, _places, read_host_keys, ssh_of
+from robotether_server.api.join import MAX_AT_ONCE, _places, ssh_of
 from robotether_server.api.operations import plain
 from robotether_server.db import audit, cells, fleet, robots
 from robotether_server.db.cells import SshAddresses
@@ -100,7 +100,8 @@ def test_joins_at_once_leave_threads_to_others(program, database, robot):
 def test_robot_is_told_where_its_tunnel_goes(tmp_path):
     """The robot learns the tunnel's address only when sshd has its keys."""
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
-    with pytest.raises(StoreUnavailableError):
+    (tmp_path / "empty.pub").write_text("")
+    with pytest.raises(StoreUnavailableError, match="host keys"):
         ssh_of(settings)
     (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
     assert plain(ssh_of(settings)) == {
@@ -144,21 +145,6 @@ def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_datab
     for answer in (joined, registered):
         hosts = [item["host"] for item in answer["ssh"]["cells"]]
         assert hosts == ["a.example", "c.example", "b.example"]
-
-
-def test_public_keys_are_read_without_their_comments(tmp_path):
-    (tmp_path / "b.pub").write_text("ssh-rsa BBBB root@x\n")
-    (tmp_path / "a.pub").write_text("ssh-ed25519 AAAA\n")
-    (tmp_path / "a").write_text("PRIVATE")
-    assert read_host_keys(tmp_path) == ["ssh-ed25519 AAAA", "ssh-rsa BBBB"]
-
-
-@pytest.mark.parametrize("name", ["empty.pub", "other.txt"])
-def test_no_key_yet_is_said_so(tmp_path, name):
-    """A robot must not be told to trust nothing."""
-    (tmp_path / name).write_text("")
-    with pytest.raises(StoreUnavailableError, match="host keys"):
-        read_host_keys(tmp_path)
 
 
 def refused(database):
