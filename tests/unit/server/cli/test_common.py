@@ -6,12 +6,6 @@ import pytest
 from robotether_server.cli import common
 
 
-def test_table_has_its_columns_in_line(capsys):
-    """As wide as the widest cell, and no space at the end of a line."""
-    common.print_table(("NAME", "X"), [("a", "1"), ("longer", "2")])
-    assert capsys.readouterr().out == "NAME    X\na       1\nlonger  2\n"
-
-
 def test_nothing_steers_the_terminal(capsys):
     """What a stranger gave as a name is spelt out, in tables and records, and makes no line of its own."""
     name = "\x1b[2Jroot\nann\u202e\x9b"
@@ -24,12 +18,7 @@ def test_nothing_steers_the_terminal(capsys):
 
 def test_json_has_moments_as_text(capsys):
     """And nothing that a program would have to guess at."""
-    at = dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
-    common.print_json([at])
+    common.print_json([dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)])
     assert capsys.readouterr().out == '[\n  "2026-01-02T03:04:05+00:00"\n]\n'
     with pytest.raises(TypeError, match="has no place in JSON"):
         common.print_json([object()])
-    assert (common.timestamp(at, ""), common.timestamp(None, "never")) == (
-        "2026-01-02 03:04:05",
-        "never",
-    )

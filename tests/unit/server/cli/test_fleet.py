@@ -2,9 +2,8 @@
 
 import json
 import signal
-import threading
 from io import StringIO
-from threading import Barrier, Event, Lock, Thread, main_thread
+from threading import Barrier, Lock, Thread, main_thread
 
 import pytest
 from openssh_server import is_alive, wait_until
@@ -16,18 +15,12 @@ from robotether_server.cli.fleet import (
     Command,
     FleetRun,
     Lines,
-    Outcome,
     WorkerPool,
     captured,
 )
 from robotether_server.cli.fleet_ssh import FleetError, SshConnections
 
 NAMES = [f"sim{number}" for number in range(9)]
-OUTCOMES = [
-    Outcome("sim3", None, 10.04, "cannot reach sim3: no answer within 10 s"),
-    Outcome("sim2", 0, 0.26),
-    Outcome("sim1", 3, 1),
-]
 
 
 def test_list_tells_how_robots_are_reached(run_fleet, network):
@@ -159,15 +152,6 @@ def test_ctrl_c_ends_the_command_everywhere(network):
     wait_until(lambda: not any(map(is_alive, written())), lambda: "the commands have ended")
 
 
-def test_lines_on_the_terminal_have_their_robots_name(capsys):
-    """In line, on the stream that they came from."""
-    sinks = fleet.to_terminal(["sim1", "turtle"])
-    out, err = sinks("sim1")
-    out.write("hi\n")
-    err.write("oops\n")
-    assert capsys.readouterr() == ("sim1   | hi\n", "sim1   | oops\n")
-
-
 def test_as_many_at_a_time_as_asked():
     """Three meet at the barrier, and never four."""
     barrier, lock = Barrier(3, timeout=10), Lock()
@@ -185,44 +169,6 @@ def test_as_many_at_a_time_as_asked():
 
     assert len(list(WorkerPool(work, NAMES, 3).results())) == 9
     assert most[0] == 3
-
-
-def test_stop_begins_nothing_new():
-    """It returns what those at work bring in time, and waits for no other."""
-    going, ending = Event(), Event()
-    begun = []
-
-    def work(name):
-        begun.append(name)
-        going.set()
-        ending.wait(10)
-        return name
-
-    pool = WorkerPool(work, NAMES, 1)
-    results = pool.results()
-    for thread in pool._threads:
-        thread.start()
-    assert going.wait(10)
-    assert pool.stop(0.01) == []
-    ending.set()
-    assert pool.stop(10) == ["sim0"]
-    assert begun == ["sim0"]
-    results.close()
-
-
-def test_table_has_failures_at_its_end(capsys):
-    """Next to the prompt, where a person looks; on standard error."""
-    fleet.print_summary(OUTCOMES)
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert [" ".join(line.split()) for line in err.splitlines()] == [
-        "",
-        "ROBOT SECONDS RESULT",
-        "sim2 0.3 ok",
-        "sim1 1.0 exit status 3",
-        "sim3 10.0 cannot reach sim3: no answer within 10 s",
-        "1 of 3 robots: ok",
-    ]
 
 
 @pytest.fixture
@@ -287,23 +233,6 @@ def test_time_out_ends_the_command_on_the_robot(do, tmp_path):
     wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
 
 
-def test_time_out_is_named_though_its_thread_still_runs(do, monkeypatch):
-    """A lost link would be another problem, with other things to do."""
-    released = threading.Event()
-    kill = fleet.Runner.kill
-
-    def slow_kill(runner):
-        kill(runner)
-        released.wait(20)
-
-    monkeypatch.setattr(fleet.Runner, "kill", slow_kill)
-    try:
-        with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
-            do("sleep 60", timeout_s=0.5)
-    finally:
-        released.set()
-
-
 def test_lost_link_is_no_exit_status(do, network, tmp_path):
     """A lost link is neither an exit status nor a success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
@@ -317,12 +246,6 @@ def test_background_process_may_outlive_the_command(do, tmp_path):
     pid = pid_written(path)
     assert is_alive(pid)
     do(f"kill {pid}")
-
-
-def test_sudo_never_asks_without_a_password():
-    """-n makes it fail at once where it would ask."""
-    sent = fleet.on_lifeline("echo $0; id -u", sudo=True)
-    assert sent.startswith("sudo -n -- sh -c ")
 
 
 def test_sudo_gets_its_password_and_the_command_does_not(connection, fake_sudo):

@@ -39,12 +39,6 @@ def test_users_may_be_called_like_a_command(run):
         assert run("grant", name, "sim1", "drive").out == f"user {name} may drive robot sim1\n"
 
 
-def test_help_shows_both_ways(run):
-    """What to write, and the list."""
-    done = run("grant", "--help")
-    assert "robotether grant [OPTIONS] USER ROBOT LEVEL [--until END] | list" in done.out
-
-
 def test_options_stand_in_for_user_and_robot(run):
     run("group", "add", "crew")
     run("site", "add", "lab")

@@ -45,9 +45,3 @@ def test_collection_is_added_filled_listed_and_removed(run, database, collection
     assert run(kind, "remove", "x", terminal="y\n").out.endswith(f"removed {kind} x\n")
     assert run(kind, "remove", "x", "--yes").status == 1
     assert kinds(database)[2:] == [f"{kind}_added", fill.kind, clear.kind, f"{kind}_removed"]
-
-
-def test_leaving_a_group_twice_fails(run):
-    run("user", "add", "ann")
-    run("group", "add", "crew")
-    assert run("group", "leave", "crew", "ann").status == 1

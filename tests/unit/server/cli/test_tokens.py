@@ -6,11 +6,10 @@ import re
 
 import pytest
 from admin_records import kinds
-from robotether_server.cli import tokens
 from robotether_server.db import credentials, join_tokens
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
-from robotether_server.problems import SiteCertificateUnavailableError, TokenInvalidError
+from robotether_server.problems import TokenInvalidError
 
 CI = ("--user", "ann", "--name", "ci")
 
@@ -100,20 +99,6 @@ def test_invite_without_a_host_says_what_to_set(run, monkeypatch):
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert "PUBLIC_HOST" in done.err
     assert "--host" in done.err
-
-
-def test_no_token_stays_behind_when_there_is_no_line(run, database, monkeypatch):
-    """Nobody would know its text."""
-
-    def fail(*_):
-        raise SiteCertificateUnavailableError(
-            "cannot determine this site's certificate: nginx is away"
-        )
-
-    monkeypatch.setattr(tokens, "enrolment_lines", fail)
-    assert "nginx is away" in run("robot", "invite").err
-    with database.transaction() as tx:
-        assert join_tokens.list_all(tx) == []
 
 
 def test_join_tokens_are_listed_and_deleted(run):
