@@ -5,7 +5,7 @@ from ipaddress import ip_network
 
 import pytest
 from robotether_server.db import audit, users
-from robotether_server.db.audit import AuditSearch, Source, network_of
+from robotether_server.db.audit import Source, network_of
 
 
 def test_event_is_written_with_who_where_and_what(database):
@@ -80,29 +80,6 @@ def test_events_of_one_actor_come_from_anywhere(database):
             record(tx, kind, actor, address)
         assert len(audit.recent_of(tx, "login_failed", "ann", now - minute)) == 2
         assert audit.recent_of(tx, "login_failed", "ann", now + minute) == []
-
-
-def test_events_are_found_by_what_is_asked_for(database):
-    with database.transaction() as tx:
-        for actor, kind, robot in (
-            ("root", "robot_added", "a"),
-            ("root", "robot_renamed", "a"),
-            ("ann", "robot_added", "b"),
-        ):
-            audit.record(tx, audit.Source(actor, "192.0.2.1"), kind, robot, was="x")
-        newest, middle, oldest = audit.find(tx)
-        assert (newest.actor, newest.kind, newest.robot, newest.address, newest.details) == (
-            "ann",
-            "robot_added",
-            "b",
-            "192.0.2.1",
-            {"was": "x"},
-        )
-        assert audit.find(tx, AuditSearch(kind="robot_added")) == [newest, oldest]
-        assert audit.find(tx, AuditSearch("a", "root", "robot_added")) == [oldest]
-        assert audit.find(tx, AuditSearch(kind="robot_added", actor="nobody")) == []
-        assert audit.find(tx, limit=1) == [newest]
-        assert audit.find(tx, before=newest.id, limit=1) == [middle]
 
 
 @pytest.mark.parametrize(

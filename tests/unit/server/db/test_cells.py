@@ -145,13 +145,6 @@ def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
         assert joins == sort_for_join(robot_id, [A, B])
 
 
-def test_who_joins_goes_where_the_fewest_robots_of_its_region_are():
-    """Though another region's cell has fewer."""
-    known = [replace(EU_A, robots=5), replace(EU_B, robots=4), US_C]
-    joins = [cell.host for cell in sort_for_join(7, known, region="eu")]
-    assert joins == ["b.example", "a.example", "c.example"]
-
-
 def test_a_robot_is_where_its_newest_session_is(relay_database, database):
     for name in ("a", "b"):
         heartbeat(relay_database, cell_settings(name, f"{name}.example"))
@@ -167,13 +160,6 @@ def test_a_robot_is_where_its_newest_session_is(relay_database, database):
             entry.ended_at = NOON + 2 * MINUTE
         fleet.write(tx, [older, newer])
         assert cells.find_of_robot(tx, sim1) is None
-
-
-def test_addresses_have_the_ports_of_their_cell():
-    """Each machine may publish others."""
-    other = replace(B, ssh_ports=(22,))
-    found = {cell.host: cell.ports for cell in sort_for(7, [A, other])}
-    assert found == {"a.example": (2222, 443), "b.example": (22,)}
 
 
 @pytest.fixture

@@ -78,39 +78,6 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(databas
         assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
 
 
-def test_drives_are_found(database, admin_database):
-    """Robot, user and the moment at which they began are filters."""
-    add_drive(admin_database, "a", "ben")
-    add_drive(admin_database, "b", "ann")
-    for search, found in (
-        (DriveSearch(robot="a"), 1),
-        (DriveSearch(user="ann"), 1),
-        (DriveSearch(robot="b", user="ben"), 0),
-        (DriveSearch(robot="b", fence=13), 1),
-        (DriveSearch(fence=14), 0),
-        (DriveSearch(since=NOON), 2),
-        (DriveSearch(since=NOON + dt.timedelta(seconds=1)), 0),
-        (DriveSearch(until=NOON), 0),
-        (DriveSearch(until=NOON + dt.timedelta(seconds=1)), 2),
-    ):
-        assert len(seen_by(database, "root", search)) == found, search
-
-
-def test_list_goes_on_before_a_drive(database, admin_database):
-    """The list continues before a drive, and a drive has all that the relay wrote."""
-    first, second = (add_drive(admin_database, "a", "ben", fence=fence) for fence in (1, 2))
-    with database.transaction() as tx:
-        root = users.get(tx, "root")
-        assert [item.id for item in drives.find(tx, root, DriveSearch(), limit=1)] == [second]
-        (item,) = drives.find(tx, root, DriveSearch(), before=second)
-    assert (item.id, item.refused, item.distance_m, item.started_at) == (
-        first,
-        {"topic": 3},
-        12.34,
-        NOON,
-    )
-
-
 def test_frame_rate_is_that_of_the_time_with_a_video(database, admin_database):
     """A drive without a video has none, nor has one from before anybody counted."""
     add_drive(admin_database, "a", "ben", fence=1, pictures=None, viewed_s=None)

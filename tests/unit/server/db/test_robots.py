@@ -15,7 +15,6 @@ from robotether_server.identity import PublicKey
 from robotether_server.problems import (
     FieldInvalidError,
     RecordExistsError,
-    RecordMissingError,
     RecordRefusedError,
     StoreUnavailableError,
 )
@@ -138,16 +137,6 @@ def test_moved_ports_free_the_old_pair(database, admin_database):
     assert pair_owners(admin_database) == {20000: robot_id}
 
 
-def test_taken_mac_and_taken_name_are_told_apart(database):
-    """The sentence names what another robot has."""
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "a")
-        with pytest.raises(RecordExistsError, match=f"another robot has the MAC {MAC}"):
-            robots.add(tx, MAC, "b")
-        with pytest.raises(RecordExistsError, match="another robot has the name a"):
-            robots.add(tx, mac(1), "a")
-
-
 def test_mac_of_no_single_robot_is_refused(database):
     why = r"cannot add robot a: .* is no MAC of one robot"
     with database.transaction() as tx:
@@ -157,24 +146,6 @@ def test_mac_of_no_single_robot_is_refused(database):
                 robots.add(tx, text, "a")
             with pytest.raises(RecordRefusedError, match="cannot change robot good: "):
                 robots.set_mac(tx, good, text)
-
-
-def test_key_and_report_are_kept_together(database):
-    """What a robot shows when it joins stands in its row with the time, until the key is forgotten."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-        robots.set_key(tx, robot_id, KEY, REPORT)
-        robots.set_state(tx, robot_id, "active")
-        robot = robots.find_by_mac(tx, MAC)
-        assert (robot.fingerprint, robot.state, robot.report) == (KEY.fingerprint, "active", REPORT)
-        assert robot.joined_at is not None
-        second = robots.add(tx, mac(1), "b")
-        with pytest.raises(RecordExistsError):
-            robots.set_key(tx, second, KEY, REPORT)
-        robots.forget_key(tx, robot_id)
-        robots.set_key(tx, second, KEY, REPORT)
-        robot = robots.get(tx, "a")
-    assert (robot.fingerprint, robot.report, robot.joined_at) == (None, None, None)
 
 
 def test_rotated_key_keeps_the_one_before(database):
@@ -276,22 +247,6 @@ def test_removed_robot_takes_its_grants_and_frees_its_ports(database, admin_data
         assert robots.add(tx, MAC, "a") != robot_id
 
 
-def test_refused_update_says_change(database):
-    """The sentence tells what was tried with which robot, by the name that it has."""
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "a")
-        robots.add(tx, mac(1), "b")
-        for change, why in (
-            ("name = 'Bad_Name'", "a name has a-z"),
-            ("mac = 'rubbish'", "is no MAC address"),
-            ("ros_port = 80", "give two different ports"),
-            ("ros_port = 20003, video_port = 30000", "robot b has port 20003 or 30000"),
-        ):
-            with pytest.raises(RecordRefusedError, match=r"^cannot change robot a: ") as refused:
-                tx.change(f"UPDATE robots SET {change} WHERE name = 'a'")
-            assert why in refused.value.detail
-
-
 @pytest.fixture
 def robot(database):
     with database.transaction() as tx:
@@ -323,20 +278,6 @@ def test_claim_goes_with_its_robot_and_a_rejected_key_stays(database, robot):
         assert robots.get_rejected_key(tx, rejected.id) == rejected
     assert (rejected.robot, rejected.rejected_by, rejected.key) == ("sim1", "root", KEY)
     assert rejected.is_rejected
-
-
-def test_rejected_claim_waits_no_more(database, robot):
-    """Until it is forgotten, when nothing is left of it."""
-    with database.transaction() as tx:
-        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
-        (claim,) = robots.list_claims(tx)
-        with pytest.raises(RecordMissingError):
-            robots.get_rejected_key(tx, claim.id)
-        robots.reject_claim(tx, claim.id, "sim1", "root")
-        assert robots.list_claims(tx) == []
-        assert [item.key for item in robots.list_rejected_keys(tx)] == [OTHER_KEY]
-        robots.remove_claim(tx, claim.id)
-        assert robots.find_claim(tx, OTHER_KEY.fingerprint) is None
 
 
 def test_only_old_claims_are_removed(database, robot):

@@ -10,9 +10,8 @@ from robotether_server.db import cells, control, fleet, robots, seen_robots, use
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.db.robots import Report
-from robotether_server.db.seen_robots import FREE, ControlState, DrivenBy, Stopped
+from robotether_server.db.seen_robots import FREE, DrivenBy
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordMissingError
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 HOUR = dt.timedelta(hours=1)
@@ -112,76 +111,7 @@ def test_ended_session_that_is_written_late_hides_no_open_one(sim1, database, re
     assert (seen.online, seen.since, seen.address) == (True, NOON, "192.0.2.1")
 
 
-def test_address_and_version_are_the_newest_sessions(database, admin_database):
-    """Before the first session, they are the join's."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-        robots.set_key(tx, robot_id, KEY, REPORT)
-        before = seen_robots.get_seen(tx, "a")
-    with admin_database.transaction() as tx:
-        tx.change(
-            "INSERT INTO robot_sessions (robot_id, address, agent_version) VALUES (%s, '::1', '0.3')",
-            (robot_id,),
-        )
-    with database.transaction() as tx:
-        after = seen_robots.get_seen(tx, "a")
-        with pytest.raises(RecordMissingError):
-            seen_robots.get_seen(tx, "ghost")
-    assert (before.address, before.agent_version) == ("192.0.2.1", "0.1.0")
-    assert (after.address, after.agent_version) == ("::1", "0.3")
-
-
-def test_sessions_are_told_newest_first(database, admin_database):
-    """As many as were asked for; a robot whose newest goes on is online."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, "00:1b:44:11:3a:b7", "a")
-        assert not seen_robots.is_online(tx, robot_id)
-    with admin_database.transaction() as tx:
-        for address, ended in (
-            ("192.0.2.1", "NOW(6)"),
-            ("192.0.2.2", "NOW(6)"),
-            ("192.0.2.3", "NULL"),
-        ):
-            tx.change(
-                "INSERT INTO robot_sessions (robot_id, address, agent_version, end_code, ended_at) "
-                f"VALUES (%s, %s, '0.1', 'timeout', {ended})",
-                (robot_id, address),
-            )
-    with database.transaction() as tx:
-        found = seen_robots.sessions_of(tx, robot_id, 2)
-        assert seen_robots.is_online(tx, robot_id)
-    assert [item.address for item in found] == ["192.0.2.3", "192.0.2.2"]
-    older = found[1]
-    assert older.ended_at is not None
-    assert older.started_at <= older.ended_at
-    assert (older.end_code, older.agent_version) == ("timeout", "0.1")
-
-
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
-
-
-def test_driver_and_stop_are_shown(database, admin_database):
-    """A lease that has ended has no driver, and a robot without either is in no list."""
-    with admin_database.transaction() as tx:
-        first, second, third = (robots.add(tx, f"02:00:00:00:00:0{n}", f"r{n}") for n in (1, 2, 3))
-        tx.change(
-            "INSERT INTO control_leases (robot_id, fence, user_name, since, ended_at) "
-            "VALUES (%s, 3, 'ann', %s, NULL), (%s, 4, 'ben', %s, CURRENT_TIMESTAMP(6))",
-            (first, NOON, second, NOON),
-        )
-        tx.change(
-            "INSERT INTO robot_stops (robot_id, by_name, stopped_at) VALUES (%s, 'zoe', %s)",
-            (second, NOON),
-        )
-    driven, stopped = (
-        ControlState(driver=DrivenBy("ann", NOON)),
-        ControlState(stopped=Stopped("zoe", NOON)),
-    )
-    with database.transaction() as tx:
-        assert seen_robots.control_of(tx, first) == driven
-        assert seen_robots.control_of(tx, second) == stopped
-        assert seen_robots.control_of(tx, third) == FREE
-        assert seen_robots.control_of_all(tx) == {first: driven, second: stopped}
 
 
 def test_another_key_shows_on_web_and_at_the_relay(database, relay_database, sim1):

@@ -9,9 +9,7 @@ from robotether_server import passwords
 from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
-    FieldInvalidError,
     LastAdminError,
-    RecordExistsError,
     RecordMissingError,
     RobotetherError,
     TokenInvalidError,
@@ -21,18 +19,6 @@ from robotether_server.services import users as user_service
 
 ADMIN = Source("root")
 PASSWORD = "a long enough password"
-
-
-def test_user_is_added_with_a_password(site):
-    """A short password or a name that is taken leaves nothing."""
-    with site.database.transaction() as tx:
-        bob = user_service.add(tx, ADMIN, "bob", PASSWORD, "user")
-        assert passwords.matches(PASSWORD, bob.password_hash)
-        with pytest.raises(FieldInvalidError):
-            user_service.add(tx, ADMIN, "eve", "short", "user")
-        with pytest.raises(RecordExistsError):
-            user_service.add(tx, ADMIN, "bob", PASSWORD, "admin")
-    assert [event.actor for event in site.events("user_added")] == ["root"]
 
 
 def test_first_admin_is_made_where_there_is_no_user(database):
