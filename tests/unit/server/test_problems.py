@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from robotether_server import problems
-from robotether_server.problems import HttpError, RobotetherError, TicketExpiredError, reason_in
+from robotether_server.problems import HttpError, RobotetherError, reason_in
 
 
 def tree(kind):
@@ -33,17 +33,6 @@ def test_every_exception_of_the_server_is_in_the_tree():
         if base.endswith(("Error", "Exception")) and hasattr(builtins, base)
     ]
     assert roots == ["RobotetherError"]
-
-
-def test_problem_is_rendered_as_in_the_contract():
-    """The members are those of RFC 9457 and the code."""
-    assert TicketExpiredError("cannot open it").as_dict() == {
-        "type": "about:blank",
-        "title": "Unauthorized",
-        "status": 401,
-        "code": "ticket_expired",
-        "detail": "cannot open it",
-    }
 
 
 @pytest.mark.parametrize(
