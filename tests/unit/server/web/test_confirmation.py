@@ -80,16 +80,6 @@ def test_an_action_is_done_and_told_once(admin, database):
     assert ("robot_disabled", "root", "198.51.100.7") in audit_kinds(database)
 
 
-def test_an_action_that_fails_comes_back_as_it_was_filled_in(admin, database):
-    """With the sentence, and the status of the problem; nothing is changed, not even in part."""
-    before = audit_kinds(database)
-    answer = send(admin, "/admin/robots/sim1/rename", new_name="sim2")
-    assert answer.status_code == 409
-    assert 'role="alert"' in answer.text
-    assert 'value="sim2"' in answer.text
-    assert audit_kinds(database) == before
-
-
 def test_names_are_no_templates(admin, database):
     """Braces in what people and robots call things stay what they are."""
     send(admin, "/profile/tokens", name="{token.id}{0}")

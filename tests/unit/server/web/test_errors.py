@@ -6,12 +6,6 @@ import pytest
 from robotether_server.api import auth
 
 
-def test_page_problem_is_a_page(browser):
-    """With the status, and a way back."""
-    answer = browser.ask("GET", "/nothing")
-    assert (answer.status_code, answer.mimetype) == (404, "text/html")
-
-
 def test_menu_stays_for_who_is_logged_in(browser, ann, admin):
     for path in ("/nothing", "/robots/nosuch"):
         assert "menu-profile" in ann.ask("GET", path).text
@@ -50,10 +44,3 @@ def test_mistake_of_ours_is_logged_and_not_shown(browser, monkeypatch, caplog, p
     assert "inner reason" in caplog.text
     assert "Traceback" in caplog.text
     assert "\nERROR b" not in caplog.text
-
-
-def test_api_names_the_scheme_that_would_let_a_caller_in(browser):
-    """RFC 9110 asks for it with each 401: the description has the header, too."""
-    described = browser.ask("GET", "/api/v1/openapi.json").json["components"]["responses"]
-    assert described["Unauthorized"]["headers"]["WWW-Authenticate"]["schema"] == {"const": "Bearer"}
-    assert "headers" not in described["Forbidden"]

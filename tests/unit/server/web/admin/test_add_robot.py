@@ -96,13 +96,6 @@ def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database
     assert "No token can admit a robot now" in admin.ask("GET", "/admin/add-robot").text
 
 
-@pytest.mark.usefixtures("site_certificate")
-def test_a_robot_that_was_added_may_be_added_again(admin):
-    """Its line may be lost."""
-    for _ in range(2):
-        assert send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"})).status_code == 200
-
-
 def test_a_site_that_cannot_tell_its_certificate_makes_no_token(admin, database):
     """The form comes back, filled in, with the reason."""
     answer = send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"}))

@@ -81,17 +81,6 @@ def test_page_shows_all_that_reach_its_subject(database):
     }
 
 
-def test_forms_offer_who_needs_a_grant_and_what_there_is(database):
-    """Admins need none."""
-    with database.transaction() as tx:
-        offered = grant_pages.holders(tx), grant_pages.scopes(tx)
-    values = [[value for _, options in choices for value, _ in options] for choices in offered]
-    assert values == [
-        ["user:ann", "user:olga", "group:crew"],
-        ["robot:sim1", "robot:sim2", "site:lab", "all"],
-    ]
-
-
 def test_a_grant_is_given_and_changed(admin, database):
     """The page with the form follows."""
     for page, shown in PAGES.items():
@@ -126,25 +115,6 @@ def test_an_end_comes_with_its_offset_or_in_utc(admin):
     ):
         send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}{text}"}))
         assert f'value="{day}{shown}"' in admin.ask("GET", "/admin/users/ann").text
-
-
-def test_the_answer_has_the_end_as_pages_show_it(admin):
-    """In UTC until the page's script makes it the reader's time."""
-    day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
-    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T12:30"}))
-    words = f"{day} 12:30:00 UTC"
-    shown = f'<time datetime="{day}T12:30:00+00:00" title="{words}">{words}</time>'
-    assert f"User ann may drive robot sim2 until {shown}." in admin.ask("GET", "/profile").text
-
-
-def test_a_wrong_end_is_said_at_its_field(admin):
-    """Which keeps what was typed."""
-    form = FORM | {"ends_at": "2020-01-01T00:00:00.000Z"}
-    page = send(admin, "/admin/users/ann/grants", **form).text
-    field = page.split('id="grant-end"')[1].split(">")[0]
-    assert 'value="2020-01-01T00:00:00.000"' in field
-    assert 'aria-describedby="grant-end-problem"' in field
-    assert "It has passed" in page.split('id="grant-end-problem"')[1].split("<")[0]
 
 
 def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
@@ -216,17 +186,3 @@ def test_the_question_names_the_end(admin, database, admin_database):
     assert 'It no longer allows anything: drive until <time datetime="2020-01-01' in page
     assert "may drive now" not in page
     assert "Give the user ann the grant" not in page
-
-
-@pytest.mark.usefixtures("every_kind")
-def test_what_comes_by_group_or_site_is_shown_and_not_changed_there(admin, database):
-    """The user's page names the group, the robot's the site; the forms for them stand on their own pages."""
-    number = number_of(database, "group crew", "site lab")
-    for page in ("/admin/users/ann", "/admin/robots/sim2/access"):
-        text = admin.ask("GET", page).text
-        assert "group crew" in text
-        assert "site lab" in text
-        assert f"/admin/grants/{number}/take" not in text
-    for page in ("/admin/groups/crew", "/admin/sites/lab"):
-        assert f"/admin/grants/{number}/take" in admin.ask("GET", page).text
-    assert "all robots" in admin.ask("GET", "/admin/sites/lab").text

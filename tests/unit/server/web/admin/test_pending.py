@@ -56,15 +56,6 @@ def test_an_unknown_robot_is_approved_under_another_name(admin, program, databas
     assert key_of(database, "lift") == ("active", fingerprint(1))
 
 
-def test_a_name_that_is_taken_approves_nothing(admin, program, database):
-    """The form comes back with the name that was typed."""
-    join(program, "02:00:00:00:51:77", 1)
-    form = {"robot": "robot-005177", "fingerprint": fingerprint(1), "name": "sim1"}
-    answer = send(admin, "/admin/pending", **form)
-    assert (answer.status_code, 'value="sim1"' in answer.text) == (409, True)
-    assert key_of(database, "robot-005177") == ("pending", fingerprint(1))
-
-
 def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     admin, program, database
 ):
@@ -97,10 +88,3 @@ def test_a_rejected_key_is_refused_until_it_may_ask_again(admin, program, databa
     assert "ask again?" in admin.ask("GET", f"/admin/pending/rejected/{forgive}").text
     assert send(admin, f"/admin/pending/rejected/{forgive}").status_code == 303
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
-
-
-def test_a_key_that_waits_no_more_is_not_asked_about(admin):
-    """Another admin may have been first."""
-    for action in ("replace", "reject"):
-        answer = admin.ask("GET", asked(action, "sim1", 1))
-        assert (answer.status_code, "no longer waits" in answer.text) == (404, True)

@@ -118,19 +118,6 @@ def test_overview_tells_what_is_known(admin, program, admin_database):
     assert fingerprint(1) in page.replace("</span><span>", "")
 
 
-def test_each_tab_is_a_page_of_its_own(admin):
-    """Which leads to the others, and has nothing of theirs."""
-    titles = {"overview": "end-title", "access": "grants-title", "history": "sessions-title"}
-    for tab, has in titles.items():
-        path = "/admin/robots/sim1" + ("" if tab == "overview" else f"/{tab}")
-        page = admin.ask("GET", path).text
-        assert f'aria-current="page" data-testid="tab-{tab}"' in page
-        for other in ("sim1", "sim1/access", "sim1/history"):
-            assert f'href="/admin/robots/{other}"' in page
-        assert 'href="/robots/sim1/settings" data-testid="tab-settings"' in page
-        assert [title for title in titles.values() if f'"{title}"' in page] == [has]
-
-
 def test_history_has_the_last_of_everything(admin, program, admin_database):
     """The history has the newest entries and leads to all of them."""
     join(program, MAC, 1)
@@ -179,45 +166,6 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_databas
         assert ("<code>address:=127.0.0.1</code>" in page) == warns
 
 
-def test_page_says_why_the_robot_is_offline(admin, admin_database):
-    """The page says nothing of it while the robot is online."""
-    pages = []
-    for change in (
-        "UPDATE robots SET state = 'active' WHERE name = 'sim1'",
-        "INSERT INTO robot_sessions (robot_id, address) SELECT id, '' FROM robots WHERE name = 'sim1'",
-        "UPDATE robot_sessions SET ended_at = started_at, end_code = 'timeout'",
-    ):
-        with admin_database.transaction() as tx:
-            tx.change(change)
-        pages.append(admin.ask("GET", "/admin/robots/sim1").text)
-    assert "has not connected yet" in pages[0]
-    assert 'data-testid="offline-reason"' not in pages[1]
-    assert "The robot went silent" in pages[2]
-
-
-def test_page_says_what_to_do_next(admin, program):
-    """A robot that has not joined needs its agent, one that waits needs an admin."""
-    assert "has not joined yet" in admin.ask("GET", "/admin/robots/sim1").text
-    join(program, MAC, 1)
-    assert "compare its key" in admin.ask("GET", "/admin/robots/sim1").text
-
-
-def test_unknown_robot_leads_back(admin):
-    """404, with a way to the list."""
-    answer = admin.ask("GET", "/admin/robots/ghost")
-    assert (answer.status_code, "cannot show robot ghost" in answer.text) == (404, True)
-    assert 'href="/admin/robots">Back' in answer.text
-
-
-def test_robot_called_as_a_page_is_reached(admin):
-    """No name that a robot may have is taken by a page of the admins."""
-    for number, name in enumerate(("new", "add", "pending")):
-        mac = f"00:1b:44:11:3a:0{number}"
-        assert send(admin, "/admin/add-robot", name=name, mac=mac).status_code == 303
-        page = admin.ask("GET", f"/admin/robots/{name}").text
-        assert f'<h1 data-testid="robot-name">{name}</h1>' in page
-
-
 @pytest.fixture
 def active(admin, program):
     """sim1 has joined and is approved."""
@@ -255,11 +203,6 @@ def test_each_action_is_done_and_audited(admin, database):
             newest = audit.find(tx)[0]
         assert (newest.kind, newest.actor, newest.address) == (kind, "root", "198.51.100.7")
         assert details.items() <= newest.details.items()
-
-
-def test_form_of_the_mac_has_the_present_one(admin):
-    """An admin sees what changes."""
-    assert f'value="{MAC}"' in admin.ask("GET", "/admin/robots/sim1/mac").text
 
 
 def test_ports_move(admin, database):

@@ -13,8 +13,3 @@ def test_an_admin_deletes_a_users_token(admin, program, database):
     assert send(admin, f"/admin/tokens/{path}").location == "/admin/tokens"
     assert program.ask("GET", "/api/v1/me", headers=header).status_code == 401
     assert audit_kinds(database)[-1] == ("token_deleted", "root", "198.51.100.7")
-
-
-def test_an_empty_list_says_where_tokens_are_made(admin):
-    """An empty list leads to the profile."""
-    assert "Nobody has an API token" in admin.ask("GET", "/admin/tokens").text

@@ -53,14 +53,6 @@ def test_button_is_changed_where_it_stands(manager, database):
 
 
 @pytest.mark.usefixtures("two")
-def test_true_is_another_message_than_one(manager, database):
-    """To Python they are equal, to a robot they are not."""
-    form = LIGHTS_FORM | {"sends": '{"data": 1}'}
-    send(manager, f"{BUTTONS}/1", was="Lights on", **form)
-    assert kept(database, "buttons")[0]["msg"]["data"] is not True
-
-
-@pytest.mark.usefixtures("two")
 def test_buttons_change_places(manager, database):
     """One step at a time; the ends are ends."""
     move = f"{BUTTONS}/2/move"

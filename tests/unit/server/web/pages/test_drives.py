@@ -1,6 +1,5 @@
 """The page of drives, for everybody with a login."""
 
-import json
 import re
 
 from drive_records import add_drive
@@ -46,13 +45,6 @@ def test_what_nobody_measured_is_not_claimed(admin, admin_database):
     assert [words for words in facts if f"<dt>{words}<" in page] == []
 
 
-def test_each_drive_is_a_file_of_its_own(ann, admin_database):
-    """The link leads to the API, which takes the login."""
-    number = add_drive(admin_database, "sim1", "ann")
-    assert f'href="/api/v1/drives/{number}" download' in ann.ask("GET", "/drives").text
-    assert ann.ask("GET", f"/api/v1/drives/{number}").json["frames"] == 6000
-
-
 def test_drive_that_a_stop_ended_says_so_once(admin, admin_database):
     """The API and the files have the code."""
     add_drive(admin_database, "sim1", "ann", end_code="robot_stopped", stops=1)
@@ -68,25 +60,3 @@ def test_filters_offer_what_the_viewer_knows(admin, ann):
 
     assert offered(admin) == {"sim1", "sim2", "ann", "olga", "root"}
     assert offered(ann) == {"sim1", "ann"}
-
-
-def test_menu_leads_everybody_to_it(ann):
-    """The menu leads everybody to the page and marks it while it is shown."""
-    link = '<a href="/drives"{} data-testid="menu-drives">'
-    assert link.format("") in ann.ask("GET", "/").text
-    assert link.format(' aria-current="page"') in ann.ask("GET", "/drives").text
-
-
-def test_drives_are_found(admin, admin_database):
-    """By robot, user and day, in the list and in the file."""
-    add_drive(admin_database, "sim1", "ann")
-    for query, found in (
-        ("robot=sim1&since=2026-01-31&until=2026-01-31", True),
-        ("robot=sim2", False),
-        ("user=zoe", False),
-        ("since=2026-02-01", False),
-        ("until=2026-01-30", False),
-    ):
-        assert ("drive-" in admin.ask("GET", f"/drives?{query}").text) is found, query
-        lines = admin.ask("GET", f"/drives/download?format=jsonl&{query}").text.splitlines()
-        assert [json.loads(line)["user"] for line in lines] == (["ann"] if found else [])

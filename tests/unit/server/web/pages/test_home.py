@@ -8,7 +8,6 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from robotether_server.db import robots
 from robotether_server.settings.robot import parse
 from web_visitor import PASSWORD, Browser, audit_kinds
 
@@ -137,20 +136,6 @@ def test_fleet_page_names_each_robots_first_camera(browser, database):
         with database.transaction() as tx:
             tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
         assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
-
-
-def test_fleet_page_leads_an_admin_to_the_first_robot(browser, database):
-    browser.log_in("root")
-    assert 'data-testid="add-robot">Add robot' in browser.ask("GET", "/").text
-    with database.transaction() as tx:
-        for name in ("sim1", "sim2"):
-            robots.remove(tx, robots.get(tx, name).id)
-    page = browser.ask("GET", "/").text
-    assert 'data-testid="add-robot" hidden>Add robot' in page
-    assert 'data-testid="add-first-robot">Add robot' in page
-    browser.ask("POST", "/logout", data={"csrf_token": browser.csrf_of("/")})
-    browser.log_in("ann")
-    assert "Ask your administrator for access" in browser.ask("GET", "/").text
 
 
 def settings_of_page(browser, database, settings):
