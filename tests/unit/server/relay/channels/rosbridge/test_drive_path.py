@@ -19,14 +19,11 @@ from robotether_server.relay.channels.rosbridge.drive_path import (
     MAX_PINGS_OPEN,
     MIN_LATENCY_MS,
     CommandTimestamps,
-    DriveCommand,
     DriveCounters,
     DriveLease,
     DriveLog,
     DrivePath,
-    DriveStamp,
     LatencyHistogram,
-    stamped,
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.robots.robot import SeenReport
@@ -35,18 +32,6 @@ from robotether_server.settings.robot import DEFAULTS
 from stopwatch import Stopwatch
 
 NOON = utc(2026, 1, 1, 12, 0)
-TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": -2}}
-
-
-def test_a_command_is_stamped_without_writing_it_again():
-    data = json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": TWIST}).encode()
-    command = DriveCommand("/cmd_vel", json.loads(data), data, DriveStamp(), 5.0, 2.0)
-    written = stamped(command, 123456.7891, 13)
-    assert written.endswith(b',"robotether":{"t_ms":123456.789,"fence":13}}')
-    assert json.loads(written) == {
-        **json.loads(data),
-        "robotether": {"t_ms": 123456.789, "fence": 13},
-    }
 
 
 def drives(memory_database):
@@ -112,18 +97,6 @@ async def test_a_command_names_the_robots_own_frames(relay, guarded, sim1, http)
         [{"camera": "/a", "frame": None}],
         [],
     ]
-
-
-async def test_frames_are_named_without_a_timestamp_too(relay, guarded, sim1, http):
-    """The age of the command counts from a ping, as of other clients."""
-    relay.relay.registry.ensure_robot(sim1.id).delivered_frames.note(1, "/a", 41, 900)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        seen = {"seen": [{"camera": "/a", "frame": 41}]}
-        await socket.send_str(json.dumps({**json.loads(PUBLISH), "robotether": seen}))
-        await until(lambda: guarded.received, "the command came")
-        (stamp,) = stamps(guarded)
-    assert stamp["seen"] == [{"camera": "/a", "frame": 900}]
-    assert stamp["t_ms"] < guarded.session.clock_ms()
 
 
 async def test_an_old_command_is_dropped_and_its_sender_told(
@@ -282,10 +255,6 @@ async def test_many_topics_do_not_make_a_queue(log, sizes):
     assert len(path._waiting) == 8
 
 
-def test_before_the_first_pong_it_is_the_opening():
-    assert CommandTimestamps(5.0).of(None, 9.0) == 5.0
-
-
 def test_a_pong_says_that_what_follows_is_younger_than_its_ping():
     """The newest ping whose pong came counts; older pongs that come late say nothing new."""
     timestamps = CommandTimestamps(0.0)
@@ -358,10 +327,6 @@ def test_how_far_a_steered_robot_turned_is_unknown_from_its_first_motion_on(log)
     assert entry.distance_m == pytest.approx(0.2)
 
 
-def test_a_drive_without_commands_goes_nowhere(log):
-    assert log.end(1e6, NOON, "client_left").distance_m == 0
-
-
 def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
     """What was counted elsewhere meanwhile is written, too."""
     refused["topic"] += 2
@@ -371,16 +336,6 @@ def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
     entry = log.end(1.0, NOON, "robot_stopped")
     assert (entry.messages, entry.dropped_old, entry.stops) == (1, 1, 1)
     assert (entry.ended_at, entry.end_code) == (NOON, "robot_stopped")
-
-
-def test_what_the_guard_refused_stands_apart_from_the_policys(log, refused):
-    """Refusals that the guard reports after the drive's end count, too."""
-    refused["shape"] += 1
-    log.refused_by_guard({"shape": 2})
-    assert log.written().refused == {"shape": 1, "guard_shape": 2}
-    log.end(1.0, NOON, "client_left")
-    log.refused_by_guard({"shape": 1, "old": 1})
-    assert log.written().refused == {"shape": 1, "guard_shape": 3, "guard_old": 1}
 
 
 class Counts:

@@ -207,14 +207,6 @@ async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
     await breaks_and_returns(observe, robot)
 
 
-async def test_who_comes_once_a_topic_is_back_reads_of_no_failure(sim1):
-    """Of one that brings a message an hour, the next would be long in coming."""
-    topic = SharedTopic(sim1, TopicRequest("/odom"))
-    topic.on_failed("the connection broke")
-    topic.on_ready()
-    assert topic.failure is None
-
-
 async def test_an_agent_without_the_service_is_told(robot, observe):
     robot.has_topics = False
     socket = await observe(ODOM)
