@@ -2,7 +2,6 @@
 
 import asyncio
 from dataclasses import replace
-from datetime import timedelta
 
 import pytest
 from fake_robot import FakeRobot
@@ -10,7 +9,6 @@ from relay_clients import closing, ended, session_of
 from relay_server import FAST, SESSION_KEY, cell_settings, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.cells.drain import DrainRules
-from robotether_server.times import utc_now
 
 QUICK = DrainRules(robots_per_s=50, drives_last_s=60, stays_s=0)
 OTHER = Cell("b", "b.example", 443, (2222,), None, "0.1.0", 3, False, True)
@@ -100,15 +98,6 @@ async def test_one_begins_to_drive_only_while_no_other_cell_takes_robots(
         await robot.stop()
 
 
-async def test_a_drain_goes_on_when_another_cell_is_back(memory_database):
-    memory_database.cells |= {"a": DRAINED, "b": replace(OTHER, is_alive=False)}
-    async with running_relay(memory_database, timing(), CELL) as relay:
-        session = await session_of(relay, 8)
-        memory_database.cells["b"] = OTHER
-        assert await ended(session) == "cell_draining"
-        await session.close()
-
-
 async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
     memory_database, sim1, http
 ):
@@ -128,16 +117,6 @@ async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
         await robot.stop()
 
 
-async def test_a_robot_leaves_though_the_clock_was_set_back(memory_database):
-    """It has been here from before the drain, if by the clock only in an hour."""
-    async with running_relay(memory_database, timing(), CELL) as relay:
-        relay.relay.registry._clock = lambda: utc_now() + timedelta(hours=1)
-        session = await session_of(relay, 8)
-        set_draining(memory_database, on=True)
-        assert await ended(session) == "cell_draining"
-        await session.close()
-
-
 @pytest.mark.parametrize("change", [{"stays_s": 60}, {}])
 async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
     """It has come to a drained cell, so that it found no other; or there is none."""
@@ -150,15 +129,3 @@ async def test_a_robot_that_could_go_nowhere_stays(memory_database, change):
         assert (first.bye, second.bye) == (None, None)
         for each in (first, second):
             await each.close()
-
-
-async def test_a_cell_that_is_put_back_keeps_the_rest(memory_database):
-    memory_database.cells["a"] = DRAINED
-    async with running_relay(memory_database, timing(stays_s=60), CELL) as relay:
-        session = await session_of(relay, 8)
-        assert session.configs[0]["cells"][0]["host"] == "b.example"
-        set_draining(memory_database, on=False)
-        await until(lambda: len(session.configs) == 2, "it is told")
-        assert session.configs[1]["cells"][0]["host"] == "a.example"
-        assert session.bye is None
-        await session.close()

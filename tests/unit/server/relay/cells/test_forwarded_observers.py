@@ -23,8 +23,8 @@ from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     read_notice,
     write_notice,
 )
-from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
-from robotether_server.relay.channels.rosbridge.topic_api import TopicPoll
+from robotether_server.relay.channels.rosbridge.shared_topics import TopicRequest
+from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 BEN = RelayUser(2, "ben")
@@ -137,29 +137,9 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
     [topic] = topics_of(cell_a)
     await until(lambda: len(topic.users) == 3, "the third shares it")
     await until(lambda: len(cell_a.relay.shared_topics._all) == 1, "b has answered")
-    await at_b.send_to_topics(b"news")
-    assert await third.receive_str(timeout=5) == "news"
-
-
-async def test_a_slow_observer_skips_and_delays_nobody(*, cell_a, at_b, observe):
-    """Also of those that get the same copy; who reads again gets the newest."""
-    slow, quick = await observe(ODOM), await observe(ODOM)
-    await until(lambda: [len(topic.users) for topic in topics_of(cell_a)] == [2], "both share it")
-    await until(lambda: at_b.topics, "the robot has a subscription")
-    await at_b.send_to_topics(b"begin")
-    for socket in (slow, quick):
-        await read_until(socket, "begin")
-    slow._response.connection.transport.pause_reading()
-    count = 150
-    for number in range(count):
-        await at_b.send_to_topics(b"%d " % number + b"x" * 200_000)
-        assert (await quick.receive_str(timeout=5)).startswith(f"{number} ")
-    slow._response.connection.transport.resume_reading()
-    numbers = []
-    while not numbers or numbers[-1] != count - 1:
-        numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
-    assert numbers == sorted(numbers)
-    assert len(numbers) < count
+    long = "news" + "x" * SEND_BUFFER_BYTES
+    await at_b.send_to_topics(long.encode())
+    assert await third.receive_str(timeout=5) == long
 
 
 async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, at_b, observe):
@@ -228,17 +208,6 @@ async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatc
     """They keep their connections, are notified once, and get the topic again."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     await breaks_and_returns(observe, at_b)
-
-
-async def test_a_robot_without_room_is_reported(cell_b, sim1, observe, monkeypatch):
-    monkeypatch.setattr(
-        "robotether_server.relay.channels.rosbridge.subscriptions.MAX_OBSERVED_TOPICS", 1
-    )
-    topics = cell_b.relay.registry.robot(sim1.id).topics
-    topic = topics[TopicRequest("/other")] = SharedTopic(sim1, TopicRequest("/other"))
-    topic.users.add(TopicPoll(1))
-    answer = await (await observe(ODOM)).receive_json(timeout=5)
-    assert answer["msg"] == "cannot subscribe to /odom: sim1 sends 1 topics already"
 
 
 async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(
@@ -315,19 +284,6 @@ async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, 
         assert [len(topic.users) for topic in topics_of(cell_a)] == [1]
     finally:
         await here.stop()
-
-
-@pytest.mark.parametrize("leaves", ["session", "link"])
-async def test_topics_end_with_the_robots_session(*, cell_a, cell_b, observe, at_b, leaves):
-    socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
-    if leaves == "session":
-        await at_b.session.close()
-        assert await closed_with(socket) == 4505
-    else:
-        await socket.close()
-    for cell in (cell_a, cell_b):
-        await until(lambda cell=cell: not topics_of(cell), f"nothing is shared at {cell.name}")
 
 
 async def test_only_cells_get_copies_and_only_of_robots_that_are_there(

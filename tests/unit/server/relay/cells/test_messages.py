@@ -5,7 +5,6 @@ import json
 import pytest
 from relay_server import utc
 from robotether_server.contract.robots import LiveState
-from robotether_server.db.control import Stop
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.cells.messages import (
     PeerHello,
@@ -41,12 +40,6 @@ def test_members_that_an_older_cell_does_not_send_have_defaults():
     robot = PeerRobot(7, 12, online=True, object=LiveState(ros="ok"))
     assert parse(text) == robot
     assert parse(build(robot)) == robot
-
-
-def test_a_stop_and_its_end_name_the_same():
-    stop = PeerStop(7, NOON, "ben", "smoke").stop
-    assert stop == Stop(7, NOON, "ben", "smoke")
-    assert stop.id == PeerStopEnd(7, NOON, "ben").stop_id
 
 
 def test_what_a_newer_cell_says_is_passed_over():

@@ -26,17 +26,6 @@ async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_
     assert cell_a.owner(sim1) is None
 
 
-async def test_clients_of_any_cell_follow_all_robots(site, cell_a, cell_b, sim1):
-    with cell_a.relay.fleet_events.subscribed(1) as subscriber:
-        subscriber.first_event()
-        await cell_b.robot(sim1)
-        online = []
-        while not online:
-            await subscriber.wait(5)
-            online = [robot for _, robot in subscriber.pop_events() if robot.online]
-    assert online[0].name == "sim1"
-
-
 async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
     site, cell_a, cell_b, sim1
 ):

@@ -105,11 +105,3 @@ async def test_a_robot_that_comes_back_at_once_is_left_alone(memory_database):
         assert await ended(later) == "rebalanced"
         for each in (session, later):
             await each.close()
-
-
-async def test_a_draining_cell_sends_all_by_its_own_rules(memory_database):
-    memory_database.cells["a"] = replace(EMPTY, name="a", draining=True)
-    async with running_relay(memory_database, timing(), CELL) as relay:
-        session = await session_of(relay, 8)
-        await stay(session)
-        await session.close()
