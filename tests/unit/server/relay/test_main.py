@@ -6,7 +6,6 @@ import signal
 from contextlib import ExitStack
 from dataclasses import replace
 
-import pytest
 from fake_robot import HOST, WAIT_S, FakeRobot, RobotSession
 from relay_clients import closing, configured, ended
 from relay_server import (
@@ -149,18 +148,6 @@ async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
     async with running_relay(memory_database, replace(FAST, drives_every_s=0.05)) as relay:
         relay.relay.observer.write_drives = fail
         await until(lambda: "task drives failed" in caplog.text, "the log says so")
-
-
-async def test_nothing_listens_after_the_stop(memory_database):
-    """All three ports are free again, so that the next relay can have them."""
-    async with running_relay(memory_database) as relay:
-        ports = (relay.relay.http_port, relay.relay.session_port, relay.relay.inside_port)
-        for port in ports:
-            _, writer = await asyncio.open_connection(HOST, port)
-            writer.close()
-    for port in ports:
-        with pytest.raises(ConnectionRefusedError):
-            await asyncio.open_connection(HOST, port)
 
 
 async def test_a_disabled_robots_operators_hear_of_their_rights(

@@ -1,17 +1,15 @@
 """Leases through the whole relay: who drives, who waits, and what robots and drivers are told."""
 
-import asyncio
 from contextlib import AsyncExitStack
 from dataclasses import replace
 
 import pytest
-from fake_operator import FakeOperator
 from fake_robot import WAIT_S, FakeRobot
 from msgspec import structs
 from relay_clients import SlowFences, closing
 from relay_server import SESSION_KEY, until
 from robotether_common.session import MAX_FENCE
-from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart
+from robotether_server.db.control import LeaseEnd, LeaseStart
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.control import leasing
 from robotether_server.relay.robots import lease as lease_module
@@ -109,36 +107,6 @@ async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, 
     monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", WAIT_S * 10)
     async with http.ws_connect(relay.ros_url(sim1)):
         await driven(relay, sim1)
-
-
-async def test_what_a_drive_was_like_stands_in_its_record(
-    relay, guarded, sim1, http, memory_database
-):
-    viewer_stats = relay.relay.registry.robot(sim1.id).viewer_stats
-    observer = relay.relay.observer
-
-    def record():
-        observer.write_drives()
-        return next(
-            (entry for entry in memory_database.written if isinstance(entry, DriveEntry)), None
-        )
-
-    viewer_stats.count(ANN.id, 5000)
-    async with FakeOperator(http, relay.ros_url(sim1)) as ann:
-        await guarded.connections(1)
-        # On a busy machine the first may count as old, until a pong bounds its age.
-        async with asyncio.timeout(WAIT_S):
-            while not guarded.received:
-                await ann.send(op="publish", topic="/cmd_vel", msg={})
-                await asyncio.sleep(0.05)
-        viewer_stats.count(ANN.id, 700)
-        viewer_stats.count(BEN.id, 90)
-        await until(lambda: (item := record()) and item.latency_p50_ms, "a round trip is measured")
-    await until(lambda: record().ended_at, "the drive is over")
-    entry = record()
-    assert 0 < entry.latency_p50_ms <= entry.latency_p95_ms
-    assert (entry.frames, entry.frame_bytes, entry.viewed_s) == (1, 700, 0.0)
-    assert entry.bytes >= len(guarded.received[0])
 
 
 async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, http):

@@ -86,21 +86,6 @@ async def passes(socket):
         assert await socket.receive_str() == LOOK_UP
 
 
-async def echoed(socket, text):
-    """Read until the text comes back; who reads nothing answers no ping, and is gone after some seconds."""
-    while await socket.receive_str() != text:
-        pass
-
-
-async def test_a_database_that_refuses_is_unavailable():
-    memory_database = RelayDatabase(
-        Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main"
-    )
-    with pytest.raises(StoreUnavailableError):
-        await memory_database.changes()
-    memory_database.close()
-
-
 async def test_nobody_waits_to_be_known_while_the_database_hangs():
     """Each second something else asks whether it still does."""
     with create_server(("127.0.0.1", 0)) as silent:
@@ -188,34 +173,6 @@ async def status_of(http, url, token, address):
     headers = {"Authorization": f"Bearer {token}", "X-Forwarded-For": address}
     async with http.get(url, headers=headers) as answer:
         return answer.status
-
-
-async def test_driving_goes_on_while_the_database_hangs(mariadb, database, ann, http):
-    """With the real database paused, an open connection goes on, and a new ticket lets one observe."""
-    memory_database = RelayDatabase(
-        Database(mariadb.settings("relay")), "main", answer_within_s=0.3
-    )
-    login = log_in(database)
-    async with running_relay(memory_database) as relay, robot_of(relay) as robot:
-        sim1 = relay.relay.fleet.state().by_name["sim1"]
-        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
-            await passes(socket)
-            echo = asyncio.create_task(echoed(socket, PUBLISH))
-            mariadb.container.pause()
-            try:
-                await until(lambda: not relay.relay.fleet.store_up, "the relay has noticed")
-                async with asyncio.timeout(WAIT_S):
-                    # As drivers do, since a command that waited too long is refused.
-                    while not echo.done():
-                        await socket.send_str(PUBLISH)
-                        await asyncio.wait({echo}, timeout=0.1)
-                    await echo
-                async with http.ws_connect(relay.ros_url(sim1, "observe", ann, login)) as second:
-                    await passes(second)
-                assert robot.session.bye is None
-            finally:
-                mariadb.container.unpause()
-            await until(lambda: relay.relay.fleet.store_up, "the database is back", within_s=30)
 
 
 async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, http):

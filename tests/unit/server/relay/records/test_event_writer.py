@@ -40,21 +40,6 @@ async def event_writer(memory_database):
         yield event_writer
 
 
-async def test_entries_are_written_in_order(event_writer, memory_database):
-    entries = [session(1), AuditEntry(NOW, "ann", "drive_started"), session(2)]
-    for entry in entries:
-        event_writer.add(entry)
-    await event_writer.flush(5)
-    assert memory_database.written == entries
-
-
-async def test_a_new_row_is_known_to_its_entry(event_writer, memory_database):
-    entry = session()
-    event_writer.add(entry)
-    await event_writer.flush(5)
-    assert entry.row_id == 1
-
-
 async def test_a_session_waits_once_with_its_newest_state(event_writer, memory_database):
     memory_database.down = True
     entry = session()

@@ -92,13 +92,3 @@ async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memor
         "cannot reach the database: the test took them away",
         "the database answers again",
     ]
-
-
-async def test_a_change_during_an_outage_is_seen_afterwards(fleet, memory_database, heard):
-    await fleet.poll()
-    memory_database.down = True
-    await fleet.poll()
-    memory_database.add_robot(8, "sim2")
-    memory_database.down = False
-    await fleet.poll()
-    assert sorted(heard.snapshots[-1].robots) == [7, 8]

@@ -70,15 +70,6 @@ def test_only_a_regular_file_is_a_journal(path, tmp_path, monkeypatch, name, kin
     assert Journal(path).read() == [START]
 
 
-def test_a_line_is_in_the_file_at_once(path):
-    """A process that is killed closes nothing."""
-    journal = Journal(path)
-    journal.add(START)
-    journal.wait(WITHIN_S)
-    assert Journal(path).read() == [START]
-    journal.close()
-
-
 def test_a_drive_and_a_robots_stops_are_read_once(path):
     stop = Stop(7, NOON, "ben")
     older, newer = StopEntry(7, stop), StopEntry(7, None, (stop.id,))
@@ -114,17 +105,6 @@ def test_an_entry_that_no_line_can_hold_costs_itself_alone(path, caplog):
     keep(path, START, AuditEntry(NOON, "\ud800", "robot_stopped"), END)
     assert Journal(path).read() == [START, END]
     assert "cannot keep" in caplog.text
-
-
-def test_a_journal_that_is_cleared_is_empty(path):
-    journal = Journal(path)
-    journal.add(START)
-    journal.clear()
-    journal.wait(WITHIN_S)
-    assert path.read_bytes() == b""
-    journal.add(END)
-    journal.close()
-    assert Journal(path).read() == [END]
 
 
 def test_a_long_file_is_written_anew(path):

@@ -28,13 +28,3 @@ async def test_a_robot_with_published_ports_is_always_needed():
         pass
     await asyncio.sleep(0.01)
     assert (changes, demand.exists) == ([], True)
-
-
-async def test_close_cancels_the_timer():
-    changes = []
-    demand = Demand(lambda: changes.append(True), kept_s=0.01)
-    with demand.counted():
-        pass
-    demand.close()
-    await asyncio.sleep(0.05)
-    assert changes == [True]

@@ -91,14 +91,6 @@ def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes
     assert changes == []
 
 
-def test_links_are_counted_by_kind(registry):
-    for kind in ("session", "media", "shell"):
-        assert registry.make_current(FakeLink(kind=kind)) is None
-    registry.make_current(FakeLink(robot_id=8, kind="shell"))
-    assert [registry.count(kind) for kind in ("session", "media", "shell")] == [1, 1, 2]
-    assert registry.online_count() == 0
-
-
 def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes):
     """Only the established session speaks for the robot."""
     waiting, media, shell = FakeLink(), FakeLink(kind="media"), FakeLink(kind="shell")

@@ -3,25 +3,9 @@
 import pytest
 from relay_clients import closing, misbehaving
 from relay_server import utc
-from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.robots import robot_dialer
 from robotether_server.relay.robots.robot import Presence
 from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
-
-BOB = RelayUser(2, "bob")
-
-
-async def test_the_guard_is_shown_key_mode_and_number(relay, guarded, sim1, http):
-    """A driver's handshake has its number, an observer's has none; both have the session's key."""
-    async with http.ws_connect(relay.ros_url(sim1)):
-        drive = (await guarded.connections(1))[0]
-        async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)):
-            observe = (await guarded.connections(2))[1]
-    key = guarded.session.configs[0]["guard"]["key"]
-    assert (drive["Robotether-Mode"], drive["Robotether-Fence"]) == ("drive", "1")
-    assert observe["Robotether-Mode"] == "observe"
-    assert "Robotether-Fence" not in observe
-    assert drive["Robotether-Key"] == observe["Robotether-Key"] == key
 
 
 @pytest.mark.parametrize(

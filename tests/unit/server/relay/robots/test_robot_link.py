@@ -3,7 +3,6 @@
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from unittest.mock import ANY
 
 import pytest
 from fake_robot import HOST, WAIT_S
@@ -12,7 +11,6 @@ from relay_clients import configured, ended
 from relay_server import FAST, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.db.cells import Cell
-from robotether_server.settings.robot import DEFAULTS, parse
 from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
@@ -37,29 +35,6 @@ async def port_taken(port):
         yield
 
 
-async def test_a_session_gets_its_configuration(relay, sim1, connect):
-    session = await configured(await connect())
-    assert session.configs == [
-        {
-            "type": "config",
-            "robot": "sim1",
-            "ros_port": sim1.ros_port,
-            "video_port": sim1.video_port,
-            "shell_port": None,
-            "rotate_key": False,
-            "heartbeat_s": FAST.heartbeat_s,
-            "idle_heartbeat_s": FAST.idle_heartbeat_s,
-            "timeout_s": FAST.timeout_s,
-            "guard": {"key": ANY, **DEFAULTS.guard.as_dict()},
-            "battery": {"topic": None, "unit": None, "drive_topic": "/cmd_vel"},
-            "direct": False,
-            "media": False,
-        }
-    ]
-    assert presence(relay, sim1).online
-    assert presence(relay, sim1).address == "198.51.100.7"
-
-
 async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, connect):
     other = Cell("b", "b.example", 443, (2222, 443), None, "0.1.0", 3, False, True)
     memory_database.cells["b"] = other
@@ -75,47 +50,6 @@ async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, c
     await until(lambda: len(session.configs) == 3, "it is gone")
     assert "cells" not in session.configs[2]
     assert ["cells" in config for config in media.configs] == [False]
-
-
-async def test_a_robot_in_another_region_hears_of_its_cells(relay, sim1, memory_database, connect):
-    """They are first when it next connects; its session goes on."""
-    for name, region in (("b", "eu"), ("c", "us")):
-        host = f"{name}.example"
-        memory_database.cells[name] = Cell(
-            name, host, 443, (2222,), None, "0.1.0", 3, False, True, region
-        )
-    await until(lambda: len(relay.relay.cells.addresses(sim1.id)) == 2, "both are known")
-    session = await configured(await connect())
-    for region, host in (("us", "c.example"), ("eu", "b.example")):
-        there = replace(sim1, settings=parse({"region": region}))
-        memory_database.robots = {sim1.id: there}
-        await until(
-            lambda host=host: session.configs[-1]["cells"][0]["host"] == host, "it is sent first"
-        )
-    assert presence(relay, sim1).online
-
-
-async def test_what_the_agent_must_know_is_told_on_the_same_session(
-    relay, sim1, memory_database, connect
-):
-    """A name, a first shell port, a request for a new key, settings of the guard; nothing ends."""
-    session = await configured(await connect())
-    guard = session.configs[0]["guard"]
-    row, port = sim1, free_port()
-    for changes, told in (
-        ({"name": "turtle"}, {"robot": "turtle"}),
-        ({"shell_port": port}, {"shell_port": port}),
-        ({"rotate_key": True}, {"rotate_key": True}),
-        (
-            {"settings": parse({"guard": {"max_speed_m_s": 0.5}})},
-            {"guard": guard | {"max_speed_m_s": 0.5}},
-        ),
-    ):
-        row, count = replace(row, **changes), len(session.configs)
-        memory_database.robots = {sim1.id: row}
-        await until(lambda count=count: len(session.configs) > count, "it is told")
-        assert told.items() <= session.configs[-1].items()
-    assert session.bye is None
 
 
 @pytest.mark.parametrize(
@@ -208,13 +142,6 @@ async def test_more_lines_than_allowed_end_the_session(relay, sim1, connect):
     assert await ended(session) == "protocol_error"
 
 
-async def test_of_many_sessions_at_once_one_stays(relay, connect):
-    sessions = [await connect() for _ in range(5)]
-    await configured(sessions[-1])
-    assert [await ended(session) for session in sessions[:-1]] == ["superseded"] * 4
-    assert sessions[-1].bye is None
-
-
 async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, connect):
     """The first viewer asks for the connection; some time after the last one it ends, and may come again."""
     demand = relay.relay.registry.ensure_robot(sim1.id).media_demand
@@ -296,22 +223,6 @@ async def test_a_silent_robot_times_out(relay, sim1, connect):
         assert await ended(session) == "timeout"
     assert stopwatch.clock_s > FAST.timeout_s
     assert stopwatch.s < FAST.timeout_s + 1
-    assert not presence(relay, sim1).online
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        b"no json\n",
-        b'{"type": "health", "ros": "fine", "video": "ok", "ros_exposed": false}\n',
-        b"x" * 70_000,
-        b"[" * 60_000 + b"\n",
-    ],
-)
-async def test_a_broken_line_ends_the_session(relay, sim1, connect, line):
-    session = await configured(await connect())
-    session.send_raw(line)
-    assert await ended(session) == "protocol_error"
     assert not presence(relay, sim1).online
 
 

@@ -13,13 +13,6 @@ from robotether_server.relay.wiring import Timing
 KINDS = ("session", "media")
 
 
-async def test_a_wrong_key_gets_no_answer(relay, sim1, connect):
-    session = await connect(session_key="another key")
-    assert await ended(session) is None
-    assert not session.configs
-    assert b'session_refusals_total{code="preface"} 1.0' in relay.relay.metrics.render()
-
-
 @pytest.mark.parametrize(
     "line", [b"\x00\xff\n", b"{}\n", b'{"type": "preface"}\n', b"x" * 70_000, b'{"type": ']
 )
@@ -30,10 +23,6 @@ async def test_rubbish_instead_of_a_preface_gets_no_answer(relay, line):
     with contextlib.suppress(ConnectionError):
         assert await asyncio.wait_for(reader.read(), WAIT_S) == b""
     writer.close()
-
-
-async def test_an_unknown_robot_is_told(relay, connect):
-    assert await ended(await connect(robot_id=999)) == "robot_unknown"
 
 
 async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):
