@@ -283,7 +283,7 @@ export function compose(frame, { x, y, theta }) {
   return { x: frame.x + x * cos - y * sin, y: frame.y + x * sin + y * cos, theta: frame.theta + theta };
 }
 
-export function inverse({ x, y, theta }) {
+function inverse({ x, y, theta }) {
   const [cos, sin] = [Math.cos(theta), Math.sin(theta)];
   return { x: -x * cos - y * sin, y: x * sin - y * cos, theta: -theta };
 }

@@ -78,16 +78,6 @@ test("a stream that ends is lost, and opened again by the page", async () => {
   assert.equal(states.at(-1), "live");
 });
 
-test("a server that is down is asked again", async () => {
-  answers.push(new Response("", { status: 502 }));
-  feed.start();
-  await settle();
-  assert.equal(states.at(-1), "lost");
-  await pass(500);
-  await pass(1000);
-  assert.equal(fetch.mock.callCount(), 3);
-});
-
 test("a stream that says nothing, not even a comment, is lost", async () => {
   const stream = nextAnswer();
   feed.start();
@@ -111,13 +101,6 @@ test("comments keep a quiet stream alive", async () => {
   }
   assert.equal(states.at(-1), "live");
   assert.equal(fetch.mock.callCount(), 1);
-});
-
-test("a server that takes the connection and never answers is lost too", async () => {
-  fetch.mock.mockImplementation(() => new Promise(() => {}));
-  feed.start();
-  await pass(25_000);
-  assert.equal(states.at(-1), "lost");
 });
 
 test("an ended login ends the attempts and is reported as such", async () => {

@@ -65,12 +65,6 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
   }
 });
 
-test("a server that answers with an error of its own is no matter of this device's network", () => {
-  const detail = (status) => texts.server_unreachable.detail(afterTicketRefusal({ status, code: "" }));
-  assert.match(detail(0), /this device's network/);
-  for (const status of [500, 502, 503]) assert.match(detail(status), /server cannot answer/);
-});
-
 test("the reason of a refused ticket is shown as the server gave it, and what to do beside it", () => {
   const reason = (status, code, detail) => afterTicketRefusal({ status, code, detail }).reason;
   const proxy = "cannot serve a page of https://x: a proxy in front changes the header Host";
@@ -78,11 +72,4 @@ test("the reason of a refused ticket is shown as the server gave it, and what to
   assert.match(reason(403, "grant_missing", "cannot drive robot sim1: your grant is observe"), /^Your grant is observe\. Reload/);
   assert.match(reason(503, "store_unavailable", "cannot answer: the database is away"), /^The database is away\. This page keeps/);
   assert.match(reason(429, "throttled", "too many tickets; wait 5 s"), /^Too many tickets; wait 5 s\. This page keeps/);
-});
-
-test("only who may send reads that the robot is ready", () => {
-  const detail = (driving, armed) => texts.live.detail({ driving, armed });
-  assert.match(detail(false, false), /watching/);
-  assert.match(detail(true, true), /Ready/);
-  assert.match(detail(true, false), /Start driving/);
 });

@@ -245,11 +245,6 @@ for (const [status, state, facts] of [
   });
 }
 
-test("a robot that is gone may be renamed, and one with another name is said to have it", () => {
-  assert.match(states.gone.detail(GONE), /renamed/);
-  assert.match(states.renamed.detail({ renamed: "crane" }), /crane/);
-});
-
 test("a network is too slow when half the way there and back is more than the guard allows", () => {
   const slow = (server, robot, maxAgeMs = 500) => isSlow({ server, robot }, maxAgeMs);
   assert.deepEqual([slow(500, 501), slow(500, 501, 800), slow(500, 500), slow(null, 5), slow(5)], [true, false, false, false, false]);

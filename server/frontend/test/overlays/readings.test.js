@@ -48,12 +48,6 @@ test("the speed is subscribed to ten times a second at most", () => {
   assert.deepEqual(speed, { forward: 0.5, left: 0, turn: 0.1 });
 });
 
-test("the pose of the same messages is reported, too", () => {
-  readback.follow(POSE);
-  subscriptions[0].handler({ x: 1, y: 2, theta: 3, linear_velocity: 0, angular_velocity: 0 });
-  assert.deepEqual(pose, { x: 1, y: 2, theta: 3 });
-});
-
 test("a speed that is a second old is shown no more", () => {
   readback.follow(POSE);
   subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0 });

@@ -39,12 +39,6 @@ test("the age that the robot measures is shown with about its parts", () => {
   assert.equal(parts.textContent, element.title);
 });
 
-test("parts that were measured apart are never less than nothing", () => {
-  seenAge.command([frame(9800, 9900)], 9890);
-  receive(90);
-  assert.match(element.title, /100 ms until it is shown, 0 ms until the command, 0 ms on/);
-});
-
 test("what the robot does not know is unknown", () => {
   seenAge.command([frame(9900, 9960)], 10_000);
   receive(null);

@@ -77,14 +77,6 @@ test("a source that moves past the fourth place loses its number, and one with a
   assert.equal(group.children[4].attributes.get("aria-keyshortcuts"), undefined);
 });
 
-test("a click chooses the source of the button that it is in, and beside the buttons none", () => {
-  buttons.offer(sources("Front", "Rear"));
-  const [, rear] = group.children;
-  group.click({ target: { closest: () => rear } });
-  group.click({ target: { closest: () => null } });
-  assert.deepEqual(chosen, ["/Rear"]);
-});
-
 test("a finger beside the one on the stick, which makes no click, chooses a source as well", () => {
   buttons.offer(sources("Front", "Rear"));
   const target = { closest: () => group.children[1] };
@@ -105,11 +97,4 @@ test("the main one is pressed, and comes into view when it becomes it, not while
   assert.deepEqual(pressed(), ["true", "false"]);
   buttons.show(null);
   assert.deepEqual(pressed(), ["false", "false"]);
-});
-
-test("where there is one source there is nothing to choose", () => {
-  buttons.offer(sources("Front"));
-  assert.equal(group.hidden, true);
-  buttons.offer(sources("Front", "Rear"));
-  assert.equal(group.hidden, false);
 });
