@@ -37,24 +37,20 @@ def test_types_are_those_of_either_ros(ros_type):
     assert parse_one({**LIGHTS, "type": ros_type}).type == ros_type
 
 
+UNREADABLE = ({"a": [[{"b": float("nan")}]]}, {"a": float("inf")}, {"a": 2**64}, {"a": "\ud800"})
+WRONG = {
+    "name": ("", "a" * 41),
+    "kind": ("subscribe",),
+    "topic": ("lights", "/lights*"),
+    "type": ("", "Bool"),
+    "msg": ([], "{}", nested(17), {"a": "x" * MAX_FIELDS_BYTES}, *UNREADABLE),
+}
+
+
 @pytest.mark.parametrize(
     ("button", "member", "value"),
     [
-        (LIGHTS, "name", ""),
-        (LIGHTS, "name", "a" * 41),
-        (LIGHTS, "kind", "subscribe"),
-        (LIGHTS, "topic", "lights"),
-        (LIGHTS, "topic", "/lights*"),
-        (LIGHTS, "type", ""),
-        (LIGHTS, "type", "Bool"),
-        (LIGHTS, "msg", []),
-        (LIGHTS, "msg", "{}"),
-        (LIGHTS, "msg", nested(17)),
-        (LIGHTS, "msg", {"a": [[{"b": float("nan")}]]}),
-        (LIGHTS, "msg", {"a": float("inf")}),
-        (LIGHTS, "msg", {"a": 2**64}),
-        (LIGHTS, "msg", {"a": "\ud800"}),
-        (LIGHTS, "msg", {"a": "x" * MAX_FIELDS_BYTES}),
+        *((LIGHTS, member, value) for member, values in WRONG.items() for value in values),
         (DOCK, "service", ""),
         (DOCK, "type", "Trigger"),
     ],

@@ -23,31 +23,27 @@ def test_a_camera_need_not_say_how_it_is_turned():
     assert json.dumps(turned.turned_deg) == "90"
 
 
+WRONG = {
+    "kind": ("tracked",),
+    "drive_topic": ("cmd_vel", "/cmd_*"),
+    "drive_type": ("geometry_msgs/Pose",),
+    "max_speed_m_s": (0,),
+    "wheelbase_m": (-1,),
+    "quality_min": (0,),
+    "quality_max": (101,),
+    "fps": (0, 61),
+    "latency_ms": (49,),
+    "hold_after_ms": (299, 10_001, 0),
+    "cameras": ([FRONT] * (MAX_CAMERAS + 1), [FRONT, FRONT]),
+    "cameras.1": ("/camera",),
+    "cameras.1.topic": ("/a?b=c",),
+    "cameras.1.name": ("",),
+    "cameras.1.turned_deg": (45, False),
+}
+
+
 @pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("kind", "tracked"),
-        ("drive_topic", "cmd_vel"),
-        ("drive_topic", "/cmd_*"),
-        ("drive_type", "geometry_msgs/Pose"),
-        ("max_speed_m_s", 0),
-        ("wheelbase_m", -1),
-        ("quality_min", 0),
-        ("quality_max", 101),
-        ("fps", 0),
-        ("fps", 61),
-        ("latency_ms", 49),
-        ("hold_after_ms", 299),
-        ("hold_after_ms", 10_001),
-        ("hold_after_ms", 0),
-        ("cameras", [FRONT] * (MAX_CAMERAS + 1)),
-        ("cameras", [FRONT, FRONT]),
-        ("cameras.1", "/camera"),
-        ("cameras.1.topic", "/a?b=c"),
-        ("cameras.1.name", ""),
-        ("cameras.1.turned_deg", 45),
-        ("cameras.1.turned_deg", False),
-    ],
+    ("path", "value"), [(path, value) for path, values in WRONG.items() for value in values]
 )
 def test_a_wrong_value_is_named(path, value):
     """Who gave it reads which member it was."""

@@ -95,36 +95,23 @@ def test_only_drivers_have_the_drive_topics():
     assert parse({"policy": {"drive": {"publish": []}}}).policy.drive.drives
 
 
+WRONG = {
+    "shell_user": ("Root", "pi\n  ProxyCommand sh", "-x", "x" * 33, ""),
+    "region": ("EU", "", "x" * 64),
+    "guard": (None,),
+    "guard.deadman_ms": (199, 2001, None),
+    "guard.max_speed_m_s": (0, -1, 101, float("nan")),
+    "guard.max_steering_rad": (4,),
+    "guard.drive_topics": ([], "/cmd_vel", ["cmd_vel"], ["/a"] * (MAX_GLOBS + 1)),
+    "policy.observe.subscribe": ([7], ["/" + "a" * 256]),
+    "policy.manage.serve": ({"a": 1},),
+    "policy.limits.subscriptions": (0,),
+    "policy.limits.message_kb": (10_241,),
+}
+
+
 @pytest.mark.parametrize(
-    ("path", "value"),
-    [
-        ("shell_user", "Root"),
-        ("shell_user", "pi\n  ProxyCommand sh"),
-        ("shell_user", "-x"),
-        ("shell_user", "x" * 33),
-        ("shell_user", ""),
-        ("region", "EU"),
-        ("region", ""),
-        ("region", "x" * 64),
-        ("guard", None),
-        ("guard.deadman_ms", 199),
-        ("guard.deadman_ms", 2001),
-        ("guard.deadman_ms", None),
-        ("guard.max_speed_m_s", 0),
-        ("guard.max_speed_m_s", -1),
-        ("guard.max_speed_m_s", 101),
-        ("guard.max_speed_m_s", float("nan")),
-        ("guard.max_steering_rad", 4),
-        ("guard.drive_topics", []),
-        ("guard.drive_topics", "/cmd_vel"),
-        ("guard.drive_topics", ["cmd_vel"]),
-        ("guard.drive_topics", ["/a"] * (MAX_GLOBS + 1)),
-        ("policy.observe.subscribe", [7]),
-        ("policy.observe.subscribe", ["/" + "a" * 256]),
-        ("policy.manage.serve", {"a": 1}),
-        ("policy.limits.subscriptions", 0),
-        ("policy.limits.message_kb", 10_241),
-    ],
+    ("path", "value"), [(path, value) for path, values in WRONG.items() for value in values]
 )
 def test_a_wrong_value_is_named(path, value):
     """Who gave it reads which member it was."""
