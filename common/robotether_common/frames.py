@@ -38,6 +38,9 @@ SIDES = (1, MAX_SIDE)
 QOS_NAME = "qos_profile"
 QOS = f"{QOS_NAME}=sensor_data"
 
+# Reason of a status for JPEGs that come before an encoder is ready.
+ENCODER_STARTS = "the encoder starts"
+
 State = Literal["live", "waiting", "down"]
 Source = Literal["web_video_server", "mjpeg", "rosbridge"]
 

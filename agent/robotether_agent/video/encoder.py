@@ -21,6 +21,8 @@ from dataclasses import replace
 from importlib.util import find_spec
 from typing import NoReturn
 
+from robotether_common.frames import ENCODER_STARTS
+
 from robotether_agent.clock import robot_time
 from robotether_agent.own_programs import program_environment
 from robotether_agent.tasks import within
@@ -44,7 +46,6 @@ PAUSE_S, MAX_PAUSE_S = 2.0, 120.0
 STABLE_S = 60.0
 # Number of frames refused in a row after which the process ends.
 MAX_REFUSALS = 3
-STARTS = "the encoder starts"
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +70,7 @@ class VideoEncoder:
         command: Sequence[str] = COMMAND,
         clock: Callable[[], float] = robot_time,
     ) -> None:
-        self.down_reason = STARTS
+        self.down_reason = ENCODER_STARTS
         self._on_change = on_change
         self._command = command
         self._clock = clock
@@ -92,7 +93,7 @@ class VideoEncoder:
                 log.warning("no encoder for %g s: %s", pause_s, reason)
                 await asyncio.sleep(pause_s)
         finally:
-            self.down_reason = STARTS
+            self.down_reason = ENCODER_STARTS
 
     async def encode(self, request: EncodeRequest) -> EncodedFrame:
         """Return the frame; FrameRefusedError for one that cannot be encoded, EncoderError if no other can either."""

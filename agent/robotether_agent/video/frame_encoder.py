@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from robotether_common.codecs import CODECS, JPEG, Codec
-from robotether_common.frames import StreamRequest
+from robotether_common.frames import ENCODER_STARTS, StreamRequest
 
 from robotether_agent.tasks import first_of
-from robotether_agent.video.encoder import COMMAND, STARTS, VideoEncoder, availability
+from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
 from robotether_agent.video.encoder_messages import EncodedFrame, EncodeRequest, FrameRefusedError
 from robotether_agent.video.encoding import KeyFrameLimiter, PresetSteps, bits_per_s, encoded_size
 from robotether_agent.video.jpeg import jpeg_size
@@ -130,7 +130,7 @@ class FrameEncoder:
         if self._pool.slots.locked():
             self._encoder.down_reason = FULL
         async with self._pool.slots:
-            self._encoder.down_reason = STARTS
+            self._encoder.down_reason = ENCODER_STARTS
             await self._encoder.run()
 
     async def _until_unneeded(self) -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 from aiohttp import web
 from robotether_common.codecs import H264, JPEG, Codec
-from robotether_common.frames import QOS_NAME, StreamRequest
+from robotether_common.frames import ENCODER_STARTS, QOS_NAME, StreamRequest
 
 from robotether_server.problems import (
     FieldInvalidError,
@@ -203,7 +203,9 @@ class FirstFrame:
         request, status = self._feed.stream_request(), self._feed.status
         if request is not None and self._codec.name not in request.codecs:
             return "somebody who sees the same camera decodes only JPEG"
-        return "" if status is None else status.no_encoder
+        if status is None or status.no_encoder == ENCODER_STARTS:
+            return ""
+        return status.no_encoder
 
     def _no_frame(self) -> RobotetherError:
         if self._other_codec is not None:

@@ -12,7 +12,7 @@ import pytest
 from fake_robot import JPEG
 from h264_frames import encoded_frames
 from relay_server import until
-from robotether_common.frames import QOS
+from robotether_common.frames import ENCODER_STARTS, QOS
 from robotether_server.db.fleet import RelayUser
 
 ANN = RelayUser(1, "ann")
@@ -149,6 +149,7 @@ async def test_a_player_gets_h264(*, relay, sim1, http, camera):
     await camera.wait_for("stream_request", codecs=["h264", "jpeg"])
     await camera.wait_for("credit")
     # An encoder takes some time to begin.
+    await camera.send_status(state="live", no_encoder=ENCODER_STARTS)
     await show_each(camera, [(JPEG, False)] * 3, 1)
     frames, stream = encoded_frames(9), b""
     await show_each(camera, frames, 2)
