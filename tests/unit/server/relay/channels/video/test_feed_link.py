@@ -6,7 +6,7 @@ import asyncio
 
 import pytest
 from relay_server import until
-from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES
+from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_FRAME_BYTES
 
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
@@ -73,6 +73,19 @@ async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, viewer, da
     await camera.wait_for("credit", taken=None)
     await until(lambda: len(camera.topics) > 1, "it is opened anew")
     assert "robot sim1: broke the frames protocol" in caplog.text
+
+
+async def test_a_frame_without_an_end_is_cut_off(camera, viewer):
+    """In parts, each of which is small: what the relay would hold of them is bounded."""
+    (socket,) = camera.connections
+    transport = socket._req.transport
+    part = bytes(2**20)
+    # A binary message that goes on, and its continuations (RFC 6455, 5.2).
+    for number in range(1 + MAX_FRAME_BYTES // len(part)):
+        opcode = b"\x00" if number else b"\x02"
+        transport.write(opcode + b"\x7f" + len(part).to_bytes(8, "big") + part)
+    await viewer.text("status", state="down")
+    await until(lambda: len(camera.topics) > 1, "it is opened anew")
 
 
 async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(
