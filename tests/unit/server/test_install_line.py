@@ -25,8 +25,6 @@ PIN = "q83vEjRWeJA+/q83vEjRWeJAq83vEjRWeJAq83vEjRW="
 
 
 class KnownCertificate(SiteCertificates):
-    """A front whose certificate is given."""
-
     def __init__(self, host, port, *, is_known):
         super().__init__(SiteAddressSettings(host, port, ("nobody", 1)))
         self.given = Certificate(FINGERPRINT, PIN, is_known)
@@ -44,7 +42,6 @@ def test_self_signed_certificate_is_pinned_twice():
 
 
 def test_known_certificate_is_left_to_the_authorities():
-    """A known certificate is left to the authorities, so that it may be renewed."""
     certificates = KnownCertificate("robots.example", 443, is_known=True)
     assert enrolment_lines(certificates, "10.0.0.1", "rj_abc").install == (
         "curl -fsS https://robots.example/join.sh | sudo sh -s -- --server robots.example --token rj_abc"

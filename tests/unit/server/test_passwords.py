@@ -61,7 +61,6 @@ def test_damaged_hash_matches_nothing():
     [("", "at least 12"), ("x" * 11, "at least 12"), ("x" * 1025, "at most 1024")],
 )
 def test_length_has_bounds(password, bound):
-    """The sentence says which."""
     with pytest.raises(FieldInvalidError, match=bound):
         passwords.hash_password(password)
 
@@ -100,7 +99,6 @@ def test_common_password_is_refused(password):
     "password", ["correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d"]
 )
 def test_other_password_is_taken(password):
-    """A password may contain a common word."""
     assert passwords.matches(password, passwords.hash_password(password))
 
 

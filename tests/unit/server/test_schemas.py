@@ -28,8 +28,6 @@ class Call(Struct, tag_field="kind", tag="call", forbid_unknown_fields=True):
 
 
 class Thing(Struct, forbid_unknown_fields=True):
-    """Every kind of member."""
-
     name: Label
     plain: NewPlainName | UnsetType = UNSET
     robot: RobotName | UnsetType = UNSET
@@ -46,13 +44,11 @@ class Thing(Struct, forbid_unknown_fields=True):
 
 
 def read(**given):
-    """The member that was given, as it was read."""
     [name] = given
     return getattr(schemas.read({"name": "x"} | given, Thing), name)
 
 
 def refused(given):
-    """How an object is refused."""
     with pytest.raises(FieldInvalidError) as problem:
         schemas.read(given, Thing)
     return problem.value.detail
@@ -72,7 +68,6 @@ def test_anything_else_is_refused_by_name(value):
 
 @pytest.mark.parametrize("value", ["Crew", "a b", "-a", "a/b", "x" * 64])
 def test_text_has_to_match_its_pattern(value):
-    """The sentence says what the pattern does."""
     assert read(plain="crew\n") == "crew"
     assert "plain: it must be 1 to 63 characters a-z" in refused({"name": "x", "plain": value})
 
@@ -134,7 +129,6 @@ def test_choice_of_numbers_is_one_of_numbers():
 
 
 def test_items_are_read_by_their_kind():
-    """A refusal says which, from 1, and what nobody reads in it."""
     publish, call = {"kind": "publish", "topic": "/a"}, {"kind": "call", "service": "b"}
     assert read(several=[publish, call]) == [Publish("/a"), Call("b")]
     for wrong, sentence in (
@@ -206,7 +200,6 @@ def test_single_value_is_refused_unless_it_can_stay_as_it_is(name):
 
 
 def test_patterns_are_kept_once():
-    """The same pattern twice is one."""
     assert list(read_globs(["/a*", "/b", "/a*"], "page.fps")) == ["/a*", "/b"]
 
 
@@ -218,7 +211,6 @@ def test_other_patterns_are_refused_by_their_path(value):
 
 
 def test_full_name_passes():
-    """A full name passes as ROS writes it."""
     assert schemas.value("topic", "/a/b_1", RosName) == "/a/b_1"
 
 

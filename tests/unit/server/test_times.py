@@ -21,7 +21,6 @@ NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
     ],
 )
 def test_moment_is_taken_with_its_offset(text):
-    """A timestamp is read with its offset and returned in UTC."""
     found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
 
@@ -42,7 +41,6 @@ def test_moment_is_taken_with_its_offset(text):
     ],
 )
 def test_what_is_no_moment_is_refused_with_its_field(text):
-    """The sentence shows how to write one."""
     with pytest.raises(FieldInvalidError, match=r"cannot use until: .* 2026-01-31T12:00:00Z"):
         times.timestamp("until", text)
 
@@ -57,7 +55,6 @@ def test_day_begins_and_ends_in_utc():
 
 @pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
 def test_what_is_no_day_is_refused(text):
-    """The sentence shows both ways."""
     with pytest.raises(
         FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a timestamp"
     ):
@@ -97,7 +94,6 @@ def test_moments_are_written_in_utc_and_whole_seconds(timestamp, written):
     [(-1, "0 s"), (7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
 )
 def test_durations_have_two_units_at_most(seconds, words):
-    """Durations below an hour have seconds."""
     assert times.duration_words(seconds) == words
 
 

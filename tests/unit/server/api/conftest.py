@@ -17,7 +17,6 @@ class KnownCertificate(SiteCertificates):
 
 @pytest.fixture
 def site_certificate(app):
-    """A certificate that nginx shows."""
     context = app.extensions["robotether"]
     settings = SiteAddressSettings(None, 443, ("nobody", 1))
     app.extensions["robotether"] = replace(context, site_certificates=KnownCertificate(settings))
@@ -25,7 +24,6 @@ def site_certificate(app):
 
 @pytest.fixture
 def root(program, database):
-    """An admin's program."""
     return program_of(program, database, "root")
 
 

@@ -27,14 +27,12 @@ METHODS = {"get", "post", "put", "patch", "delete"}
 
 @pytest.fixture
 def document(program):
-    """What the API says of itself."""
     answer = program.ask("GET", "/api/v1/openapi.json")
     assert answer.content_type == "application/json"
     return dict(answer.json)
 
 
 def operations(document):
-    """Path, method and description of each operation."""
     for path, item in document["paths"].items():
         for method in METHODS & set(item):
             yield path, method, item[method]

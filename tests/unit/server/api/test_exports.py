@@ -38,7 +38,6 @@ def test_everything_comes_piece_by_piece(total):
 
 @pytest.mark.parametrize("limit", [1, exports.PIECE, exports.PIECE + 3])
 def test_limit_is_kept(limit):
-    """Nothing is read beyond the limit."""
     read = []
 
     def fetch(before, wanted):

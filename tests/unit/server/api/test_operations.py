@@ -25,7 +25,6 @@ def test_moments_are_texts_of_whole_seconds():
 
 
 def sent(root, path, body, kind):
-    """Status and code of the answer to a body that calls itself so."""
     answer = root.visitor.ask(
         "POST", f"/api/v1{path}", data=body, content_type=kind, headers=root.headers
     )

@@ -35,7 +35,6 @@ def runner(monkeypatch, capsys):
 
 @pytest.fixture
 def run(mariadb, database, monkeypatch, capsys):
-    """Run a command as in the web container."""
     settings = mariadb.settings("web")
     for name, value in (
         ("DB_HOST", settings.host),
@@ -61,13 +60,11 @@ def network(tmp_path):
 
 @pytest.fixture
 def run_fleet(monkeypatch, capsys):
-    """Run `robotether fleet ...`, which needs no setting."""
     return partial(runner(monkeypatch, capsys), "fleet")
 
 
 @pytest.fixture
 def target(tmp_path):
-    """A robot that nobody connects to."""
     return Target(
         name="sim1",
         host="127.0.0.1",

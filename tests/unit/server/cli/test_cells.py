@@ -56,7 +56,6 @@ def test_drain_waits_until_the_robots_have_left(run, relay_database):
 
 
 def test_removal_wants_a_yes(run):
-    """Removal needs a yes and a cell that is down."""
     assert "say --yes" in run("cell", "remove", "c").err
     assert run("cell", "remove", "c", "--yes").out == "removed cell c\n"
     assert "it is alive" in run("cell", "remove", "b", "--yes").err

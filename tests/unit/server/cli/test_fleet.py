@@ -56,7 +56,6 @@ def test_one_failure_is_the_whole_commands(run_fleet, network):
 
 
 def test_run_prints_json(run_fleet, network):
-    """The command prints only JSON, which includes the outputs."""
     arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
     done = run_fleet("run", *arguments)
     assert (done.status, done.err) == (1, "")
@@ -225,7 +224,6 @@ def pid_written(path):
 
 
 def test_time_out_ends_the_command_on_the_robot(do, tmp_path):
-    """The time limit ends the command with all that it had started."""
     path = tmp_path / "pid"
     with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
         do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
@@ -234,7 +232,6 @@ def test_time_out_ends_the_command_on_the_robot(do, tmp_path):
 
 
 def test_lost_link_is_no_exit_status(do, network, tmp_path):
-    """A lost link is neither an exit status nor a success."""
     stop = f"kill -9 $(ps -o ppid= -p $PPID) & sleep 20 & echo > {tmp_path}/pid; wait"
     with pytest.raises(FleetError, match="the connection broke"):
         do(stop)
@@ -295,13 +292,11 @@ def test_robot_does_not_steer_the_terminal():
 
 
 def test_line_without_an_end_is_cut():
-    """Nothing is kept without bound."""
     got = printed("x" * (2 * MAX_LINE_LENGTH + 1)).splitlines()
     assert [len(line) for line in got] == [MAX_LINE_LENGTH + 7, MAX_LINE_LENGTH + 7, 8]
 
 
 def test_kept_output_has_a_bound():
-    """Output that was cut says so."""
     captured = Captured()
     captured.write("x" * MAX_CAPTURED_LENGTH)
     assert not captured.cut

@@ -71,7 +71,6 @@ def refused(network, connections):
 
 
 def test_robots_share_one_login_at_the_jump_host(network, connections):
-    """Robots share one login even if they come at once."""
     targets = [target_of(network, name) for name in ("sim1", "sim2") * 3]
     with ThreadPoolExecutor(6) as pool:
         opened = list(pool.map(connections.open, targets))
@@ -176,7 +175,6 @@ def test_nothing_opens_after_the_end(network, connections):
 
 @pytest.fixture
 def agent(tmp_path, monkeypatch):
-    """An ssh-agent of the test's own, with no key yet."""
     socket = tmp_path / "agent"
     process = subprocess.Popen(["ssh-agent", "-D", "-a", str(socket)], stdout=subprocess.DEVNULL)
     try:
@@ -273,7 +271,6 @@ def test_known_key_passes(target, key):
 
 @pytest.mark.parametrize("accept_new", [False, True])
 def test_revoked_key_is_never_taken(target, key, accept_new):
-    """A revoked key is rejected even where it is known as well."""
     write(target, line(key), f"@revoked {line(key, '*')}")
     with pytest.raises(FleetError, match="revoked"):
         check(target, key, accept_new=accept_new)
@@ -331,7 +328,6 @@ def test_proxy_command_is_refused(config):
 
 
 def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config):
-    """The message has ssh's words and the line."""
     config.write_text("Host sim1\n    Prot 22\n")
     with pytest.raises(FleetError, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
         fleet_ssh.resolve("sim1", config)
@@ -408,7 +404,6 @@ def test_only_what_the_server_printed_is_a_robot(listed):
     [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
 )
 def test_patterns_choose_robots_once(listed, patterns, names):
-    """Robots are listed in the order of their names."""
     assert fleet_ssh.choose(listed, patterns) == names
 
 
@@ -434,6 +429,5 @@ def test_file_that_includes_itself_is_refused(tmp_path):
 
 
 def test_missing_file_is_told_with_the_way_to_get_it(tmp_path):
-    """One sentence says how to get the missing file."""
     with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
         fleet_ssh.choose(tmp_path / "missing", ["*"])

@@ -11,8 +11,6 @@ from robotether_server.db.grants import GROUPS, SITES
 
 
 class Change(NamedTuple):
-    """A command, what it prints, and what the log says of it."""
-
     words: tuple[str, ...]
     printed: str
     kind: str

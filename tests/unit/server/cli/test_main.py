@@ -55,7 +55,6 @@ def test_database_that_is_away_is_told_with_its_host(run, monkeypatch):
 
 @pytest.fixture
 def started(monkeypatch):
-    """What takes the place of the command `web`, each time that it is run."""
     monkeypatch.setenv("TICKET_KEY", "t" * 32)
     monkeypatch.setenv("WEB_SECRET_KEY", "w" * 32)
     found = []

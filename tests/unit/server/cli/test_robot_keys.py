@@ -37,7 +37,6 @@ def test_what_waits_is_listed(run, database):
 
 
 def test_second_approval_changes_nothing(run, database):
-    """A second approval leaves no second event."""
     run(*ADD)
     show_key(database)
     for _ in range(2):
@@ -118,7 +117,6 @@ def test_approve_waits_for_the_key(run, database):
 
 
 def test_approved_claim_replaces_the_key(run, database):
-    """The command asks before the claim replaces the key."""
     run(*ADD)
     activate(database)
     claim(database)
@@ -147,7 +145,6 @@ def test_of_several_keys_one_is_named(run, database):
 
 
 def test_disabled_robot_is_enabled_first(run, database):
-    """The sentence has the command."""
     run(*ADD)
     activate(database)
     run("robot", "disable", "sim1")

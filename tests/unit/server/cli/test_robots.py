@@ -84,7 +84,6 @@ def test_wait_online(run, admin_database):
 
 
 def test_each_change_of_a_robot_is_said(run, database):
-    """The command prints what is so now, and the audit log has it."""
     run(*ADD)
     activate(database)
     for words, said in (

@@ -48,7 +48,6 @@ def test_ssh_config_has_the_shells_that_the_user_manages(run, database, monkeypa
 
 
 def test_ssh_config_without_a_host_says_what_to_set(run):
-    """Without a host the command says what to set or to pass."""
     done = run("ssh-config", *ANN)
     assert done.status == 1
     assert "PUBLIC_HOST" in done.err

@@ -93,7 +93,6 @@ def test_other_host_may_be_named(run, monkeypatch):
 
 
 def test_invite_without_a_host_says_what_to_set(run, monkeypatch):
-    """Without a host the command says what to set or to pass."""
     monkeypatch.delenv("PUBLIC_HOST")
     done = run("robot", "invite")
     assert (done.status, done.err.count("\n")) == (1, 1)

@@ -8,7 +8,6 @@ from robotether_server.db import audit, users
 
 
 def test_user_with_a_password_from_stdin(run, database):
-    """The password works and is not printed."""
     done = run("user", "add", "ann", "--password-stdin", stdin="a long enough password\n")
     assert done == (0, "added user ann\n", "")
     with database.transaction() as tx:
@@ -19,7 +18,6 @@ def test_user_with_a_password_from_stdin(run, database):
 
 
 def test_user_with_a_generated_password(run, database):
-    """The password is the last word that is printed."""
     done = run("user", "add", "root", "--role", "admin")
     with database.transaction() as tx:
         user = users.get(tx, "root")
@@ -36,7 +34,6 @@ def test_user_that_cannot_be_is_refused_in_one_sentence(run):
 
 
 def test_each_change_of_a_user_is_said(run, database):
-    """The command prints what is so now, and the audit log has it."""
     run("user", "add", "ann")
     for words, said in (
         ("disable ann", "disabled user ann"),
@@ -58,7 +55,6 @@ def test_each_change_of_a_user_is_said(run, database):
 
 
 def test_users_are_listed(run):
-    """The list has the role and the state of each user, for people and for programs, and no password hash."""
     run("user", "add", "ann")
     run("user", "disable", "ann")
     run("user", "add", "root", "--role", "admin")

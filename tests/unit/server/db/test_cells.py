@@ -30,7 +30,6 @@ def read(database):
 
 
 def age(admin_database, seconds):
-    """Let time pass since the last heartbeat of each."""
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = heartbeat_at - INTERVAL %s SECOND", (seconds,))
 
@@ -96,7 +95,6 @@ def test_a_cell_that_goes_moves_its_own_robots_alone():
 
 @pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
 def test_a_cell_that_takes_no_robots_is_not_listed(change):
-    """A cell that takes no robots is not listed, not even as the first."""
     out = replace(A, **change)
     assert hosts(7, [out, B], "a") == ["b.example"]
     assert [cell.host for cell in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]

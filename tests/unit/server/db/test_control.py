@@ -137,7 +137,6 @@ def test_a_removed_robot_gets_no_number(relay_database, ann):
 
 
 def test_the_end_of_an_older_lease_leaves_the_newer(relay_database, sim1, ann):
-    """An end that is written late does not end the next lease."""
     fence(relay_database, sim1, ann)
     fence(relay_database, sim1, ann)
     write(relay_database, LeaseEnd(sim1, 1, NOON))
@@ -171,7 +170,6 @@ def test_a_release_leaves_a_stop_that_another_cell_wrote(relay_database, sim1):
 
 
 def test_a_stop_of_a_removed_robot_writes_nothing(relay_database, sim1):
-    """There is nothing left to stop."""
     write(relay_database, StopEntry(999, Stop(999, NOON, "ben")))
     assert rows(relay_database, "robot_stops") == []
 

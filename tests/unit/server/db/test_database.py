@@ -44,7 +44,6 @@ def insert_and_fail(database):
 
 
 def test_block_that_raises_leaves_nothing(database):
-    """What was done in the block is rolled back."""
     insert_and_fail(database)
     with database.transaction() as tx:
         assert tx.rows("SELECT * FROM users") == []

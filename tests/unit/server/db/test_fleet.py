@@ -160,7 +160,6 @@ def test_credentials_tell_their_users(database, relay_database, sim1):
 
 
 def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1):
-    """The first write makes the row, the second gives it its end."""
     entry = SessionEntry(sim1, NOON, "198.51.100.7", agent_version="0.1.0" * 20)
     with relay_database.transaction() as tx:
         (entry.row_id,) = fleet.write(tx, [entry], "a").values()

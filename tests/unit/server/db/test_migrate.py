@@ -103,7 +103,6 @@ def test_rows_of_an_older_release_are_kept(sql_dir, tmp_path, tmp_path_factory):
 
 @pytest.mark.usefixtures("admin_database")
 def test_broken_migration_is_named(mariadb, tmp_path):
-    """The failure says which file, and what the database said."""
     (tmp_path / "9999_broken.sql").write_text("CREATE TABEL x (y INT);\n")
     with pytest.raises(MigrationFailedError, match=r"9999_broken.*TABEL"):
         migrate(settings(mariadb, tmp_path))
@@ -296,7 +295,6 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database):
 
 
 def test_zero_days_are_for_ever(admin_database):
-    """Zero days keep records for ever, and the last number that was set counts."""
     with admin_database.transaction() as tx:
         fill(tx)
         migrations.set_audit_days(tx, 365)

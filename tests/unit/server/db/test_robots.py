@@ -66,7 +66,6 @@ def test_python_and_sql_agree_about_macs(database, text):
 
 
 def test_name_that_cannot_stand_in_a_url_is_refused(database):
-    """A robot's name is a DNS label, on insert and on update."""
     with database.transaction() as tx:
         robots.add(tx, MAC, "good")
         for name in ("", "Sim1", "-a", "a-", "a_b", "a.b", "a/b", "ä", "a\n", "x" * 64):
@@ -173,7 +172,6 @@ def previous(tx):
 
 
 def test_row_remembers_that_it_had_a_key(database):
-    """The row remembers its key even if it was written by SQL."""
     with database.transaction() as tx:
         first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
         robots.set_key(tx, first, KEY, REPORT)
@@ -186,7 +184,6 @@ def test_row_remembers_that_it_had_a_key(database):
 
 
 def test_taken_name_mac_and_ports_are_told_apart_on_change(database):
-    """The sentence names what another robot has."""
     with database.transaction() as tx:
         first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
         with pytest.raises(RecordExistsError, match="cannot use the name b: another robot has it"):
@@ -293,7 +290,6 @@ def test_only_old_claims_are_removed(database, robot):
 
 
 def test_second_one_waits_for_the_firsts_commit(database):
-    """The second one waits for the first one's commit and sees what it wrote."""
     seen = []
 
     def count():

@@ -38,7 +38,6 @@ def pytest_asyncio_loop_factories():
 
 @pytest_asyncio.fixture(autouse=True)
 async def _no_task_left():
-    """Fail a test that leaves a task behind."""
     before = asyncio.all_tasks()
     yield
     left = set()
@@ -108,14 +107,12 @@ def login(memory_database):
 
 @pytest_asyncio.fixture
 async def camera(robot):
-    """Have robot sim1 online with a frames service."""
     robot.frames.mode = "behaves"
     return robot.frames
 
 
 @pytest_asyncio.fixture
 async def watch(relay, sim1, http):
-    """Open viewers of sim1's cameras that are closed at the end."""
     opened = []
 
     async def open_viewer(user=None, topic="/a", **wanted):
@@ -151,7 +148,6 @@ async def guarded(relay, sim1):
 
 @pytest_asyncio.fixture
 async def connect(relay, sim1):
-    """Open sessions of sim1 that are closed at the end."""
     opened = []
 
     async def open_session(kind="session", **changes):

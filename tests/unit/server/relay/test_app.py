@@ -42,7 +42,6 @@ async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, or
 
 
 async def ask_raw(relay, request):
-    """Send bytes as they are, and return the first line of the answer."""
     reader, writer = await asyncio.open_connection(HOST, relay.relay.http_port)
     try:
         writer.write(request)

@@ -122,8 +122,6 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
 
 
 class SlowDatabase(MemoryDatabase):
-    """Records that take their time to write."""
-
     async def write(self, entries):
         await asyncio.sleep(0.2)
         return await super().write(entries)

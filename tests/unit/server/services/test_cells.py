@@ -17,7 +17,6 @@ ADMIN = Source("root")
 
 @pytest.fixture
 def database(database, relay_database):
-    """Cells a and b, alive and listed."""
     with relay_database.transaction() as tx:
         for name in ("a", "b"):
             cell = cell_settings(name, f"{name}.example")

@@ -391,7 +391,6 @@ def test_robot_that_lost_its_mac_stays_itself(site, admin_database):
 
 @pytest.fixture
 def old():
-    """The key that the robot has."""
     return RobotSigner()
 
 

@@ -35,7 +35,6 @@ def do(site, action, *args, **options):
 
 
 def logged(site):
-    """Kind, robot and address of what admins did, the oldest first."""
     with site.database.transaction() as tx:
         found = audit.find(tx, audit.AuditSearch(actor="root"))
     return [(event.kind, event.robot, event.address) for event in reversed(found)]
@@ -103,7 +102,6 @@ def test_approved_claim_replaces_the_key(site):
 
 
 def test_claim_of_another_robot_is_not_approved_here(site):
-    """A claim of another robot, or of a disabled one, is not approved here."""
     site.ask(key=OTHER_KEY)
     site.announce("turtle", OTHER_MAC)
     for action in (robot_service.approve, robot_service.reject):
@@ -214,7 +212,6 @@ def test_settings_are_changed_from_what_they_are(site):
 
 
 def test_wrong_changes_are_refused(site):
-    """What the database refuses comes with its sentence."""
     with pytest.raises(FieldInvalidError, match="locally administered"):
         do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
     for ports in ((80, 81), (30000, None)):
@@ -246,7 +243,6 @@ NEW_MAC = "00:1b:44:00:61:77"
 
 @pytest.fixture(scope="module")
 def signer():
-    """The key that the playbook made on its robot."""
     return RobotSigner()
 
 
@@ -352,7 +348,6 @@ def ask_again(ask, number, tries=10):
 
 
 def all_at_once(count, ask):
-    """Let that many robots ask, each in a thread."""
     answers = []
     problems = []
     together = threading.Barrier(count)

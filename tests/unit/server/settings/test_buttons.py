@@ -56,7 +56,6 @@ WRONG = {
     ],
 )
 def test_a_wrong_value_is_named(button, member, value):
-    """The place of the button and the member tell what to mend."""
     with pytest.raises(FieldInvalidError, match=rf"cannot use buttons\.2\.{member}: "):
         parse([{**button, "name": "Other"}, {**button, member: value}])
 

@@ -46,7 +46,6 @@ WRONG = {
     ("path", "value"), [(path, value) for path, values in WRONG.items() for value in values]
 )
 def test_a_wrong_value_is_named(path, value):
-    """Who gave it reads which member it was."""
     name, _, inner = path.partition(".")
     member = inner.partition(".")[2]
     if member:

@@ -114,7 +114,6 @@ WRONG = {
     ("path", "value"), [(path, value) for path, values in WRONG.items() for value in values]
 )
 def test_a_wrong_value_is_named(path, value):
-    """Who gave it reads which member it was."""
     *parents, last = path.split(".")
     settings = {last: value}
     for parent in reversed(parents):
@@ -145,7 +144,6 @@ def test_an_unknown_member_is_refused(settings, path, member):
 
 @pytest.mark.parametrize("given_value", [None, [], "x", 7])
 def test_settings_are_an_object(given_value):
-    """Anything else is refused as a whole."""
     with pytest.raises(FieldInvalidError, match="cannot use settings"):
         parse(given_value)
 

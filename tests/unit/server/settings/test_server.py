@@ -45,7 +45,6 @@ def test_missing_secret_or_account_stops_the_start(kind, environ, missing):
 
 
 def test_range_must_hold_a_pair():
-    """The sentence names both ends."""
     environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
     with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
         load(MigrateSettings, environ)
@@ -119,7 +118,6 @@ WRONG = {
     ("name", "value"), [(name, value) for name, values in WRONG.items() for value in values]
 )
 def test_wrong_value_is_named_with_what_is_allowed(name, value):
-    """The sentence has variable, value and the allowed values."""
     variable = VARIABLES[name]
     with pytest.raises(SettingsError) as refused:
         variable.read({name: value})
@@ -171,7 +169,6 @@ def test_secret_from_both_is_refused(tmp_path):
 
 
 def test_file_that_cannot_be_read_is_named(tmp_path):
-    """The sentence has variable and path."""
     with pytest.raises(SettingsError, match=r"DB_PASSWORD_FILE=.*nowhere"):
         PASSWORD.read({"DB_PASSWORD_FILE": str(tmp_path / "nowhere")})
 

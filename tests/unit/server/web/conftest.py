@@ -13,7 +13,6 @@ def admin(app):
 
 @pytest.fixture
 def ann(app):
-    """A user who is no admin, logged in."""
     browser = Browser(app.test_client())
     browser.log_in("ann")
     return browser

@@ -104,7 +104,6 @@ def lab(app, web_settings):
 
 
 def asks(method, origin=LAB):
-    """The options of a browser's question whether a page may."""
     asked = {"Access-Control-Request-Method": method, "Origin": origin}
     return {"headers": asked | {"Access-Control-Request-Headers": "authorization,content-type"}}
 
@@ -144,7 +143,6 @@ def test_a_page_of_another_site_may_not(lab, database):
 
 
 def test_nobody_may_unless_a_site_is_named(program):
-    """By default only this site is allowed."""
     answer = program.ask("OPTIONS", "/api/v1/tickets", **asks("POST"))
     assert answer.status_code == 403
 

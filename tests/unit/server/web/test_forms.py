@@ -9,7 +9,6 @@ app = Flask("test")
 
 
 def given(value, read):
-    """What is read of a form in which the field `x` has this value."""
     data = {} if value is None else {"x": value}
     with app.test_request_context(method="POST", data=data):
         return read()
@@ -46,7 +45,6 @@ def test_what_is_no_number_is_refused(value):
 
 
 def test_a_choice_is_one_of_the_list():
-    """A choice outside the list is rejected."""
     assert given("user", lambda: forms.choice("x", "Role", ("admin", "user"))) == "user"
     with pytest.raises(FieldInvalidError, match="choose one of admin, user"):
         given("root", lambda: forms.choice("x", "Role", ("admin", "user")))

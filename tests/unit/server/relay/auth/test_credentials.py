@@ -23,7 +23,6 @@ def login(memory_database):
 
 
 async def unanswered(question):
-    """Ask what nobody knows while the database is away."""
     with pytest.raises(StoreUnavailableError):
         await question
 

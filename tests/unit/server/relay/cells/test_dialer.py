@@ -11,7 +11,6 @@ from stopwatch import Stopwatch
 
 
 def move(cell, to, address):
-    """Write another peer address for a cell, as a relay that is elsewhere does."""
     for database in (cell.database, to.database):
         settings = database.cells[to.name]
         database.cells[to.name] = replace(settings, peer_address=address)

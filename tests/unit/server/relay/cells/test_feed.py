@@ -14,7 +14,6 @@ from robotether_server.relay.cells.messages import PeerRobot
 
 @pytest.fixture
 async def follow(http, cell_a, peer_keys):
-    """Follow cell a, as a third one does."""
     opened = []
 
     async def connect(**changes):

@@ -41,7 +41,6 @@ async def at_b(site, cell_a, cell_b, sim1):
 
 @pytest_asyncio.fixture
 async def observe(at_b, cell_a, sim1, http):
-    """Open observers' connections at cell a that are closed at the end."""
     opened = []
 
     async def open_one(*messages):
@@ -69,7 +68,6 @@ async def read_until(socket, text):
 
 
 async def closed_with(socket):
-    """Read until the connection is closed; return the code."""
     async with asyncio.timeout(5):
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
             pass
@@ -234,7 +232,6 @@ async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
 async def test_the_cell_decides_by_the_host_and_address_that_were_asked(
     *, cell_a, cell_b, at_b, sim1, http
 ):
-    """A page's origin is compared with the host that was asked, and a stop has the client's address."""
     headers = {
         "Origin": f"https://{cell_a.server.url.removeprefix('http://')}",
         "X-Forwarded-For": "203.0.113.9",

@@ -18,7 +18,6 @@ async def at_b(site, cell_a, cell_b, sim1):
 
 @pytest.fixture
 def ann(memory_database, cell_a, cell_b):
-    """What a program of ann's sends."""
     token = memory_database.add_credential("token", RelayUser(1, "ann"))
     for database in (cell_a.database, cell_b.database):
         database.credentials.update(memory_database.credentials)

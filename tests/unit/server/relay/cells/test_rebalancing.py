@@ -27,7 +27,6 @@ def timing(**changes):
 
 
 async def stay(*sessions):
-    """Let more time pass than robots must have been there."""
     seen = [session.pings for session in sessions]
     await until(
         lambda: all(item.pings > 1 + pings for item, pings in zip(sessions, seen, strict=True)),

@@ -101,7 +101,6 @@ def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots
 
 
 def validators():
-    """What the description of the API says of the data of each event."""
     api = document()
     [content] = api["paths"]["/api/v1/events"]["get"]["responses"]["200"]["content"].values()
     kinds = [kind["properties"] for kind in content["schema"]["contentSchema"]["items"]["oneOf"]]
@@ -132,7 +131,6 @@ class Events:
                     return event, sent
 
     async def ended(self):
-        """Read until the relay ends the stream."""
         await self._content.read()
 
     async def robot_with(self, **expected):
@@ -144,8 +142,6 @@ class Events:
 
 @pytest.fixture
 def follow(relay, http, memory_database):
-    """Follow the fleet as a user, by login."""
-
     @asynccontextmanager
     async def following(user):
         cookie = {

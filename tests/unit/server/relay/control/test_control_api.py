@@ -29,8 +29,6 @@ async def people(relay, memory_database, sim1):
 
 @pytest.fixture
 def ask(relay, http, people):
-    """Send a request as somebody; return status and body."""
-
     async def send(method, path, by=None, json=None, **headers):
         headers = (people[by] if by else {}) | headers
         async with http.request(method, relay.url + path, json=json, headers=headers) as answer:

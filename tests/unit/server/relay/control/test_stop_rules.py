@@ -82,7 +82,6 @@ class World:
         return link
 
     async def releasing(self, link):
-        """Have ann release SIM1, which waits for its guard."""
         release = asyncio.create_task(self.stops.release(SIM1, "ann"))
         await until(lambda: "release" in link.kinds, "it is on its way")
         return release

@@ -14,8 +14,6 @@ UPLINK = "/api/v1/robots/sim1/uplink"
 
 @pytest.fixture
 def show(relay, http, memory_database):
-    """Return status and body of the uplink as a user gets it."""
-
     async def ask(user):
         token = memory_database.add_credential("token", user)
         headers = {"Authorization": f"Bearer {token}"}

@@ -30,7 +30,6 @@ OFFLINE = CloseReason("robot_offline", "robot sim1 is offline")
 
 @asynccontextmanager
 async def serving(handler):
-    """Serve at an address that the block gets."""
     app = web.Application()
     app.router.add_get("/", handler)
     runner = web.AppRunner(app, access_log=None, handler_cancellation=True, shutdown_timeout=0.1)
@@ -44,8 +43,6 @@ async def serving(handler):
 
 @pytest.fixture
 def operator(http):
-    """Connect a client to an operator's end that talks as a test says."""
-
     @asynccontextmanager
     async def connected(talk):
         async def handle(request):

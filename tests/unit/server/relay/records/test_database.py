@@ -29,7 +29,6 @@ LOOK_UP = '{"op":"call_service","service":"/rosapi/topics"}'
 
 @pytest.fixture
 def paused(mariadb):
-    """A database that accepts connections and answers nothing."""
     mariadb.container.pause()
     try:
         yield mariadb

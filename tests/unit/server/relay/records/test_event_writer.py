@@ -35,7 +35,6 @@ def session(robot_id=7):
 
 @pytest_asyncio.fixture
 async def event_writer(memory_database):
-    """A writer that runs, and holds at most 5 entries."""
     async with _at_work(event_writer := EventWriter(memory_database, max_waiting=5)):
         yield event_writer
 
@@ -82,8 +81,6 @@ async def test_a_stop_and_the_end_of_former_sessions_are_never_dropped(
 
 
 class Picky(MemoryDatabase):
-    """Records that do not take the sessions of robot 13."""
-
     def __init__(self, problem):
         super().__init__()
         self._problem = problem

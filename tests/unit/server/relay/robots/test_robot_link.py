@@ -21,7 +21,6 @@ def presence(relay, robot):
 
 
 async def give_shell(relay, memory_database, robot):
-    """Switch the robot's shell on, and wait until the relay knows."""
     with_shell = replace(memory_database.robots[robot.id], shell_port=free_port())
     memory_database.robots = {robot.id: with_shell}
     await until(lambda: relay.relay.fleet.state().robots[robot.id] == with_shell, "it is known")

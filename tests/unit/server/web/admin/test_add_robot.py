@@ -30,7 +30,6 @@ def site_certificate(app, tmp_path):
 
 
 def names(database):
-    """The names of all join tokens, without the end that tells them apart."""
     with database.transaction() as tx:
         return [token.name.rpartition(" ")[0] for token in join_tokens.list_all(tx)]
 

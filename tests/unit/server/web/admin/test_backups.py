@@ -8,8 +8,6 @@ import pytest
 
 @pytest.fixture
 def said(app, admin, tmp_path):
-    """Record these times, as tools/backup does, and return the page."""
-
     def read(folder="", **record):
         shown = replace(app.extensions["robotether"], backup_record=tmp_path / folder)
         app.extensions["robotether"] = shown

@@ -133,7 +133,6 @@ def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
 
 
 def test_a_wrong_grant_comes_back_with_the_page(admin, database):
-    """The page has the sentence, and no grant is given."""
     before = all_grants(database)
     for wrong in (
         {"holder": "user:ghost"},

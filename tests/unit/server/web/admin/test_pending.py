@@ -15,7 +15,6 @@ def key_of(database, name):
 
 
 def approve(admin, robot, key, name=None):
-    """Send the form of the card; the status of the answer."""
     form = {"robot": robot, "fingerprint": fingerprint(key), "name": name or robot}
     return send(admin, "/admin/pending", **form).status_code
 
@@ -50,7 +49,6 @@ def test_a_key_is_shown_in_full_with_what_to_compare(admin, program):
 
 
 def test_an_unknown_robot_is_approved_under_another_name(admin, program, database):
-    """The robot is approved and renamed in one step."""
     join(program, "02:00:00:00:51:77", 1)
     assert approve(admin, "robot-005177", 1, "lift") == 303
     assert key_of(database, "lift") == ("active", fingerprint(1))

@@ -79,7 +79,6 @@ def test_list_shows_what_the_search_finds(admin):
 
 
 def test_an_empty_fleet_says_what_to_do_first(admin, database):
-    """An empty fleet has one link to the first step."""
     with database.transaction() as tx:
         for name in ("sim1", "sim2"):
             robots.remove(tx, robots.get(tx, name).id)
@@ -98,7 +97,6 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin, program):
 
 
 def insert_sessions(database, count):
-    """Sessions of sim1 that a lost link ended; returns the robot."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
         tx.change(
@@ -119,7 +117,6 @@ def test_overview_tells_what_is_known(admin, program, admin_database):
 
 
 def test_history_has_the_last_of_everything(admin, program, admin_database):
-    """The history has the newest entries and leads to all of them."""
     join(program, MAC, 1)
     path = "/admin/robots/sim1/history"
     insert_sessions(admin_database, 10)
@@ -168,7 +165,6 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_databas
 
 @pytest.fixture
 def active(admin, program):
-    """sim1 has joined and is approved."""
     join(program, MAC, 1)
     form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
     assert send(admin, "/admin/pending", **form).status_code == 303
@@ -274,7 +270,6 @@ def test_no_more_is_ticked_than_an_address_holds(admin):
 
 
 def test_a_list_of_robots_has_pages(admin, admin_database):
-    """A page shows 50 and says which."""
     with admin_database.transaction() as tx:
         for number in range(3, 62):
             tx.change(

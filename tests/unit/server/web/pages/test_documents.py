@@ -20,7 +20,6 @@ def site(tmp_path, monkeypatch):
 
 
 def read(program, path):
-    """The body and the headers; the file that was sent is closed."""
     with program.ask("GET", path) as answer:
         assert answer.status_code == 200
         return answer.data, answer.headers
@@ -50,7 +49,6 @@ def test_nothing_else_is_sent(program):
 
 
 def test_a_server_without_the_site_says_so(program, tmp_path, monkeypatch):
-    """A server that runs from a checkout says that it has no site of documents."""
     monkeypatch.setattr(documents, "SITE", tmp_path / "none")
     answer = program.ask("GET", "/docs/")
     assert answer.status_code == 404

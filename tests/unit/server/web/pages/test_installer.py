@@ -62,7 +62,6 @@ def test_caches_ask_again(program, folder):
 
 
 def test_nothing_else_is_served(program, folder):
-    """Only files of the manifest are served."""
     for name in ("secret", "join.sh", "ghost", "..%2fsecret", "%2e%2e/manifest"):
         assert program.ask("GET", f"/agent/{name}").status_code == 404, name
 

@@ -18,7 +18,6 @@ def test_everybody_has_a_profile(browser):
 
 
 def test_ssh_configuration_of_the_robots_that_one_manages(browser, database):
-    """The configuration has the host at which the page was opened."""
     with database.transaction() as tx:
         robot = robots.get(tx, "sim1")
         robots.set_state(tx, robot.id, "active")

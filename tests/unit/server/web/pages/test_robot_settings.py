@@ -45,7 +45,6 @@ def write(database, settings):
 
 
 def tabs(page):
-    """The titles of the tabs, and which of them is the page."""
     [nav] = re.findall(r'<nav class="tabs".*?</nav>', page, re.S)
     links = re.findall(r"<a ([^>]*)>([^<]*)</a>", nav)
     return [(title, 'aria-current="page"' in attributes) for attributes, title in links]
@@ -275,7 +274,6 @@ def test_wrong_camera_is_said_at_its_row(manager, database):
 
 
 def test_there_is_room_for_as_many_cameras_as_may_be(manager):
-    """The form has room for the maximum number of cameras and no more."""
     topics = [f"/camera_{number}" for number in range(MAX_CAMERAS)]
     form = filled(manager, CAMERAS) | {"topic": topics, "name": ["x"] * len(topics)}
     assert send(manager, CAMERAS, **form | {"turned_deg": ["0"] * len(topics)}).status_code == 303

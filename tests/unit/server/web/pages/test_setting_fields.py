@@ -19,7 +19,6 @@ FIELDS = [field for tab in TABS for field in tab.fields]
 
 
 def leaves(settings, above):
-    """The paths of all single settings."""
     found = []
     for name, value in settings.items():
         inner = isinstance(value, Mapping)

@@ -167,7 +167,6 @@ async def test_a_frozen_page_keeps_the_lease_but_drives_nothing(relay, guarded, 
 
 
 async def test_a_flood_ends_with_the_newest_command(relay, guarded, sim1, http):
-    """Whatever is left out, the last command of many arrives."""
     async with FakeOperator(http, relay.ros_url(sim1)) as ann:
         await ann.clock_sync()
         await ann.floods(500)

@@ -20,7 +20,6 @@ ANN = RelayUser(1, "ann")
 
 
 async def refusal(http, url, **headers):
-    """Try to open a WebSocket; return status and code of the refusal."""
     upgrade = {
         "Upgrade": "websocket",
         "Connection": "Upgrade",

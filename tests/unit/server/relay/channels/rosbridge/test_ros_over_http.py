@@ -41,8 +41,6 @@ async def people(relay, memory_database, sim1):
 
 @pytest.fixture
 def ask(relay, http, people):
-    """Send a request as somebody; return its status and body."""
-
     async def send(method, path, by="bob", args=None):
         url = URL(relay.url + path, encoded=True)
         async with http.request(method, url, json=args, headers=people[by]) as answer:
@@ -218,8 +216,6 @@ async def test_who_does_not_take_the_answer_is_cut(relay, robot, people, monkeyp
 
 @pytest_asyncio.fixture
 async def serving(guarded):
-    """Answer the next call as rosbridge does."""
-
     async def answer(**members):
         await until(lambda: of_operation(guarded, "call_service"), "the call has come")
         response = {"op": "service_response", "id": "call", "result": True} | members

@@ -25,7 +25,6 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 @pytest_asyncio.fixture
 async def observe(relay, sim1, http, robot):
-    """Open observers' connections that are closed at the end."""
     opened = []
 
     async def open_one(*messages):
