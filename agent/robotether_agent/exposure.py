@@ -29,6 +29,7 @@ ADDRESS_ADVICE = "start it with address:=127.0.0.1, a parameter of its launch fi
 FIREWALL_ADVICE = "this rosbridge of ROS 1 ignores address:=127.0.0.1; close its port as docs/howto/ros1-robot.md says"
 FIREWALLED = "AutobahnPython"
 TIMEOUT_S = 1.0
+DEFAULT_PORTS = {"https": 443, "wss": 443, "rtsp": 554}
 # The kernel's lists of TCP sockets, and the state LISTEN in them.
 LISTS = ("tcp", "tcp6")
 LISTEN = "0A"
@@ -45,7 +46,7 @@ Address = ipaddress.IPv4Address | ipaddress.IPv6Address
 def port_of(url: str) -> int:
     """Return the port of a service's URL."""
     split = urlsplit(url)
-    return split.port or (443 if split.scheme in {"https", "wss"} else 80)
+    return split.port or DEFAULT_PORTS.get(split.scheme, 80)
 
 
 def exposed_at(url: str, lists: Path = Path("/proc/self/net")) -> str:

@@ -16,6 +16,7 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from http import HTTPStatus
+from pathlib import Path
 from urllib.parse import urlsplit
 
 import aiohttp
@@ -178,7 +179,7 @@ class Health:
 
     async def _has_camera(self) -> bool:
         for url in self._source_settings.cameras.values():
-            if await _is_open(url):
+            if await _is_there(url):
                 return True
         return False
 
@@ -231,6 +232,13 @@ class Health:
         async with self._condition:
             self.report = report
             self._condition.notify_all()
+
+
+async def _is_there(camera_url: str) -> bool:
+    """Return whether a camera's device exists, or somebody accepts connections at its URL's port."""
+    if camera_url.startswith("/"):
+        return await asyncio.to_thread(Path(camera_url).exists)
+    return await _is_open(camera_url)
 
 
 async def _is_open(url: str) -> bool:

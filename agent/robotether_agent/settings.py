@@ -44,6 +44,7 @@ MAX_PORT = 65535
 PORT = re.compile(r"[0-9]{1,5}")
 CAMERA_NAME = re.compile(r"[A-Za-z0-9_/][A-Za-z0-9_./-]{0,63}")
 MAX_CAMERAS = 8
+DEVICE = re.compile(r"/dev/video[0-9]{1,3}")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -226,10 +227,11 @@ def _is_bare(split: SplitResult) -> bool:
 
 
 def _cameras(value: object) -> tuple[str, ...]:
-    """Return NAME=URL for each camera that ROS does not know; the URL may contain a login."""
+    """Return NAME=URL for each camera that ROS does not know; the URL may contain a login, or be a device."""
     items = value.split() if isinstance(value, str) else value
     allowed = (
-        f"up to {MAX_CAMERAS} NAME=URL of MJPEG cameras, with http:// or https:// and different names,"
+        f"up to {MAX_CAMERAS} NAME=URL of cameras with different names: http:// or https:// of MJPEG, rtsp://,"
+        " or a device /dev/videoN,"
         ' such as ["rear=http://10.0.0.7/video"] (in the environment with blanks between them)'
     )
     if not isinstance(items, list) or not all(isinstance(item, str) for item in items):
@@ -246,8 +248,8 @@ def _check_camera(item: str, allowed: str) -> None:
     name, _, url = item.partition("=")
     split = _split(url, allowed)
     is_plain = url.isascii() and url.isprintable() and " " not in url
-    is_http = split.scheme in {"http", "https"} and bool(split.hostname)
-    if not (CAMERA_NAME.fullmatch(name) and is_plain and is_http):
+    is_url = split.scheme in {"http", "https", "rtsp"} and bool(split.hostname)
+    if not (CAMERA_NAME.fullmatch(name) and is_plain and (is_url or DEVICE.fullmatch(url))):
         raise RefusedValueError(allowed)
 
 

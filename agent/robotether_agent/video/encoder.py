@@ -13,10 +13,9 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import signal
 import sys
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager, suppress
+from contextlib import asynccontextmanager
 from dataclasses import replace
 from importlib.util import find_spec
 from typing import NoReturn
@@ -24,10 +23,9 @@ from typing import NoReturn
 from robotether_common.frames import ENCODER_STARTS
 
 from robotether_agent.clock import robot_time
-from robotether_agent.own_programs import program_environment
 from robotether_agent.tasks import within
+from robotether_agent.video.av_process import AvProcess, ProcessEndedError, av_process
 from robotether_agent.video.encoder_messages import (
-    LENGTH,
     MAX_ANSWER_BYTES,
     EncodedFrame,
     EncodeRequest,
@@ -38,8 +36,8 @@ from robotether_agent.video.encoder_messages import (
 
 COMMAND = (sys.executable, "-m", "robotether_agent.video.encoder_process")
 MIN_CORES = 2
-# Time limits for the process's start, for a frame, and for the end of one that was killed.
-START_S, ANSWER_S, END_S = 20.0, 3.0, 5.0
+# Time limits for the process's start, and for a frame.
+START_S, ANSWER_S = 20.0, 3.0
 # Pause after a failure, doubled after each, and its maximum.
 PAUSE_S, MAX_PAUSE_S = 2.0, 120.0
 # Time after which a process that fails has been well before.
@@ -74,8 +72,7 @@ class VideoEncoder:
         self._on_change = on_change
         self._command = command
         self._clock = clock
-        self._process: asyncio.subprocess.Process | None = None
-        self._reads = asyncio.Lock()
+        self._process: AvProcess | None = None
         self._failure: asyncio.Future[str] | None = None
         self._pause_s, self._min_pause_s = PAUSE_S, 0.0
         self._refusals = 0
@@ -129,8 +126,8 @@ class VideoEncoder:
         try:
             async with self._running():
                 return await self._failed()
-        except (EncoderError, OSError) as error:
-            return str(error)
+        except (EncoderError, ProcessEndedError, OSError) as error:
+            return _reason(error)
 
     def _pause(self, ran_s: float) -> float:
         if ran_s > STABLE_S:
@@ -150,90 +147,37 @@ class VideoEncoder:
     @asynccontextmanager
     async def _running(self) -> AsyncIterator[None]:
         """Start a process, and kill it at the end."""
-        process = await asyncio.create_subprocess_exec(
-            *self._command,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            env=program_environment(os.environ),
-        )
-        try:
-            await self._until_ready(process)
-            self._process, self._refusals = process, 0
-            self._change("")
-            yield
-        finally:
-            self._process = None
-            _kill(process)
-            await self._reap(process)
+        async with av_process(self._command) as process:
+            try:
+                await self._until_ready(process)
+                self._process, self._refusals = process, 0
+                self._change("")
+                yield
+            finally:
+                self._process = None
 
-    async def _reap(self, process: asyncio.subprocess.Process) -> None:
-        """Wait until a killed process is gone and its pipes are closed, also when this is cancelled meanwhile."""
-        reaping = asyncio.ensure_future(within(END_S, self._read_to_end(process)))
-        try:
-            await asyncio.wait({reaping})
-        except asyncio.CancelledError:
-            await asyncio.wait({reaping})
-            raise
-        finally:
-            if not reaping.cancelled() and reaping.exception() is not None:
-                log.warning("an encoder that was killed is still there")
-
-    async def _read_to_end(self, process: asyncio.subprocess.Process) -> None:
-        # Whoever reads its answer sees its end first.
-        async with self._reads:
-            await process.communicate()
-
-    async def _until_ready(self, process: asyncio.subprocess.Process) -> None:
+    async def _until_ready(self, process: AvProcess) -> None:
         """Wait for its first message, which is empty."""
         try:
-            await within(START_S, _message(process))
+            await within(START_S, process.message(MAX_ANSWER_BYTES))
         except asyncio.TimeoutError as error:
             raise EncoderError(f"the encoder did not start within {START_S:g} s") from error
 
-    async def _answer(
-        self, process: asyncio.subprocess.Process, request: EncodeRequest
-    ) -> EncodedFrame:
+    async def _answer(self, process: AvProcess, request: EncodeRequest) -> EncodedFrame:
         if not self._allows_hardware:
             request = replace(request, allows_hardware=False)
         try:
-            async with self._reads:
-                answer = await within(ANSWER_S, _ask(process, request.packed()))
-            return unpacked_answer(answer)
+            return unpacked_answer(await within(ANSWER_S, _ask(process, request.packed())))
         except asyncio.TimeoutError as error:
             raise EncoderError(f"the encoder made no frame within {ANSWER_S:g} s") from error
+        except ProcessEndedError as error:
+            raise EncoderError(_reason(error)) from error
 
 
-async def _ask(process: asyncio.subprocess.Process, message: bytes) -> bytes:
-    assert process.stdin is not None  # noqa: S101 - it is a pipe
-    with suppress(ConnectionError):
-        # Its end shows when it is read.
-        process.stdin.write(message)
-        await process.stdin.drain()
-    return await _message(process)
+async def _ask(process: AvProcess, message: bytes) -> bytes:
+    await process.send(message)
+    return await process.message(MAX_ANSWER_BYTES)
 
 
-async def _message(process: asyncio.subprocess.Process) -> bytes:
-    """Return the next message of a process; EncoderError where it has ended."""
-    assert process.stdout is not None  # noqa: S101 - it is a pipe
-    try:
-        (length,) = LENGTH.unpack(await process.stdout.readexactly(LENGTH.size))
-        if length > MAX_ANSWER_BYTES:
-            raise EncoderError("the encoder's answer makes no sense")
-        return await process.stdout.readexactly(length)
-    except asyncio.IncompleteReadError as error:
-        raise EncoderError(f"the encoder ended: {await _exit_of(process)}") from error
-
-
-async def _exit_of(process: asyncio.subprocess.Process) -> str:
-    try:
-        code = await within(END_S, process.wait())
-    except asyncio.TimeoutError:
-        return "it has closed its output"
-    return f"exit code {code}" if code >= 0 else signal.Signals(-code).name
-
-
-def _kill(process: asyncio.subprocess.Process) -> None:
-    if process.stdin is not None:
-        process.stdin.close()
-    with suppress(ProcessLookupError):
-        process.kill()
+def _reason(error: Exception) -> str:
+    return f"the encoder ended: {error}" if isinstance(error, ProcessEndedError) else str(error)

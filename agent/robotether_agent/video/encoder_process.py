@@ -1,22 +1,16 @@
 """Encodes a camera's frames: `python -m robotether_agent.video.encoder_process`, requests on stdin, answers on stdout.
 
-Started by video.encoder, one for a camera; the only program that imports PyAV. It must never take the processor or the
-memory from the guard: it has the lowest priority, is the first that the kernel ends for want of memory, and has a
-limit. It ends with its standard input, or with the agent. A frame that it cannot encode does not end it.
+Started by video.encoder, one for a camera. It ends with its standard input, or with the agent. A frame that it cannot
+encode does not end it.
 """
 
 from __future__ import annotations
 
-import ctypes
-import os
-import resource
-import signal
 import sys
 import time
 from contextlib import suppress
 from dataclasses import replace
 from fractions import Fraction
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import av
@@ -24,6 +18,7 @@ from av.video.frame import PictureType
 from robotether_common.codecs import H264, VP8, Codec
 from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_SIDE
 
+from robotether_agent.video.av_program import private_output, step_back
 from robotether_agent.video.encoder_messages import (
     LENGTH,
     MAX_REQUEST_BYTES,
@@ -35,10 +30,6 @@ from robotether_agent.video.encoder_messages import (
 )
 from robotether_agent.video.jpeg import jpeg_size
 
-NICENESS = 10
-# Maximum memory in bytes that is not shared with other programs: enough for 1920x1080, and not for 3840x2160.
-MAX_DATA_BYTES = 192 * 1024 * 1024
-PR_SET_PDEATHSIG = 1
 # FFmpeg's encoders by codec, in the order in which they are tried.
 HARDWARE: dict[Codec, tuple[str, ...]] = {H264: ("h264_v4l2m2m", "h264_nvenc", "h264_qsv"), VP8: ()}
 SOFTWARE: dict[Codec, str] = {H264: "libx264", VP8: "libvpx"}
@@ -265,28 +256,12 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
         answers.flush()
 
 
-def step_back() -> None:
-    """Leave processor and memory to the robot, and end with the agent."""
-    os.nice(NICENESS)
-    resource.setrlimit(resource.RLIMIT_DATA, (MAX_DATA_BYTES, MAX_DATA_BYTES))
-    with suppress(OSError):
-        Path("/proc/self/oom_score_adj").write_text("1000")
-    # Its standard input, which also ends with the agent, is not read while it encodes.
-    with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def main() -> int:
     """Run the process."""
-    # Ctrl-C at a terminal is for the agent, which ends this.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     step_back()
     av.logging.set_level(av.logging.PANIC)
-    # What a library prints must not be an answer.
-    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     with suppress(BrokenPipeError):
-        serve(sys.stdin.buffer, answers)
+        serve(sys.stdin.buffer, private_output())
     return 0
 
 

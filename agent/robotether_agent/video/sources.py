@@ -1,6 +1,6 @@
 """Opens a camera's source by its name and the settings: one function a kind.
 
-mjpeg      web_video_server's /stream, and any URL that `cameras` names
+mjpeg      web_video_server's /stream, and any URL that `cameras` names; RTSP and devices by a process of their own
 rosbridge  sensor_msgs/CompressedImage, also of a camera that web_video_server cannot show
 
 Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
@@ -12,10 +12,13 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
+import struct
+import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from typing import NoReturn
 from urllib.parse import quote
 
@@ -38,6 +41,9 @@ from robotether_agent.rosbridge import (
     connected,
 )
 from robotether_agent.tasks import first_of, within
+from robotether_agent.video import camera_messages
+from robotether_agent.video.av_process import ProcessEndedError, av_process
+from robotether_agent.video.camera_messages import FRAME_HEADER
 from robotether_agent.video.jpeg import JPEG_START
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
@@ -63,6 +69,9 @@ MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # Part of the interval between frames that rosbridge waits; all of it would drop every second frame
 # of a camera at the requested rate.
 THROTTLE = 0.75
+# Time limit for the first frame of an RTSP or V4L2 camera: its process starts, connects, and waits for a key frame.
+CAMERA_START_S = 25.0
+CAMERA_COMMAND = (sys.executable, "-m", "robotether_agent.video.camera_process")
 
 
 @dataclass(frozen=True)
@@ -178,7 +187,10 @@ class Sources:
         url = self._source_settings.cameras.get(source_request.topic)
         if url is not None:
             on_kind("mjpeg")
-            await run_mjpeg(self._http, url, on_frame, what=f"camera {source_request.topic}")
+            what = f"camera {source_request.topic}"
+            if url.startswith("http"):
+                await run_mjpeg(self._http, url, on_frame, what=what)
+            await run_camera(url, on_frame, what=what)
         elif self._source_settings.source == "rosbridge":
             await self._run_rosbridge(source_request, on_frame, on_kind)
         elif self._source_settings.source == "web_video_server":
@@ -360,6 +372,38 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
         stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
     timestamp_s, is_stamped = timestamp_of(stamp, arrived)
     on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
+
+
+async def run_camera(
+    url: str, on_frame: OnFrame, *, what: str, command: Sequence[str] = CAMERA_COMMAND
+) -> NoReturn:
+    """Give the frames of an RTSP or V4L2 camera, as JPEGs that a process of its own makes."""
+    if find_spec("av") is None:
+        raise SourceDownError(f"{what} needs PyAV: install robotether-agent[video]")
+    try:
+        async with av_process(command) as process:
+            # Not as an argument, which everybody on the robot may read.
+            await process.send(f"{url}\n".encode())
+            limit_s = CAMERA_START_S
+            while True:
+                message = await within(limit_s, process.message(camera_messages.MAX_MESSAGE_BYTES))
+                on_frame(_camera_frame(message, what))
+                limit_s = STALL_S
+    except asyncio.TimeoutError as error:
+        raise SourceDownError(f"{what} sent no frame for {limit_s:g} s") from error
+    except (ProcessEndedError, OSError) as error:
+        raise SourceDownError(f"{what} cannot be read: {error}") from error
+
+
+def _camera_frame(message: bytes, what: str) -> CameraFrame:
+    try:
+        kind, arrived_s = FRAME_HEADER.unpack_from(message)
+    except struct.error as error:
+        raise ProcessEndedError("its answer makes no sense") from error
+    data = message[FRAME_HEADER.size :]
+    if kind != camera_messages.FRAME:
+        raise SourceDownError(f"{what} cannot be read: {printable(data.decode(), 100)}")
+    return CameraFrame(data, arrived_s, arrived_s)
 
 
 async def run_rosbridge(

@@ -112,6 +112,7 @@ def test_what_was_parsed_parses_to_itself(key, value):
         ("video_source", "rosbridge", "rosbridge"),
         ("video_encoder", "OFF", "off"),
         ("cameras", [], ()),
+        ("cameras", ["rear=rtsp://a/b", "v=/dev/video0"], ("rear=rtsp://a/b", "v=/dev/video0")),
         ("cameras", ["rear=http://a/v?x=1&y=a=b"], ("rear=http://a/v?x=1&y=a=b",)),
         (
             "cameras",
@@ -185,7 +186,9 @@ def test_takes_every_usual_spelling(key, value, parsed):
         ("video_encoder", "on", "auto"),
         ("cameras", "rear", "NAME=URL"),
         ("cameras", ["rear=http://a", "rear=http://b"], "different names"),
-        ("cameras", ["rear=rtsp://a/b"], "http://"),
+        ("cameras", ["rear=file:///etc/passwd"], "http://"),
+        ("cameras", ["rear=/dev/sda"], "/dev/videoN"),
+        ("cameras", ["rear=/dev/video0/../sda"], "/dev/videoN"),
         ("cameras", ["=http://a"], "NAME=URL"),
         ("cameras", ["a b=http://a"], "NAME=URL"),
         ("cameras", ["rear=http:///x"], "NAME=URL"),
