@@ -18,6 +18,7 @@ import agent_memory
 import behind_video
 import both_robots
 import bulk_topics
+import codec_bits
 import comebacks
 import drive_page
 import fan_out
@@ -27,6 +28,7 @@ import round_trip
 import seen_age
 import stopping
 import video
+from clips import SIZES
 from demo import ROOT, Demo
 from report import Section, commit, machine, wrapped
 
@@ -45,6 +47,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "round_trip": lambda demo, quick: round_trip.measure(demo, 200 if quick else 3000),
     "behind_video": lambda _, quick: behind_video.measure(5 if quick else behind_video.SECONDS),
     "bulk_topics": lambda _, quick: bulk_topics.measure(5 if quick else bulk_topics.SECONDS),
+    "codecs": lambda _, quick: codec_bits.measure(*((2, SIZES[:1]) if quick else ())),
     "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
     "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),
