@@ -13,19 +13,28 @@ import asyncio
 import random
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
-from behind_video import DOWN, UP, UP_MBIT_S
+from behind_video import CODECS_VIEWED, DOWN, UP, UP_MBIT_S
 from demo import Demo
-from frame_stamp import read_stamp
 from link import Link, Shape, why_not_here
 from local_network import insecure_tls
 from relay_server import until
 from report import Row, Section, quantiles
-from video import CAMERA, ROBOT, STARTS_WITHIN_S, Frame, linked_robot, until_seen, view_frames
+from robotether_common.codecs import JPEG
+from video import (
+    CAMERA,
+    FPS,
+    ROBOT,
+    STARTS_WITHIN_S,
+    Frame,
+    linked_robot,
+    until_seen,
+    view_frames,
+)
 
 SECONDS = 60.0
 # Interval between commands: the guard reports twice a second, so that each report is of one command.
@@ -50,10 +59,20 @@ class Seen:
 
     sent_ms: float
     guards_ms: float
+    codec: str = JPEG.name
 
     def error_ms(self, delay_ms: float) -> float:
         """How much more the guard measured than the network's delay explains."""
         return self.guards_ms - self.sent_ms - delay_ms
+
+
+@dataclass(frozen=True)
+class DriverView:
+    """What a driver views; it may drive by the newest frame, or name any of the last ones."""
+
+    stream_request: Mapping[str, Any]
+    camera: str = CAMERA
+    by_newest: bool = False
 
 
 # Gives the address of what a robot has, with a ticket of this mode.
@@ -63,8 +82,8 @@ Address = Callable[[str, str], str]
 class Driver:
     """A connection that drives; it reads all the time, as the age of a command counts from an answered ping."""
 
-    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
-        self._socket = socket
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse, camera: str) -> None:
+        self._socket, self._camera = socket, camera
         self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
 
     async def read(self) -> None:
@@ -79,8 +98,7 @@ class Driver:
 
     async def command(self, frame: Frame, speed: float) -> Seen:
         """Send one command that names this frame, and wait for the guard's age."""
-        drawn_at = read_stamp(frame.jpeg)
-        stamp = {"seen": [{"camera": CAMERA, "frame": frame.sequence}]}
+        stamp = {"seen": [{"camera": self._camera, "frame": frame.sequence}]}
         message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}
         sent_at = time.time()
         await self._socket.send_json({**message, "robotether": stamp})
@@ -89,40 +107,47 @@ class Driver:
             raise RuntimeError(f"cannot measure: {answer.get('msg')}")
         if answer["age_ms"] is None:
             raise RuntimeError("cannot measure: the guard does not know the frame")
-        return Seen((sent_at - drawn_at) * 1000, answer["age_ms"])
+        return Seen((sent_at - frame.drawn_at) * 1000, answer["age_ms"], frame.codec.name)
 
 
-async def drive(driver: Driver, frames: Sequence[Frame], seconds: float) -> list[Seen]:
-    """Drive for so long, to and fro, with any of the last frames at each command."""
+async def drive(
+    driver: Driver, frames: Sequence[Frame], seconds: float, view: DriverView
+) -> list[Seen]:
+    """Drive for so long, to and fro, with a frame of the last ones at each command."""
     chance, seen = random.Random(1), list[Seen]()
     await asyncio.sleep(SETTLE_S)
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         speed = SPEED_M_S * (-1) ** len(seen)
-        seen.append(await driver.command(chance.choice(frames), speed))
+        frame = frames[-1] if view.by_newest else chance.choice(frames)
+        seen.append(await driver.command(frame, speed))
         await asyncio.sleep(COMMAND_EVERY_S)
     return seen
 
 
-async def run(address: Address, seconds: float, **how: Any) -> list[Seen]:
+async def run(address: Address, seconds: float, view: DriverView, **how: Any) -> list[Seen]:
     """Have somebody drive who views the robot's camera; `how` goes to ws_connect."""
-    url = address(f"video/frames?topic={CAMERA}&", "observe")
+    url = address(f"video/frames?topic={view.camera}&", "observe")
     frames = deque[Frame](maxlen=FRAMES)
     async with aiohttp.ClientSession() as http, asyncio.TaskGroup() as group:
-        viewing = group.create_task(view_frames(http, url, frames.append, **how))
+        viewing = group.create_task(
+            view_frames(http, url, frames.append, view.stream_request, **how)
+        )
         await until(lambda: len(frames) == FRAMES, f"{FRAMES} frames", STARTS_WITHIN_S)
         async with http.ws_connect(address("ros?", "drive"), compress=0, **how) as socket:
-            driver = Driver(socket)
+            driver = Driver(socket, view.camera)
             reading = group.create_task(driver.read())
-            seen = await drive(driver, frames, seconds)
+            seen = await drive(driver, frames, seconds, view)
             for task in (viewing, reading):
                 task.cancel()
         return seen
 
 
-async def run_behind(link: Link, seconds: float) -> list[Seen]:
+async def run_behind(
+    link: Link, seconds: float, views: Sequence[DriverView], camera_fps: int = FPS
+) -> list[list[Seen]]:
     """The same with the real relay, OpenSSH and agent; this thread must be in the server's namespace."""
-    async with linked_robot(link) as (site, subject):
+    async with linked_robot(link, camera_fps) as (site, subject):
         relay, robot = site.relay, subject.robot
 
         def address(path: str, mode: str) -> str:
@@ -133,7 +158,7 @@ async def run_behind(link: Link, seconds: float) -> list[Seen]:
                 http, address(f"video/frames?topic={CAMERA}&", "observe"), on_frame
             )
         )
-        return await run(address, seconds)
+        return [await run(address, seconds, view) for view in views]
 
 
 def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
@@ -143,6 +168,8 @@ def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
     named = quantiles(errors, 0, 0.5, 0.99, 1, unit="ms")
     return {
         "where": where,
+        # Of the frames that came, whatever was requested.
+        "codec": ", ".join(sorted({command.codec for command in seen})),
         "commands": len(seen),
         "age when sent, p50, ms": age_ms,
         **{f"error, {name}": value for name, value in named.items()},
@@ -159,11 +186,15 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
     def address(path: str, mode: str) -> str:
         return f"{demo.url}/robots/{ROBOT}/{path}ticket={demo.ticket(ROBOT, mode)}"
 
-    rows = [row("loopback", asyncio.run(run(address, seconds, ssl=insecure_tls())))]
+    views = [DriverView({"codecs": [codec]}) for codec in CODECS_VIEWED]
+    rows = [
+        row("loopback", asyncio.run(run(address, seconds, view, ssl=insecure_tls())))
+        for view in views
+    ]
     for name, (up, down) in NETWORKS.items():
         with Link(up=up, down=down) as link, link.server.entered():
-            seen = asyncio.run(run_behind(link, seconds))
-        rows.append(row(name, seen, down.delay_s * 1000))
+            by_codec = asyncio.run(run_behind(link, seconds, views))
+        rows += [row(name, seen, down.delay_s * 1000) for seen in by_codec]
     text = (
         f"A program names one of the last {FRAMES} frames in each command. The error is the age that the robot's guard "
         "reports, less the frame's age by the clock drawn into it when the command was sent, and less the network's "

@@ -10,6 +10,7 @@ Used by `bench`; needs `make demo`, and root for the link.
 from __future__ import annotations
 
 import asyncio
+import io
 import sys
 import tempfile
 import time
@@ -22,19 +23,24 @@ from typing import Any
 import aiohttp
 import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
-from behind_video import DOWN, UP, UP_MBIT_S
+from behind_video import CODECS_VIEWED, DOWN, UP, UP_MBIT_S
 from demo import Demo
-from frame_stamp import read_stamp
+from frame_stamp import read_stamp, stamp_of
 from link import Link, why_not_here
 from local_network import free_port, insecure_tls
 from paper.programs import Program, our_environment
+from PIL import Image
 from recovery import Network, Site, Subject, start_site, start_subject
 from relay_server import until
 from report import Row, Section, quantiles
-from robotether_common.frames import HEADER, MAX_CREDITS
+from robotether_common.codecs import CODECS, JPEG, Codec
+from robotether_common.frames import HEADER, KEY, MAX_CREDITS
+from video_clips import Decoder
 
 ROBOT_VIDEO_PORT = 8080
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
+# Turns fast and has noise.
+FAST_CAMERA = "/turret/image_raw"
 SECONDS = 12.0
 SETTLE_S = 5.0
 STARTS_WITHIN_S = 30.0
@@ -52,17 +58,52 @@ AIM_PERCENT = 5
 
 @dataclass(frozen=True)
 class Frame:
-    """One frame, and the Unix time in s at which it was whole, before anything else was done with it."""
+    """One frame, and the Unix time in s at which it was whole, before anything else was done with it.
+
+    One that depends on others is decoded at once, in its turn.
+    """
 
     received_at: float
-    jpeg: bytes
+    data: bytes
     # Of the frames protocol.
     sequence: int = 0
+    codec: Codec = JPEG
+    decoded: Image.Image | None = None
+
+    @property
+    def drawn_at(self) -> float:
+        """Unix time in s of what it shows; NoStampError when it does not tell."""
+        return read_stamp(self.data) if self.decoded is None else stamp_of(self.decoded)
 
     @property
     def age_ms(self) -> float:
-        """How old what it shows was by then; NoStampError when it does not tell."""
-        return (self.received_at - read_stamp(self.jpeg)) * 1000
+        """How old what it shows was when it was whole; NoStampError when it does not tell."""
+        return (self.received_at - self.drawn_at) * 1000
+
+    @property
+    def width(self) -> int:
+        if self.decoded is not None:
+            return self.decoded.width
+        with Image.open(io.BytesIO(self.data)) as opened:
+            return opened.width
+
+
+class FrameReader:
+    """Makes frames of one connection's messages; one that does not follow from those before it is an error."""
+
+    def __init__(self) -> None:
+        self._decoder: Decoder | None = None
+
+    def read(self, received_at: float, message: bytes) -> Frame:
+        number, flags, _, sequence, _ = HEADER.unpack_from(message)
+        codec, data = CODECS[number], message[HEADER.size :]
+        if not codec.depends_on_earlier:
+            return Frame(received_at, data, sequence)
+        # Another size is another sequence of frames, which begins with a key frame.
+        if self._decoder is None or flags & KEY:
+            self._decoder = Decoder(codec.name)
+        image = Image.fromarray(self._decoder.decode(data))
+        return Frame(received_at, data, sequence, codec, image)
 
 
 OnFrame = Callable[[Frame], None]
@@ -78,6 +119,7 @@ async def view_frames(
     **how: Any,
 ) -> None:
     """Take frames by credit until the connection ends or the task is cancelled; `how` goes to ws_connect."""
+    reader = FrameReader()
     async with http.ws_connect(url, compress=0, max_msg_size=0, **how) as socket:
         await socket.send_json({"op": "stream_request", **(stream_request or {})})
         await socket.send_json({"op": "credit", "frames": MAX_CREDITS})
@@ -86,7 +128,7 @@ async def view_frames(
                 received_at = time.time()
                 sequence = HEADER.unpack_from(message.data)[3]
                 await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
-                on_frame(Frame(received_at, message.data[HEADER.size :], sequence))
+                on_frame(reader.read(received_at, message.data))
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 
@@ -140,7 +182,9 @@ async def looking(
             yield seen
 
 
-async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
+async def viewed(
+    where: str, transport: str, view: View, seconds: float, camera: str = CAMERA
+) -> Row:
     """Look for so long, after a while in which whatever fills up may fill up."""
     async with looking([view], f"a frame: {where}, {transport}") as [seen]:
         await asyncio.sleep(SETTLE_S)
@@ -149,13 +193,17 @@ async def viewed(where: str, transport: str, view: View, seconds: float) -> Row:
         frames = list(seen)
     if len(frames) < 2:
         raise RuntimeError(f"cannot measure {transport}, {where}: {len(frames)} frames came")
-    size = sum(len(frame.jpeg) for frame in frames)
+    size = sum(len(frame.data) for frame in frames)
     return {
         "where": where,
+        "camera": camera,
         "route": transport,
+        # What came, whatever was requested.
+        "codec": ", ".join(sorted({frame.codec.name for frame in frames})),
         "frames": len(frames),
         **quantiles([frame.age_ms for frame in frames], 0.5, 0.95, 1, unit="ms"),
         "frames/s": len(frames) / seconds,
+        "pixels wide": sum(frame.width for frame in frames) / len(frames),
         "KB a frame": size / len(frames) / 1000,
         "Mbit/s": size * 8 / seconds / 1e6,
     }
@@ -165,9 +213,9 @@ async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     """The demo's robot as a viewer outside sees it."""
     where = "loopback"
 
-    def ours(what: str) -> str:
+    def ours(what: str, camera: str) -> str:
         ticket = demo.ticket(ROBOT, "observe")
-        return f"{demo.url}/robots/{ROBOT}/video/{what}?topic={CAMERA}&ticket={ticket}"
+        return f"{demo.url}/robots/{ROBOT}/video/{what}?topic={camera}&ticket={ticket}"
 
     rows = await ours_viewed(where, ours, seconds, ssl=insecure_tls())
     with bare_tunnel(f"{demo.address_of(ROBOT)}:{ROBOT_VIDEO_PORT}") as port:
@@ -182,18 +230,25 @@ def plain(port: int, quality: int) -> View:
 
 
 async def ours_viewed(
-    where: str, url: Callable[[str], str], seconds: float, **how: Any
+    where: str, url: Callable[[str, str], str], seconds: float, **how: Any
 ) -> list[Row]:
-    views: Mapping[str, View] = {
-        "Robotether, frames protocol": lambda http, on_frame: view_frames(
-            http, url("frames"), on_frame, **how
-        ),
-        "Robotether, multipart stream": lambda http, on_frame: view_stream(
-            http, url("stream"), on_frame, **how
-        ),
-    }
-    await until_seen(views["Robotether, frames protocol"])
-    return [await viewed(where, transport, view, seconds) for transport, view in views.items()]
+    """Look at each camera by each codec, and at the first one's stream."""
+
+    def frames_view(camera: str, codec: str) -> View:
+        return lambda http, on_frame: view_frames(
+            http, url("frames", camera), on_frame, {"codecs": [codec]}, **how
+        )
+
+    async def stream_view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
+        await view_stream(http, url("stream", CAMERA), on_frame, **how)
+
+    await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
+    rows = [
+        await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
+        for camera in (CAMERA, FAST_CAMERA)
+        for codec in CODECS_VIEWED
+    ]
+    return [*rows, await viewed(where, "Robotether, multipart stream", stream_view, seconds)]
 
 
 def plain_name(quality: int) -> str:
@@ -206,9 +261,9 @@ async def over_link(link: Link, seconds: float) -> list[Row]:
     async with linked_robot(link) as (site, subject):
         relay, robot = site.relay, subject.robot
 
-        def url(what: str) -> str:
+        def url(what: str, camera: str) -> str:
             ticket = relay.ticket(robot, "observe")
-            return f"{relay.url}/robots/{robot.name}/video/{what}?topic={CAMERA}&ticket={ticket}"
+            return f"{relay.url}/robots/{robot.name}/video/{what}?topic={camera}&ticket={ticket}"
 
         rows = await ours_viewed(where, url, seconds)
         for quality in PLAIN_QUALITIES:
@@ -232,12 +287,17 @@ async def until_seen(view: View) -> None:
 
 
 @asynccontextmanager
-async def linked_robot(link: Link) -> AsyncIterator[tuple[Site, Subject]]:
+async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple[Site, Subject]]:
     """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
     async with AsyncExitStack() as stack:
         site, [robot] = await start_site(stack, 1, link.server.address)
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-sim-")))
-        given = {"SIM_NAME": ROBOT, "SIM_BIND_ADDRESS": "127.0.0.1", "SIM_LOG_LEVEL": "error"}
+        given = {
+            "SIM_NAME": ROBOT,
+            "SIM_BIND_ADDRESS": "127.0.0.1",
+            "SIM_CAMERA_FPS": str(camera_fps),
+            "SIM_LOG_LEVEL": "error",
+        }
         words = (sys.executable, "-m", "sim_robot")
         simulator = Program(link.robot, words, folder / "log", our_environment() | given)
         stack.callback(simulator.end)
@@ -259,11 +319,11 @@ def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
         title="Age of a frame at the viewer",
         text=(
             "The age is from the timestamp that the simulated camera draws into its 640x480 frame until a viewer has "
-            f"the whole frame. Each row took {seconds:g} s, from {SETTLE_S:g} s after the first frame. Drawing and "
-            "encoding are included, the pause between frames is not. Loopback is the whole demo, with nginx and TLS. "
-            "Over the link the viewer is beside the relay, without these two, and the robot's TCP is cubic. Plain "
-            "MJPEG of quality 95 (web_video_server's default) is more than the link carries, so its age grows with "
-            "time.\n\n"
+            f"the whole frame. {FAST_CAMERA} turns fast and has noise. Each row took {seconds:g} s, from {SETTLE_S:g} "
+            "s after the first frame. Drawing and encoding are included, decoding and the pause between frames are "
+            "not. Loopback is the whole demo, with nginx and TLS. Over the link the viewer is beside the relay, "
+            "without these two, and the robot's TCP is cubic. Plain MJPEG of quality 95 (web_video_server's default) "
+            "is more than the link carries, so its age grows with time.\n\n"
             f"Aim: p95 under {AIM_LOOPBACK_MS} ms on loopback and under {AIM_LINK_MS} ms over the link."
         ),
         rows=rows,
@@ -315,7 +375,7 @@ async def run(demo: Demo, viewers: int, seconds: float) -> Row:
     return {
         "viewers": viewers,
         "frames/s each": len(frames) / viewers / lasted_s,
-        "KB a frame": sum(len(frame.jpeg) for frame in frames) / len(frames) / 1000,
+        "KB a frame": sum(len(frame.data) for frame in frames) / len(frames) / 1000,
         "robot's uplink KB/s": uplink / lasted_s / 1000,
         "relay, % of a core": cpu_s / lasted_s * 100,
         "relay, % of a core for 100 frames/s": per_100,

@@ -19,6 +19,7 @@ import time
 from pathlib import Path
 
 from aiohttp import web
+from clips import CLIPS, SIZES, jpeg_of
 from paper.programs import write_line
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.rosbridge import RosGraph
@@ -35,8 +36,13 @@ ROS_PORT, VIDEO_PORT = 9090, 8080
 FRAMES_HZ = 15
 OFFERED_BIT_S = 7e6
 FRAME_BYTES = int(OFFERED_BIT_S / 8 / FRAMES_HZ)
+ANSWER = (
+    b"HTTP/1.1 200 OK\r\nConnection: close\r\n"
+    b"Content-Type: multipart/x-mixed-replace;boundary=boundarydonotcross\r\n\r\n"
+)
 BOUNDARY = b"--boundarydonotcross\r\n"
-LENGTH = 24
+# Of the camera's JPEGs, which must fit into FRAME_BYTES.
+QUALITY = 80
 # As rosbridge writes a map of 1500 x 1500 cells.
 MAP_BYTES = 5_000_000
 MAP = '{"op": "publish", "topic": "/map", "msg": {"data": [' + "-1," * (MAP_BYTES // 3) + "0]}}"
@@ -44,12 +50,24 @@ MAP = '{"op": "publish", "topic": "/map", "msg": {"data": [' + "-1," * (MAP_BYTE
 CONGESTION_CONTROL = b"cubic"
 
 
-def frame() -> bytes:
-    """A frame that begins with the moment at which it was taken."""
-    captured = f"{time.monotonic():.6f}".encode().ljust(LENGTH)
-    jpeg = captured + bytes(FRAME_BYTES - LENGTH)
-    head = b"Content-type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(jpeg)
-    return head + jpeg + b"\r\n" + BOUNDARY
+class PanningCamera:
+    """A camera that pans over a texture; a codec may make less of its frames than of others."""
+
+    def __init__(self) -> None:
+        clip = next(clip for clip in CLIPS if clip.name == "slow")
+        self._jpegs = [jpeg_of(frame, QUALITY) for frame in clip.frames(SIZES[0], FRAMES_HZ)]
+
+    def part(self, number: int) -> bytes:
+        """Return a part with the time at which it is taken; all are as long, by zeros behind the JPEG's end."""
+        # To and fro, so that no frame is far from the one before.
+        place = number % (2 * len(self._jpegs) - 2)
+        jpeg = self._jpegs[min(place, 2 * len(self._jpegs) - 2 - place)]
+        head = (
+            "Content-type: image/jpeg\r\n"
+            f"X-Timestamp: {time.time():.6f}\r\n"
+            f"Content-Length: {FRAME_BYTES}\r\n\r\n"
+        )
+        return head.encode() + jpeg.ljust(FRAME_BYTES, b"\0") + b"\r\n" + BOUNDARY
 
 
 async def echo(request: web.Request) -> web.WebSocketResponse:
@@ -61,15 +79,15 @@ async def echo(request: web.Request) -> web.WebSocketResponse:
     return socket
 
 
-async def show(_: asyncio.StreamReader, viewer: asyncio.StreamWriter) -> None:
+async def show(camera: PanningCamera, viewer: asyncio.StreamWriter) -> None:
     """Stream frames to one viewer until it leaves."""
     viewer.transport.set_write_buffer_limits(high=0)
-    viewer.write(b"HTTP/1.1 200 OK\r\n\r\n" + BOUNDARY)
+    viewer.write(ANSWER + BOUNDARY)
     started = time.monotonic()
     number = 0
     try:
         while True:
-            viewer.write(frame())
+            viewer.write(camera.part(number))
             await viewer.drain()
             # The next frame that the camera takes, not the one that was missed meanwhile.
             number = max(number, int((time.monotonic() - started) * FRAMES_HZ)) + 1
@@ -84,9 +102,12 @@ async def services() -> None:
     runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", ROS_PORT).start()
-    camera = await asyncio.start_server(show, "127.0.0.1", VIDEO_PORT)
+    camera = PanningCamera()
+    server = await asyncio.start_server(
+        lambda _, viewer: show(camera, viewer), "127.0.0.1", VIDEO_PORT
+    )
     await until_stdin_ends()
-    camera.close()
+    server.close()
     await runner.cleanup()
 
 
@@ -109,7 +130,7 @@ async def tunnels(folder: str, host: str, port: int, ros_port: int, video_port: 
     topics = TopicsService(rosbridge)
     source_settings = SourceSettings(camera, rosbridge, "web_video_server")
     media_service = FramesService(
-        source_settings, RosGraph(rosbridge), routes={PATH: topics.answer}
+        source_settings, RosGraph(rosbridge), video_encoder="auto", routes={PATH: topics.answer}
     )
     proxy = VideoProxy(camera, LocalService(await media_service.start()))
     proxy_port = await proxy.start()

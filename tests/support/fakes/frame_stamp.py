@@ -23,7 +23,12 @@ class NoStampError(Exception):
 def read_stamp(data: bytes) -> float:
     """Unix time in seconds of the moment that the picture shows; NoStampError if it cannot be read."""
     with Image.open(io.BytesIO(data)) as opened:
-        grey = opened.convert("L")
+        return stamp_of(opened)
+
+
+def stamp_of(image: Image.Image) -> float:
+    """The same of a picture that is decoded."""
+    grey = image.convert("L")
     cells = [_cell(grey, row, column) for row in range(ROWS) for column in range(COLUMNS)]
     number = int("".join("1" if cell > 127 else "0" for cell in cells), 2)
     whole = number.to_bytes(STAMP_BYTES + 2, "big")
