@@ -38,7 +38,7 @@ class EncoderPool:
     """What the receivers of a robot share: whether it encodes, and for how many cameras at once."""
 
     def __init__(self, setting: str = "off", command: Sequence[str] = COMMAND) -> None:
-        self.unavailable = availability(setting)
+        self.setting = setting
         self.command = command
         self.slots = asyncio.Semaphore(MAX_ENCODERS)
 
@@ -53,6 +53,8 @@ class FrameEncoder:
         self._clock = clock
         self._requested = JPEG
         self._needed, self._unneeded = asyncio.Event(), asyncio.Event()
+        # Looked at anew for each receiver: PyAV may be installed while the agent runs.
+        self._unavailable = availability(pool.setting)
         self._encoder = VideoEncoder(on_change, pool.command, clock)
         self._key_frames = KeyFrameLimiter()
         self._presets = PresetSteps(clock())
@@ -69,7 +71,7 @@ class FrameEncoder:
         """Why a receiver that decodes more than JPEG gets JPEGs; empty where it does not."""
         if self._requested is JPEG:
             return ""
-        return self._pool.unavailable or self._encoder.down_reason
+        return self._unavailable or self._encoder.down_reason
 
     def use(self, stream_request: StreamRequest) -> None:
         """Encode in the first codec that the receiver decodes, as soon as the encoder runs."""
@@ -80,7 +82,7 @@ class FrameEncoder:
         if requested is JPEG:
             self._needed.clear()
             self._unneeded.set()
-        elif not self._pool.unavailable:
+        elif not self._unavailable:
             self._unneeded.clear()
             self._needed.set()
 

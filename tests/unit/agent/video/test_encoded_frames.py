@@ -14,11 +14,13 @@ from fake_cloud import eventually
 from frame_header import SIZE, unpacked
 from openssh_server import command_line, descendants
 from receiver_world import World
+from robotether_agent.clock import robot_time
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video.encoder import COMMAND
-from robotether_agent.video.frame_encoder import EncoderPool
+from robotether_agent.video.frame_encoder import EncoderPool, FrameEncoder
 from robotether_agent.video.sources import SourceRequest
 from robotether_common.codecs import H264, JPEG
+from robotether_common.frames import ENCODER_STARTS, StreamRequest
 from video_clips import Decoder, clip, jpeg_of
 
 HANGS = "import os, time; os.write(1, bytes(4)); time.sleep(60)"
@@ -237,3 +239,13 @@ async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(mak
     assert "encoder_process" in command_line(pid)
     await world.end()
     assert descendants(os.getpid()) == []
+
+
+def test_encoder_that_is_installed_while_the_agent_runs_is_used(monkeypatch):
+    """The next camera that is opened has it, without a restart."""
+    with monkeypatch.context() as without:
+        without.setattr(encoder_module, "find_spec", lambda _: None)
+        pool = EncoderPool("auto")
+    frame_encoder = FrameEncoder(pool, lambda: None, robot_time)
+    frame_encoder.use(StreamRequest(codecs=("h264", "jpeg")))
+    assert frame_encoder.down_reason == ENCODER_STARTS
