@@ -2,8 +2,7 @@
 
 One program after the other gets SIGKILL, and then SIGSTOP for a minute, while a person's and a robot's attempts are
 repeated: the site's health, a log-in, a drive, and a robot's SSH log-in at each port. Used by `bench`; needs
-`make demo` and root. `direct` is among them if the demo has that profile, with this machine in DIRECT_SOURCES; `acme`
-never is, as no authority gives the demo a certificate.
+`make demo` and root. `direct` and `acme` are not among them: the demo has neither.
 """
 
 from __future__ import annotations
@@ -65,7 +64,6 @@ PROGRAMS = (
     Program("web", "web", "^python3 .*gunicorn"),
     Program("relay", "relay", r"^python3 .*robotether_server\.relay"),
     Program("nginx", "nginx", "^nginx "),
-    Program("direct", "direct", "^nginx "),
     Program("sshd", "sshd", r"^sshd .*\[listener\]"),
     Program("sshd's nginx", "sshd", "^nginx "),
     Program("sshd's key-lookups", "sshd", "^key-lookups "),
@@ -120,10 +118,6 @@ class Attempts:
         # Asked for while all is well: they start programs.
         self._address, self._url = demo.address, demo.url
         self._password, self._token = demo.admin_password, demo.token
-        self._open_url = ""
-        if demo.runs("direct"):
-            port = demo.compose("port", "direct", "20000").strip().rpartition(":")[2]
-            self._open_url = f"ws://{demo.address.rpartition(':')[0]}:{port}/"
         self._robot_pid = demo.container(LOGS_IN).attrs["State"]["Pid"]
         self._ssh_ports = [
             demo.compose("port", *published).strip().rsplit(":", 1)[1]
@@ -138,7 +132,6 @@ class Attempts:
             Sign("robot not drivable", self._drives),
             Sign("no SSH log-in", lambda: self._ssh_logs_in(self._ssh_ports[0])),
             Sign("no SSH log-in at 443", lambda: self._ssh_logs_in(self._ssh_ports[1])),
-            *([Sign("open port dead", self._answers_at_open_port)] if self._open_url else []),
         ]
 
     async def _is_healthy(self) -> bool:
@@ -156,11 +149,6 @@ class Attempts:
             async with await client.connect(DRIVEN) as socket:
                 await open_echo(socket, "/comebacks")
                 return True
-
-    async def _answers_at_open_port(self) -> bool:
-        """The first robot's rosbridge answers at its published port."""
-        async with new_http() as http, http.ws_connect(self._open_url):
-            return True
 
     async def _ssh_logs_in(self, port: str) -> bool:
         """Log in with a robot's key, beside its agent; without the engine, which is slow on a busy machine."""
@@ -262,7 +250,6 @@ def measure(demo: Demo, programs: Sequence[Program] = PROGRAMS) -> Section:
     faults = [
         Fault(program, number)
         for program in programs
-        if program.service != "direct" or demo.runs("direct")
         for number in (signal.SIGKILL, signal.SIGSTOP)
     ]
     rows = asyncio.run(_measure_all(demo, faults))

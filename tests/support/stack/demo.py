@@ -37,10 +37,6 @@ class Demo:
         """Run tools/compose with the simulated robots and return what it printed."""
         return _run_compose("--profile", "*", *arguments)
 
-    def runs(self, service: str) -> bool:
-        """Whether a service of a profile is there."""
-        return service in self.compose("ps", "--services", "--status", "running").split()
-
     def robotether(self, *arguments: str) -> str:
         return self.compose("exec", "-T", "web", "robotether", *arguments)
 
