@@ -316,7 +316,8 @@ async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) ->
         # The comment behind a JPEG's start is the camera's count.
         transcript.add("  frame:", {"size": len(first), "begins": first[16:22].hex(" ")})
         await socket.send_json({"op": "credit", "frames": 2})
-        while (status := await service.text(socket))["state"] != "live":
+        # The codec is known when a frame has gone out, which may be after the first status.
+        while (status := await service.text(socket))["codec"] is None:
             pass
         transcript.add("agent, when frames come:", status)
     transcript.add("camera is asked for:", service.camera.asked[0])
