@@ -34,7 +34,7 @@ const HOUR_MS = 60 * MINUTE_MS;
 
 // The ends that are usual, as a field of the reader's own time has them.
 /** @type {[string, (now: Date) => string][]} */
-const USUAL_ENDS = [
+export const USUAL_ENDS = [
   ["1 h", (now) => fieldText(new Date(now.getTime() + HOUR_MS))],
   ["Today", (now) => `${fieldText(now).slice(0, 10)}T23:59`],
   ["7 days", (now) => fieldText(new Date(now.getFullYear(), now.getMonth(), now.getDate() + 7, now.getHours(), now.getMinutes()))],
@@ -42,8 +42,6 @@ const USUAL_ENDS = [
 ];
 
 const fieldText = (time) => localTimeOf(time.toISOString().slice(0, "2026-01-01T12:03".length));
-
-export const usualEnds = (now) => USUAL_ENDS.map(([words, end]) => [words, end(now)]);
 
 function offerUsualEnds(field) {
   const buttons = USUAL_ENDS.map(([words, end]) => {
