@@ -211,6 +211,9 @@ class Receiver:
 
     def _on_encoder(self) -> None:
         """Request of the source what is encoded from now on, or what is sent as it comes."""
+        if self._is_encoding:
+            # What the line did not carry as JPEG it may carry now.
+            self._steps = None
         if self._stream_request is not None:
             self._use_levels(self._stream_request)
             self._follow()

@@ -134,6 +134,32 @@ async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
     assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0)]
 
 
+async def test_encoded_frames_begin_with_the_best_quality(make_world, tmp_path):
+    """Though the line did not carry it as JPEG, while the encoder started."""
+    begins = tmp_path / "begins"
+    code = (
+        "import pathlib, runpy, time\n"
+        f"while not pathlib.Path({str(begins)!r}).exists(): time.sleep(0.02)\n"
+        "runpy.run_module('robotether_agent.video.encoder_process', run_name='__main__')"
+    )
+    world = make_world(sys.executable, "-c", code)
+    world.socket.ask("stream_request", codecs=CODECS, latency_ms=100, quality_max=60)
+    await world.until_open()
+    for number, picture in enumerate(clip(9, step=2)):
+        world.socket.ask("credit")
+        world.give_data(jpeg_of(picture))
+        message = (await sent(world, number + 1))[-1]
+        world.now_s += 0.3
+        world.socket.ask("credit", taken=unpacked(message).sequence)
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    assert (unpacked(message).codec, unpacked(message).quality) == (JPEG, 20)
+    begins.touch()
+    await until_encoding(world, latency_ms=100, quality_max=60)
+    world.give_data(jpeg_of(picture))
+    message = (await sent(world, 10))[-1]
+    assert (unpacked(message).codec, unpacked(message).quality) == (H264, 60)
+
+
 async def test_a_clock_sync_is_answered_while_a_frame_is_encoded(make_world):
     world = make_world(sys.executable, "-c", HANGS)
     await until_encoding(world)
