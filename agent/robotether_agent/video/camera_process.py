@@ -17,6 +17,7 @@ import av
 from robotether_common.frames import MAX_FRAME_BYTES, MAX_SIDE
 
 from robotether_agent.clock import robot_time
+from robotether_agent.problems import DetailError
 from robotether_agent.video.av_program import private_output, step_back
 from robotether_agent.video.camera_messages import FRAME, FRAME_HEADER, REASON
 from robotether_agent.video.encoder_messages import LENGTH
@@ -43,7 +44,7 @@ LOW_DELAY_FLAG = 0x80000
 HUFFMAN_TABLES = b"\xff\xc4"
 
 
-class CameraFailedError(Exception):
+class CameraFailedError(DetailError):
     """The camera gives no frames; the message says why, without its URL."""
 
 
