@@ -118,7 +118,7 @@ test-server: venv images robot-host-image ## server.yml and site.yml on machines
 	@tools/ensure_test_hosts
 	@$(PYTEST) $(SERVERS)
 
-bench: venv ## latency, recovery, video and loads, into docs/measurements.md (some 45 minutes; BENCH="--only A,B": these alone); needs make demo and root
+bench: venv ## latency, recovery, video and loads, into docs/measurements.md (about an hour; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT):common:agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 

@@ -193,7 +193,8 @@ async def watch_mjpeg(port: int, setup: Setup) -> None:
         while True:
             head = await reader.readuntil(b"\r\n\r\n")
             timestamp, length = map(float, VALUES.findall(head))
-            setup.frame_bytes += len(await reader.readexactly(int(length)))
+            frame = await reader.readexactly(int(length))
+            setup.frame_bytes += len(frame)
             setup.frame_ages_ms.append((time.time() - timestamp) * 1000)
             setup.codecs_seen.add(JPEG.name)
     finally:
