@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -21,26 +22,25 @@ _WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
 _FIRST = 24_050
 _SHARE = (32_000 - _FIRST) // _WORKERS
 PORTS = range(_FIRST + _WORKER * _SHARE, _FIRST + (_WORKER + 1) * _SHARE)
-_rng = random.SystemRandom()
-_given: set[int] = set()
+# All in turn, from any on: two runs beside each other seldom meet.
+_turns = itertools.cycle(PORTS)
+for _ in range(random.SystemRandom().randrange(len(PORTS))):
+    next(_turns)
 
 
 def free_port() -> int:
     """A TCP port that was free on all of this machine's addresses a moment ago, another one each time."""
-    while True:
-        port = _rng.choice(PORTS)
-        if port not in _given and _is_free(port):
-            _given.add(port)
-            return port
+    return free_ports(1)[0]
 
 
 def free_ports(count: int) -> range:
-    while True:
-        first = _rng.choice(PORTS[: 1 - count])
+    """As many in a row; none is given again before all others were."""
+    for _ in PORTS:
+        first, *others = itertools.islice(_turns, count)
         ports = range(first, first + count)
-        if _given.isdisjoint(ports) and all(map(_is_free, ports)):
-            _given.update(ports)
+        if others == list(ports[1:]) and all(map(_is_free, ports)):
             return ports
+    raise AssertionError(f"no {count} free ports in a row in {PORTS}")
 
 
 def _is_free(port: int) -> bool:
