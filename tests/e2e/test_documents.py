@@ -31,7 +31,7 @@ NOT_RUN = {
         r"(sudo|sh|useradd|python3|\$version\S+|ln|install|systemctl|systemd-run|PYTHONPATH=WHEEL) "
     ),
     "is a playbook, or what one needs: tests/ansible": (
-        r"ansible(-\w+)? |tools/(build_collection|build_agent_deb)\b|\.\./tools/agent_wheelhouse"
+        r"ansible(-\w+)? |tools/build_(collection|agent_(deb|wheel))\b|(\.\./)?tools/agent_wheelhouse"
     ),
     "needs ROS, or a robot that runs it: by hand": r"ros2? |roslaunch |colcon |SERVER=",
     "needs a swarm: tests/images/test_swarm.py": (
