@@ -69,8 +69,8 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(cloud, start, place, ca
     assert out.startswith("state         connected since")
     assert "rosbridge     down" in out or "rosbridge     unknown" in out
     clients = descendants(agent.pid)
-    for pid in (*clients, agent.pid):
-        # Systemd sends it to all of them.
+    for pid in (agent.pid, *clients):
+        # As systemd does: to the main process first, then to all others.
         os.kill(pid, signal.SIGTERM)
     _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
     assert agent.returncode == 0, log.decode()
