@@ -199,7 +199,8 @@ asyncio.run(main())
 
 def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack: Stack) -> None:
     """Beyond its burst an address gets 429, while a stop from there reaches the relay, which does not know who asks."""
-    assert stack.exec("web", "python3", "-c", FLOOD).split() == ["401", "401", "429"]
+    # With the memory for as many connections at once, if the machine is slow.
+    assert stack.exec("relay", "python3", "-c", FLOOD).split() == ["401", "401", "429"]
 
 
 @pytest.mark.parametrize(
