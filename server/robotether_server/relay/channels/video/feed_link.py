@@ -152,8 +152,8 @@ class FeedLink:
         sender = FeedSender(self._feed, socket)
         try:
             while (now_s := time.monotonic()) - self._received_s <= SILENT_AFTER_S:
-                await sender.send_due(now_s)
-                await self._due(REQUEST_EVERY_S if sender.hurries else CLOCK_SYNC_EVERY_S)
+                hurries = await sender.send_due(now_s)
+                await self._due(REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
         except ConnectionError:
             log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
         socket.drop()
@@ -187,29 +187,27 @@ class FeedSender:
         self._sent_request: StreamRequest | None = None
         self._requested_s = self._key_requested_s = self._synced_s = -math.inf
 
-    @property
-    def hurries(self) -> bool:
-        """Whether a request waits because another one was sent just before."""
-        request = self._feed.stream_request()
-        return request is not None and (request != self._sent_request or self._feed.needs_key_frame)
+    async def send_due(self, now_s: float) -> bool:
+        """Send what is due now, and return whether a request waits because another one was sent just before.
 
-    async def send_due(self, now_s: float) -> None:
-        """Send what is due now; ConnectionError when the robot takes nothing."""
+        ConnectionError when the robot takes nothing.
+        """
         # Before the first credit: a frame whose timestamp nobody can convert is of no use.
         if now_s - self._synced_s >= CLOCK_SYNC_EVERY_S:
             self._synced_s = now_s
             await self._send(clock_sync_text(now_s * 1000))
-        await self._send_request(now_s)
+        request = self._feed.stream_request()
+        await self._send_request(request, now_s)
         if self._sent_request is None:
-            return
+            return request is not None
         if self._feed.needs_key_frame and now_s - self._key_requested_s >= KEY_FRAME_EVERY_S:
             self._feed.needs_key_frame, self._key_requested_s = False, now_s
             await self._send(key_frame_text())
         if (credit := self._feed.credit()) is not None:
             await self._send(credit_text(*credit))
+        return request is not None and (request != self._sent_request or self._feed.needs_key_frame)
 
-    async def _send_request(self, now_s: float) -> None:
-        request = self._feed.stream_request()
+    async def _send_request(self, request: StreamRequest | None, now_s: float) -> None:
         if request is None or request == self._sent_request:
             return
         if now_s - self._requested_s < REQUEST_EVERY_S:
