@@ -23,9 +23,9 @@ from paper.costs import trees_cpu_s
 from paper.programs import our_environment
 from PIL import Image
 from report import Row, Section
+from robotether_agent.video.av_messages import LENGTH
 from robotether_agent.video.encoder import COMMAND
 from robotether_agent.video.encoder_messages import (
-    LENGTH,
     PRESETS,
     EncodedFrame,
     EncodeRequest,

@@ -15,7 +15,7 @@ from contextlib import asynccontextmanager, suppress
 from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import DetailError
 from robotether_agent.tasks import within
-from robotether_agent.video.encoder_messages import LENGTH
+from robotether_agent.video.av_messages import LENGTH
 
 # Time limit for the end of a process that was killed.
 END_S = 5.0

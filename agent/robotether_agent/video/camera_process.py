@@ -18,9 +18,8 @@ from robotether_common.frames import MAX_FRAME_BYTES, MAX_SIDE
 
 from robotether_agent.clock import robot_time
 from robotether_agent.problems import DetailError
+from robotether_agent.video.av_messages import FRAME, FRAME_HEADER, REASON, framed
 from robotether_agent.video.av_program import private_output, step_back
-from robotether_agent.video.camera_messages import FRAME, FRAME_HEADER, REASON
-from robotether_agent.video.encoder_messages import LENGTH
 
 # Time limits for opening a camera, and for its next frame.
 OPEN_S, READ_S = 10.0, 10.0
@@ -131,7 +130,7 @@ def frames_of(container: Any) -> Any:
 
 
 class Lag:
-    """By how much frames come later than those before them did."""
+    """How much later than the quickest one a frame comes."""
 
     def __init__(self) -> None:
         self._least_s: float | None = None
@@ -191,7 +190,7 @@ def serve(url: str, output: BinaryIO) -> None:
 
 def write(output: BinaryIO, message: bytes) -> None:
     """Write one message after its length."""
-    output.write(LENGTH.pack(len(message)) + message)
+    output.write(framed(message))
     output.flush()
 
 

@@ -12,10 +12,10 @@ from robotether_common.codecs import CODECS, Codec
 from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_FRAME_BYTES
 
 from robotether_agent.problems import DetailError
+from robotether_agent.video.av_messages import framed
 
 # From the one that saves most bits to the one that takes least time.
 PRESETS = ("veryfast", "superfast", "ultrafast")
-LENGTH = struct.Struct("!I")
 # Maximum length of a name, or of the reason why there is no frame.
 MAX_TEXT_BYTES = 200
 _REQUEST = struct.Struct("!BBBHHdd")
@@ -64,7 +64,7 @@ class EncodeRequest:
             self.bits_per_s,
             self.fps,
         )
-        return LENGTH.pack(len(head) + len(self.jpeg)) + head + self.jpeg
+        return framed(head + self.jpeg)
 
     @classmethod
     def unpacked(cls, data: bytes) -> EncodeRequest:
@@ -118,5 +118,4 @@ def _answer(
     kind: int, text: str, data: bytes, *, is_key: bool = False, took_s: float = 0.0
 ) -> bytes:
     named = text.encode()[:MAX_TEXT_BYTES].decode(errors="ignore").encode()
-    body = _ANSWER.pack(kind, is_key, took_s, len(named)) + named + data
-    return LENGTH.pack(len(body)) + body
+    return framed(_ANSWER.pack(kind, is_key, took_s, len(named)) + named + data)

@@ -18,9 +18,9 @@ from av.video.frame import PictureType
 from robotether_common.codecs import H264, VP8, Codec
 from robotether_common.frames import MAX_DEPENDENT_FRAME_BYTES, MAX_SIDE
 
+from robotether_agent.video.av_messages import LENGTH, framed
 from robotether_agent.video.av_program import private_output, step_back
 from robotether_agent.video.encoder_messages import (
-    LENGTH,
     MAX_REQUEST_BYTES,
     PRESETS,
     EncodedFrame,
@@ -242,7 +242,7 @@ def serve(requests: BinaryIO, answers: BinaryIO) -> None:
     """Answer each request in turn, until there are no more."""
     transcoder = FrameTranscoder()
     # Nothing: it has started.
-    answers.write(LENGTH.pack(0))
+    answers.write(framed(b""))
     answers.flush()
     while head := requests.read(LENGTH.size):
         (length,) = LENGTH.unpack(head)

@@ -41,9 +41,9 @@ from robotether_agent.rosbridge import (
     connected,
 )
 from robotether_agent.tasks import first_of, within
-from robotether_agent.video import camera_messages
+from robotether_agent.video import av_messages
+from robotether_agent.video.av_messages import FRAME_HEADER
 from robotether_agent.video.av_process import ProcessEndedError, av_process
-from robotether_agent.video.camera_messages import FRAME_HEADER
 from robotether_agent.video.jpeg import JPEG_START
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
@@ -386,7 +386,7 @@ async def run_camera(
             await process.send(f"{url}\n".encode())
             limit_s = CAMERA_START_S
             while True:
-                message = await within(limit_s, process.message(camera_messages.MAX_MESSAGE_BYTES))
+                message = await within(limit_s, process.message(av_messages.MAX_MESSAGE_BYTES))
                 on_frame(_camera_frame(message, what))
                 limit_s = STALL_S
     except asyncio.TimeoutError as error:
@@ -401,7 +401,7 @@ def _camera_frame(message: bytes, what: str) -> CameraFrame:
     except struct.error as error:
         raise ProcessEndedError("its answer makes no sense") from error
     data = message[FRAME_HEADER.size :]
-    if kind != camera_messages.FRAME:
+    if kind != av_messages.FRAME:
         raise SourceDownError(f"{what} cannot be read: {printable(data.decode(), 100)}")
     return CameraFrame(data, arrived_s, arrived_s)
 
