@@ -3,6 +3,8 @@
 Each user is changed, and written to the audit log, as alone; if one cannot be, none is.
 """
 
+from functools import partial
+
 from flask import Blueprint, request
 
 from robotether_server.api.context import context
@@ -40,14 +42,9 @@ def _words() -> Words:
     }
 
 
-def _disable(tx: Transaction, source: Source) -> None:
+def _set_disabled(tx: Transaction, source: Source, *, disabled: bool) -> None:
     for name in USERS.names():
-        user_service.set_disabled(tx, source, name, disabled=True)
-
-
-def _enable(tx: Transaction, source: Source) -> None:
-    for name in USERS.names():
-        user_service.set_disabled(tx, source, name, disabled=False)
+        user_service.set_disabled(tx, source, name, disabled=disabled)
 
 
 def _add_to_group(tx: Transaction, source: Source) -> None:
@@ -80,7 +77,7 @@ confirmation.register(
         undo="Tick them again, and enable them.",
         button="Disable",
         done="Disabled: {names}.",
-        do=_disable,
+        do=partial(_set_disabled, disabled=True),
         onward="/admin/users",
         hidden=(USERS.hidden,),
     ),
@@ -94,7 +91,7 @@ confirmation.register(
         undo="Tick them again, and disable them.",
         button="Enable",
         done="Enabled: {names}.",
-        do=_enable,
+        do=partial(_set_disabled, disabled=False),
         onward="/admin/users",
         hidden=(USERS.hidden,),
         is_harmless=True,
