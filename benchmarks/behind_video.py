@@ -202,7 +202,7 @@ async def watch_mjpeg(port: int, setup: Setup) -> None:
 
 
 async def watch_frames(port: int, setup: Setup) -> None:
-    """As the relay does, but that it is on the robot's clock."""
+    """Take frames as the relay does, but with ages on the robot's clock."""
     url = f"ws://127.0.0.1:{port}{PATH}?topic=/camera"
     async with aiohttp.ClientSession() as http, http.ws_connect(url, max_msg_size=0) as socket:
         await socket.send_json({"op": "stream_request", "codecs": [setup.codec]})

@@ -34,7 +34,7 @@ def free_port() -> int:
 
 
 def free_ports(count: int) -> range:
-    """As many in a row; none is given again before all others were."""
+    """Return `count` free ports in a row; no port is given again before all others were."""
     for _ in PORTS:
         first, *others = itertools.islice(_turns, count)
         ports = range(first, first + count)

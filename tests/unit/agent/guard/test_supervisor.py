@@ -93,7 +93,7 @@ async def running(keep: Callable[..., RunningSupervisor]) -> RunningSupervisor:
 
 
 async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
-    """Each age is reported once: a session that comes later gets the state alone."""
+    """An age is reported once: a later session gets the state alone."""
     running = keep("serves")
     running.supervisor.on_frame_sent("/early", 1, 0.5)
     await running.ready()

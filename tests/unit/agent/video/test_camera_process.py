@@ -60,7 +60,7 @@ async def test_an_rtsp_camera_gives_its_newest_frames_as_jpegs():
     ],
 )
 async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypatch, mode, location):
-    """Nor does it lead to a file or to a service of the robot's own that speaks HTTP."""
+    """A redirect or description leads neither to a file nor to an HTTP service of the robot."""
     # Some answers only show as silence.
     monkeypatch.setattr(sources_module, "CAMERA_START_S", 3.0)
     visits = []

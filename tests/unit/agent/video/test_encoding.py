@@ -76,7 +76,7 @@ def test_one_slow_frame_changes_nothing():
 
 
 def test_a_slower_preset_returns_seldom_and_later_where_it_was_wrong():
-    """Each change is a key frame: half a minute of room first, a minute where that led back at once."""
+    """A change costs a key frame: it waits for half a minute of room, or a minute if the last one was wrong."""
     clock = Clock()
     clock.run(1.5, 0.5)
     clock.run(25, 0.05)

@@ -143,7 +143,7 @@ async def show_each(camera, frames, codec: int) -> None:
 
 
 async def test_a_player_gets_h264(*, relay, sim1, http, camera):
-    """With a ticket, from the first key frame on, until the robot sends JPEG."""
+    """A ticket opens it; it begins with a key frame and ends when the robot sends JPEG."""
     url = video_url(relay, sim1, f"stream?topic=/a&codec=h264&ticket={relay.ticket(sim1)}")
     asking = asyncio.create_task(http.get(url))
     await camera.wait_for("stream_request", codecs=["h264", "jpeg"])

@@ -107,7 +107,7 @@ async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
 
 
 async def test_who_is_a_little_late_misses_nothing(feed):
-    """Each frame comes in its turn; who comes later begins with the key frame."""
+    """A viewer gets each frame in turn; a newcomer begins with the key frame."""
     first = Cursor(feed, EYE, 0.0)
     shown = [feed.show(0, codec=H264, flags=KEY)]
     shown += [feed.show(position, position / 100, H264) for position in range(1, 5)]
