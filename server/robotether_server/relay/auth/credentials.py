@@ -205,15 +205,19 @@ class Credentials:
                 self._unchecked.discard(credential)
                 self._live.pop(credential, None)
 
-    async def recheck(self) -> None:
-        """Ask again for all that is held or was lately, and end what hangs on the rest."""
+    async def recheck(self, *, changed: bool = True) -> None:
+        """Ask again for all that is held or was lately, and end what hangs on the rest.
+
+        `changed`: the database says that one of all credentials has changed.
+        """
         # The database has just answered: something may have changed, even if what follows gets no answer.
         self._note_answer()
         self._cache.clear()
         self._rechecks += 1
-        # Without an answer none of these is believed: what has changed may be its end.
         recent = {key: entry for key, entry in self._recent.items() if self._is_recent(key)}
-        self._recent = {}
+        if changed:
+            # Without an answer none of these is believed: what has changed may be its end.
+            self._recent = {}
         valid = await self._ask_again([*self._watchers, *(recent.keys() - self._watchers.keys())])
         still_valid = {key: entry for key, entry in recent.items() if key in valid}
         self._recent = {**still_valid, **self._recent}

@@ -119,9 +119,9 @@ class Fleet:
             for listener in self._listeners:
                 listener(self._snapshot)
         time = asyncio.get_running_loop().time()
-        overdue = time - self._rechecked_at > RECHECK_EVERY_S
-        if overdue or before is None or before.credentials != now.credentials:
-            await self._credentials.recheck()
+        changed = before is None or before.credentials != now.credentials
+        if changed or time - self._rechecked_at > RECHECK_EVERY_S:
+            await self._credentials.recheck(changed=changed)
             self._rechecked_at = time
         else:
             await self._credentials.check_new()

@@ -235,9 +235,11 @@ async def test_what_ended_before_the_database_went_does_not_come_back(credential
 async def test_what_may_have_ended_when_the_database_went_does_not_count(
     credentials, memory_database, login
 ):
-    """Something has changed, and there is no answer as to what."""
+    """Something has changed, and there is no answer as to what; a recheck of the time is no such change."""
     assert await credentials.holds(login)
     memory_database.down = True
+    await unanswered(credentials.recheck(changed=False))
+    assert await credentials.holds(login)
     await unanswered(credentials.recheck())
     await unanswered(credentials.holds(login))
 

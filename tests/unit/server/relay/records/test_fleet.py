@@ -15,8 +15,8 @@ class Heard:
         self.last_seen = []
         self.kept = []
 
-    async def recheck(self):
-        self.rechecks += 1
+    async def recheck(self, *, changed):
+        self.rechecks += changed
 
     async def check_new(self):
         self.checks_of_new += 1
