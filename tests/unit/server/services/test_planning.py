@@ -1,0 +1,184 @@
+"""Properties of every plan, and of queues that are planned again and again."""
+
+from collections import Counter
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_server.services.planning import (
+    OFFER_S,
+    Offer,
+    Operator,
+    QueueState,
+    WaitingRequest,
+    plan,
+)
+
+NOW = 1000.0
+IDS = range(1, 6)
+POOLS = ("", "arms", "wheels")
+ids = st.sampled_from(IDS)
+times = st.sampled_from([NOW - 30, NOW - 20, NOW - 10, NOW])
+
+requests = st.builds(
+    WaitingRequest,
+    id=ids,
+    robot_id=st.sampled_from([1, 2]),
+    priority=st.sampled_from([1, 2, 3]),
+    pool=st.sampled_from(POOLS),
+    since=times,
+    passed_by=st.dictionaries(ids, times),
+)
+operators = st.builds(
+    Operator,
+    user_id=ids,
+    state=st.sampled_from(["available", "available", "busy", "away", "wrap_up"]),
+    idle_since=times,
+    pools=st.frozensets(st.sampled_from(POOLS[1:])),
+    may_drive=st.frozensets(st.sampled_from([1, 2])),
+)
+offers = st.builds(
+    Offer, request_id=ids, user_id=ids, until=st.sampled_from([NOW - 1, NOW, NOW + 1, NOW + 9])
+)
+states = st.builds(
+    QueueState,
+    now=st.just(NOW),
+    waiting=st.lists(requests, unique_by=lambda request: request.id).map(tuple),
+    offers=st.lists(offers, unique=True).map(tuple),
+    operators=st.lists(operators, unique_by=lambda operator: operator.user_id).map(tuple),
+)
+
+
+class Planned:
+    """A state and its plan, by what they say of each request and user."""
+
+    def __init__(self, state):
+        self.state, self.plan = state, plan(state)
+        self.kept = [offer for offer in state.offers if offer not in self.plan.end]
+        self.offers = [*self.kept, *self.plan.offer]
+        self.requests = {request.id: request for request in state.waiting}
+        self.operators = {
+            user.user_id: user for user in state.operators if user.state == "available"
+        }
+        self.users = {offer.request_id: self.operators[offer.user_id] for offer in self.plan.offer}
+
+    def free(self):
+        """Who has no offer after the plan."""
+        return [
+            user
+            for user in self.operators.values()
+            if user.user_id not in {offer.user_id for offer in self.offers}
+        ]
+
+    def has_passed(self, request, user):
+        ended = any(
+            (offer.request_id, offer.user_id) == (request.id, user.user_id)
+            for offer in self.plan.end
+        )
+        return ended or user.user_id in request.passed_by
+
+
+@given(states)
+def test_a_request_has_one_offer_and_an_operator_one(state):
+    after = Planned(state)
+    assert max(Counter(offer.request_id for offer in after.offers).values(), default=1) == 1
+    assert max(Counter(offer.user_id for offer in after.offers).values(), default=1) == 1
+    assert all(offer.until == NOW + OFFER_S for offer in after.plan.offer)
+
+
+@given(states)
+def test_only_available_operators_with_right_and_pool_are_offered_a_request(state):
+    after = Planned(state)
+    for offer in after.offers:
+        assert after.requests[offer.request_id].robot_id in after.operators[offer.user_id].may_drive
+    for offer in after.plan.offer:
+        request, user = after.requests[offer.request_id], after.operators[offer.user_id]
+        assert request.pool == "" or request.pool in user.pools
+
+
+@given(states)
+def test_an_offer_ends_only_for_a_reason(state):
+    """A plan takes nothing from an operator who may still accept it."""
+    after = Planned(state)
+    assert all(offer.until > NOW for offer in after.kept)
+    for offer in after.plan.end:
+        user, request = after.operators.get(offer.user_id), after.requests.get(offer.request_id)
+        others = {(other.request_id, other.user_id) for other in after.kept}
+        assert (
+            offer.until <= NOW
+            or user is None
+            or request is None
+            or request.robot_id not in user.may_drive
+            or any(offer.request_id == other[0] or offer.user_id == other[1] for other in others)
+        )
+
+
+@given(states)
+def test_nothing_waits_while_an_eligible_operator_is_free(state):
+    after = Planned(state)
+    offered = {offer.request_id for offer in after.offers}
+    waiting = [request for request in state.waiting if request.id not in offered]
+    assert [
+        (request.id, user.user_id)
+        for request in waiting
+        for user in after.free()
+        if user.may_take(request)
+    ] == []
+
+
+@given(states)
+def test_urgent_requests_come_first_then_old_ones(state):
+    """No request has an operator whom a more urgent or older one could have had, unless that one passed it."""
+    after = Planned(state)
+    order = {request.id: (request.priority, request.since, request.id) for request in state.waiting}
+    offered = {offer.request_id for offer in after.offers}
+    for request in state.waiting:
+        for other, user in after.users.items():
+            fresh = user.may_take(request) and not after.has_passed(request, user)
+            assert request.id in offered or not fresh or order[other] < order[request.id]
+
+
+@given(states)
+def test_the_longest_idle_operator_comes_first(state):
+    """A free operator was idle for less time than the one who got the request, or has passed it."""
+    after = Planned(state)
+    for request_id, chosen in after.users.items():
+        request = after.requests[request_id]
+        for user in after.free():
+            if user.may_take(request) and after.has_passed(request, user) <= after.has_passed(
+                request, chosen
+            ):
+                assert (chosen.idle_since, chosen.user_id) < (user.idle_since, user.user_id)
+
+
+@given(states, st.randoms())
+def test_a_plan_depends_on_nothing_but_the_state(state, random):
+    """The order of rows that a database returns is no part of it."""
+
+    def shuffled(rows):
+        return tuple(random.sample(rows, len(rows)))
+
+    mixed = replace(
+        state,
+        waiting=shuffled(state.waiting),
+        offers=shuffled(state.offers),
+        operators=shuffled(state.operators),
+    )
+    assert plan(mixed).offer == plan(state).offer
+    assert set(plan(mixed).end) == set(plan(state).end)
+
+
+@given(st.lists(requests, unique_by=lambda request: request.id), st.integers(1, 3))
+def test_requests_that_nobody_accepts_come_round_again(waiting, people):
+    """However often an urgent request is passed, each other one is offered as often."""
+    everything = {"pools": frozenset(POOLS), "may_drive": frozenset({1, 2})}
+    users = tuple(Operator(user, "available", NOW, **everything) for user in range(people))
+    passes = {request.id: {} for request in waiting}
+    counts = Counter()
+    for turn in range(3 * len(waiting)):
+        now = NOW + turn * OFFER_S
+        requests = (replace(request, passed_by=dict(passes[request.id])) for request in waiting)
+        for offer in plan(QueueState(now, tuple(requests), (), users)).offer:
+            counts[offer.request_id] += 1
+            passes[offer.request_id][offer.user_id] = now + 1
+    assert all(counts[request.id] >= 3 for request in waiting)
