@@ -31,7 +31,7 @@ LastSeen = tuple[int, datetime, str | None]
 class PolledCredentials(Protocol):
     """The log-ins and tokens in use, which end when the database says so."""
 
-    async def recheck(self) -> None:
+    async def recheck(self, *, changed: bool = True) -> None:
         """Ask for all of them again."""
 
     async def check_new(self) -> None:
