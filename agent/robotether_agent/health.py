@@ -3,7 +3,7 @@
 `Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is notified,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new one each
 time would fill rosbridge's log), web_video_server by its port and, once in a while, by GET /. Where there is none, or
-the settings want none, video is there when rosbridge has compressed frames of this robot or a camera of the settings
+the settings want none, video is there when rosbridge has frames of this robot or a camera of the settings
 answers, which is asked less often.
 """
 
@@ -25,9 +25,9 @@ from robotether_common.session import ServiceState
 from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
 from robotether_agent.problems import AgentError, RosbridgeDownError, VideoSourceDownError
-from robotether_agent.rosbridge import RosGraph, compressed_images
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.tasks import first_of, within
-from robotether_agent.video.sources import SourceSettings
+from robotether_agent.video.sources import SourceSettings, cameras_by_rosbridge
 
 PROBE_EVERY_S = 2.0
 TIMEOUT_S = 2.0
@@ -152,7 +152,7 @@ class Health:
         """Raise VideoSourceDownError unless there is somewhere where frames come from."""
         try:
             if self._source_settings.source == "rosbridge":
-                raise self._no_images("rosbridge has no compressed images of this robot")
+                raise self._no_images("rosbridge has no images of this robot that can be shown")
             await self._ask_server(http)
         except VideoSourceDownError:
             if not await self._is_elsewhere():
@@ -172,7 +172,7 @@ class Health:
         if self._source_settings.source == "web_video_server" or not self._is_rosbridge_up:
             return False
         try:
-            return bool(compressed_images(await self._graph.own_topics()))
+            return bool(cameras_by_rosbridge(await self._graph.own_topics()))
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError):
             # No rosapi: who chose rosbridge knows that it has frames.
             return self._source_settings.source == "rosbridge"

@@ -15,6 +15,7 @@ from contextlib import asynccontextmanager
 from typing import Any, TypeVar, cast
 
 import aiohttp
+from robotether_common.frames import MAX_FRAME_BYTES
 
 from robotether_agent.fields import FieldError, JsonObject, parse_object
 from robotether_agent.tasks import within
@@ -40,6 +41,8 @@ DRIVE_TYPES = (
 )
 # Maximum size of an answer: the list of all topics of a large robot.
 MAX_ANSWER_BYTES = 1024 * 1024
+# Maximum size of a message of a camera: a frame in base64, and its envelope.
+MAX_IMAGE_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 
 T = TypeVar("T")
 

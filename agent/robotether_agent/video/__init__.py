@@ -7,5 +7,6 @@ What is not wanted is dropped where it is made; nothing waits in between.
     frames_service       frames by credit: a `receiver` each, with `quality` in steps
     frame_encoder        H.264 or VP8 for one receiver, by the rules of `encoding`: an `encoder` each, which keeps an
                          `encoder_process` running
-    shared_sources       one source for all who ask the same; `sources` opens it, RTSP and devices by a `camera_process`
+    shared_sources       one source for all who ask the same; `sources` opens it, RTSP and devices by a `camera_process`,
+                         raw images by an `image_process`
 """

@@ -1,4 +1,4 @@
-"""How the agent and its processes with PyAV write messages to each other, and what the process of a camera writes.
+"""How the agent and its processes with PyAV write messages to each other, and what a process that gives frames writes.
 
 That is frames, and at the end the reason. The encoder's messages are in `encoder_messages`.
 """
@@ -10,8 +10,9 @@ import struct
 from robotether_common.frames import MAX_FRAME_BYTES
 
 LENGTH = struct.Struct("!I")
-# Kind, and the frame's arrival in seconds of the robot's clock; then a JPEG, or the reason why there are no more.
-FRAME_HEADER = struct.Struct("!Bd")
+# Kind, whether the camera stamped the frame, its timestamp and its arrival in seconds of the robot's clock; then a JPEG,
+# or the reason why there are no more.
+FRAME_HEADER = struct.Struct("!B?dd")
 FRAME, REASON = 0, 1
 MAX_MESSAGE_BYTES = FRAME_HEADER.size + MAX_FRAME_BYTES
 

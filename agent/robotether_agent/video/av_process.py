@@ -1,6 +1,6 @@
 """A process with PyAV as the agent sees it: messages on its stdin and stdout, each after its length.
 
-Of the encoder and of cameras; it is killed at the end.
+Of the encoder, of cameras and of raw images; it is killed at the end.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import os
 import signal
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, suppress
+from importlib.util import find_spec
 
 from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import DetailError
@@ -19,12 +20,18 @@ from robotether_agent.video.av_messages import LENGTH
 
 # Time limit for the end of a process that was killed.
 END_S = 5.0
+PYAV_MISSING = "PyAV is not installed (sudo robotether-agent install-video)"
 
 log = logging.getLogger(__name__)
 
 
 class ProcessEndedError(DetailError):
     """The process has ended, or writes what makes no sense; the message says how."""
+
+
+def has_pyav() -> bool:
+    """Whether such a process can run here; looked at anew, as PyAV may be installed while the agent runs."""
+    return find_spec("av") is not None
 
 
 class AvProcess:

@@ -17,14 +17,19 @@ import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from importlib.util import find_spec
 from typing import NoReturn
 
 from robotether_common.frames import ENCODER_STARTS
 
 from robotether_agent.clock import robot_time
 from robotether_agent.tasks import within
-from robotether_agent.video.av_process import AvProcess, ProcessEndedError, av_process
+from robotether_agent.video.av_process import (
+    PYAV_MISSING,
+    AvProcess,
+    ProcessEndedError,
+    av_process,
+    has_pyav,
+)
 from robotether_agent.video.encoder_messages import (
     MAX_ANSWER_BYTES,
     EncodedFrame,
@@ -52,8 +57,8 @@ def availability(setting: str) -> str:
     """Return why this robot cannot encode video, by the setting `video_encoder`; nothing where it can."""
     if setting == "off":
         return "the setting video_encoder is off"
-    if find_spec("av") is None:
-        return "PyAV is not installed (sudo robotether-agent install-video)"
+    if not has_pyav():
+        return PYAV_MISSING
     if (os.cpu_count() or 1) < MIN_CORES:
         return "this robot has one processor core"
     return ""

@@ -1,7 +1,8 @@
 """Opens a camera's source by its name and the settings: one function a kind.
 
 mjpeg      web_video_server's /stream, and any URL that `cameras` names; RTSP and devices by a process of their own
-rosbridge  sensor_msgs/CompressedImage, also of a camera that web_video_server cannot show
+rosbridge  sensor_msgs/CompressedImage, or sensor_msgs/Image by a process of its own; also of a camera that
+           web_video_server cannot show
 
 Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
 frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
@@ -12,28 +13,27 @@ from __future__ import annotations
 import asyncio
 import base64
 import binascii
+import json
 import struct
 import sys
-import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from typing import NoReturn
 from urllib.parse import quote
 
 import aiohttp
 from robotether_common.codecs import JPEG, Codec
-from robotether_common.frames import MAX_FRAME_BYTES, QOS, Source, no_frames
+from robotether_common.frames import QOS, Source, no_frames
 from yarl import URL
 
-from robotether_agent.clock import robot_time
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
 from robotether_agent.problems import DetailError
 from robotether_agent.rosbridge import (
     COMPRESSED,
     IMAGE_TYPE,
+    MAX_IMAGE_MESSAGE_BYTES,
     RAW_IMAGE_TYPE,
     RosGraph,
     camera_topics,
@@ -43,7 +43,12 @@ from robotether_agent.rosbridge import (
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video import av_messages
 from robotether_agent.video.av_messages import FRAME_HEADER
-from robotether_agent.video.av_process import ProcessEndedError, av_process
+from robotether_agent.video.av_process import (
+    PYAV_MISSING,
+    ProcessEndedError,
+    av_process,
+    has_pyav,
+)
 from robotether_agent.video.jpeg import JPEG_START
 from robotether_agent.video.multipart import (
     MultipartBrokenError,
@@ -51,9 +56,8 @@ from robotether_agent.video.multipart import (
     Part,
     boundary_of,
 )
+from robotether_agent.video.timestamps import now, stamp_of, timestamp_of
 
-# Maximum age of a frame's timestamp; an older one is of another clock than this robot's.
-NEAR_S = 10.0
 CONNECT_WITHIN_S = 3.0
 # Time without a frame after which a source is opened again.
 STALL_S = 10.0
@@ -64,14 +68,13 @@ SERVER_STALL_S = 60.0
 RECHECK_S = 10.0
 # Time without a frame after which ROS is asked whether web_video_server can show the camera.
 FIRST_FRAME_S = 1.0
-# Maximum size of a message: a frame in base64, and its envelope.
-MAX_MESSAGE_BYTES = MAX_FRAME_BYTES // 3 * 4 + 64 * 1024
 # Part of the interval between frames that rosbridge waits; all of it would drop every second frame
 # of a camera at the requested rate.
 THROTTLE = 0.75
-# Time limit for the first frame of an RTSP or V4L2 camera: its process starts, connects, and waits for a key frame.
-CAMERA_START_S = 25.0
+# Time limit for the first frame of a process: it starts, connects, and waits for an RTSP camera's key frame.
+PROCESS_START_S = 25.0
 CAMERA_COMMAND = (sys.executable, "-m", "robotether_agent.video.camera_process")
+IMAGE_COMMAND = (sys.executable, "-m", "robotether_agent.video.image_process")
 
 
 @dataclass(frozen=True)
@@ -106,37 +109,20 @@ class SourceDownError(DetailError):
         self.answers = answers
 
 
-class OnlyCompressedError(SourceDownError):
-    """A camera has compressed images alone: web_video_server makes its frames of raw ones."""
+class NotByServerError(SourceDownError):
+    """web_video_server cannot show a camera, and rosbridge may: raw images, or else compressed ones."""
+
+    def __init__(self, message: str, *, is_raw: bool) -> None:
+        super().__init__(message)
+        self.is_raw = is_raw
+
+
+class NotJpegError(SourceDownError):
+    """A camera's compressed images are no JPEGs."""
 
 
 OnFrame = Callable[[CameraFrame], None]
 OnKind = Callable[[Source], None]
-
-
-@dataclass(frozen=True)
-class ClockReadings:
-    """One time on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
-
-    robot_s: float
-    wall_s: float
-    steady_s: float
-
-
-def now() -> ClockReadings:
-    """Look at the three clocks."""
-    return ClockReadings(robot_time(), time.time(), time.clock_gettime(time.CLOCK_MONOTONIC))
-
-
-def timestamp_of(stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
-    """Return when the frame was taken on the robot's clock, and whether that is the camera's own stamp."""
-    if stamp_s is None:
-        return arrived.robot_s, False
-    for clock_s, is_stamped in ((arrived.wall_s, True), (arrived.steady_s, False)):
-        age_s = clock_s - stamp_s
-        if 0 <= age_s <= NEAR_S:
-            return arrived.robot_s - age_s, is_stamped
-    return arrived.robot_s, False
 
 
 @dataclass(frozen=True)
@@ -150,6 +136,11 @@ class SourceSettings:
     cameras: Mapping[str, str] = field(default_factory=dict, repr=False)
 
 
+def cameras_by_rosbridge(own: Mapping[str, str]) -> list[str]:
+    """Return the cameras among a robot's own topics that can be shown without web_video_server."""
+    return camera_topics(own if has_pyav() else compressed_images(own))
+
+
 class Sources:
     """Opens the source of any camera."""
 
@@ -159,9 +150,11 @@ class Sources:
         self._http = http
         self._source_settings = source_settings
         self._graph = graph
-        # What web_video_server could not show: cameras that have compressed images alone, and encodings by camera.
-        self._compressed: set[str] = set()
+        # What web_video_server could not show: whether that are raw images, and their encodings.
+        self._not_by_server: dict[str, bool] = {}
         self._encodings: dict[str, str] = {}
+        # Cameras whose compressed images are no JPEGs.
+        self._only_raw: set[str] = set()
 
     async def first_camera(self) -> str | None:
         """Return the robot's first camera, or nothing where it has none; SourceDownError where nobody knows."""
@@ -169,9 +162,8 @@ class Sources:
             own = await self._graph.own_topics()
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
             raise SourceDownError("rosapi does not say which cameras there are") from error
-        if self._source_settings.source == "rosbridge":
-            own = compressed_images(own)
-        return next(iter(camera_topics(own)), None)
+        by_rosbridge = self._source_settings.source == "rosbridge"
+        return next(iter(cameras_by_rosbridge(own) if by_rosbridge else camera_topics(own)), None)
 
     def steps_quality(self, topic: str) -> bool:
         """Whether quality and size of a camera can be asked for, as far as is known before it is opened."""
@@ -201,10 +193,27 @@ class Sources:
         raise SourceDownError("it ended")
 
     async def _run_rosbridge(
-        self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
+        self,
+        source_request: SourceRequest,
+        on_frame: OnFrame,
+        on_kind: OnKind,
+        *,
+        is_raw: bool = False,
     ) -> None:
+        """Use the camera's compressed images, or its raw ones if those are none, or `is_raw`."""
         on_kind("rosbridge")
-        await run_rosbridge(self._graph, source_request, on_frame)
+        name, fps = _full_name(source_request.topic), source_request.fps
+        compressed, has_raw = await _image_topics(self._graph, name)
+        if is_raw or (has_raw and (compressed is None or name in self._only_raw)):
+            await run_images(self._graph.url, name, fps, on_frame)
+        if compressed is None:
+            raise SourceDownError(f"rosbridge has no images of {printable(name, 100)}")
+        try:
+            await run_rosbridge(self._graph, compressed, fps, on_frame)
+        except NotJpegError:
+            if has_raw and has_pyav():
+                self._only_raw.add(name)
+            raise
 
     async def _run_server(self, source_request: SourceRequest, on_frame: OnFrame) -> None:
         video_url, topic = self._source_settings.video_url, source_request.topic
@@ -248,16 +257,17 @@ class Sources:
             if topics.get(name) != RAW_IMAGE_TYPE or not await self._graph.is_published(name):
                 return _no_raw_images(name, topics)
             if has_ended:
-                return SourceDownError(
+                return NotByServerError(
                     f"web_video_server shows no images of {printable(name, 100)}, "
-                    f"which have the encoding {await self._encoding_of(name)}"
+                    f"which have the encoding {await self._encoding_of(name)}",
+                    is_raw=True,
                 )
         return None
 
     async def _encoding_of(self, name: str) -> str:
         # Asked once: each raw image is much work for rosbridge, which also carries what drives the robot.
         if name not in self._encodings:
-            async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
+            async with connected(self._graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
                 await rosbridge.subscribe(name, RAW_IMAGE_TYPE, throttle_ms=1000)
                 message = await within(CONNECT_WITHIN_S, rosbridge.message())
             self._encodings[name] = printable(str(message.get("encoding", "")), 40)
@@ -266,27 +276,31 @@ class Sources:
     async def _run_either(
         self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
     ) -> None:
-        if source_request.topic in self._compressed:
-            await self._run_compressed(source_request, on_frame, on_kind)
+        topic = source_request.topic
+        if topic in self._not_by_server:
+            await self._run_not_by_server(source_request, on_frame, on_kind)
         on_kind("web_video_server")
         try:
             await self._run_server(source_request, on_frame)
-        except OnlyCompressedError:
-            await self._run_compressed(source_request, on_frame, on_kind)
+        except NotByServerError as lack:
+            if lack.is_raw and not has_pyav():
+                raise SourceDownError(f"{lack}; {PYAV_MISSING}") from lack
+            self._not_by_server[topic] = lack.is_raw
+            await self._run_not_by_server(source_request, on_frame, on_kind)
         except SourceDownError as down:
             if down.answers:
                 raise
             await self._run_instead(source_request, on_frame, on_kind, down)
 
-    async def _run_compressed(
+    async def _run_not_by_server(
         self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind
     ) -> None:
-        """Use rosbridge for a camera that has no raw images, and from now on at once."""
-        self._compressed.add(source_request.topic)
+        """Use rosbridge for a camera that web_video_server cannot show; if that fails both are tried again."""
+        is_raw = self._not_by_server[source_request.topic]
         try:
-            await self._run_rosbridge(source_request, on_frame, on_kind)
+            await self._run_rosbridge(source_request, on_frame, on_kind, is_raw=is_raw)
         except SourceDownError:
-            self._compressed.discard(source_request.topic)
+            self._not_by_server.pop(source_request.topic, None)
             raise
 
     async def _run_instead(
@@ -377,66 +391,85 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
 async def run_camera(
     url: str, on_frame: OnFrame, *, what: str, command: Sequence[str] = CAMERA_COMMAND
 ) -> NoReturn:
-    """Give the frames of an RTSP or V4L2 camera, as JPEGs that a process of its own makes."""
-    if find_spec("av") is None:
-        raise SourceDownError(f"{what} needs PyAV: install robotether-agent[video]")
+    """Give the frames of an RTSP or V4L2 camera."""
+    await _run_process(command, f"{url}\n", on_frame, what=what, stall_s=STALL_S)
+
+
+async def run_images(url: str, topic: str, fps: float, on_frame: OnFrame) -> NoReturn:
+    """Give the frames of a topic's raw images, which the process gets from rosbridge at `url`."""
+    request = {"url": url, "topic": topic, "throttle_ms": _throttle_ms(fps)}
+    stall_s, what = max(STALL_S, 3 / fps), printable(topic, 100)
+    await _run_process(
+        IMAGE_COMMAND, json.dumps(request) + "\n", on_frame, what=what, stall_s=stall_s
+    )
+
+
+async def _run_process(
+    command: Sequence[str], request: str, on_frame: OnFrame, *, what: str, stall_s: float
+) -> NoReturn:
+    """Give the frames of a process that makes JPEGs; `what` names in errors what it reads."""
+    if not has_pyav():
+        raise SourceDownError(f"{what} cannot be read: {PYAV_MISSING}")
     try:
         async with av_process(command) as process:
             # Not as an argument, which everybody on the robot may read.
-            await process.send(f"{url}\n".encode())
-            limit_s = CAMERA_START_S
+            await process.send(request.encode())
+            limit_s = PROCESS_START_S
             while True:
                 message = await within(limit_s, process.message(av_messages.MAX_MESSAGE_BYTES))
-                on_frame(_camera_frame(message, what))
-                limit_s = STALL_S
+                on_frame(_process_frame(message, what))
+                limit_s = stall_s
     except asyncio.TimeoutError as error:
         raise SourceDownError(f"{what} sent no frame for {limit_s:g} s") from error
     except (ProcessEndedError, OSError) as error:
         raise SourceDownError(f"{what} cannot be read: {error}") from error
 
 
-def _camera_frame(message: bytes, what: str) -> CameraFrame:
+def _process_frame(message: bytes, what: str) -> CameraFrame:
     try:
-        kind, arrived_s = FRAME_HEADER.unpack_from(message)
+        kind, is_stamped, timestamp_s, arrived_s = FRAME_HEADER.unpack_from(message)
     except struct.error as error:
         raise ProcessEndedError("its answer makes no sense") from error
     data = message[FRAME_HEADER.size :]
     if kind != av_messages.FRAME:
         raise SourceDownError(f"{what} cannot be read: {printable(data.decode(), 100)}")
-    return CameraFrame(data, arrived_s, arrived_s)
+    return CameraFrame(data, timestamp_s, arrived_s, is_stamped)
 
 
-async def run_rosbridge(
-    graph: RosGraph, source_request: SourceRequest, on_frame: OnFrame
-) -> NoReturn:
+async def run_rosbridge(graph: RosGraph, topic: str, fps: float, on_frame: OnFrame) -> NoReturn:
     """Give the frames of a CompressedImage topic."""
     try:
-        topic = await _image_topic(graph, source_request.topic)
-        async with connected(graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
-            throttle_ms = int(1000 * THROTTLE / source_request.fps)
-            await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=throttle_ms)
+        async with connected(graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
+            await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=_throttle_ms(fps))
             while True:
                 # A topic slower than one frame in STALL_S is requested again, and that is all.
-                message = await within(max(STALL_S, 3 / source_request.fps), rosbridge.message())
+                message = await within(max(STALL_S, 3 / fps), rosbridge.message())
                 on_frame(_frame_of(message, topic))
     except asyncio.TimeoutError as error:
         raise SourceDownError(f"rosbridge sent no frame for {STALL_S:g} s") from error
     except (aiohttp.ClientError, OSError) as error:
-        reason = describe_error(error, CONNECT_WITHIN_S)
-        raise SourceDownError(f"rosbridge at {graph.url} sends no frames: {reason}") from error
+        raise _rosbridge_down(graph.url, error) from error
 
 
-async def _image_topic(graph: RosGraph, camera: str) -> str:
-    """Return the name under which rosbridge has a camera's compressed frames."""
-    name = _full_name(camera)
+def _throttle_ms(fps: float) -> int:
+    return int(1000 * THROTTLE / fps)
+
+
+async def _image_topics(graph: RosGraph, name: str) -> tuple[str | None, bool]:
+    """Return the topic of a camera's compressed images, and whether it has raw ones."""
     try:
-        topic = _compressed_of(name, await graph.topics())
+        topics = await graph.topics()
     except (ConnectionError, asyncio.TimeoutError):
         # No rosapi: by what image_transport calls it.
-        return name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"
-    if topic is None:
-        raise SourceDownError(f"rosbridge has no compressed images of {printable(name, 100)}")
-    return topic
+        return (name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"), False
+    except (aiohttp.ClientError, OSError) as error:
+        raise _rosbridge_down(graph.url, error) from error
+    return _compressed_of(name, topics), topics.get(name) == RAW_IMAGE_TYPE
+
+
+def _rosbridge_down(url: str, error: Exception) -> SourceDownError:
+    reason = describe_error(error, CONNECT_WITHIN_S)
+    return SourceDownError(f"rosbridge at {url} sends no frames: {reason}")
 
 
 def _full_name(topic: str) -> str:
@@ -452,9 +485,10 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
     """Return why there are no raw images of a name; nothing where nobody knows the name."""
     compressed, kind = _compressed_of(name, topics), topics.get(name, RAW_IMAGE_TYPE)
     if compressed is not None:
-        return OnlyCompressedError(
+        return NotByServerError(
             f"{printable(compressed, 100)} has compressed images alone, which web_video_server "
-            "does not show; set video_source to auto in the agent's settings"
+            "does not show; set video_source to auto in the agent's settings",
+            is_raw=False,
         )
     if kind != RAW_IMAGE_TYPE:
         return SourceDownError(
@@ -471,20 +505,7 @@ def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
         jpeg = b""
     if not jpeg.startswith(JPEG_START):
         excerpt = printable(str(message.get("format", "")), 40)
-        raise SourceDownError(f"{topic} has images of format {excerpt!r}, not JPEG")
+        raise NotJpegError(f"{topic} has images of format {excerpt!r}, not JPEG")
     arrived = now()
     timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
-
-
-def stamp_of(message: JsonObject) -> float | None:
-    """Return a header's stamp in seconds, as ROS 1 (secs, nsecs) and ROS 2 (sec, nanosec) write it; 0 is none."""
-    header = message.get("header")
-    stamp = header.get("stamp") if isinstance(header, dict) else None
-    if not isinstance(stamp, dict):
-        return None
-    for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
-        seconds, nanoseconds = stamp.get(whole), stamp.get(part)
-        if isinstance(seconds, int) and isinstance(nanoseconds, int):
-            return seconds + nanoseconds / 1e9 or None
-    return None

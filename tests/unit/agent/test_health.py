@@ -13,6 +13,7 @@ from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.health import Health, HealthReport
 from robotether_agent.rosbridge import RosGraph
+from robotether_agent.video import sources as sources_module
 from robotether_agent.video.sources import SourceSettings
 
 EVERY_S = 0.1
@@ -120,15 +121,22 @@ def nowhere() -> str:
     return f"http://127.0.0.1:{free_port()}"
 
 
-async def test_video_comes_from_rosbridge_while_no_server_answers(watch, nowhere, monkeypatch):
+RAW = {"/camera/image_raw": "sensor_msgs/Image"}
+
+
+@pytest.mark.parametrize(("topics", "has_pyav"), [(IMAGES, False), (RAW, True)])
+async def test_video_comes_from_rosbridge_while_no_server_answers(
+    watch, nowhere, monkeypatch, topics, has_pyav
+):
     monkeypatch.setattr(health_module, "SELDOM", 2)
-    async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as robot:
+    monkeypatch.setattr(sources_module, "has_pyav", lambda: has_pyav)
+    async with TopicRosbridge({} if has_pyav else RAW) as robot:
         health = watch(robot.url, nowhere)
         only_server = watch(robot.url, nowhere, "web_video_server")
         for item in (health, only_server):
             report = await until(item, lambda report: report.video == "down" and report.ros == "ok")
             assert "web_video_server at" in report.video_detail
-        robot.topics = IMAGES
+        robot.topics = topics
         await until(health, lambda report: report.video == "ok")
         assert only_server.report.video == "down"
 
@@ -138,7 +146,7 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 2)
     async with TopicRosbridge({}) as robot:
         health = watch(robot.url, services.http_url, "rosbridge")
-        report = await until(health, lambda report: "no compressed images" in report.video_detail)
+        report = await until(health, lambda report: "no images of this robot" in report.video_detail)
         assert report.video == "down"
         robot.topics = IMAGES
         await until(health, lambda report: report.video == "ok")

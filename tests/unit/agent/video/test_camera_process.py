@@ -62,7 +62,7 @@ async def test_an_rtsp_camera_gives_its_newest_frames_as_jpegs():
 async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypatch, mode, location):
     """A redirect or description leads neither to a file nor to an HTTP service of the robot."""
     # Some answers only show as silence.
-    monkeypatch.setattr(sources_module, "CAMERA_START_S", 3.0)
+    monkeypatch.setattr(sources_module, "PROCESS_START_S", 3.0)
     visits = []
 
     async def visited(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -87,7 +87,7 @@ async def test_a_camera_that_is_not_there_is_a_reason(url):
 
 
 async def test_a_silent_camera_is_given_up(monkeypatch):
-    monkeypatch.setattr(sources_module, "CAMERA_START_S", 2.0)
+    monkeypatch.setattr(sources_module, "PROCESS_START_S", 2.0)
     async with FakeRtspCamera(JPEGS[:1], "silent") as camera:
         assert await down_reason(camera.url) == "camera rear sent no frame for 2 s"
 
@@ -106,5 +106,5 @@ async def test_a_broken_process_is_a_reason(code, reason):
 
 
 async def test_without_pyav_the_reason_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(sources_module, "find_spec", lambda _: None)
-    assert "robotether-agent[video]" in await down_reason("rtsp://127.0.0.1/")
+    monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
+    assert "robotether-agent install-video" in await down_reason("rtsp://127.0.0.1/")

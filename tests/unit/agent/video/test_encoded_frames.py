@@ -270,7 +270,7 @@ async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(mak
 def test_encoder_that_is_installed_while_the_agent_runs_is_used(monkeypatch):
     """The next camera that is opened has it, without a restart."""
     with monkeypatch.context() as without:
-        without.setattr(encoder_module, "find_spec", lambda _: None)
+        without.setattr(encoder_module, "has_pyav", lambda: False)
         pool = EncoderPool("auto")
     frame_encoder = FrameEncoder(pool, lambda: None, robot_time)
     frame_encoder.use(StreamRequest(codecs=("h264", "jpeg")))

@@ -11,7 +11,6 @@ import sys
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
-from importlib import util
 from pathlib import Path
 
 import pytest
@@ -258,7 +257,6 @@ async def test_pauses_between_failed_starts_grow(program, monkeypatch):
     ],
 )
 def test_availability_names_what_is_missing(monkeypatch, setting, has_av, cores, reason):
-    spec = util.find_spec("av") if has_av else None
-    monkeypatch.setattr(encoder_module, "find_spec", lambda _: spec)
+    monkeypatch.setattr(encoder_module, "has_pyav", lambda: has_av)
     monkeypatch.setattr(os, "cpu_count", lambda: cores)
     assert availability(setting) == reason

@@ -7,6 +7,7 @@ import base64
 import io
 import time
 from collections.abc import AsyncIterator, Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import aiohttp
@@ -27,17 +28,14 @@ from robotether_agent.video.multipart import (
     boundary_of,
 )
 from robotether_agent.video.sources import (
-    NEAR_S,
     CameraFrame,
-    ClockReadings,
     SourceDownError,
     SourceRequest,
     Sources,
     SourceSettings,
-    stamp_of,
     stream_url,
-    timestamp_of,
 )
+from robotether_agent.video.timestamps import NEAR_S, ClockReadings, stamp_of, timestamp_of
 
 ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
 WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
@@ -247,14 +245,86 @@ async def publish_png(rosbridge: TopicRosbridge, format_: str) -> None:
     await rosbridge.publish(topic, image(1, data=png, format=format_))
 
 
-async def test_a_rosbridge_without_such_frames_tells_why(run):
-    async with TopicRosbridge({"/camera/image_raw": "sensor_msgs/Image"}) as rosbridge:
+@pytest.fixture
+def no_pyav(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
+
+
+@pytest.mark.usefixtures("no_pyav")
+@pytest.mark.parametrize(
+    ("topics", "why"),
+    [
+        ({"/odom": "nav_msgs/Odometry"}, "rosbridge has no images of /camera/image_raw"),
+        ({WISH.topic: "sensor_msgs/Image"}, "/camera/image_raw cannot be read: PyAV is not "),
+    ],
+)
+async def test_a_rosbridge_without_such_frames_tells_why(run, topics, why):
+    async with TopicRosbridge(topics) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
-        await fails(running, "no compressed images of /camera/image_raw")
-        rosbridge.topics = IMAGES
+        await fails(running, why)
+
+
+RAW = {WISH.topic: "sensor_msgs/Image"}
+
+
+def raw_image(**changes: object) -> dict[str, object]:
+    """One of 4x2 pixels, 5 m away."""
+    data = base64.b64encode((5000).to_bytes(2, "little") * 8).decode()
+    return {
+        "width": 4,
+        "height": 2,
+        "step": 8,
+        "encoding": "16UC1",
+        "is_bigendian": 0,
+        "data": data,
+        **changes,
+    }
+
+
+async def shows_raw(rosbridge: TopicRosbridge, taken: Taken) -> None:
+    """Publish raw images until one is there, and look at it."""
+    stamp = {"sec": int(time.time()), "nanosec": 0}
+    async with asyncio.timeout(30):
+        while not taken.pictures:
+            # A subscription before may just end.
+            with suppress(ConnectionError):
+                await rosbridge.publish(WISH.topic, raw_image(header={"stamp": stamp}))
+            await asyncio.sleep(0.05)
+    picture = taken.pictures[0]
+    assert Image.open(io.BytesIO(picture.data)).convert("L").getpixel((2, 1)) == 143
+    assert picture.is_stamped
+    assert 0 <= picture.arrived_s - picture.timestamp_s <= NEAR_S
+    assert taken.kinds[-1] == "rosbridge"
+
+
+@pytest.mark.parametrize("topics", [RAW, RAW | IMAGES])
+async def test_raw_images_of_rosbridge(run, topics):
+    """They are shown where there are no others, or no JPEGs: image_transport makes PNGs of distances."""
+    async with TopicRosbridge(topics) as rosbridge:
+        given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
+        running, taken = run(given)
+        if topics != RAW:
+            await publish_png(rosbridge, "16UC1; png compressed")
+            await fails(running, "format '16UC1; png compressed', not JPEG")
+            _, taken = run(given)
+        await shows_raw(rosbridge, taken)
+
+
+async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbridge(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge(RAW) as rosbridge:
+        rosbridge.publishers = ["/depth"]
+        _, taken = run(source_settings(server.url, rosbridge.url))
+        await shows_raw(rosbridge, taken)
+        assert taken.kinds == ["web_video_server", "rosbridge"]
+
+
+async def test_raw_images_that_cannot_be_shown_name_their_encoding(run):
+    async with TopicRosbridge(RAW) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
-        await publish_png(rosbridge, "png")
-        await fails(running, "format 'png', not JPEG")
+        while not running.done():
+            await rosbridge.publish(WISH.topic, raw_image(encoding="bayer_rggb8"))
+            await asyncio.sleep(0.05)
+        await fails(running, "encoding bayer_rggb8, which is not shown")
 
 
 @pytest.fixture
@@ -305,6 +375,7 @@ async def test_who_wants_web_video_server_alone_is_told_that_it_cannot_show_comp
         await fails(running, "/compressed has compressed images alone")
 
 
+@pytest.mark.usefixtures("no_pyav")
 @pytest.mark.parametrize("source", ["auto", "web_video_server"])
 async def test_images_that_web_video_server_cannot_convert_are_named_by_their_encoding(run, source):
     """Depth is no missing topic; rosbridge sends one such image, however often the camera is opened."""
@@ -340,10 +411,16 @@ async def test_a_stream_of_other_images_than_jpeg_names_them(run):
 
 
 @pytest.mark.parametrize(
-    ("source", "first"), [("auto", "/r2/front"), ("rosbridge", "/r2/rear/image_raw")]
+    ("source", "has_pyav", "first"),
+    [
+        ("auto", False, "/r2/front"),
+        ("rosbridge", False, "/r2/rear/image_raw"),
+        ("rosbridge", True, "/r2/front"),
+    ],
 )
-async def test_the_first_camera_is_this_robots(source, first):
+async def test_the_first_camera_is_this_robots(monkeypatch, source, has_pyav, first):
     """The first camera is one of the robot's own that its source can show."""
+    monkeypatch.setattr(sources_module, "has_pyav", lambda: has_pyav)
     kinds = {"cmd_vel": "geometry_msgs/msg/Twist", "front": "sensor_msgs/msg/Image"}
     kinds["rear/image_raw/compressed"] = "sensor_msgs/msg/CompressedImage"
     topics = {f"/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in kinds.items()}

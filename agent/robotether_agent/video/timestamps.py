@@ -1,0 +1,50 @@
+"""When a camera took a frame, on the robot's clock: by its own stamp where that is near, else by the frame's arrival."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from robotether_agent.clock import robot_time
+from robotether_agent.fields import JsonObject
+
+# Maximum age of a frame's timestamp; an older one is of another clock than this robot's.
+NEAR_S = 10.0
+
+
+@dataclass(frozen=True)
+class ClockReadings:
+    """One time on three clocks: since the robot's start, in Unix time, and CLOCK_MONOTONIC."""
+
+    robot_s: float
+    wall_s: float
+    steady_s: float
+
+
+def now() -> ClockReadings:
+    """Look at the three clocks."""
+    return ClockReadings(robot_time(), time.time(), time.clock_gettime(time.CLOCK_MONOTONIC))
+
+
+def timestamp_of(stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
+    """Return when the frame was taken on the robot's clock, and whether that is the camera's own stamp."""
+    if stamp_s is None:
+        return arrived.robot_s, False
+    for clock_s, is_stamped in ((arrived.wall_s, True), (arrived.steady_s, False)):
+        age_s = clock_s - stamp_s
+        if 0 <= age_s <= NEAR_S:
+            return arrived.robot_s - age_s, is_stamped
+    return arrived.robot_s, False
+
+
+def stamp_of(message: JsonObject) -> float | None:
+    """Return a header's stamp in seconds, as ROS 1 (secs, nsecs) and ROS 2 (sec, nanosec) write it; 0 is none."""
+    header = message.get("header")
+    stamp = header.get("stamp") if isinstance(header, dict) else None
+    if not isinstance(stamp, dict):
+        return None
+    for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
+        seconds, nanoseconds = stamp.get(whole), stamp.get(part)
+        if isinstance(seconds, int) and isinstance(nanoseconds, int):
+            return seconds + nanoseconds / 1e9 or None
+    return None
