@@ -29,6 +29,8 @@ CALL_ID = "robotether_agent:call"
 SILENT_S = 120.0
 RAW_IMAGE_TYPE = "sensor_msgs/Image"
 IMAGE_TYPE = "sensor_msgs/CompressedImage"
+# Video that the robot encodes by itself.
+VIDEO_TYPES = ("foxglove_msgs/CompressedVideo", "ffmpeg_image_transport_msgs/FFMPEGPacket")
 COMPRESSED = "/compressed"
 # Endings of what image_transport publishes as CompressedImage and no browser shows.
 NOT_SHOWN = ("/compressedDepth", "/zstd")
@@ -80,8 +82,10 @@ class Rosbridge:
                     "JsonObject", values if isinstance(values, dict) else {}
                 )
 
-    async def subscribe(self, topic: str, kind: str, *, throttle_ms: int) -> None:
-        """Ask for the newest message of a topic, one each `throttle_ms` at most."""
+    async def subscribe(
+        self, topic: str, kind: str, *, throttle_ms: int, queue_length: int = 1
+    ) -> None:
+        """Ask for the newest message of a topic, one each `throttle_ms` at most; with both 0 for all."""
         self._what = topic
         subscription = {
             "op": "subscribe",
@@ -90,7 +94,7 @@ class Rosbridge:
             "type": kind,
         }
         await self._socket.send_json(
-            {**subscription, "throttle_rate": throttle_ms, "queue_length": 1}
+            {**subscription, "throttle_rate": throttle_ms, "queue_length": queue_length}
         )
 
     async def message(self) -> JsonObject:
@@ -271,8 +275,10 @@ def compressed_images(topics: Mapping[str, str]) -> dict[str, str]:
 def camera_topics(own: Mapping[str, str]) -> list[str]:
     """Return the cameras among a robot's own topics, the usual one first, as on the drive page (discovery.js)."""
     raw = {name for name, kind in own.items() if kind == RAW_IMAGE_TYPE}
+    videos = (name for name, kind in own.items() if kind in VIDEO_TYPES)
     # What lies under a raw image is that image by another transport.
-    alone = (name for name in compressed_images(own) if name.rpartition("/")[0] not in raw)
+    encoded = (*compressed_images(own), *videos)
+    alone = (name for name in encoded if name.rpartition("/")[0] not in raw)
     cameras = raw | {name.removesuffix(COMPRESSED) or name for name in alone}
     return sorted(cameras, key=lambda name: (name != USUAL_CAMERA, name))
 

@@ -10,8 +10,8 @@ import struct
 from robotether_common.frames import MAX_FRAME_BYTES
 
 LENGTH = struct.Struct("!I")
-# Kind, whether the camera stamped the frame, its timestamp and its arrival in seconds of the robot's clock; then a JPEG,
-# or the reason why there are no more.
+# Kind, whether the camera stamped the frame, its timestamp and its arrival in seconds of the robot's clock. Then a
+# JPEG, or the reason why there are no more.
 FRAME_HEADER = struct.Struct("!B?dd")
 FRAME, REASON = 0, 1
 MAX_MESSAGE_BYTES = FRAME_HEADER.size + MAX_FRAME_BYTES

@@ -15,6 +15,8 @@ NICENESS = 10
 # Maximum memory in bytes that is not shared with other programs: enough for 1920x1080, and not for 3840x2160.
 MAX_DATA_BYTES = 192 * 1024 * 1024
 PR_SET_PDEATHSIG = 1
+# Flag of FFmpeg's decoders (AV_CODEC_FLAG_LOW_DELAY): no frame waits for the next.
+LOW_DELAY_FLAG = 0x80000
 
 
 def step_back() -> None:

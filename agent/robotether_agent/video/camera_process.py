@@ -16,7 +16,7 @@ import av
 from robotether_common.frames import MAX_SIDE
 
 from robotether_agent.clock import robot_time
-from robotether_agent.video.av_program import private_output, step_back
+from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
@@ -39,7 +39,6 @@ RTSP_OPTIONS = {
     "analyzeduration": "1000000",
     "probesize": "500000",
 }
-LOW_DELAY_FLAG = 0x80000
 # Webcams leave them out, and browsers need them: such a frame is decoded like any other.
 HUFFMAN_TABLES = b"\xff\xc4"
 

@@ -1,7 +1,7 @@
-"""Reads raw images of a ROS topic: `python -m robotether_agent.video.image_process`, which one on stdin, JPEGs on stdout.
+"""Reads images of a ROS topic: `python -m robotether_agent.video.image_process`, which one on stdin, JPEGs on stdout.
 
 Started by video.sources, one for an open topic. It subscribes at rosbridge by itself, so that images of some MB pass
-none of the agent's own loop. Makes a frame of the newest image alone.
+none of the agent's own loop. Of raw images it makes a JPEG of the newest alone; H.264 it decodes as it comes.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ from typing import Any
 
 import aiohttp
 import av
+from robotether_common.frames import MAX_SIDE
 
 from robotether_agent.describe_error import describe_error
+from robotether_agent.fields import JsonObject
 from robotether_agent.rosbridge import (
     CONNECT_WITHIN_S,
     MAX_IMAGE_MESSAGE_BYTES,
-    RAW_IMAGE_TYPE,
+    VIDEO_TYPES,
     connected,
 )
-from robotether_agent.video.av_program import private_output, step_back
+from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
@@ -33,30 +35,64 @@ from robotether_agent.video.newest_jpegs import (
 )
 from robotether_agent.video.raw_images import FrameMaker, RawImage
 from robotether_agent.video.timestamps import now, stamp_of, timestamp_of
+from robotether_agent.video.video_packets import NotShownError, h264_of
 
 
 def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Read a topic's images until there are no more, and say why."""
     try:
         asyncio.run(subscribe(request, newest))
-    except CameraFailedError as error:
-        newest.end(error)
+    except (CameraFailedError, NotShownError) as error:
+        newest.end(CameraFailedError(str(error)))
+    except (av.FFmpegError, MemoryError) as error:
+        newest.end(CameraFailedError(f"its H.264 cannot be decoded: {type(error).__name__}"))
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         newest.end(CameraFailedError(describe_error(error, CONNECT_WITHIN_S)))
 
 
 async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Put each image with its times."""
-    maker = FrameMaker()
+    kind = request["type"]
+    frames_of = H264Frames().frames_of if kind in VIDEO_TYPES else RawFrames().frames_of
     async with connected(request["url"], max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
-        throttle_ms = request["throttle_ms"]
-        await rosbridge.subscribe(request["topic"], RAW_IMAGE_TYPE, throttle_ms=throttle_ms)
+        await rosbridge.subscribe(request["topic"], kind, **request["how"])
         while True:
             message = await rosbridge.message()
             arrived = now()
             timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
-            frame = partial(maker.frame, RawImage.of(message))
-            newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
+            for frame in frames_of(message):
+                newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
+
+
+class RawFrames:
+    """Raw images, each of which becomes a frame when that is wanted."""
+
+    def __init__(self) -> None:
+        self._maker = FrameMaker()
+
+    def frames_of(self, message: JsonObject) -> list[Any]:
+        """Return what makes the frame of a message."""
+        return [partial(self._maker.frame, RawImage.of(message))]
+
+
+class H264Frames:
+    """A robot's own H.264, from its first key frame on."""
+
+    def __init__(self) -> None:
+        self._decoder: Any = av.CodecContext.create("h264", "r")
+        self._decoder.thread_count = 1
+        self._decoder.flags |= LOW_DELAY_FLAG
+        self._decoder.options = {"max_pixels": str(MAX_SIDE * MAX_SIDE)}
+        self._has_begun = False
+
+    def frames_of(self, message: JsonObject) -> list[Any]:
+        """Return the frame of a message, if it has one."""
+        packet = h264_of(message)
+        if packet is None:
+            return []
+        data, unit = packet
+        self._has_begun = self._has_begun or unit.is_key
+        return list(self._decoder.decode(av.Packet(data))) if self._has_begun else []
 
 
 def main() -> int:

@@ -63,7 +63,7 @@ class RawImage:
             width, height = (get_int(message, side, 1, MAX_SIDE) for side in ("width", "height"))
             row = width * FORMATS[encoding][1]
             step = get_int(message, "step", row, 2**31)
-            data = binascii.a2b_base64(message.get("data", ""))
+            data = binascii.a2b_base64(message.get("data", ""))  # type: ignore[arg-type]
         except (FieldError, TypeError, ValueError) as error:
             raise CameraFailedError("its images make no sense") from error
         if len(data) < step * (height - 1) + row:
@@ -88,17 +88,17 @@ class FrameMaker:
 
     def frame(self, image: RawImage) -> Any:
         """Return an image as a frame."""
-        order = "be" if image.is_big_endian else "le"
+        endian = "be" if image.is_big_endian else "le"
         if image.encoding == "32FC1":
             return self._grey_frame(image, _upper_halves(image), "le")
         if image.encoding in GREYS:
-            return self._grey_frame(image, image.pixels, order)
+            return self._grey_frame(image, image.pixels, endian)
         pixel_format, pixel_bytes = FORMATS[image.encoding]
-        return _frame_of(image, pixel_format + order * (pixel_bytes == 2), image.pixels)  # noqa: PLR2004
+        return _frame_of(image, pixel_format + endian * (pixel_bytes == 2), image.pixels)  # noqa: PLR2004
 
-    def _grey_frame(self, image: RawImage, pixels: bytes, order: str) -> Any:
-        frame = _frame_of(image, f"gray16{order}", pixels)
-        if order == "be":
+    def _grey_frame(self, image: RawImage, pixels: bytes, endian: str) -> Any:
+        frame = _frame_of(image, f"gray16{endian}", pixels)
+        if endian == "be":
             frame = frame.reformat(format="gray16le", src_color_range=FULL, dst_color_range=FULL)
         graph = self._graph(image)
         graph.push(frame)

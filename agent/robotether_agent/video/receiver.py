@@ -1,7 +1,8 @@
 """One receiver of a camera's frames: its messages (docs/reference/media.md), its credit, and the newest frame for it.
 
 Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
-nothing for IDLE_S has no source open. Holds one frame, another one while it is encoded, and a few texts.
+nothing for IDLE_S has no source open. Holds one frame, another one while it is encoded, and a few texts. Of H.264 that
+the robot encodes by itself each frame goes out in its turn, and few wait.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from aiohttp import WSMsgType, web
-from robotether_common.codecs import JPEG, Codec
+from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_agent.clock import robot_time
@@ -33,6 +34,7 @@ from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.quality import Level, Steps, ladder
 from robotether_agent.video.shared_sources import SharedSources, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest
+from robotether_agent.video.waiting_frames import NewFrame, WaitingFrames
 
 # Maximum number of frames saved for jitter: a camera at the requested rate is early as often as
 # late.
@@ -47,6 +49,8 @@ MAX_IN_FLIGHT = 8
 SOURCE_QUALITY = 90
 # Time over which frames are counted for a rate.
 COUNTED_S = 2.0
+# What a status names as the encoder of H.264 that the robot's own nodes publish.
+OWN_ENCODER = "the camera"
 
 JsonFields = dict[str, object]
 # Is notified of the camera, number and timestamp in seconds of each frame that leaves the robot.
@@ -104,15 +108,6 @@ class SentFrame:
 
 
 @dataclass(frozen=True)
-class NewFrame:
-    """A camera's frame that nobody has sent yet."""
-
-    sequence: int
-    frame: CameraFrame
-    source_request: SourceRequest
-
-
-@dataclass(frozen=True)
 class OutgoingFrame:
     """A frame as it goes out."""
 
@@ -154,7 +149,9 @@ class Receiver:
         self._credit_s = clock()
         # No receiver of this camera uses the numbers of another one, which takes fewer than 1000 frames a second.
         self._sequence = int(clock() * 1000) % SEQUENCES
-        self._newest: NewFrame | None = None
+        self._waiting = WaitingFrames()
+        # Whether the robot encodes by itself, so that nothing can be asked of the source nor of an encoder.
+        self._passes_on = False
         # At most one frame is being encoded or waits encoded, and the next one waits for it.
         self._to_encode: NewFrame | None = None
         self._has_to_encode = asyncio.Event()
@@ -204,10 +201,15 @@ class Receiver:
             self._limiter = FrameRateLimiter(stream_request.fps)
         self._stream_request = stream_request
         self._credit_s = self._clock()
-        self._encoder.use(stream_request)
+        self._use_encoder()
         self._use_levels(stream_request)
         self._follow()
         self._check()
+
+    def _use_encoder(self) -> None:
+        if self._stream_request is not None:
+            jpegs = replace(self._stream_request, codecs=(JPEG.name,))
+            self._encoder.use(jpegs if self._passes_on else self._stream_request)
 
     def _on_encoder(self) -> None:
         """Request of the source what is encoded from now on, or what is sent as it comes."""
@@ -278,30 +280,44 @@ class Receiver:
         return source_request, level
 
     def _follow(self) -> None:
-        if self._stream_request is not None and self._steps is not None:
-            self._source_switch.follow(self._source_request(self._stream_request, self._steps))
+        if self._stream_request is None or self._steps is None:
+            return
+        source_request = self._source_request(self._stream_request, self._steps)
+        before = self._source_switch.source_request
+        if self._passes_on and before is not None and before.passes_h264:
+            # All else is the robot's.
+            source_request = replace(before, passes_h264=source_request.passes_h264)
+        self._source_switch.follow(source_request)
 
     def _source_request(self, stream_request: StreamRequest, steps: Steps) -> SourceRequest:
+        fps, passes_h264 = stream_request.fps, H264.name in stream_request.codecs
         if not self._steps_quality:
-            return SourceRequest(self._topic, 0, None, None, stream_request.fps)
+            return SourceRequest(self._topic, 0, None, None, fps, passes_h264)
         level = Level(SOURCE_QUALITY) if self._is_encoding else steps.level
         width, height = stream_request.width, stream_request.height
         if level.scale < 1:
             whole = requested_size(stream_request) or self._own_size
             if whole is not None:
                 width, height = (max(MIN_SIDE, int(side * level.scale) // 2 * 2) for side in whole)
-        return SourceRequest(self._topic, level.quality, width, height, stream_request.fps)
+        return SourceRequest(self._topic, level.quality, width, height, fps, passes_h264)
 
     def _on_frame(self, frame: CameraFrame, source_request: SourceRequest) -> None:
         now_s = self._clock()
         self._sequence = (self._sequence + 1) % SEQUENCES
         if self._own_size is None and source_request.width is None:
             self._learn_size(frame)
-        if not self._limiter.allows(now_s):
+        self._note_codec(frame)
+        if not self._passes_on and not self._limiter.allows(now_s):
             return
         self._offered.note(now_s)
-        self._newest = NewFrame(self._sequence, frame, source_request)
+        self._waiting.put(NewFrame(self._sequence, frame, source_request), now_s)
         self._wake.set()
+
+    def _note_codec(self, frame: CameraFrame) -> None:
+        is_encoded = frame.codec.depends_on_earlier
+        if is_encoded != self._passes_on:
+            self._passes_on = is_encoded
+            self._use_encoder()
 
     def _learn_size(self, frame: CameraFrame) -> None:
         self._own_size = jpeg_size(frame.data)
@@ -318,8 +334,7 @@ class Receiver:
                 outgoing, self._encoded = self._encoded, None
                 await self._send_frame(outgoing)
                 self._wake.set()
-            elif self._credit and self._newest is not None and self._to_encode is None:
-                new, self._newest = self._newest, None
+            elif self._credit and self._to_encode is None and (new := self._waiting.next()):
                 self._credit -= 1
                 if self._is_encoding and new.frame.codec is JPEG:
                     self._to_encode = new
@@ -349,7 +364,7 @@ class Receiver:
         except EncoderError:
             # What follows must not depend on a frame that is none.
             self._encoder.request_key_frame()
-            if self._newest is not None:
+            if self._waiting:
                 self._credit += 1
                 return None
             return self._unencoded(new)
@@ -359,7 +374,8 @@ class Receiver:
         can_step = self._can_step() and not self._is_encoding
         quality = new.source_request.quality if can_step else 0
         basis = None if self._is_encoding else (new.source_request, None)
-        return OutgoingFrame(new, new.frame.data, new.frame.codec, quality, basis)
+        frame = new.frame
+        return OutgoingFrame(new, frame.data, frame.codec, quality, basis, frame.is_key)
 
     async def _send_frame(self, outgoing: OutgoingFrame) -> None:
         sequence, frame = outgoing.new.sequence, outgoing.new.frame
@@ -394,7 +410,7 @@ class Receiver:
         now_s = self._clock()
         if self._credit == 0 and now_s - self._credit_s > IDLE_S:
             self._source_switch.leave()
-            self._newest = None
+            self._waiting.clear()
             return
         if self._source_switch.give_up_late() and self._can_scale:
             # It may be that it knows no sizes.
@@ -414,8 +430,11 @@ class Receiver:
             self._follow()
 
     def _send_status(self, now_s: float) -> None:
+        condition = self._source_switch.condition()
+        if condition.state == "live" and (lack := self._waiting.lack(now_s)):
+            condition = replace(condition, state="down", detail=lack)
         status = replace(
-            self._source_switch.condition(),
+            condition,
             fps=round(self._sent.rate(now_s), 1),
             codec=None if self._codec is None else self._codec.name,
             no_encoder=self._encoder.down_reason,
@@ -431,6 +450,7 @@ class Receiver:
             "quality": 0 if source_request is None else source_request.quality,
             "width": None if source_request is None else source_request.width,
             "height": None if source_request is None else source_request.height,
+            "encoder": OWN_ENCODER if self._passes_on else None,
         }
 
     def _encoded_status(self) -> dict[str, Any]:

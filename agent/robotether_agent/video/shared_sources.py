@@ -215,18 +215,24 @@ class SourceSwitch:
             self._next = None
 
     def _on_current(self, frame: CameraFrame) -> None:
-        if self._shared is None or (self._last_s is not None and frame.timestamp_s < self._last_s):
+        if self._shared is None or self._is_repeated(frame, 0.0):
             return
         self._hand_on(frame, self._shared.source_request)
 
     def _on_next(self, frame: CameraFrame) -> None:
         """Go over with the new source's first frame, which the old one may have given already."""
-        is_same = (
-            self._last_s is not None and frame.timestamp_s - self._last_s < SAME * self._interval_s
-        )
+        if frame.codec.depends_on_earlier and not frame.is_key:
+            return
+        is_repeated = self._is_repeated(frame, SAME * self._interval_s)
         self._go_over()
-        if self._shared is not None and not is_same:
+        if self._shared is not None and not is_repeated:
             self._hand_on(frame, self._shared.source_request)
+
+    def _is_repeated(self, frame: CameraFrame, margin_s: float) -> bool:
+        """Whether what a frame shows was handed on already, and nothing depends on it."""
+        if frame.codec.depends_on_earlier or self._last_s is None:
+            return False
+        return frame.timestamp_s - self._last_s < margin_s
 
     def _go_over(self) -> None:
         old, self._shared, self._next = self._shared, self._next, None

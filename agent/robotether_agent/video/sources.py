@@ -1,8 +1,8 @@
 """Opens a camera's source by its name and the settings: one function a kind.
 
 mjpeg      web_video_server's /stream, and any URL that `cameras` names; RTSP and devices by a process of their own
-rosbridge  sensor_msgs/CompressedImage, or sensor_msgs/Image by a process of its own; also of a camera that
-           web_video_server cannot show
+rosbridge  sensor_msgs/CompressedImage, a robot's own H.264 as it is, or sensor_msgs/Image by a process of its own;
+           also of a camera that web_video_server cannot show
 
 Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
 frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
@@ -23,7 +23,7 @@ from typing import NoReturn
 from urllib.parse import quote
 
 import aiohttp
-from robotether_common.codecs import JPEG, Codec
+from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import QOS, Source, no_frames
 from yarl import URL
 
@@ -35,9 +35,9 @@ from robotether_agent.rosbridge import (
     IMAGE_TYPE,
     MAX_IMAGE_MESSAGE_BYTES,
     RAW_IMAGE_TYPE,
+    VIDEO_TYPES,
     RosGraph,
     camera_topics,
-    compressed_images,
     connected,
 )
 from robotether_agent.tasks import first_of, within
@@ -57,6 +57,7 @@ from robotether_agent.video.multipart import (
     boundary_of,
 )
 from robotether_agent.video.timestamps import now, stamp_of, timestamp_of
+from robotether_agent.video.video_packets import NotShownError, h264_of
 
 CONNECT_WITHIN_S = 3.0
 # Time without a frame after which a source is opened again.
@@ -86,6 +87,8 @@ class CameraFrame:
     arrived_s: float
     is_stamped: bool = False
     codec: Codec = JPEG
+    # Of a codec that depends on earlier frames: it can be shown without them.
+    is_key: bool = False
 
 
 @dataclass(frozen=True)
@@ -98,6 +101,8 @@ class SourceRequest:
     height: int | None
     # Frames a second, for sources that can be asked to give no more.
     fps: float
+    # Whether H.264 that the robot encodes by itself comes as it is; else as JPEGs.
+    passes_h264: bool = False
 
 
 class SourceDownError(DetailError):
@@ -138,7 +143,9 @@ class SourceSettings:
 
 def cameras_by_rosbridge(own: Mapping[str, str]) -> list[str]:
     """Return the cameras among a robot's own topics that can be shown without web_video_server."""
-    return camera_topics(own if has_pyav() else compressed_images(own))
+    if has_pyav():
+        return camera_topics(own)
+    return camera_topics({name: kind for name, kind in own.items() if kind != RAW_IMAGE_TYPE})
 
 
 class Sources:
@@ -202,14 +209,17 @@ class Sources:
     ) -> None:
         """Use the camera's compressed images, or its raw ones if those are none, or `is_raw`."""
         on_kind("rosbridge")
-        name, fps = _full_name(source_request.topic), source_request.fps
-        compressed, has_raw = await _image_topics(self._graph, name)
+        name, url = _full_name(source_request.topic), self._graph.url
+        compressed, kind = await _image_topic(self._graph, name)
+        has_raw = kind == RAW_IMAGE_TYPE
+        if kind in VIDEO_TYPES:
+            await run_video(self._graph, name, kind, source_request, on_frame)
         if is_raw or (has_raw and (compressed is None or name in self._only_raw)):
-            await run_images(self._graph.url, name, fps, on_frame)
+            await run_images(url, name, RAW_IMAGE_TYPE, source_request.fps, on_frame)
         if compressed is None:
             raise SourceDownError(f"rosbridge has no images of {printable(name, 100)}")
         try:
-            await run_rosbridge(self._graph, compressed, fps, on_frame)
+            await run_rosbridge(self._graph, compressed, IMAGE_TYPE, source_request.fps, on_frame)
         except NotJpegError:
             if has_raw and has_pyav():
                 self._only_raw.add(name)
@@ -267,7 +277,9 @@ class Sources:
     async def _encoding_of(self, name: str) -> str:
         # Asked once: each raw image is much work for rosbridge, which also carries what drives the robot.
         if name not in self._encodings:
-            async with connected(self._graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
+            async with connected(
+                self._graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES
+            ) as rosbridge:
                 await rosbridge.subscribe(name, RAW_IMAGE_TYPE, throttle_ms=1000)
                 message = await within(CONNECT_WITHIN_S, rosbridge.message())
             self._encodings[name] = printable(str(message.get("encoding", "")), 40)
@@ -395,13 +407,23 @@ async def run_camera(
     await _run_process(command, f"{url}\n", on_frame, what=what, stall_s=STALL_S)
 
 
-async def run_images(url: str, topic: str, fps: float, on_frame: OnFrame) -> NoReturn:
-    """Give the frames of a topic's raw images, which the process gets from rosbridge at `url`."""
-    request = {"url": url, "topic": topic, "throttle_ms": _throttle_ms(fps)}
+async def run_images(url: str, topic: str, kind: str, fps: float, on_frame: OnFrame) -> NoReturn:
+    """Give a topic's raw images or H.264 as JPEGs of a process, which gets them from rosbridge at `url`."""
+    request = {"url": url, "topic": topic, "type": kind, "how": _how(kind, fps)}
     stall_s, what = max(STALL_S, 3 / fps), printable(topic, 100)
     await _run_process(
         IMAGE_COMMAND, json.dumps(request) + "\n", on_frame, what=what, stall_s=stall_s
     )
+
+
+async def run_video(
+    graph: RosGraph, topic: str, kind: str, source_request: SourceRequest, on_frame: OnFrame
+) -> NoReturn:
+    """Give a robot's own H.264, as JPEGs where that is not requested."""
+    fps = source_request.fps
+    if source_request.passes_h264:
+        await run_rosbridge(graph, topic, kind, fps, on_frame)
+    await run_images(graph.url, topic, kind, fps, on_frame)
 
 
 async def _run_process(
@@ -436,35 +458,43 @@ def _process_frame(message: bytes, what: str) -> CameraFrame:
     return CameraFrame(data, timestamp_s, arrived_s, is_stamped)
 
 
-async def run_rosbridge(graph: RosGraph, topic: str, fps: float, on_frame: OnFrame) -> NoReturn:
-    """Give the frames of a CompressedImage topic."""
+async def run_rosbridge(
+    graph: RosGraph, topic: str, kind: str, fps: float, on_frame: OnFrame
+) -> NoReturn:
+    """Give the frames of a topic of compressed images, or of H.264, as they are."""
+    frame_of = _video_frame if kind in VIDEO_TYPES else _image_frame
     try:
         async with connected(graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
-            await rosbridge.subscribe(topic, IMAGE_TYPE, throttle_ms=_throttle_ms(fps))
+            await rosbridge.subscribe(topic, kind, **_how(kind, fps))
             while True:
                 # A topic slower than one frame in STALL_S is requested again, and that is all.
                 message = await within(max(STALL_S, 3 / fps), rosbridge.message())
-                on_frame(_frame_of(message, topic))
+                frame = frame_of(message, topic)
+                if frame is not None:
+                    on_frame(frame)
     except asyncio.TimeoutError as error:
         raise SourceDownError(f"rosbridge sent no frame for {STALL_S:g} s") from error
     except (aiohttp.ClientError, OSError) as error:
         raise _rosbridge_down(graph.url, error) from error
 
 
-def _throttle_ms(fps: float) -> int:
-    return int(1000 * THROTTLE / fps)
+def _how(kind: str, fps: float) -> dict[str, int]:
+    """Return what is asked of rosbridge: all messages if frames depend on earlier ones, else the newest at a rate."""
+    if kind in VIDEO_TYPES:
+        return {"throttle_ms": 0, "queue_length": 0}
+    return {"throttle_ms": int(1000 * THROTTLE / fps), "queue_length": 1}
 
 
-async def _image_topics(graph: RosGraph, name: str) -> tuple[str | None, bool]:
-    """Return the topic of a camera's compressed images, and whether it has raw ones."""
+async def _image_topic(graph: RosGraph, name: str) -> tuple[str | None, str | None]:
+    """Return the topic of a camera's compressed images, and the type of what has the camera's own name."""
     try:
         topics = await graph.topics()
     except (ConnectionError, asyncio.TimeoutError):
         # No rosapi: by what image_transport calls it.
-        return (name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"), False
+        return (name if name.endswith(COMPRESSED) else f"{name}{COMPRESSED}"), None
     except (aiohttp.ClientError, OSError) as error:
         raise _rosbridge_down(graph.url, error) from error
-    return _compressed_of(name, topics), topics.get(name) == RAW_IMAGE_TYPE
+    return _compressed_of(name, topics), topics.get(name)
 
 
 def _rosbridge_down(url: str, error: Exception) -> SourceDownError:
@@ -490,6 +520,12 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
             "does not show; set video_source to auto in the agent's settings",
             is_raw=False,
         )
+    if kind in VIDEO_TYPES:
+        return NotByServerError(
+            f"{printable(name, 100)} has H.264, which web_video_server does not show; "
+            "set video_source to auto in the agent's settings",
+            is_raw=False,
+        )
     if kind != RAW_IMAGE_TYPE:
         return SourceDownError(
             f"{printable(name, 100)} has messages of {printable(kind, 100)}, which is no video"
@@ -497,7 +533,7 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
     return None
 
 
-def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
+def _image_frame(message: JsonObject, topic: str) -> CameraFrame:
     data = message.get("data")
     try:
         jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
@@ -509,3 +545,16 @@ def _frame_of(message: JsonObject, topic: str) -> CameraFrame:
     arrived = now()
     timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
+
+
+def _video_frame(message: JsonObject, topic: str) -> CameraFrame | None:
+    try:
+        packet = h264_of(message)
+    except NotShownError as error:
+        raise SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}") from error
+    if packet is None:
+        return None
+    data, unit = packet
+    arrived = now()
+    timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
+    return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)

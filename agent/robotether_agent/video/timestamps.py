@@ -1,4 +1,4 @@
-"""When a camera took a frame, on the robot's clock: by its own stamp where that is near, else by the frame's arrival."""
+"""When a camera took a frame, on the robot's clock: by its own stamp if that is near, else by the frame's arrival."""
 
 from __future__ import annotations
 
@@ -38,9 +38,12 @@ def timestamp_of(stamp_s: float | None, arrived: ClockReadings) -> tuple[float, 
 
 
 def stamp_of(message: JsonObject) -> float | None:
-    """Return a header's stamp in seconds, as ROS 1 (secs, nsecs) and ROS 2 (sec, nanosec) write it; 0 is none."""
+    """Return a message's stamp in seconds, as ROS 1 (secs, nsecs) and ROS 2 (sec, nanosec) write it; 0 is none.
+
+    It is the header's, or `timestamp` as of foxglove_msgs.
+    """
     header = message.get("header")
-    stamp = header.get("stamp") if isinstance(header, dict) else None
+    stamp = header.get("stamp") if isinstance(header, dict) else message.get("timestamp")
     if not isinstance(stamp, dict):
         return None
     for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):

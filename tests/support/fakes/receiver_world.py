@@ -100,10 +100,12 @@ class World:
     def give(self, number: int, after_s: float = 0.1) -> None:
         self.give_data(fake_jpeg(number), after_s)
 
-    def give_data(self, data: bytes, after_s: float = 0.1, codec: Codec = JPEG) -> None:
+    def give_data(
+        self, data: bytes, after_s: float = 0.1, codec: Codec = JPEG, *, is_key: bool = False
+    ) -> None:
         self.now_s += after_s
         for take in tuple(self.open.values()):
-            take(CameraFrame(data, self.now_s, self.now_s, codec=codec))
+            take(CameraFrame(data, self.now_s, self.now_s, codec=codec, is_key=is_key))
 
     async def got(self, count: int) -> list[int]:
         await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))

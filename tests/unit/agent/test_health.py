@@ -146,7 +146,9 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 2)
     async with TopicRosbridge({}) as robot:
         health = watch(robot.url, services.http_url, "rosbridge")
-        report = await until(health, lambda report: "no images of this robot" in report.video_detail)
+        report = await until(
+            health, lambda report: "no images of this robot" in report.video_detail
+        )
         assert report.video == "down"
         robot.topics = IMAGES
         await until(health, lambda report: report.video == "ok")

@@ -63,13 +63,16 @@ const USUAL_CAMERA = "/camera/image_raw";
 const COMPRESSED = /(.)\/compressed$/;
 // What image_transport publishes as CompressedImage and no browser shows.
 const NOT_SHOWN = /\/(?:compressedDepth|zstd)$/;
+// Video that the robot encodes by itself.
+const VIDEO_TYPES = ["foxglove_msgs/CompressedVideo", "ffmpeg_image_transport_msgs/FFMPEGPacket"];
 
 // The names of the robot's own `topics` that are cameras, as camera_topics in robotether_agent/rosbridge.py. What lies under
 // a raw image is that image by another transport.
 export function cameraTopics(topics) {
-  const named = (plain) => topics.filter(({ type }) => plainType(type) === plain).map(({ name }) => name);
+  const named = (...plain) => topics.filter(({ type }) => plain.includes(plainType(type))).map(({ name }) => name);
   const raw = new Set(named("sensor_msgs/Image"));
-  const alone = named("sensor_msgs/CompressedImage").filter((name) => !NOT_SHOWN.test(name) && !raw.has(parentOf(name)));
+  const encoded = [...named("sensor_msgs/CompressedImage").filter((name) => !NOT_SHOWN.test(name)), ...named(...VIDEO_TYPES)];
+  const alone = encoded.filter((name) => !raw.has(parentOf(name)));
   return [...new Set([...raw, ...alone.map((name) => name.replace(COMPRESSED, "$1"))])];
 }
 

@@ -147,6 +147,7 @@ const LARGE_TYPES = {
   audio_common_msgs: ["AudioData"],
   theora_image_transport: ["Packet"],
   ffmpeg_image_transport_msgs: ["FFMPEGPacket"],
+  foxglove_msgs: ["CompressedVideo"],
 };
 
 function isLargeType(type) {

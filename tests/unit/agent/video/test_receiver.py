@@ -9,13 +9,14 @@ from random import Random
 
 import pytest
 from fake_cloud import eventually
-from frame_header import unpacked
+from frame_header import SIZE, unpacked
 from receiver_world import FIRST, World
 from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frame_messages import ClockSync, Credit, KeyFrameRequest, parse
 from robotether_agent.video.receiver import FrameRateCounter, FrameRateLimiter
 from robotether_agent.video.sources import SourceRequest
+from robotether_common.codecs import H264
 from robotether_common.frames import StreamRequest
 
 
@@ -112,6 +113,30 @@ async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     world.socket.ask("clock_sync", t_ms=1.0)
     await eventually(lambda: len(world.receiver._texts) > 0, lambda: "the clock sync waits")
     assert len(world.socket.pictures) == 1
+
+
+async def test_h264_of_the_robot_is_passed_on_untouched(world):
+    """Each frame in its turn at any rate, from a key frame on; no request asks the source for another size."""
+    world.socket.ask("stream_request", codecs=["h264"], fps=1)
+    world.socket.ask("credit", frames=2)
+    request = await world.until_open()
+    assert request.passes_h264
+    for number, kind in enumerate("FKFF"):
+        world.give_data(b"%d%s" % (number, kind.encode()), 0.03, H264, is_key=kind == "K")
+    await eventually(lambda: len(world.socket.pictures) == 2, lambda: str(world.socket.texts))
+    world.socket.ask("credit", taken=FIRST + 3)
+    await eventually(lambda: len(world.socket.pictures) == 3, lambda: str(world.socket.texts))
+    headers = [unpacked(picture) for picture in world.socket.pictures]
+    assert [(h.codec, h.is_key, h.sequence - FIRST) for h in headers] == [
+        (H264, True, 2),
+        (H264, False, 3),
+        (H264, False, 4),
+    ]
+    assert [picture[SIZE:] for picture in world.socket.pictures] == [b"1K", b"2F", b"3F"]
+    world.now_s += 1
+    world.socket.ask("stream_request", codecs=["h264"], fps=30, quality_max=30)
+    await eventually(lambda: world.socket.texts[-1].get("codec") == "h264", lambda: "its status")
+    assert (world.socket.texts[-1]["encoder"], list(world.open)) == ("the camera", [request])
 
 
 async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):

@@ -14,19 +14,13 @@ import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
 from fake_cloud import eventually
+from h264_frames import encoded_frames
 from local_network import free_port
 from PIL import Image
 from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
-from robotether_agent.video import multipart
 from robotether_agent.video import sources as sources_module
 from robotether_agent.video.jpeg import jpeg_size
-from robotether_agent.video.multipart import (
-    MultipartBrokenError,
-    MultipartParser,
-    Part,
-    boundary_of,
-)
 from robotether_agent.video.sources import (
     CameraFrame,
     SourceDownError,
@@ -36,6 +30,7 @@ from robotether_agent.video.sources import (
     stream_url,
 )
 from robotether_agent.video.timestamps import NEAR_S, ClockReadings, stamp_of, timestamp_of
+from robotether_common.codecs import H264
 
 ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
 WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
@@ -394,6 +389,76 @@ async def test_images_that_web_video_server_cannot_convert_are_named_by_their_en
         assert len(rosbridge.subscribed(WISH.topic)) == 1
 
 
+VIDEO = {
+    "foxglove_msgs/msg/CompressedVideo": {"format": "h264"},
+    "ffmpeg_image_transport_msgs/msg/FFMPEGPacket": {"encoding": "libx264;yuv420p", "flags": 1},
+}
+
+
+def video_message(kind: str, data: bytes) -> dict[str, object]:
+    stamp = {"sec": int(time.time()), "nanosec": 0}
+    times = {"timestamp": stamp} if "format" in VIDEO[kind] else {"header": {"stamp": stamp}}
+    return {**times, **VIDEO[kind], "data": base64.b64encode(data).decode()}
+
+
+@pytest.mark.usefixtures("early_doubt")
+@pytest.mark.parametrize("kind", VIDEO)
+async def test_h264_of_the_robot_comes_as_it_is(run, kind):
+    """Each of its frames, with the camera's stamp and whether it is a key frame; web_video_server has none."""
+    frames = encoded_frames(3)
+    async with FakeVideoServer("ends") as server, TopicRosbridge({"/v": kind}) as rosbridge:
+        request = SourceRequest("/v", 80, None, None, 15.0, passes_h264=True)
+        _, taken = run(source_settings(server.url, rosbridge.url), request)
+        await eventually(lambda: bool(rosbridge.subscribed("/v")), lambda: str(rosbridge.got))
+        subscription = rosbridge.subscribed("/v")[0]
+        assert (subscription["throttle_rate"], subscription["queue_length"]) == (0, 0)
+        for data, _ in frames:
+            await rosbridge.publish("/v", video_message(kind, data))
+        await eventually(taken.some(3), taken.told)
+    assert [(frame.data, frame.is_key) for frame in taken.pictures] == [*frames]
+    assert {(frame.codec, frame.is_stamped) for frame in taken.pictures} == {(H264, True)}
+
+
+async def test_h264_of_the_robot_becomes_jpeg_for_who_decodes_nothing_else(run):
+    kind = next(iter(VIDEO))
+    frames = encoded_frames(3)
+    async with TopicRosbridge({"/v": kind}) as rosbridge:
+        given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
+        _, taken = run(given, SourceRequest("/v", 80, None, None, 15.0))
+        async with asyncio.timeout(30):
+            while not taken.pictures:
+                for data, _ in frames:
+                    await rosbridge.publish("/v", video_message(kind, data))
+                await asyncio.sleep(0.05)
+    assert {jpeg_size(frame.data) for frame in taken.pictures} == {(64, 48)}
+
+
+# An IDR slice alone, and a slice of type 1: a B frame.
+IDR_ALONE, B_FRAME = b"\0\0\1\x65\x88", b"\0\0\1\x41\xa0"
+
+
+@pytest.mark.parametrize(
+    ("changes", "data", "why"),
+    [
+        ({"format": "h265"}, b"", "the format h265, not H.264"),
+        ({}, None, "makes no sense"),
+        ({}, b"\0\0\0\2\x65\x88", "not in Annex B"),
+        ({}, B_FRAME, "has B frames"),
+        ({}, IDR_ALONE, "without parameter sets"),
+        ({}, B_FRAME[:4] + b"\xe0" + bytes(2 * 1024 * 1024), "a frame of 2097157 bytes"),
+    ],
+)
+async def test_h264_that_no_viewer_could_show_at_once_is_named(run, changes, data, why):
+    kind = next(iter(VIDEO))
+    async with TopicRosbridge({"/v": kind}) as rosbridge:
+        given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
+        running, _ = run(given, SourceRequest("/v", 80, None, None, 15.0, passes_h264=True))
+        await eventually(lambda: bool(rosbridge.subscribed("/v")), lambda: str(rosbridge.got))
+        message = video_message(kind, data or b"") | changes
+        await rosbridge.publish("/v", message | ({"data": 5} if data is None else {}))
+        await fails(running, why)
+
+
 async def test_packets_are_named_by_their_type(run):
     async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
         rosbridge.topics = {WISH.topic: "theora_image_transport/Packet"}
@@ -487,61 +552,3 @@ def test_what_is_cut_off_or_no_jpeg_has_none():
     assert jpeg_size(whole) == (640, 480)
     assert [jpeg_size(whole[:length]) for length in range(16)] == [None] * 16
     assert jpeg_size(b"\x89PNG" + bytes(100)) is None
-
-
-BODIES = [b"\xff\xd8one\r\n\xff\xd9", b"\xff\xd8two\n\n\xff\xd9"]
-SERVER = b"--b\r\n" + b"".join(
-    b"Content-type: image/jpeg\r\nX-Timestamp: 12.500000\r\nContent-Length: %d\r\n\r\n%s\r\n--b\r\n"
-    % (len(body), body)
-    for body in BODIES
-)
-NO_LENGTH = (
-    b"".join(b"\r\n--b\r\nContent-Type: image/jpeg\r\n\r\n" + body for body in BODIES)
-    + b"\r\n--b\r\n"
-)
-BARE_LF = b"".join(b"\n--b\nContent-Length: %d\n\n%s" % (len(body), body) for body in BODIES)
-
-
-def in_pieces(stream: bytes, length: int) -> list[Part]:
-    parts = MultipartParser(b"--b")
-    pieces = (stream[at : at + length] for at in range(0, len(stream), length))
-    return [part for piece in pieces for part in parts.feed(piece)]
-
-
-@pytest.mark.parametrize("stream", [SERVER, NO_LENGTH, BARE_LF])
-@pytest.mark.parametrize("length", [1, 7, 10_000])
-def test_the_parts_of_a_stream(stream, length):
-    """web_video_server, a camera that names no length, and one that ends lines with LF."""
-    assert [part.body for part in in_pieces(stream, length)] == BODIES
-
-
-@pytest.mark.parametrize(
-    "content_type",
-    [
-        "multipart/x-mixed-replace;boundary=b",
-        'multipart/x-mixed-replace; boundary="--b"',
-        "multipart/x-mixed-replace; boundary=--b",
-    ],
-)
-def test_the_boundary_as_cameras_name_it(content_type):
-    assert boundary_of(content_type) == b"--b"
-
-
-@pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
-def test_what_is_no_stream_is_named(content_type):
-    """A page, or a stream that does not say how its parts end."""
-    with pytest.raises(MultipartBrokenError, match="not multipart frames"):
-        boundary_of(content_type)
-
-
-def test_nothing_grows_without_bound(monkeypatch):
-    """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
-    monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
-    for stream in (
-        b"--b\r\nContent-Length: 1001\r\n\r\n",
-        b"--b\r\nA: b\r\n\r\n" + bytes(2000),
-        b"--b\r\n" + b"A: b\r\n" * 2000,
-        b"\r\n" * 10_000,
-    ):
-        with pytest.raises(MultipartBrokenError):
-            in_pieces(stream, 100)

@@ -1,0 +1,69 @@
+"""The parts of multipart streams, as servers and cameras write them."""
+
+from __future__ import annotations
+
+import pytest
+from robotether_agent.video import multipart
+from robotether_agent.video.multipart import (
+    MultipartBrokenError,
+    MultipartParser,
+    Part,
+    boundary_of,
+)
+
+BODIES = [b"\xff\xd8one\r\n\xff\xd9", b"\xff\xd8two\n\n\xff\xd9"]
+SERVER = b"--b\r\n" + b"".join(
+    b"Content-type: image/jpeg\r\nX-Timestamp: 12.500000\r\nContent-Length: %d\r\n\r\n%s\r\n--b\r\n"
+    % (len(body), body)
+    for body in BODIES
+)
+NO_LENGTH = (
+    b"".join(b"\r\n--b\r\nContent-Type: image/jpeg\r\n\r\n" + body for body in BODIES)
+    + b"\r\n--b\r\n"
+)
+BARE_LF = b"".join(b"\n--b\nContent-Length: %d\n\n%s" % (len(body), body) for body in BODIES)
+
+
+def in_pieces(stream: bytes, length: int) -> list[Part]:
+    parts = MultipartParser(b"--b")
+    pieces = (stream[at : at + length] for at in range(0, len(stream), length))
+    return [part for piece in pieces for part in parts.feed(piece)]
+
+
+@pytest.mark.parametrize("stream", [SERVER, NO_LENGTH, BARE_LF])
+@pytest.mark.parametrize("length", [1, 7, 10_000])
+def test_the_parts_of_a_stream(stream, length):
+    """web_video_server, a camera that names no length, and one that ends lines with LF."""
+    assert [part.body for part in in_pieces(stream, length)] == BODIES
+
+
+@pytest.mark.parametrize(
+    "content_type",
+    [
+        "multipart/x-mixed-replace;boundary=b",
+        'multipart/x-mixed-replace; boundary="--b"',
+        "multipart/x-mixed-replace; boundary=--b",
+    ],
+)
+def test_the_boundary_as_cameras_name_it(content_type):
+    assert boundary_of(content_type) == b"--b"
+
+
+@pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
+def test_what_is_no_stream_is_named(content_type):
+    """A page, or a stream that does not say how its parts end."""
+    with pytest.raises(MultipartBrokenError, match="not multipart frames"):
+        boundary_of(content_type)
+
+
+def test_nothing_grows_without_bound(monkeypatch):
+    """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
+    monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
+    for stream in (
+        b"--b\r\nContent-Length: 1001\r\n\r\n",
+        b"--b\r\nA: b\r\n\r\n" + bytes(2000),
+        b"--b\r\n" + b"A: b\r\n" * 2000,
+        b"\r\n" * 10_000,
+    ):
+        with pytest.raises(MultipartBrokenError):
+            in_pieces(stream, 100)
