@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 PATH = "/robotether/frames"
 # Codec, flags, quality, sequence, and the timestamp in ms.
@@ -42,6 +42,9 @@ QOS = f"{QOS_NAME}=sensor_data"
 ENCODER_STARTS = "the encoder starts"
 
 State = Literal["live", "waiting", "down"]
+# What a receiver keeps where the line does not carry all: size and quality of frames, or their rate.
+Preference = Literal["sharp", "smooth"]
+PREFERENCES = get_args(Preference)
 Source = Literal["web_video_server", "mjpeg", "rosbridge"]
 
 
@@ -63,6 +66,8 @@ class StreamRequest:
     height: int | None = None
     # Names of the codecs that the receiver decodes, in the order of `codecs.NAMES`.
     codecs: tuple[str, ...] = ("jpeg",)
+    # None leaves it to the sender.
+    prefers: Preference | None = None
 
 
 @dataclass(frozen=True)

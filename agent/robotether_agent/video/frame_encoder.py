@@ -104,7 +104,8 @@ class FrameEncoder:
         if self.codec is JPEG or own is None:
             raise FrameRefusedError(self.down_reason or "the camera's frame is no JPEG")
         size = encoded_size(own, requested_size(stream_request), level.scale)
-        fps = max(MIN_FPS, stream_request.fps)
+        requested_fps = stream_request.fps * level.rate
+        fps = max(MIN_FPS, requested_fps)
         request = EncodeRequest(
             jpeg=jpeg,
             codec=self._requested,
@@ -119,7 +120,7 @@ class FrameEncoder:
         self.name, self.size = frame.encoder, size
         if frame.is_key:
             self._key_frames.on_key_frame(self._clock())
-        self._judge(frame.took_s, 1 / min(stream_request.fps, max(MIN_RATE, rate)))
+        self._judge(frame.took_s, 1 / min(requested_fps, max(MIN_RATE, rate)))
         return frame
 
     def _judge(self, took_s: float, interval_s: float) -> None:

@@ -16,6 +16,7 @@ from robotether_common.frames import (
     KEY,
     LATENCIES_MS,
     MAX_CREDITS,
+    PREFERENCES,
     QUALITIES,
     SEQUENCES,
     SIDES,
@@ -89,6 +90,7 @@ def parse(text: bytes | str) -> Request | None:
 
 
 def _stream_request(message: JsonObject) -> StreamRequest:
+    prefers: Any = message.get("prefers")
     request = StreamRequest(
         quality_min=_or(message, "quality_min", StreamRequest.quality_min, get_int, of=QUALITIES),
         quality_max=_or(message, "quality_max", StreamRequest.quality_max, get_int, of=QUALITIES),
@@ -99,6 +101,7 @@ def _stream_request(message: JsonObject) -> StreamRequest:
         width=_or(message, "width", None, get_int, of=SIDES),
         height=_or(message, "height", None, get_int, of=SIDES),
         codecs=decoded_by(message.get("codecs")),
+        prefers=prefers if prefers in PREFERENCES else None,
     )
     if request.quality_min > request.quality_max:
         raise FieldError("field quality_min must not be over quality_max")

@@ -1,4 +1,6 @@
-"""Steps quality, then size, so that frames arrive in the requested time; pure, each timestamp is an argument.
+"""Steps quality, size and rate, so that frames arrive in the requested time; pure, each timestamp is an argument.
+
+Smooth keeps the rate: quality goes down first, then size. Sharp lowers the rate first.
 
 Down quickly: after LATE_FRAMES late ones, by two steps when they are very late, or when clearly fewer go out than
 come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A
@@ -9,8 +11,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from robotether_common.frames import StreamRequest
+
 QUALITY_STEP = 10
 SCALES = (0.75, 0.5, 0.35)
+# Parts of the requested rate for who prefers sharp frames, and the least rate in frames a second that is stepped to.
+RATES, MIN_STEPPED_FPS = (0.67, 0.5, 0.33), 5.0
 LATE_FRAMES = 3
 VERY_LATE = 2.0
 # Part of the requested latency that leaves room for a step up.
@@ -30,17 +36,26 @@ NO_RATE_STEPS_S = 30.0
 
 @dataclass(frozen=True)
 class Level:
-    """JPEG quality, and the part of the wanted size."""
+    """JPEG quality, and the parts of the wanted size and rate."""
 
     quality: int
     scale: float = 1.0
+    rate: float = 1.0
 
 
-def ladder(quality_min: int, quality_max: int, *, scales: bool) -> tuple[Level, ...]:
+def ladder(stream_request: StreamRequest, *, scales: bool) -> tuple[Level, ...]:
     """Return all levels from the best down; the size only goes after the quality is at its least."""
-    qualities = [*range(quality_max, quality_min, -QUALITY_STEP), quality_min]
-    smaller = [Level(quality_min, scale) for scale in SCALES] if scales else []
-    return (*map(Level, qualities), *smaller)
+    best, least = stream_request.quality_max, stream_request.quality_min
+    is_sharp = stream_request.prefers == "sharp"
+    rates = [r for r in RATES if is_sharp and stream_request.fps * r >= MIN_STEPPED_FPS]
+    rate = rates[-1] if rates else 1.0
+    qualities = [*range(best - QUALITY_STEP, least, -QUALITY_STEP), *[least] * (least < best)]
+    return (
+        Level(best),
+        *(Level(best, rate=rate) for rate in rates),
+        *(Level(quality, rate=rate) for quality in qualities),
+        *(Level(least, scale, rate) for scale in SCALES if scales),
+    )
 
 
 @dataclass(frozen=True)
@@ -80,7 +95,9 @@ class Steps:
         fitting = (
             at
             for at, level in enumerate(levels)
-            if level.quality <= before.quality and level.scale <= before.scale
+            if level.quality <= before.quality
+            and level.scale <= before.scale
+            and level.rate <= before.rate
         )
         self._at = next(fitting, len(levels) - 1)
         self._trial = None
@@ -112,6 +129,9 @@ class Steps:
         before = self.level
         if not self._down(now_s, 1):
             return False
+        if self.level.rate < before.rate:
+            # It brings no more frames, but those that come sooner.
+            return True
         self._trial = _Trial(sent, now_s + TRIED_S, before)
         return True
 

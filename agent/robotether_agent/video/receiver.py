@@ -197,8 +197,12 @@ class Receiver:
             self._on_request(request)
 
     def _on_request(self, stream_request: StreamRequest) -> None:
-        if self._stream_request is None or self._stream_request.fps != stream_request.fps:
+        before = self._stream_request
+        if before is None or before.fps != stream_request.fps:
             self._limiter = FrameRateLimiter(stream_request.fps)
+        if before is None or before.prefers != stream_request.prefers:
+            # From the best down, by the other rule.
+            self._steps = None
         self._stream_request = stream_request
         self._credit_s = self._clock()
         self._use_encoder()
@@ -228,11 +232,8 @@ class Receiver:
     def _use_levels(self, stream_request: StreamRequest) -> None:
         """Make quality and size steps of what is wanted, and of what is known of the camera."""
         has_size = self._own_size is not None or stream_request.width is not None
-        levels = ladder(
-            stream_request.quality_min,
-            stream_request.quality_max,
-            scales=self._is_encoding or (self._can_scale and has_size),
-        )
+        scales = self._is_encoding or (self._can_scale and has_size)
+        levels = ladder(stream_request, scales=scales)
         now_s, latency_s = self._clock(), stream_request.latency_ms / 1000
         if self._steps is None:
             self._steps = Steps(levels, latency_s, now_s)
@@ -282,6 +283,8 @@ class Receiver:
     def _follow(self) -> None:
         if self._stream_request is None or self._steps is None:
             return
+        rate = self._steps.level.rate if self._can_step() else 1.0
+        self._limiter.fps = self._stream_request.fps * rate
         source_request = self._source_request(self._stream_request, self._steps)
         before = self._source_switch.source_request
         if self._passes_on and before is not None and before.passes_h264:

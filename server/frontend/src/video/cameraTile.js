@@ -215,15 +215,17 @@ export class FrameRate {
 
 // What is wanted of a camera (docs/reference/media.md, `stream_request`), by the person's choice, the robot's settings and the room on
 // the page. Pure.
-// Automatic, or one of the steps that the paper drove with, and one below.
-const QUALITIES = ["auto", "90", "70", "50", "30"];
+// Automatic, the settings' range by what the person prefers, or one of the steps that the paper drove with, and one below.
+const PREFERENCES = ["smooth", "sharp"];
+const QUALITIES = ["90", "70", "50", "30"];
 
 // A small frame is asked for in few sizes: each change is a new request at the camera.
 const PARTS = [0.25, 0.5];
 const ENOUGH = 0.9; // of the pixels that the page has
 
 export function requestedQuality(choice, { quality_min = 20, quality_max = 80 } = {}) {
-  if (choice === "auto" || !QUALITIES.includes(choice)) return { quality_min, quality_max };
+  if (PREFERENCES.includes(choice)) return { quality_min, quality_max, prefers: choice };
+  if (!QUALITIES.includes(choice)) return { quality_min, quality_max };
   return { quality_min: Number(choice), quality_max: Number(choice) };
 }
 

@@ -210,6 +210,7 @@ for (const [what, width, height, more, expected] of [
 
 test("automatic is the settings' range, and a step is that alone", () => {
   assert.deepEqual(requestedQuality("auto", { quality_min: 30, quality_max: 60 }), { quality_min: 30, quality_max: 60 });
+  assert.deepEqual(requestedQuality("sharp", { quality_min: 30 }), { quality_min: 30, quality_max: 80, prefers: "sharp" });
   assert.deepEqual(requestedQuality("50", {}), { quality_min: 50, quality_max: 50 });
   assert.deepEqual(requestedQuality("nonsense"), { quality_min: 20, quality_max: 80 });
 });

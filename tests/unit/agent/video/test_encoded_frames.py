@@ -84,7 +84,7 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
     for message in world.socket.pictures:
         assert decoder.decode(message[SIZE:]).shape == (240, 320, 3)
     assert world.sent == [("/camera", each.sequence, each.timestamp_ms / 1000) for each in headers]
-    assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0)
+    assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0, passes_h264=True)
 
 
 async def test_the_status_names_codec_and_encoder(make_world):
@@ -131,7 +131,7 @@ async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
         await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
     assert qualities == 3 * [60] + 5 * [50]
     assert shapes == 6 * [(240, 320)] + 2 * [(180, 240)]
-    assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0)]
+    assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0, passes_h264=True)]
 
 
 async def test_encoded_frames_begin_with_the_best_quality(make_world, tmp_path):
@@ -246,12 +246,13 @@ async def test_no_encoder_runs_that_nobody_wants(make_world, setting, codecs, re
     assert descendants(os.getpid()) == []
 
 
-async def test_what_a_camera_encodes_itself_passes_untouched(make_world):
+async def test_what_a_camera_encodes_itself_needs_no_encoder(make_world):
     world = make_world()
     await until_encoding(world)
     world.socket.ask("credit")
-    world.give_data(b"one access unit", codec=H264)
+    world.give_data(b"one access unit", codec=H264, is_key=True)
     assert (await sent(world, 1))[0][SIZE:] == b"one access unit"
+    await eventually(lambda: descendants(os.getpid()) == [], lambda: "the process ends")
 
 
 async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(make_world):

@@ -6,9 +6,15 @@ import itertools
 from dataclasses import dataclass, field
 
 import pytest
-from robotether_agent.video.quality import MAX_UP_AFTER_S, SCALES, Level, Steps, ladder
+from robotether_agent.video.quality import MAX_UP_AFTER_S, RATES, SCALES, Level, Steps, ladder
+from robotether_common.frames import StreamRequest
 
-LEVELS = ladder(20, 80, scales=True)
+
+def levels_of(low: int, high: int, *, scales: bool = False) -> tuple[Level, ...]:
+    return ladder(StreamRequest(low, high), scales=scales)
+
+
+LEVELS = levels_of(20, 80, scales=True)
 LATENCY_S = 0.3
 FPS = 15
 
@@ -35,11 +41,11 @@ def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[t
     while now_s < from_s + seconds:
         level = steps.level
         took_s = link.took_s(level)
-        now_s += max(took_s, 1 / FPS)
+        now_s += max(took_s, 1 / (FPS * level.rate))
         sent += 1
         steps.on_taken(now_s, took_s)
         if now_s - looked_s >= 1:
-            steps.on_rates(now_s, FPS, sent / (now_s - looked_s))
+            steps.on_rates(now_s, FPS * level.rate, sent / (now_s - looked_s))
             looked_s, sent = now_s, 0
         if steps.level != level:
             changes.append((now_s, steps.level))
@@ -47,9 +53,20 @@ def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[t
 
 
 def test_the_ladder_goes_through_quality_and_then_size():
-    assert [level.quality for level in ladder(25, 50, scales=False)] == [50, 40, 30, 25]
+    assert [level.quality for level in levels_of(25, 50)] == [50, 40, 30, 25]
     assert LEVELS[-len(SCALES) :] == tuple(Level(20, scale) for scale in SCALES)
-    assert ladder(50, 50, scales=False) == (Level(50),)
+    assert levels_of(50, 50) == (Level(50),)
+
+
+@pytest.mark.parametrize(
+    ("fps", "rates"), [(30.0, [1, *RATES]), (15.0, [1, 0.67, 0.5]), (7.0, [1]), (1.0, [1])]
+)
+def test_sharp_lowers_the_rate_before_the_quality_and_never_below_five_a_second(fps, rates):
+    levels = ladder(StreamRequest(40, 60, fps, prefers="sharp"), scales=True)
+    assert [level.rate for level in levels if level.quality == 60] == rates
+    assert [level.quality for level in levels][-5:] == [50, 40, 40, 40, 40]
+    assert [level.scale for level in levels][-3:] == list(SCALES)
+    assert {level.rate for level in levels[len(rates) :]} == {rates[-1]}
 
 
 def test_a_good_link_keeps_the_best():
@@ -113,6 +130,10 @@ def test_a_rate_that_bytes_limit_steps_down():
     steps, link = Steps(LEVELS, 1.0, 0), FakeLink(0.3e6, round_trip_s=0.01)
     drive(steps, link, 0, 40)
     assert steps.level.quality < 60
+    sharp = Steps(ladder(StreamRequest(prefers="sharp"), scales=True), 1.0, 0)
+    drive(sharp, link, 0, 40)
+    assert sharp.level.quality >= 70
+    assert sharp.level.rate < 1
 
 
 def test_the_way_up_comes_later_each_time_it_led_down():
@@ -137,5 +158,5 @@ def test_another_range_goes_on_near_where_it_was(low, high, at):
     steps.on_taken(1.0, 1.0)
     steps.on_taken(2.0, 1.0)
     assert steps.level.quality == 60
-    steps.use(ladder(low, high, scales=False), LATENCY_S, 3.0)
+    steps.use(levels_of(low, high), LATENCY_S, 3.0)
     assert steps.level.quality == at

@@ -115,6 +115,19 @@ async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     assert len(world.socket.pictures) == 1
 
 
+async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
+    world.socket.ask("stream_request", prefers="sharp", fps=30, latency_ms=100)
+    world.socket.ask("credit")
+    request = await world.until_open()
+    for number in range(1, 4):
+        world.give(number)
+        await world.got(number)
+        world.now_s += 0.15
+        world.socket.ask("credit", taken=FIRST + number)
+        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    assert (world.receiver._limiter.fps, list(world.open)) == (pytest.approx(20.1), [request])
+
+
 async def test_h264_of_the_robot_is_passed_on_untouched(world):
     """Each frame in its turn at any rate, from a key frame on; no request asks the source for another size."""
     world.socket.ask("stream_request", codecs=["h264"], fps=1)

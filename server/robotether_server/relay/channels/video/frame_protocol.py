@@ -23,6 +23,7 @@ from robotether_common.frames import (
     MAX_FRAME_BYTES,
     MAX_SIDE,
     MAX_TEXT_BYTES,
+    PREFERENCES,
     QUALITIES,
     SEQUENCES,
     SIDES,
@@ -137,7 +138,7 @@ def parse_text(data: bytes) -> dict[str, Any]:
 
 def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
     """Read a stream request; what is not said has its default."""
-    default = StreamRequest()
+    default, prefers = StreamRequest(), message.get("prefers")
     request = StreamRequest(
         quality_min=_whole(message, "quality_min", default.quality_min, *QUALITIES),
         quality_max=_whole(message, "quality_max", default.quality_max, *QUALITIES),
@@ -146,6 +147,7 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
         width=_side(message, "width"),
         height=_side(message, "height"),
         codecs=decoded_by(message.get("codecs")),
+        prefers=prefers if prefers in PREFERENCES else None,
     )
     if request.quality_min > request.quality_max:
         raise ProtocolError("quality_min is over quality_max")
@@ -157,6 +159,8 @@ def parse_stream_request(message: Mapping[str, Any]) -> StreamRequest:
 def combined(request: StreamRequest, other: StreamRequest) -> StreamRequest:
     """Return what serves both: the best that either wants, as quickly as either wants it, in what both decode."""
     larger = max(request, other, key=pixels)
+    # Where both differ nobody loses the rate.
+    preferences = (request.prefers, other.prefers)
     return StreamRequest(
         quality_min=min(request.quality_min, other.quality_min),
         quality_max=max(request.quality_max, other.quality_max),
@@ -165,6 +169,7 @@ def combined(request: StreamRequest, other: StreamRequest) -> StreamRequest:
         width=larger.width,
         height=larger.height,
         codecs=tuple(name for name in request.codecs if name in other.codecs),
+        prefers="smooth" if "smooth" in preferences else request.prefers or other.prefers,
     )
 
 

@@ -141,8 +141,8 @@ def test_a_request_out_of_bounds_is_refused(member):
 
 
 WANTS = st.builds(
-    lambda low, more, fps, latency, size, codecs: StreamRequest(
-        low, low + more, fps, latency, *size, codecs=decoded_by(codecs)
+    lambda low, more, fps, latency, size, codecs, prefers: StreamRequest(
+        low, low + more, fps, latency, *size, codecs=decoded_by(codecs), prefers=prefers
     ),
     st.integers(1, 50),
     st.integers(0, 50),
@@ -150,6 +150,7 @@ WANTS = st.builds(
     st.floats(50, 5000),
     st.sampled_from([(None, None), (320, 240), (640, 480), (4096, 4096)]),
     st.lists(st.sampled_from(NAMES)),
+    st.sampled_from([None, "sharp", "smooth"]),
 )
 
 
@@ -164,6 +165,9 @@ def test_what_two_want_together_serves_both(request, other):
     assert both.latency_ms == min(request.latency_ms, other.latency_ms)
     assert set(both.codecs) == set(request.codecs) & set(other.codecs)
     assert both.codecs == decoded_by(both.codecs)
+    preferences = {request.prefers, other.prefers} - {None}
+    expected = preferences if len(preferences) < 2 else {"smooth"}
+    assert both.prefers == next(iter(expected), None)
     assert pixels(both) == max(pixels(request), pixels(other))
     assert (both.width, both.height) in {
         (request.width, request.height),
