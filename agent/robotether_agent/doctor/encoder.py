@@ -43,7 +43,7 @@ async def check_encoder(settings: Settings) -> Finding:
 
 async def _encode() -> EncodedFrame:
     has_changed = asyncio.Event()
-    encoder = VideoEncoder(has_changed.set)
+    encoder = VideoEncoder(has_changed.set, "the doctor's frame")
     running = asyncio.ensure_future(encoder.run())
     try:
         # It has started, or says why not.

@@ -6,11 +6,14 @@ all frames and makes a JPEG of the newest alone; what falls behind the camera en
 
 from __future__ import annotations
 
+import logging
 import sys
+import threading
 import time
 from contextlib import suppress
 from functools import partial
 from typing import Any
+from urllib.parse import urlsplit
 
 import av
 from robotether_common.frames import MAX_SIDE
@@ -39,13 +42,48 @@ RTSP_OPTIONS = {
     "analyzeduration": "1000000",
     "probesize": "500000",
 }
+# What FFmpeg's log says before it follows a redirect, which no option of its forbids.
+REDIRECTS = "Redirecting to "
 # Webcams leave them out, and browsers need them: such a frame is decoded like any other.
 HUFFMAN_TABLES = b"\xff\xc4"
+
+
+class RedirectRefusal(logging.Handler):
+    """Stops the thread that reads before FFmpeg follows a redirect to another host, which may be inside a network."""
+
+    def __init__(self, url: str, newest: NewestFrame) -> None:
+        super().__init__()
+        self._host = urlsplit(url).hostname
+        self._newest = newest
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Let FFmpeg go on, or not."""
+        _, redirects, target = record.getMessage().partition(REDIRECTS)
+        if redirects and not self._is_same(target.strip()):
+            self._newest.end(CameraFailedError("it redirects to another host"))
+            # For ever: FFmpeg connects when this returns.
+            threading.Event().wait()
+
+    def _is_same(self, target: str) -> bool:
+        with suppress(ValueError):
+            return urlsplit(target).hostname == self._host
+        return False
+
+
+def refuse_redirects(url: str, newest: NewestFrame) -> None:
+    """Have FFmpeg's log read, which is written in the thread that reads the camera."""
+    logger = logging.getLogger("libav")
+    logger.setLevel(logging.INFO)
+    logger.propagate = False
+    logger.handlers = [RedirectRefusal(url, newest)]
+    av.logging.set_skip_repeated(False)
+    av.logging.set_level(av.logging.INFO)
 
 
 def read(url: str, newest: NewestFrame) -> None:
     """Read a camera until it ends, and say why it did."""
     try:
+        refuse_redirects(url, newest)
         with opened(url) as container:
             for frame in frames_of(container):
                 newest.put(frame)

@@ -3,7 +3,7 @@
 Started by a receiver's `frame_encoder`, which sends JPEGs meanwhile and whenever this fails. Nothing that stops the
 robot waits for it.
 
-    encoder = VideoEncoder(on_change)
+    encoder = VideoEncoder(on_change, "/camera/image_raw")
     await encoder.run()             # until cancelled: starts the process, and again after it failed
     await encoder.encode(request)   # once `down_reason` is empty
 """
@@ -65,16 +65,18 @@ def availability(setting: str) -> str:
 
 
 class VideoEncoder:
-    """One camera's encoder; `on_change` is called whenever `down_reason` changes."""
+    """The encoder of `camera`; `on_change` is called whenever `down_reason` changes."""
 
     def __init__(
         self,
         on_change: Callable[[], None],
+        camera: str,
         command: Sequence[str] = COMMAND,
         clock: Callable[[], float] = robot_time,
     ) -> None:
         self.down_reason = ENCODER_STARTS
         self._on_change = on_change
+        self._camera = camera
         self._command = command
         self._clock = clock
         self._process: AvProcess | None = None
@@ -92,7 +94,7 @@ class VideoEncoder:
                 reason = await self._run_once()
                 self._change(reason)
                 pause_s = self._pause(self._clock() - started_s)
-                log.warning("no encoder for %g s: %s", pause_s, reason)
+                log.warning("no encoder of %s for %g s: %s", self._camera, pause_s, reason)
                 await asyncio.sleep(pause_s)
         finally:
             self.down_reason = ENCODER_STARTS

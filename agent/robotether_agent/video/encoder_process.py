@@ -171,8 +171,8 @@ class FrameTranscoder:
     def __init__(self) -> None:
         self._decoder: Any = None
         self._encoder: OpenEncoder | None = None
-        # Hardware that did not pass its trial.
-        self._unfit: set[str] = set()
+        # Whether hardware passed its trial, which costs three frames; it stays the same as long as this process runs.
+        self._is_fit: dict[str, bool] = {}
 
     def encode(self, request: EncodeRequest) -> EncodedFrame:
         """Return the request's frame; FrameRefusedError says why there is none."""
@@ -217,11 +217,14 @@ class FrameTranscoder:
     def _opened(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
         hardware = HARDWARE[request.codec] if request.allows_hardware else ()
         for name in hardware:
-            if name not in self._unfit:
+            if self._is_fit.get(name, True):
                 with suppress(av.FFmpegError, FrameRefusedError, ValueError, MemoryError):
-                    check_hardware(OpenEncoder(name, request), frame, request)
-                    return OpenEncoder(name, request)
-                self._unfit.add(name)
+                    if name not in self._is_fit:
+                        check_hardware(OpenEncoder(name, request), frame, request)
+                    encoder = OpenEncoder(name, request)
+                    self._is_fit[name] = True
+                    return encoder
+                self._is_fit[name] = False
         return OpenEncoder(SOFTWARE[request.codec], request)
 
 

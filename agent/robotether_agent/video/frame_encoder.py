@@ -44,10 +44,14 @@ class EncoderPool:
 
 
 class FrameEncoder:
-    """Which codec one receiver gets; `on_change` is called when that changes."""
+    """Which codec one receiver of `camera` gets; `on_change` is called when that changes."""
 
     def __init__(
-        self, pool: EncoderPool, on_change: Callable[[], None], clock: Callable[[], float]
+        self,
+        pool: EncoderPool,
+        camera: str,
+        on_change: Callable[[], None],
+        clock: Callable[[], float],
     ) -> None:
         self._pool = pool
         self._clock = clock
@@ -55,7 +59,7 @@ class FrameEncoder:
         self._needed, self._unneeded = asyncio.Event(), asyncio.Event()
         # Looked at anew for each receiver: PyAV may be installed while the agent runs.
         self._unavailable = availability(pool.setting)
-        self._encoder = VideoEncoder(on_change, pool.command, clock)
+        self._encoder = VideoEncoder(on_change, camera, pool.command, clock)
         self._key_frames = KeyFrameLimiter()
         self._presets = PresetSteps(clock())
         self.name: str | None = None

@@ -141,7 +141,7 @@ class Receiver:
         self._can_scale = True
         self._own_size: tuple[int, int] | None = None
         self._source_switch = SourceSwitch(shared_sources, self._on_frame, clock)
-        self._encoder = FrameEncoder(encoders or EncoderPool(), self._on_encoder, clock)
+        self._encoder = FrameEncoder(encoders or EncoderPool(), topic, self._on_encoder, clock)
         self._stream_request: StreamRequest | None = None
         self._steps: Steps | None = None
         self._limiter = FrameRateLimiter(StreamRequest.fps)

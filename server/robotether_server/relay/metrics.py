@@ -107,10 +107,15 @@ def _read_bridges(traffic: Traffic) -> Iterator[CounterMetricFamily]:
 
 
 def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
-    frames = {"relay": traffic.frames_in, "client": traffic.frames_out}
-    yield _family("frames", "Frames received and sent", "to", frames)
-    sizes = {"relay": traffic.bytes_in, "client": traffic.bytes_out}
-    yield _family("frame_bytes", "Bytes of video frames", "to", sizes)
+    name, labels = "robotether_relay_frame", ["to", "codec"]
+    frames = CounterMetricFamily(f"{name}s", "Frames received and sent, by codec", labels=labels)
+    sizes = CounterMetricFamily(f"{name}_bytes", "Bytes of video frames, by codec", labels=labels)
+    for codec, counts in traffic.by_codec.items():
+        frames.add_metric(["relay", codec], counts.frames_in)
+        frames.add_metric(["client", codec], counts.frames_out)
+        sizes.add_metric(["relay", codec], counts.bytes_in)
+        sizes.add_metric(["client", codec], counts.bytes_out)
+    yield from (frames, sizes)
     meaning = "Frames skipped because a newer one was there"
     yield CounterMetricFamily("robotether_relay_frames_skipped", meaning, traffic.skipped)
 

@@ -33,7 +33,7 @@ async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, cores,
     """A robot that cannot encode is well; one whose encoder fails is not."""
     monkeypatch.setattr("os.cpu_count", lambda: cores)
     command = (sys.executable, "-c", "raise SystemExit(3)")
-    monkeypatch.setattr(check, "VideoEncoder", lambda changed: VideoEncoder(changed, command))
+    monkeypatch.setattr(check, "VideoEncoder", lambda *how: VideoEncoder(*how, command))
     finding = await check.check_encoder(replace(SETTINGS, video_encoder=setting))
     assert finding.state == state
     assert "so video is JPEG" in finding.detail

@@ -56,13 +56,17 @@ async def test_an_rtsp_camera_gives_its_newest_frames_as_jpegs():
         ("garbage", ""),
         ("redirects", "file:///etc/passwd"),
         ("redirects", "http://127.0.0.1:{port}/"),
+        ("redirects", "rtsp://localhost:{port}/"),
+        ("redirects", "rtsp://127.0.0.1@localhost:{port}/"),
+        ("redirects", "rtsp://[::1]:{port}/"),
         ("describes", "http://127.0.0.1:{port}/"),
+        ("describes", "rtsp://localhost:{port}/"),
     ],
 )
 async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypatch, mode, location):
-    """A redirect or description leads neither to a file nor to an HTTP service of the robot."""
+    """A redirect or description leads neither to a file, nor to another host, nor to an HTTP service of the robot."""
     # Some answers only show as silence.
-    monkeypatch.setattr(sources_module, "PROCESS_START_S", 3.0)
+    monkeypatch.setattr(sources_module, "PROCESS_START_S", 6.0)
     visits = []
 
     async def visited(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -77,6 +81,13 @@ async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypat
     assert "secret" not in reason
     assert "DESCRIBE" in camera.requests or mode == "garbage"
     assert not visits
+
+
+async def test_a_redirect_to_the_same_host_is_followed():
+    async with FakeRtspCamera(JPEGS[:1], "refuses") as other:
+        async with FakeRtspCamera(JPEGS[:1], "redirects", other.url) as camera:
+            await down_reason(camera.url)
+        assert "DESCRIBE" in other.requests
 
 
 @pytest.mark.parametrize("url", ["rtsp://me:secret@127.0.0.1:{port}/", "/dev/video999"])

@@ -273,6 +273,6 @@ def test_encoder_that_is_installed_while_the_agent_runs_is_used(monkeypatch):
     with monkeypatch.context() as without:
         without.setattr(encoder_module, "has_pyav", lambda: False)
         pool = EncoderPool("auto")
-    frame_encoder = FrameEncoder(pool, lambda: None, robot_time)
+    frame_encoder = FrameEncoder(pool, "/camera", lambda: None, robot_time)
     frame_encoder.use(StreamRequest(codecs=("h264", "jpeg")))
     assert frame_encoder.down_reason == ENCODER_STARTS

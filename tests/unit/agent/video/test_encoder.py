@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import resource
 import signal
@@ -18,6 +19,7 @@ from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from openssh_server import descendants
 from robotether_agent.video import encoder as encoder_module
+from robotether_agent.video import encoder_process
 from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
 from robotether_agent.video.encoder_messages import (
     EncodeRequest,
@@ -41,7 +43,7 @@ async def start() -> AsyncIterator[Start]:
     tasks = []
 
     async def started(command=COMMAND) -> VideoEncoder:
-        encoder = VideoEncoder(lambda: None, command)
+        encoder = VideoEncoder(lambda: None, "/camera", command)
         tasks.append(asyncio.ensure_future(encoder.run()))
         await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
         return encoder
@@ -226,7 +228,23 @@ async def test_a_broken_process_is_an_error_with_its_reason(
         await encoder.encode(NOTHING)
 
 
-async def test_pauses_between_failed_starts_grow(program, monkeypatch):
+def test_hardware_is_tried_once(monkeypatch):
+    """Each encoder of a process opens without another trial of three frames."""
+    trials, check = [], encoder_process.check_hardware
+    monkeypatch.setitem(encoder_process.HARDWARE, H264, ("h264_nvenc", "libx264"))
+    monkeypatch.setattr(
+        encoder_process,
+        "check_hardware",
+        lambda encoder, *trial: trials.append(encoder.name) or check(encoder, *trial),
+    )
+    transcoder = encoder_process.FrameTranscoder()
+    request = replace(NOTHING, jpeg=jpeg_of(next(clip(1, step=0))), allows_hardware=True)
+    for width in (320, 160, 320):
+        assert transcoder.encode(replace(request, width=width)).is_key
+    assert trials == ["h264_nvenc", "libx264"]
+
+
+async def test_pauses_between_failed_starts_grow(program, monkeypatch, caplog):
     """Else a broken installation would take the processor for itself."""
     pauses: list[float] = []
     real_sleep = asyncio.sleep
@@ -235,8 +253,9 @@ async def test_pauses_between_failed_starts_grow(program, monkeypatch):
         pauses.append(delay)
         await real_sleep(0)
 
+    caplog.set_level(logging.WARNING, encoder_module.__name__)
     monkeypatch.setattr(encoder_module.asyncio, "sleep", sleep)
-    encoder = VideoEncoder(lambda: None, (sys.executable, "-c", "raise SystemExit(1)"))
+    encoder = VideoEncoder(lambda: None, "/camera", (sys.executable, "-c", "raise SystemExit(1)"))
     task = asyncio.ensure_future(encoder.run())
     while len([pause for pause in pauses if pause >= 2]) < 3:
         await real_sleep(0.01)
@@ -245,6 +264,7 @@ async def test_pauses_between_failed_starts_grow(program, monkeypatch):
     with suppress(asyncio.CancelledError):
         await task
     assert [pause for pause in pauses if pause >= 2][:3] == [2, 4, 8]
+    assert "no encoder of /camera for 2 s" in caplog.messages[0]
 
 
 @pytest.mark.parametrize(

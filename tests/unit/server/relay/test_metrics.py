@@ -4,7 +4,7 @@ import time
 
 import pytest
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.video.feeds import FeedTraffic
+from robotether_server.relay.channels.video.feeds import CodecTraffic, FeedTraffic
 from robotether_server.relay.metrics import Metrics
 
 
@@ -25,13 +25,13 @@ def lines(metrics):
 def test_frames_are_read_when_somebody_asks(metrics):
     traffic = FeedTraffic()
     metrics.collect_feeds(traffic)
-    traffic.frames_in, traffic.frames_out, traffic.skipped = 3, 7, 2
-    traffic.bytes_in, traffic.bytes_out = 300, 700
+    traffic.by_codec["h264"], traffic.skipped = CodecTraffic(3, 300, 7, 700), 2
     shown = lines(metrics)
-    assert 'robotether_relay_frames_total{to="relay"} 3.0' in shown
-    assert 'robotether_relay_frames_total{to="client"} 7.0' in shown
-    assert 'robotether_relay_frame_bytes_total{to="relay"} 300.0' in shown
-    assert 'robotether_relay_frame_bytes_total{to="client"} 700.0' in shown
+    assert 'robotether_relay_frames_total{codec="h264",to="relay"} 3.0' in shown
+    assert 'robotether_relay_frames_total{codec="h264",to="client"} 7.0' in shown
+    assert 'robotether_relay_frame_bytes_total{codec="h264",to="relay"} 300.0' in shown
+    assert 'robotether_relay_frame_bytes_total{codec="h264",to="client"} 700.0' in shown
+    assert 'robotether_relay_frames_total{codec="jpeg",to="relay"} 0.0' in shown
     assert "robotether_relay_frames_skipped_total 2.0" in shown
 
 

@@ -16,7 +16,7 @@ from functools import reduce
 from operator import attrgetter
 from typing import Protocol
 
-from robotether_common.codecs import CODECS
+from robotether_common.codecs import CODECS, NAMES
 from robotether_common.frames import HEADER, MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_server.db.fleet import RelayRobot
@@ -42,14 +42,21 @@ FRESH_S = 1.0
 
 
 @dataclass
-class FeedTraffic:
-    """What all feeds have passed on since the start; `metrics` reads it."""
+class CodecTraffic:
+    """What came from robots and went to viewers in one codec."""
 
     frames_in: int = 0
     bytes_in: int = 0
     frames_out: int = 0
     bytes_out: int = 0
-    skipped: int = 0
+
+
+class FeedTraffic:
+    """What all feeds have passed on since the start; `metrics` reads it."""
+
+    def __init__(self) -> None:
+        self.by_codec = {name: CodecTraffic() for name in NAMES}
+        self.skipped = 0
 
 
 class Viewer(CopyUser, Protocol):
@@ -131,8 +138,9 @@ class Feed(SharedCopy[str, Viewer]):
 
     def sent(self, frame: Frame, skipped: int) -> None:
         """Count a frame that a viewer was sent, and the `skipped` ones before it."""
-        self._traffic.frames_out += 1
-        self._traffic.bytes_out += len(frame.message)
+        traffic = self._traffic.by_codec[frame.codec.name]
+        traffic.frames_out += 1
+        traffic.bytes_out += len(frame.message)
         self._traffic.skipped += skipped
 
     def stream_request(self) -> StreamRequest | None:
@@ -188,8 +196,9 @@ class Feed(SharedCopy[str, Viewer]):
         self._hold(frame)
 
     def _hold(self, frame: Frame) -> None:
-        self._traffic.frames_in += 1
-        self._traffic.bytes_in += frame.size + HEADER.size
+        traffic = self._traffic.by_codec[frame.codec.name]
+        traffic.frames_in += 1
+        traffic.bytes_in += frame.size + HEADER.size
         if not self.held.add(frame):
             # Nobody can decode it; and without credit the key frame could not come.
             self.request_key_frame()

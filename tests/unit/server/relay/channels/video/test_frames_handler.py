@@ -53,7 +53,10 @@ async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, re
     await camera.show(JPEG)
     first = (await driver.frame()).sequence
     await camera.show(JPEG + b"2")
-    await until(lambda: relay.relay.feeds.traffic.frames_in == 2, "the relay has another one")
+    await until(
+        lambda: relay.relay.feeds.traffic.by_codec["jpeg"].frames_in == 2,
+        "the relay has another one",
+    )
     delivered = relay.relay.registry.robot(7).delivered_frames
     assert delivered.robots(ANN.id, NamedFrame("/a", first)) == NamedFrame("/a", 71)
     assert delivered.robots(ANN.id, NamedFrame("/a", first + 1)).frame is None
