@@ -20,7 +20,7 @@ from robotether_agent.video.encoding import KeyFrameLimiter, PresetSteps, bits_p
 from robotether_agent.video.jpeg import jpeg_size
 from robotether_agent.video.quality import Level
 
-# Maximum number of cameras that are encoded at once; each takes some 25 MB, with 1920x1080 80.
+# Maximum number of cameras that are encoded at once; each takes some 20 MB, with 1920x1080 64.
 MAX_ENCODERS = 4
 FULL = f"this robot encodes {MAX_ENCODERS} other cameras"
 TOO_SLOW = "the encoder does not keep the camera's rate"
