@@ -83,9 +83,10 @@ class Plan:
 def plan(state: QueueState) -> Plan:
     """Return which offers end and which begin.
 
-    The most urgent request comes first, then the oldest. It goes to the user who has been idle longest,
-    of those who are available, have right and pool, and have not passed it. Requests that are left go
-    to users who have, the request that was passed longest ago first: so each comes round again.
+    The most urgent request comes first, then the oldest. Of the users who are available, have right and
+    pool, and have not passed it, it goes to one of the fewest pools, so that those of more stay free for
+    what they alone may take; of these, to the longest idle. Requests that are left go to users who have
+    passed them, the request that was passed longest ago first: so each comes round again.
     """
     lasting = _lasting_offers(state)
     end = tuple(offer for offer in state.offers if offer not in lasting.values())
@@ -95,7 +96,7 @@ def plan(state: QueueState) -> Plan:
             for user in state.operators
             if user.state == "available" and user.user_id not in lasting
         ),
-        key=lambda user: (user.idle_since, user.user_id),
+        key=lambda user: (len(user.pools), user.idle_since, user.user_id),
     )
     offered = {offer.request_id for offer in lasting.values()}
     requests = sorted(

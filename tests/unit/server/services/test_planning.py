@@ -139,8 +139,8 @@ def test_urgent_requests_come_first_then_old_ones(state):
 
 
 @given(states)
-def test_the_longest_idle_operator_comes_first(state):
-    """A free operator was idle for less time than the one who got the request, or has passed it."""
+def test_the_fewest_pools_come_first_then_the_longest_idle(state):
+    """A free operator has more pools than the one who got the request, was idle for less time, or has passed it."""
     after = Planned(state)
     for request_id, chosen in after.users.items():
         request = after.requests[request_id]
@@ -148,7 +148,11 @@ def test_the_longest_idle_operator_comes_first(state):
             if user.may_take(request) and after.has_passed(request, user) <= after.has_passed(
                 request, chosen
             ):
-                assert (chosen.idle_since, chosen.user_id) < (user.idle_since, user.user_id)
+                assert order_of(chosen) < order_of(user)
+
+
+def order_of(user):
+    return len(user.pools), user.idle_since, user.user_id
 
 
 @given(states, st.randoms())
