@@ -266,6 +266,7 @@ class Agent:
         reporters: list[Report] = [
             partial(report_health, self._health, self._guard, self._epochs),
             partial(report_vitals, self._vitals),
+            self._connector.ask_for_nearer,
             partial(follow_drive_topic, self._graph),
         ]
         if self._guard is not None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import cast
 
 from robotether_agent.problems import DetailError
@@ -30,6 +30,7 @@ ROBOT_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,62}")
 # Maximum number of cells used of a list: each that does not answer costs some seconds.
 MAX_CELLS = 8
 MAX_PORTS = 8
+MAX_RANK = 1000
 
 
 class FieldError(DetailError, ValueError):
@@ -38,10 +39,14 @@ class FieldError(DetailError, ValueError):
 
 @dataclass(frozen=True)
 class ListedCell:
-    """One machine of the server: the host and the ports at which its SSH is."""
+    """One machine of the server: the host and the ports at which its SSH is.
+
+    Of two with one `rank` the robot chooses; else the lower one comes first, however far it is.
+    """
 
     host: str
     ports: tuple[int, ...]
+    rank: int = field(default=0, compare=False)
 
 
 def parse_object(data: bytes | str, what: str) -> JsonObject:
@@ -137,14 +142,17 @@ def get_cells(obj: JsonObject, name: str) -> tuple[ListedCell, ...]:
         return ()
     if not isinstance(values, list):
         raise FieldError(f"field {name} must be a list of cells, not {_excerpt(values)}")
-    return tuple(_cell(as_object(value, f"{name}[{at}]")) for at, value in enumerate(values))[
+    return tuple(_cell(as_object(value, f"{name}[{at}]"), at) for at, value in enumerate(values))[
         :MAX_CELLS
     ]
 
 
-def _cell(obj: JsonObject) -> ListedCell:
+def _cell(obj: JsonObject, place: int) -> ListedCell:
     # They become arguments of the SSH client, so they must not look like options.
-    return ListedCell(get_match(obj, "host", ADDRESS, "a host name"), get_ports(obj, "ports"))
+    host = get_match(obj, "host", ADDRESS, "a host name")
+    # A list without ranks, of a join or an older server, is followed as it is.
+    rank = get_int(obj, "rank", 0, MAX_RANK) if "rank" in obj else place
+    return ListedCell(host, get_ports(obj, "ports"), rank)
 
 
 def printable(text: str, limit: int = 500) -> str:

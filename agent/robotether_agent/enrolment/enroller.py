@@ -14,7 +14,7 @@ import logging
 import re
 import socket
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass, replace
 from pathlib import Path
 from time import monotonic
 
@@ -243,7 +243,8 @@ class Enroller:
 
     def keep_cells(self, cells: tuple[ListedCell, ...]) -> None:
         """Keep the server's newest list of its cells; a disk that takes none must not cost the session."""
-        if cells == self._cells:
+        # Two cells are the same whatever their ranks.
+        if [astuple(cell) for cell in cells] == [astuple(cell) for cell in self._cells]:
             return
         self._cells = cells
         try:

@@ -21,6 +21,7 @@ from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import HostKey
 from robotether_agent.fields import (
     ADDRESS,
+    MAX_RANK,
     ROBOT_NAME,
     FieldError,
     JsonObject,
@@ -135,8 +136,8 @@ class SshAccess:
         listed = () if settings.ssh_host else self.cells
         return list(
             dict.fromkeys(
-                ListedCell(cell.host, settings.ssh_ports or cell.ports)
-                for cell in (*listed, ListedCell(host, self.ports))
+                ListedCell(cell.host, settings.ssh_ports or cell.ports, cell.rank)
+                for cell in (*listed, ListedCell(host, self.ports, MAX_RANK))
             )
         )
 

@@ -11,8 +11,8 @@ import logging
 import socket
 import weakref
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import ExitStack, closing, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, groupby, repeat
 from random import Random
@@ -74,6 +74,10 @@ class Banner:
     def __init__(self, https_port: int = HTTPS) -> None:
         # Where the site is, nginx is in front of sshd.
         self._silent_ports = {HTTPS, https_port}
+
+    def waits_at(self, port: int) -> bool:
+        """Return whether the port is known to wait for the client's first word."""
+        return port in self._silent_ports
 
     async def check(self, connection: socket.socket, port: int, name: str) -> bool:
         """Return whether the connection is unused still; raise a problem if no SSH server is there."""
@@ -235,6 +239,24 @@ class ServerDialer:
                 return spare.connection
             spare.drop()
         return await self._connect(target)
+
+    async def round_trips_s(self, cell: ListedCell, count: int) -> list[float]:
+        """Return how long TCP connections to a cell took, one after the other; raises as `open` does.
+
+        Where it can be, at nginx's port: sshd counts whom it lets begin. Through a proxy with its own round trip.
+        """
+        port = next((port for port in cell.ports if self._banner.waits_at(port)), cell.ports[0])
+        target = SshAddress(cell.host, port, "")
+        # The name service and a family that leads nowhere have their time before.
+        with closing(await self._connect(target)) as first:
+            if self._proxy is None:
+                target = replace(target, host=first.getpeername()[0])
+        trips_s: list[float] = []
+        for _ in range(count):
+            began = monotonic()
+            (await self._connect(target)).close()
+            trips_s.append(monotonic() - began)
+        return trips_s
 
     async def _keep_winner(self, happy_eyeballs: HappyEyeballs[_Probe]) -> SshAddress:
         probed = await happy_eyeballs.winner()

@@ -37,6 +37,7 @@ from robotether_agent.problems import (
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.connection import Role, run_connection
+from robotether_agent.tunnel.distances import Distances
 from robotether_agent.tunnel.openssh import SshFiles
 from robotether_agent.tunnel.session import NO_RELAY_BYES, Session, SessionConfig
 
@@ -65,6 +66,7 @@ class Connector:
         self._server_dialer = ServerDialer(
             proxy_of(settings.http_proxy), https_port=settings.server_port
         )
+        self._distances = Distances(self._server_dialer)
         self._silent_since: float | None = None
         self._asked_at = 0.0
         # Where the session is, or was last.
@@ -109,19 +111,34 @@ class Connector:
     def targets(self, ssh: SshAccess, kind: Kind) -> list[SshAddress]:
         """Return the server's SSH addresses in the order in which they are tried.
 
-        A cell that let the robot begin and led to no session, or whose relay hangs or is gone, comes after the others:
-        it may be alive and useless.
+        Of cells with one rank, those that are clearly farther than another come after it. A cell that let the robot
+        begin and led to no session, or whose relay hangs or is gone, comes after all others: it may be alive and
+        useless.
         """
         if kind != "session" and self._cell is not None:
             cells = [self._cell]
         else:
-            cells = ssh.in_order(self._settings)
+            cells = self._distances.by_distance(ssh.in_order(self._settings))
             cells.sort(key=lambda cell: self._failed_at.get(cell, 0.0))
         return [
             SshAddress(cell.host, port, ssh.user, self._server_dialer, cell)
             for cell in cells
             for port in sorted(cell.ports, key=lambda port: port != self._good_port)
         ]
+
+    async def ask_for_nearer(self, session: Session) -> NoReturn:
+        """Measure how far the cells are, and ask the server for a move to one that is clearly nearer."""
+        first = await session.new_config(None)
+
+        def place() -> tuple[ListedCell | None, Sequence[ListedCell]]:
+            # Addresses of an admin's are no choice of the robot's.
+            is_set = self._settings.ssh_host or self._settings.ssh_ports
+            return self._cell, () if is_set else (session.config or first).cells
+
+        def ask(cell: ListedCell) -> None:
+            session.send({"type": "nearer", "host": cell.host, "ports": list(cell.ports)})
+
+        await self._distances.keep_asking(place, ask)
 
     async def _until_cell_left(self) -> None:
         """Raise when the session is at another cell than before, where its video and shell belong too."""

@@ -22,10 +22,14 @@ ALIVE_S = 5
 
 @dataclass(frozen=True)
 class SshAddresses:
-    """Where robots reach the sshd of a cell, the best port first."""
+    """Where robots reach the sshd of a cell, the best port first.
+
+    Of cells with one `rank` a robot chooses the nearest; else the lower one comes first.
+    """
 
     host: str
     ports: tuple[int, ...]
+    rank: int = 0
 
 
 @dataclass(frozen=True)
@@ -168,28 +172,34 @@ def sort_for(
     *,
     second: str | None = None,
     region: str | None = None,
+    is_sent: bool = False,
 ) -> list[SshAddresses]:
     """Where a robot connects, the best first: `first`, `second`, then the others as the robot's id has it.
+
+    A robot that `is_sent` goes to `first` however far that is.
 
     That is the rendezvous order: a cell that goes moves its own robots alone, and spreads them over the others. The
     cells of the robot's region come before all others, in the same order. Those that are drained come last: the others
     may all die.
     """
+
+    def group(cell: Cell) -> tuple[bool, ...]:
+        return not cell.draining, _is_in(cell, region), is_sent and cell.name == first
+
     ranked = sorted(
-        cells,
+        (cell for cell in cells if cell.is_alive),
         key=lambda cell: (
-            not cell.draining,
-            _is_in(cell, region),
+            *group(cell),
             cell.name == first,
             cell.name == second,
             _weight(robot_id, cell),
         ),
         reverse=True,
     )
+    addressed = [(cell.host, cell) for cell in ranked if cell.host is not None]
+    groups = list(dict.fromkeys(group(cell) for _, cell in addressed))
     return [
-        SshAddresses(cell.host, cell.ssh_ports)
-        for cell in ranked
-        if cell.is_alive and cell.host is not None
+        SshAddresses(host, cell.ssh_ports, groups.index(group(cell))) for host, cell in addressed
     ]
 
 
@@ -208,6 +218,19 @@ def sort_for_join(
 def find_emptiest(cells: Iterable[Cell], *, region: str | None = None) -> Cell | None:
     """Return the cell with the fewest robots of those that take robots: of the region's if there are any."""
     return min(_near(cells, region), key=lambda cell: cell.robots, default=None)
+
+
+def find_choice(
+    cells: Iterable[Cell], address: SshAddresses, here: str, *, region: str | None = None
+) -> Cell | None:
+    """Return the cell at an address, if a robot at the cell `here` may choose it."""
+    by_name = {cell.name: cell for cell in cells}
+    own = by_name.get(here)
+    for cell in by_name.values():
+        is_there = (cell.host, cell.ssh_ports) == (address.host, address.ports)
+        if is_there and cell.is_listed and cell != own:
+            return cell if own is None or _is_in(cell, region) >= _is_in(own, region) else None
+    return None
 
 
 def _near(cells: Iterable[Cell], region: str | None) -> list[Cell]:

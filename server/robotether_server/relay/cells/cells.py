@@ -81,7 +81,12 @@ class Cells:
         """
         region = self._region_of(robot_id)
         return cells.sort_for(
-            robot_id, self._cells.values(), first or self.name, second=self.name, region=region
+            robot_id,
+            self._cells.values(),
+            first or self.name,
+            second=self.name,
+            region=region,
+            is_sent=first is not None,
         )
 
     def robots_leave(self) -> bool:
@@ -98,6 +103,18 @@ class Cells:
         if emptiest is None or emptiest.name == self.name or not self._is_current:
             return 0, self.name
         return self._robots() - emptiest.robots, emptiest.name
+
+    def choice(self, robot_id: int, address: SshAddresses) -> tuple[Cell, int] | None:
+        """Return the cell at an address, if a robot of this cell may choose it, and how many more robots it has.
+
+        More than the emptiest that takes this robot. None also while this is not known.
+        """
+        region, site_cells = self._region_of(robot_id), self._cells.values()
+        cell = cells.find_choice(site_cells, address, self.name, region=region)
+        emptiest = cells.find_emptiest(site_cells, region=region)
+        if cell is None or emptiest is None or not self._is_current:
+            return None
+        return cell, cell.robots - emptiest.robots
 
     @property
     def _is_current(self) -> bool:

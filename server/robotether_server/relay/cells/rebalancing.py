@@ -1,20 +1,23 @@
-"""Sends idle robots from this cell to another that has far fewer, such as one that was away.
+"""Sends idle robots from this cell to another: one that has far fewer, or one that the robot says is nearer.
 
-`wiring` runs it. Who loses a cell goes to the others, and would stay there: the next loss would move ever more robots.
+`wiring` runs it, and robots' links call `on_nearer`. Who loses a cell goes to the others, and would stay there: the
+next loss would move ever more robots.
 """
 
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 from collections.abc import Callable, Collection
 from dataclasses import dataclass
 
+from robotether_server.db.cells import SshAddresses
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Robot
 
-DETAIL = "another machine of the server has fewer robots; connect to the next"
+DETAIL = "another machine of the server has fewer robots or is nearer; connect to the next"
 
 
 @dataclass(frozen=True)
@@ -50,6 +53,27 @@ class Rebalancing:
         self._registry = registry
         self._unreached = unreached
         self._rules = rules or BalanceRules()
+        self._moved_at = -math.inf
+
+    def on_nearer(self, robot_id: int, address: SshAddresses) -> None:
+        """Send an idle robot to the cell that it asks for, unless that would soon send robots away itself.
+
+        A robot that may not go now asks again in some minutes.
+        """
+        choice, now = self._cells.choice(robot_id, address), time.monotonic()
+        robot, rules = self._registry.robot(robot_id), self._rules
+        connected_at = robot.presence.connected_at
+        if choice is None or connected_at is None or now - self._moved_at < 1 / rules.robots_per_s:
+            return
+        cell, surplus = choice
+        # Half of what would move robots: so a robot that was sent away for that does not come back at once.
+        is_crowded = surplus > max(rules.robots, rules.share * cell.robots) / 2
+        is_reached = cell.name not in self._unreached()
+        if is_reached and not is_crowded and self._is_idle(robot):
+            if self._returned_at_once(robot, connected_at):
+                return
+            self._moved_at = now
+            self._send(robot, cell.name)
 
     async def run(self) -> None:
         """Look every second, and send robots one after the other, for ever."""
@@ -76,14 +100,19 @@ class Rebalancing:
         return surplus > max(rules.robots, rules.share * self._registry.online_count())
 
     def _may_go(self, robot: Robot, connected_at: float) -> bool:
-        stays_s, sent_away_at = self._rules.stays_s, robot.sent_away_at
-        if sent_away_at is not None and connected_at - sent_away_at < stays_s:
-            # It came back at once, so that it cannot reach another cell: it stays.
+        if self._returned_at_once(robot, connected_at) or not self._is_idle(robot):
             return False
+        return time.monotonic() - connected_at > self._rules.stays_s
+
+    def _returned_at_once(self, robot: Robot, connected_at: float) -> bool:
+        """Return whether it was sent away and came back at once: it cannot reach another cell, and stays."""
+        sent_away_at = robot.sent_away_at
+        return sent_away_at is not None and connected_at - sent_away_at < self._rules.stays_s
+
+    def _is_idle(self, robot: Robot) -> bool:
         # Nobody knows whether somebody works in a shell.
         # What a guard says of a stop is news for this cell, too.
-        is_idle = not (robot.usage.exists or robot.stops.newest or "shell" in robot.links)
-        return is_idle and time.monotonic() - connected_at > stays_s
+        return not (robot.usage.exists or robot.stops.newest or "shell" in robot.links)
 
     def _send(self, robot: Robot, cell: str) -> None:
         robot.sent_away_at = time.monotonic()

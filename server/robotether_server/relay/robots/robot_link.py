@@ -49,7 +49,8 @@ class LinkRules:
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
     before, and reads what other cells wrote of the robot. A robot that nobody uses sends and gets heartbeats every
-    `idle_heartbeat_s`. `cells` gives where it connects.
+    `idle_heartbeat_s`. `cells` gives where it connects. `on_nearer` is called when a robot asks for a move to another
+    cell.
     """
 
     tunnel_host: str
@@ -61,6 +62,7 @@ class LinkRules:
     release_wait_s: float = 1.0
     direct: bool = False
     prepare: Callable[[int], Awaitable[None]] | None = None
+    on_nearer: Callable[[int, SshAddresses], None] = lambda *_: None
 
 
 class RobotLink:
@@ -279,7 +281,16 @@ class RobotLink:
                 self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
             case lines.VitalsLine():
                 self._registry.on_battery(self, message.rounded)
-            case lines.CheckLine() if self.kind == "session":
+            case lines.NearerLine() | lines.CheckLine():
+                self._handle_request(message)
+
+    def _handle_request(self, message: lines.NearerLine | lines.CheckLine) -> None:
+        if self._registry.session_of(self.robot_id) is not self:
+            return
+        match message:
+            case lines.NearerLine(host, ports):
+                self._rules.on_nearer(self.robot_id, SshAddresses(host, ports))
+            case lines.CheckLine():
                 self._checks.ask()
 
     async def _check(self) -> None:

@@ -170,6 +170,13 @@ class VitalsLine(Struct, tag="vitals"):
         return Battery(percent, battery.charging)
 
 
+class NearerLine(Struct, tag="nearer"):
+    """The robot asks for a move to another cell of its list, which is clearly nearer."""
+
+    host: Annotated[str, Meta(max_length=253)]
+    ports: tuple[int, ...]
+
+
 class CheckLine(Struct, tag="check"):
     """The agent asks whether its ports are reached."""
 
@@ -179,7 +186,17 @@ class _Head(Struct):
     session_key: Any = None
 
 
-Line = PingLine | PongLine | HelloLine | GuardLine | SeenLine | HealthLine | VitalsLine | CheckLine
+Line = (
+    PingLine
+    | PongLine
+    | HelloLine
+    | GuardLine
+    | SeenLine
+    | HealthLine
+    | VitalsLine
+    | NearerLine
+    | CheckLine
+)
 _HEAD = msgspec.json.Decoder(_Head)
 _PREFACE = msgspec.json.Decoder(Preface)
 _LINES: dict[object, msgspec.json.Decoder[Line]] = {
@@ -241,7 +258,7 @@ def config_line(
     cells: Iterable[SshAddresses] = (),
 ) -> bytes:
     """Build the settings that the agent works with; `cells` are where it connects, the best first."""
-    addresses = [{"host": cell.host, "ports": cell.ports} for cell in cells]
+    addresses = [{"host": cell.host, "ports": cell.ports, "rank": cell.rank} for cell in cells]
     return _line(
         "config",
         robot=robot.name,

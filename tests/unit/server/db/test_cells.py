@@ -8,7 +8,13 @@ import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
 from robotether_server.db import cells, fleet, robots
-from robotether_server.db.cells import Cell, sort_for, sort_for_join
+from robotether_server.db.cells import (
+    Cell,
+    SshAddresses,
+    find_choice,
+    sort_for,
+    sort_for_join,
+)
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
@@ -82,6 +88,36 @@ def test_a_robot_stays_with_the_first_and_then_has_an_own_sequence():
         assert found[0] == "b.example"
         assert sorted(found) == ["a.example", "b.example", "c.example"]
         assert hosts(robot_id, [C, B, A], "b") == found
+
+
+def test_robot_may_choose_among_cells_of_one_rank():
+    """Region and drain come before distance, and so does where the server sends it."""
+    eu, drained = replace(B, region="eu"), replace(C, draining=True)
+
+    def ranks(**changes):
+        known = sort_for(7, [A, eu, drained], "a", **changes)
+        return {cell.host[0]: cell.rank for cell in known}
+
+    assert ranks() == {"a": 0, "b": 0, "c": 1}
+    assert ranks(region="eu") == {"b": 0, "a": 1, "c": 2}
+    assert ranks(is_sent=True) == {"a": 0, "b": 1, "c": 2}
+
+
+@pytest.mark.parametrize(
+    ("change", "region", "name"),
+    [
+        ({}, None, "b"),
+        ({"region": "eu"}, "eu", "b"),
+        ({"region": "us"}, "eu", None),
+        ({"draining": True}, None, None),
+        ({"host": "c.example"}, None, None),
+    ],
+)
+def test_robot_chooses_no_worse_cell(change, region, name):
+    here = replace(A, region="eu")
+    address = SshAddresses(B.host, B.ssh_ports, 5)
+    choice = find_choice([here, replace(B, **change)], address, "a", region=region)
+    assert (choice and choice.name) == name
 
 
 def test_a_cell_that_goes_moves_its_own_robots_alone():

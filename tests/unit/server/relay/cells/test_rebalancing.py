@@ -104,3 +104,51 @@ async def test_a_robot_that_comes_back_at_once_is_left_alone(memory_database):
         assert await ended(later) == "rebalanced"
         for each in (session, later):
             await each.close()
+
+
+def ask_for_b(session):
+    session.send(type="nearer", host="b.example", ports=[2222])
+
+
+async def test_robot_goes_to_a_nearer_cell_when_it_asks(memory_database):
+    """It goes there however far that looks to it later: the list names that cell alone as the best."""
+    async with running_relay(memory_database, timing(robots=100), CELL) as relay:
+        session = await session_of(relay, 8)
+        await stay(session)
+        ask_for_b(session)
+        assert await ended(session) == "rebalanced"
+        assert [(cell["host"], cell["rank"]) for cell in session.configs[-1]["cells"]] == [
+            ("b.example", 0),
+            ("a.example", 1),
+        ]
+        await session.close()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"robots": 60},
+        {"draining": True},
+        {"is_alive": False},
+        {"ssh_ports": (443,)},
+        {"peer_address": "b.example:8444"},
+    ],
+)
+async def test_robot_stays_where_a_nearer_cell_does_not_take_it(memory_database, change):
+    """One with so many more robots would soon send it back."""
+    memory_database.cells["b"] = replace(EMPTY, **change)
+    async with running_relay(memory_database, timing(robots=100), CELL) as relay:
+        session = await session_of(relay, 8)
+        ask_for_b(session)
+        await stay(session)
+        await session.close()
+
+
+async def test_robot_that_is_stopped_goes_to_no_nearer_cell(memory_database):
+    """Nor one that somebody uses, by the same rule."""
+    async with running_relay(memory_database, timing(robots=100), CELL) as relay:
+        relay.relay.control.stops.stop(memory_database.robots[8], "ben")
+        session = await session_of(relay, 8)
+        ask_for_b(session)
+        await stay(session)
+        await session.close()

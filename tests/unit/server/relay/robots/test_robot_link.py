@@ -39,12 +39,12 @@ async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, c
     memory_database.cells["b"] = other
     await until(lambda: relay.relay.cells.addresses(7), "b is known")
     session, media = await configured(await connect()), await configured(await connect("media"))
-    assert session.configs[0]["cells"] == [{"host": "b.example", "ports": [2222, 443]}]
+    assert session.configs[0]["cells"] == [{"host": "b.example", "ports": [2222, 443], "rank": 0}]
     memory_database.cells["b"] = replace(other, robots=4)
     await relay.relay.cells.poll()
     memory_database.cells["b"] = replace(other, ssh_ports=(22,))
     await until(lambda: len(session.configs) == 2, "the new port is told")
-    assert session.configs[1]["cells"] == [{"host": "b.example", "ports": [22]}]
+    assert session.configs[1]["cells"] == [{"host": "b.example", "ports": [22], "rank": 0}]
     memory_database.cells["b"] = replace(other, is_alive=False)
     await until(lambda: len(session.configs) == 3, "it is gone")
     assert "cells" not in session.configs[2]

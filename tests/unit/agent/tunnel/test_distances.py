@@ -1,0 +1,133 @@
+"""How far the server's machines are, and which of them a robot tries first and asks for."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack
+
+import pytest
+from fake_cloud import eventually
+from fake_proxy import FakeProxy
+from robotether_agent.fields import ListedCell
+from robotether_agent.net.http_proxy import proxy_of
+from robotether_agent.net.server_dialer import ServerDialer
+from robotether_agent.tunnel import distances as module
+from robotether_agent.tunnel.distances import Distances, is_clearly_less
+from tcp_service import TcpService
+
+HOST = "127.0.0.1"
+A, B, C = (ListedCell(f"{name}.example", (2222,)) for name in "abc")
+
+
+class Listener(TcpService):
+    """Takes connections, and says nothing."""
+
+    async def _talk(self, reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
+        await reader.read()
+
+
+class SlowProxy(FakeProxy):
+    """Emulates a distance: each way to a port takes its own time."""
+
+    def __init__(self, delays_s: Mapping[int, float]) -> None:
+        super().__init__()
+        self._delays_s = delays_s
+
+    async def _join(
+        self, host: str, port: int, reader: asyncio.StreamReader, writer: asyncio.StreamWriter
+    ) -> None:
+        await asyncio.sleep(self._delays_s[port])
+        writer.write(b"HTTP/1.1 200 Connection established\r\n\r\n")
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test waits for no minutes."""
+    for name in ("FIRST_AFTER_S", "CHECK_EVERY_S"):
+        monkeypatch.setattr(module, name, (0.01, 0.02))
+
+
+@pytest.fixture
+async def cells() -> AsyncIterator[list[ListedCell]]:
+    """Three machines of one rank."""
+    async with AsyncExitStack() as ends:
+        listeners = [await ends.enter_async_context(Listener()) for _ in range(3)]
+        yield [ListedCell(HOST, (listener.port,)) for listener in listeners]
+
+
+def known(**rtts_ms: float) -> Distances:
+    """Distances that were measured, by the names of the cells."""
+    distances = Distances(ServerDialer())
+    distances._rtts_s = {
+        ListedCell(f"{name}.example", (2222,)): rtt_ms / 1000 for name, rtt_ms in rtts_ms.items()
+    }
+    return distances
+
+
+@pytest.mark.parametrize("nearest", range(3))
+async def test_robot_is_at_its_nearest_cell_within_one_move(cells, nearest):
+    """Wherever it began; there it asks for nothing more."""
+    ports = [cell.ports[0] for cell in cells]
+    delays_s = {port: 0.01 if at == nearest else 0.2 for at, port in enumerate(ports)}
+    async with SlowProxy(delays_s) as proxy:
+        for begin in range(3):
+            distances = Distances(ServerDialer(proxy_of(proxy.url)))
+            places, moves = [cells[begin]], []
+
+            def move(cell: ListedCell, places=places, moves=moves) -> None:
+                places[:] = [cell]
+                moves.append(cell)
+
+            asking = asyncio.ensure_future(
+                distances.keep_asking(lambda places=places: (places[0], cells), move)
+            )
+            await eventually(
+                lambda places=places, distances=distances: (
+                    places == [cells[nearest]] and len(distances._rtts_s) == 3
+                ),
+                lambda moves=moves: str(moves),
+            )
+            await asyncio.sleep(0.1)
+            asking.cancel()
+            assert moves == ([] if begin == nearest else [cells[nearest]])
+            assert distances.by_distance(cells)[0] == cells[nearest]
+
+
+async def test_round_trips_of_connections_are_measured(cells):
+    """A cell that does not answer is not known, and measured again after an hour."""
+    gone = ListedCell(HOST, (1,))
+    distances = Distances(ServerDialer())
+    await distances.measure([*cells, gone])
+    rtts_s = distances._rtts_s
+    assert rtts_s.keys() == set(cells)
+    assert all(0 < rtt_s < 1 for rtt_s in rtts_s.values())
+    before = dict(rtts_s)
+    await distances.measure([*cells, gone])
+    assert rtts_s == before
+
+
+@pytest.mark.parametrize(
+    ("rtt_ms", "other_ms", "is_clear"),
+    [(1, 20, False), (1, 21, True), (100, 121, False), (100, 126, True), (5, 5, False)],
+)
+def test_clear_gain_is_of_both_time_and_share(rtt_ms, other_ms, is_clear):
+    assert is_clearly_less(rtt_ms / 1000, other_ms / 1000) is is_clear
+
+
+def test_server_decides_among_cells_about_equally_near():
+    """So that a fleet beside three machines spreads over all of them."""
+    distances = known(a=3, b=1, c=90)
+    assert distances.by_distance([A, C, B]) == [A, B, C]
+    assert [distances.nearer(here, [A, B, C]) for here in (A, B, C)] == [None, None, B]
+    assert known(c=90).by_distance([C, B, A]) == [C, B, A]
+    assert known(c=90).nearer(A, [A, B, C]) is None
+
+
+def test_rank_comes_before_distance():
+    """A region's cells, and one to which the server sends the robot, win; a drained one is never chosen."""
+    distances = known(a=200, b=1)
+    cells = [A, ListedCell(B.host, B.ports, rank=1)]
+    assert distances.by_distance(cells) == cells
+    assert distances.nearer(A, cells) is None
+    assert known(a=1, b=200).nearer(B, cells) == A
