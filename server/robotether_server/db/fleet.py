@@ -113,6 +113,17 @@ class RelayUser:
     name: str
 
 
+@dataclass(frozen=True)
+class RelayRequest:
+    """An open request as the relay sees it: `user` has its robot reserved for `left_s`; None: nobody has."""
+
+    robot_id: int
+    state: str
+    age_s: float
+    user: RelayUser | None
+    left_s: float | None
+
+
 @dataclass
 class SessionEntry:
     """A robot's session; written when it begins, again when something of it changes."""
@@ -225,6 +236,34 @@ def _holders(tx: Transaction, view: str, digests: Sequence[bytes]) -> Iterable[R
     # `view` is a name out of this module, and the digests go in as values.
     sql = f"SELECT token_hash, user_id, user_name FROM {view} WHERE token_hash IN ({placeholders})"  # noqa: S608
     return tx.rows(sql, digests)
+
+
+def ask_for_help(
+    tx: Transaction, robot_id: int, *, source: str, reason: str, priority: int, pool: str
+) -> tuple[int | None, bool]:
+    """Ask for help as a robot; return the open request's id and whether it is new.
+
+    None: the robot has as many open requests as it may. Texts of any kind are taken.
+    """
+    row = tx.row(
+        "CALL ask_for_help(%s, %s, %s, %s, %s)", (robot_id, source, reason, priority, pool)
+    )
+    return (None, False) if row is None else (row["id"], bool(row["is_new"]))
+
+
+def read_requests(tx: Transaction) -> list[RelayRequest]:
+    """Read the open requests for help."""
+    rows = tx.rows("SELECT robot_id, state, age_s, user_id, user_name, left_s FROM relay_requests")
+    return [
+        RelayRequest(
+            robot_id=row["robot_id"],
+            state=row["state"],
+            age_s=row["age_s"],
+            user=None if row["user_id"] is None else RelayUser(row["user_id"], row["user_name"]),
+            left_s=row["left_s"],
+        )
+        for row in rows
+    ]
 
 
 def write(tx: Transaction, entries: Iterable[Entry], cell: str | None = None) -> dict[int, int]:

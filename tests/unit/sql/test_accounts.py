@@ -38,6 +38,12 @@ EXPECTED = {
         "audit_events": "SELECT, INSERT",
         "cells": "SELECT, UPDATE (draining)",
         "PROCEDURE remove_cell": "EXECUTE",
+        "help_requests": "SELECT, UPDATE",
+        "help_request_passes": EDIT,
+        "operators": "SELECT, INSERT, UPDATE",
+        "pool_members": "SELECT, INSERT, DELETE",
+        "planner": "SELECT, UPDATE",
+        "PROCEDURE add_help_request": "EXECUTE",
     },
     "relay": {
         "relay_robots": "SELECT",
@@ -51,6 +57,8 @@ EXPECTED = {
         "robot_stops": EDIT,
         "audit_events": "INSERT",
         "cells": f"SELECT, INSERT ({CELL.replace('peer', 'name, peer')}), UPDATE ({CELL})",
+        "relay_requests": "SELECT",
+        "PROCEDURE ask_for_help": "EXECUTE",
     },
     "keylookup": {
         "tunnel_keys": "SELECT",
