@@ -6,7 +6,8 @@ when somebody asks.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections import Counter as Counts
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metri
 from prometheus_client.registry import Collector
 
 from robotether_server.backups import age_s, last_backup
+from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import FeedTraffic
 
@@ -69,6 +71,10 @@ class Metrics:
     def collect_backups(self, folder: Path) -> None:
         """Add the ages of the last backup and of its last copy, as they are recorded in the folder."""
         self._registry.register(_Collector(partial(_read_backups, folder)))
+
+    def collect_help_requests(self, read: Callable[[], Sequence[RelayRequest] | None]) -> None:
+        """Add the open requests for help, which are those of all cells; None: they are unknown."""
+        self._registry.register(_Collector(partial(_read_help_requests, read)))
 
     def render(self) -> bytes:
         """Write all numbers in Prometheus' text format."""
@@ -133,3 +139,23 @@ def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
         copied.add_metric([], age_s(last.copied_at))
     yield age
     yield copied
+
+
+def _read_help_requests(
+    read: Callable[[], Sequence[RelayRequest] | None],
+) -> Iterator[GaugeMetricFamily]:
+    count = GaugeMetricFamily(
+        "robotether_relay_help_requests", "Open requests for help, by state", labels=["state"]
+    )
+    oldest = GaugeMetricFamily(
+        "robotether_relay_help_request_age_seconds", "Age of the oldest open request for help"
+    )
+    # What is not known has no value, nor has the age of none.
+    if (requests := read()) is not None:
+        counts = Counts(request.state for request in requests)
+        for state in ("waiting", "offered", "accepted"):
+            count.add_metric([state], counts[state])
+        if requests:
+            oldest.add_metric([], max(request.age_s for request in requests))
+    yield count
+    yield oldest

@@ -300,6 +300,7 @@ class Relay:
         self.peers.listen(self.fleet_events.changed)
         self.peers.listen(self.forwarded_observers.on_peer_robot)
         self.cells.listen(self.sessions.on_cells)
+        self.fleet.listen_to_help_requests(self.control.on_help_requests)
 
     def _add_gauges(self) -> None:
         gauge, connections = self.metrics.gauge, self.connections
@@ -321,6 +322,7 @@ class Relay:
         gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
         self.metrics.collect_feeds(self.feeds.traffic)
         self.metrics.collect_backups(RECORD)
+        self.metrics.collect_help_requests(self.fleet.known_help_requests)
 
     async def _serve(self, app: web.Application, port: int) -> int:
         runner = await serve(app, self._listen.host, port, backlog=BACKLOG)

@@ -24,6 +24,7 @@ from robotether_server.db.fleet import (
     Changes,
     Credential,
     Entry,
+    RelayRequest,
     RelayRobot,
     RelayUser,
     SessionEntry,
@@ -77,6 +78,7 @@ class MemoryDatabase(RelayDatabase):
         self.fences: dict[int, int] = {}
         self.stops: list[Stop] = []
         self.cells: dict[str, Cell] = {}
+        self.requests: list[RelayRequest] = []
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> RelayRobot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
@@ -103,6 +105,10 @@ class MemoryDatabase(RelayDatabase):
     async def load(self) -> Snapshot:
         self._check_up()
         return Snapshot(dict(self.robots), dict(self.grants), self._rights())
+
+    async def help_requests(self) -> list[RelayRequest]:
+        self._check_up()
+        return self.requests
 
     async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
         self._check_up()

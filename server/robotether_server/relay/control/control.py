@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from robotether_server.contract.control import (
@@ -16,7 +16,7 @@ from robotether_server.contract.control import (
     StopObject,
 )
 from robotether_server.db.control import StoredControl
-from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.db.grants import includes
 from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
@@ -43,6 +43,7 @@ class Control:
         robots_leave: Callable[[], bool],
     ) -> None:
         self._registry = registry
+        self._snapshot = snapshot
         self._robots_leave = robots_leave
         self._listeners: list[Callable[[int], None]] = []
         self.leasing = Leasing(
@@ -83,6 +84,13 @@ class Control:
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights changed."""
         self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
+
+    def on_help_requests(self, requests: Sequence[RelayRequest]) -> None:
+        """The robots' open requests for help were read: their leases are kept for those who were asked."""
+        snapshot = self._snapshot()
+        self.leasing.reserve(
+            requests, lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id)
+        )
 
     def greeting(self, robot_id: int) -> list[bytes]:
         """What a robot is sent after its configuration."""

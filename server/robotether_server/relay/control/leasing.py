@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterable, Iterator, Mapping
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
-from robotether_server.db.fleet import AuditEntry, RelayRobot, RelayUser
+from robotether_server.db.fleet import AuditEntry, RelayRequest, RelayRobot, RelayUser
 from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreError
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
@@ -180,6 +180,23 @@ class Leasing:
         """Forget who waits without the right to drive (user, robot) any more."""
         for robot in self._registry.robots():
             if robot.lease.keep_only(_of_robot(may_drive, robot.id)):
+                self._notify(robot.id)
+
+    def reserve(
+        self, requests: Iterable[RelayRequest], may_drive: Callable[[int, int], bool]
+    ) -> None:
+        """Keep free leases for those who are to help robots and may drive (user, robot), and end other such."""
+        timestamp = now()
+        users = {
+            request.robot_id: (request.user, request.left_s)
+            for request in requests
+            if request.user is not None and request.left_s is not None and request.left_s > 0
+        }
+        for robot in self._registry.robots():
+            user, left_s = users.get(robot.id, (None, 0.0))
+            if user is not None and not may_drive(user.id, robot.id):
+                user = None
+            if robot.lease.reserve(user, timestamp.later(left_s), timestamp):
                 self._notify(robot.id)
 
     def ask(self, robot: RelayRobot, asker: LeaseRequester) -> None:

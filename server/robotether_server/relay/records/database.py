@@ -16,7 +16,7 @@ from typing import TypeVar
 from robotether_server.db import Database, Transaction, cells, control, fleet
 from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
-from robotether_server.db.fleet import Changes, Credential, Entry, RelayUser, Snapshot
+from robotether_server.db.fleet import Changes, Credential, Entry, RelayRequest, RelayUser, Snapshot
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.settings.server import CellSettings
 
@@ -48,6 +48,10 @@ class RelayDatabase:
     async def load(self) -> Snapshot:
         """Read robots and rights."""
         return await self._ask(fleet.load)
+
+    async def help_requests(self) -> list[RelayRequest]:
+        """Read robots' open requests for help."""
+        return await self._ask(fleet.read_requests)
 
     async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
         """Read since when and why robots are offline."""

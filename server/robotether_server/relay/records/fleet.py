@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import datetime
 from typing import Protocol
 
 from robotether_server.db.control import StoredControl
-from robotether_server.db.fleet import Changes, Snapshot
+from robotether_server.db.fleet import Changes, RelayRequest, Snapshot
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 
@@ -51,6 +51,7 @@ class Fleet:
         self._database = database
         self._credentials = credentials
         self._listeners: list[Callable[[Snapshot], None]] = []
+        self._help_listener: Callable[[Sequence[RelayRequest]], None] = _ignore
         self._restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
         self._restore_control: Callable[[StoredControl], None] = _ignore
         self._poll_every_s = poll_every_s
@@ -59,10 +60,16 @@ class Fleet:
         self._rechecked_at = 0.0
         self._polling = asyncio.Lock()
         self.store_up = True
+        # Robots' open requests for help, as they were last read.
+        self._help_requests: Sequence[RelayRequest] = ()
 
     def listen(self, *listeners: Callable[[Snapshot], None]) -> None:
         """Notify these, in order, when robots or rights changed; they must not block."""
         self._listeners.extend(listeners)
+
+    def listen_to_help_requests(self, listener: Callable[[Sequence[RelayRequest]], None]) -> None:
+        """Notify this of robots' open requests for help, at each poll; it must not block."""
+        self._help_listener = listener
 
     def restore_into(
         self,
@@ -85,6 +92,10 @@ class Fleet:
         """The last snapshot, or an empty one."""
         return self._snapshot or Snapshot(robots={}, grants={})
 
+    def known_help_requests(self) -> Sequence[RelayRequest] | None:
+        """Return robots' open requests for help; None: the database is away, and they are unknown."""
+        return self._help_requests if self.store_up else None
+
     def region_of(self, robot_id: int) -> str | None:
         """Return the region of a robot; None: it has none, or is not known."""
         robot = self.state().robots.get(robot_id)
@@ -101,6 +112,7 @@ class Fleet:
         try:
             async with self._polling:
                 await self._poll_changes()
+                await self._poll_help_requests()
         except StoreError as problem:
             self._set_store_up(False, problem.detail)
         except Exception:
@@ -126,6 +138,10 @@ class Fleet:
         else:
             await self._credentials.check_new()
         self._changes = now
+
+    async def _poll_help_requests(self) -> None:
+        self._help_requests = await self._database.help_requests()
+        self._help_listener(self._help_requests)
 
     async def _restore(self) -> None:
         self._restore_last_seen(await self._database.last_seen())

@@ -26,6 +26,8 @@ from robotether_server.relay.http.timing import RateLimiter
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0
+# Difference in the end of a reservation up to which it counts as the same: it is computed anew at each poll.
+SAME_END_S = 1.0
 # Maximum number of requests in a row by one user for one robot: the driver sees each, and the audit
 # log has it.
 QUESTIONS_AT_ONCE = 3
@@ -85,10 +87,11 @@ class ControlRequest:
 
 @dataclass(frozen=True)
 class Reservation:
-    """For whom alone the lease is kept."""
+    """For whom alone the lease is kept; `is_to_help`: who was offered the robot's request for help, or accepted it."""
 
     user: RelayUser
     until: Instant
+    is_to_help: bool = False
 
 
 @dataclass(frozen=True)
@@ -128,6 +131,23 @@ class Lease:
         """For whom the lease is kept now."""
         reservation = self._reserved
         return reservation if reservation is not None and now.s < reservation.until.s else None
+
+    def reserve(self, user: RelayUser | None, until: Instant, now: Instant) -> bool:
+        """Keep a free lease for whoever is to help the robot, None: for nobody; return whether that changes anything.
+
+        Who drives, is about to, or got the control from a driver or by taking it comes first.
+        """
+        before = self.reserved(now)
+        if self.driver is not None or self._claimant is not None:
+            return False
+        if before is not None and not before.is_to_help:
+            return False
+        after = None if user is None else Reservation(user, until, is_to_help=True)
+        if before is None or after is None:
+            self._reserved = after
+            return before is not after
+        self._reserved = after
+        return before.user != user or abs(before.until.s - until.s) > SAME_END_S
 
     def claim(self, holder: Holder, now: Instant) -> Holder | None:
         """Keep everybody else out until the number is there; return this user's older claimant.

@@ -3,6 +3,7 @@
 import time
 
 import pytest
+from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import CodecTraffic, FeedTraffic
 from robotether_server.relay.metrics import Metrics
@@ -46,3 +47,25 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
     [age] = [line for line in lines(metrics) if line.startswith("robotether_relay_backup_age")]
     assert float(age.split()[1]) >= 60
     assert "robotether_relay_backup_copy_age_seconds +Inf" in lines(metrics)
+
+
+def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
+    requests = [
+        RelayRequest(7, "waiting", age_s=4.0, user=None, left_s=None),
+        RelayRequest(8, "waiting", age_s=90.0, user=None, left_s=None),
+    ]
+    answers = iter([requests, [], None])
+    metrics.collect_help_requests(lambda: next(answers))
+
+    def samples():
+        return [line for line in lines(metrics) if line.startswith("robotether_relay_help")]
+
+    prefix = "robotether_relay_help_requests"
+    assert samples() == [
+        f'{prefix}{{state="waiting"}} 2.0',
+        f'{prefix}{{state="offered"}} 0.0',
+        f'{prefix}{{state="accepted"}} 0.0',
+        "robotether_relay_help_request_age_seconds 90.0",
+    ]
+    assert len(samples()) == 3
+    assert samples() == []

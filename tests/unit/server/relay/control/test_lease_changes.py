@@ -10,7 +10,7 @@ from fake_robot import WAIT_S
 from relay_clients import SlowFences
 from relay_server import until, utc
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
-from robotether_server.db.fleet import AuditEntry, RelayUser, Snapshot
+from robotether_server.db.fleet import AuditEntry, RelayRequest, RelayUser, Snapshot
 from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreUnavailableError
 from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
@@ -85,6 +85,24 @@ def bare(sim1, memory_database):
     made = Bare(sim1, memory_database)
     yield made
     made.registry.close()
+
+
+async def test_a_lease_is_kept_for_who_is_to_help_with_the_right_to_drive(bare, sim1):
+    """Watchers are notified when that begins and ends, and not at each poll."""
+    requests = [
+        RelayRequest(sim1.id, "waiting", 9.0, None, None),
+        RelayRequest(sim1.id, "offered", 5.0, BEN, 20.0),
+    ]
+    bare.leasing.reserve(requests, lambda user_id, _robot_id: user_id != BEN.id)
+    assert bare.changed == []
+    for _ in range(2):
+        bare.leasing.reserve(requests, lambda *_pair: True)
+    assert bare.changed == [sim1.id]
+    with pytest.raises(ConnectionClosedError, match="ben"):
+        await bare.drives(CARL)
+    bare.leasing.reserve([], lambda *_pair: True)
+    assert bare.changed == [sim1.id] * 2
+    await bare.drives(CARL)
 
 
 async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):

@@ -2,7 +2,7 @@
 
 import pytest
 from relay_server import utc
-from robotether_server.db.fleet import RelayUser
+from robotether_server.db.fleet import RelayRequest, RelayUser
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.records.fleet import Fleet
 
@@ -51,6 +51,19 @@ async def test_the_past_is_read_once(fleet, memory_database, heard):
     memory_database.add_robot(8, "sim2")
     await fleet.poll()
     assert heard.last_seen == [[(7, utc(2026, 1, 1), None)]]
+
+
+async def test_requests_for_help_are_read_each_time_and_unknown_without_a_database(
+    fleet, memory_database
+):
+    read = []
+    fleet.listen_to_help_requests(read.append)
+    memory_database.requests = [RelayRequest(7, "waiting", 1.0, None, None)]
+    await fleet.poll()
+    assert [fleet.known_help_requests()] == read == [memory_database.requests]
+    memory_database.down = True
+    await fleet.poll()
+    assert fleet.known_help_requests() is None
 
 
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):

@@ -239,6 +239,35 @@ def test_without_the_right_nobody_waits(lease):
     lease.claim(FakeHolder(CARL), at(2))
 
 
+def test_a_free_lease_is_kept_for_who_is_to_help(lease):
+    """Others are kept out until its end; a manager takes it as ever, and comes first then."""
+    assert lease.reserve(BEN, at(20), at(0))
+    assert not lease.reserve(BEN, at(20.5), at(1))
+    with pytest.raises(HeldError):
+        lease.claim(FakeHolder(ANN), at(20))
+    assert lease.take(CARL, at(2)).to == CARL
+    assert not lease.reserve(BEN, at(20), at(3))
+    assert not lease.reserve(None, at(3), at(3))
+    assert lease.reserved(at(3)).user == CARL
+    assert lease.reserve(BEN, at(40), at(12))
+    lease.claim(FakeHolder(BEN), at(13))
+    lease.revoke()
+    assert lease.reserve(BEN, at(40), at(14))
+    assert lease.reserve(None, at(14), at(14))
+    lease.claim(FakeHolder(ANN), at(15))
+
+
+def test_who_drives_or_is_about_to_comes_before_who_is_to_help(lease):
+    lease.claim(FakeHolder(ANN), at(0))
+    assert not lease.reserve(BEN, at(20), at(1))
+    holder = driven_by(ANN, lease, 2)
+    assert not lease.reserve(BEN, at(20), at(3))
+    lease.ask(CARL, at(4))
+    lease.end(holder, at(5))
+    assert not lease.reserve(BEN, at(20), at(6))
+    assert lease.reserved(at(6)).user == CARL
+
+
 class LeaseMachine(RuleBasedStateMachine):
     """Whatever people do and in whatever order: one driver, and numbers that grow."""
 
@@ -291,6 +320,10 @@ class LeaseMachine(RuleBasedStateMachine):
             result = getattr(self.lease, action)(user, self.now)
             if action in {"hand_over", "take"} and result is not None and result.driver is not None:
                 self.open.discard(result.driver.holder)
+
+    @rule(user=st.none() | users)
+    def reserve(self, user):
+        self.lease.reserve(user, self.now.later(5), self.now)
 
     @rule()
     def stop(self):
