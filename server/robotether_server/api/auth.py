@@ -145,12 +145,14 @@ class EnrolmentCaller:
 
 
 @contextmanager
-def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller | EnrolmentCaller]:
+def admitted(
+    who: Who, robot: str, *, briefly: bool = False, renew: bool = True
+) -> Iterator[Caller | EnrolmentCaller]:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Raises GrantMissingError for a user who is no admin and does not manage the robot, which reveals nothing;
     a robot that the user may not see is RobotUnknownError. With `briefly` a hanging
-    database is soon StoreUnavailableError, and
+    database is soon StoreUnavailableError. With `briefly` or without `renew`
     the login does not count as used.
     """
     with context().database.transaction(briefly=briefly) as tx:
@@ -160,7 +162,7 @@ def admitted(who: Who, robot: str, *, briefly: bool = False) -> Iterator[Caller 
             yield EnrolmentCaller(tx, credential, source)
             return
         # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
-        user = api_user(tx, request, renew=not briefly)
+        user = api_user(tx, request, renew=renew and not briefly)
         if who == "admin":
             check_admin(user)
         if who == "manager":

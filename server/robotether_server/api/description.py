@@ -43,6 +43,7 @@ PATH_TYPES: dict[str, Any] = {
     "token_id": Id,
     "key_id": Id,
     "drive_id": Id,
+    "request_id": Annotated[int, Meta(ge=1, le=2**32 - 1)],
     "topic": RosPath,
     "service": RosPath,
 }

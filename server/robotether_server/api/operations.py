@@ -83,12 +83,14 @@ def operation(
     texts: tuple[str, ...] = (),
     problems: tuple[int, ...] = (),
     without_database: Handler | None = None,
+    renews_login: bool = True,
 ) -> Callable[[H], H]:
     """Register a handler for this method of this path, under /api/v1.
 
     It gets the `caller`, unless `who` is anybody, and the names in the path. `name`: the operation's, if it is not the
     handler's. `any_type`: the body may have any Content-Type, such as that of `curl -d`. `without_database` answers
     in the handler's place while the database is away; it gets no `caller`, and must find out who asks by itself.
+    Without `renews_login` a login does not count as used: pages ask by themselves.
     """
 
     def put(handler: H) -> H:
@@ -113,7 +115,9 @@ def operation(
 
         def view(**names: Any) -> Response:
             try:
-                with _caller(who, names, briefly=without_database is not None) as caller:
+                with _caller(
+                    who, names, briefly=without_database is not None, renew=renews_login
+                ) as caller:
                     return respond(
                         handler(**caller, **names, **_arguments(api_operation, any_type=any_type))
                     )
@@ -143,11 +147,13 @@ def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
 
 
 @contextmanager
-def _caller(who: Who, names: dict[str, Any], *, briefly: bool) -> Iterator[dict[str, object]]:
+def _caller(
+    who: Who, names: dict[str, Any], *, briefly: bool, renew: bool
+) -> Iterator[dict[str, object]]:
     if who == "anybody":
         yield {}
         return
-    with auth.admitted(who, names.get("robot", ""), briefly=briefly) as caller:
+    with auth.admitted(who, names.get("robot", ""), briefly=briefly, renew=renew) as caller:
         yield {"caller": caller}
 
 

@@ -17,7 +17,7 @@ from robotether_server.db import users as db_users
 from robotether_server.db.users import ROLES, Role
 from robotether_server.install_line import SiteAddress
 from robotether_server.problems import StoreUnavailableError
-from robotether_server.services import users
+from robotether_server.services import requests, users
 from robotether_server.settings.server import DatabaseSettings, WebSettings
 
 PASSWORD_STDIN = click.option(
@@ -122,6 +122,16 @@ def enable(name: str) -> None:
     with open_database().transaction() as tx:
         users.set_disabled(tx, SOURCE, name, disabled=False)
     click.echo(f"enabled user {name}")
+
+
+@user.command()
+@click.argument("name")
+@click.argument("pools_", metavar="[POOL]...", nargs=-1)
+def pools(name: str, pools_: tuple[str, ...]) -> None:
+    """Set the pools whose requests for help a user is offered, in place of the present ones; without POOL: none."""
+    with open_database().transaction() as tx:
+        new = requests.set_pools(tx, SOURCE, name, list(pools_))
+    click.echo(f"user {name} is in {'pools ' + ', '.join(new) if new else 'no pool'}")
 
 
 @user.command()

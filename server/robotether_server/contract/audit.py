@@ -79,6 +79,12 @@ def _refusal_sentence(event: AuditEvent) -> str:
     return f"sent {event.robot} what is not allowed: {count} {'message' if count == 1 else 'messages'} blocked"
 
 
+def _pass_sentence(event: AuditEvent) -> str:
+    if event.details.get("why") == "right_ended":
+        return f"no longer helps {event.robot}, without the right to drive it"
+    return f"let the offer to help {event.robot} pass"
+
+
 def _holder(event: AuditEvent) -> str:
     group = event.details.get("group")
     return f"{event.details.get('user', '?')}" if group is None else f"group {group}"
@@ -154,5 +160,14 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "lease_taken": ("Control taken", "took control of {robot} from {driver}"),
     "robot_stopped": ("Robot stopped", "stopped {robot}"),
     "robot_released": ("Robot released", "released {robot} after a stop"),
+    "request_made": ("Help requested", "asked for help with {robot}: {reason}"),
+    "request_offered": ("Request offered", "offered {user} to help {robot}"),
+    "request_assigned": ("Request assigned", "assigned {user} to help {robot}"),
+    "request_accepted": ("Request accepted", "accepted to help {robot}"),
+    "request_declined": ("Request declined", "declined to help {robot}"),
+    "request_passed": ("Request passed on", _pass_sentence),
+    "request_closed": ("Request closed", "closed the request of {robot}"),
+    "request_cancelled": ("Request cancelled", "cancelled the request of {robot}"),
+    "user_pools_set": ("User's pools changed", "changed the pools of {user}"),
     "operations_refused": ("Messages blocked", _refusal_sentence),
 }

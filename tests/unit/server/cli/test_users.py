@@ -39,6 +39,8 @@ def test_each_change_of_a_user_is_said(run, database):
         ("disable ann", "disabled user ann"),
         ("enable ann", "enabled user ann"),
         ("role ann admin", "user ann has role admin"),
+        ("pools ann night crane", "user ann is in pools crane, night"),
+        ("pools ann", "user ann is in no pool"),
         ("password ann --password-stdin", "user ann has a new password"),
         ("logout ann", "ended 0 logins of user ann"),
     ):
@@ -49,6 +51,8 @@ def test_each_change_of_a_user_is_said(run, database):
         "user_disabled",
         "user_enabled",
         "user_role_set",
+        "user_pools_set",
+        "user_pools_set",
         "password_set",
         "logins_ended",
     ]

@@ -1,0 +1,170 @@
+"""Who may do what with a request for help; each refusal is an attack or a mistake."""
+
+import pytest
+from granted import take
+from help_desk import HelpDesk
+from robotether_server.db import users
+from robotether_server.db.audit import Source
+from robotether_server.problems import (
+    GrantMissingError,
+    NotPossibleError,
+    RecordMissingError,
+    RobotUnknownError,
+)
+from robotether_server.services import requests
+
+
+@pytest.fixture
+def desk(database, relay_database):
+    return HelpDesk(database, relay_database)
+
+
+def make(desk, name, robot="sim1", **source):
+    with desk.transaction() as tx:
+        return requests.make(
+            tx,
+            Source(name, **source),
+            users.get(tx, name),
+            robot,
+            reason="<script>",
+            priority=2,
+            pool="",
+        )
+
+
+def test_people_ask_for_robots_that_they_may_drive(desk):
+    """What they write is data; a page and a program are sources of their own, with one open request each."""
+    request = make(desk, "ann")
+    assert (request.source, request.reason, request.asked_by) == ("page", "<script>", "ann")
+    assert make(desk, "ben").id == request.id
+    of_program = make(desk, "ben", api_token=b"x")
+    assert of_program.source == "api"
+    for name, robot, problem in (
+        ("olga", "sim1", GrantMissingError),
+        ("olga", "sim2", RobotUnknownError),
+        ("zoe", "sim1", RobotUnknownError),
+        ("ann", "ghost", RobotUnknownError),
+    ):
+        with pytest.raises(problem):
+            make(desk, name, robot)
+    desk.ask()
+    desk.ask(source="stop")
+    desk.act("cancel", "ben", of_program.id)
+    desk.ask(source="battery")
+    with pytest.raises(NotPossibleError, match="as many open requests as it may"):
+        make(desk, "ann", api_token=b"x")
+
+
+def test_an_offer_is_accepted_by_its_operator_in_time_and_with_the_right(desk):
+    request_id = desk.ask()
+    desk.poll("ann")
+    for name, problem in (
+        ("ben", NotPossibleError),
+        ("olga", GrantMissingError),
+        ("zoe", RecordMissingError),
+    ):
+        with pytest.raises(problem):
+            desk.act("accept", name, request_id)
+    with pytest.raises(NotPossibleError):
+        desk.act("decline", "ben", request_id)
+    with pytest.raises(NotPossibleError):
+        desk.act("close", "ann", request_id)
+    with desk.transaction() as tx:
+        take(tx, desk.users["ann"], desk.robots["sim1"])
+    with pytest.raises(RecordMissingError):
+        desk.act("accept", "ann", request_id)
+    desk.pass_time(1)
+    assert desk.poll("ben").offer.id == request_id
+    desk.pass_time(21)
+    with pytest.raises(NotPossibleError, match="or no longer"):
+        desk.act("accept", "ben", request_id)
+    with pytest.raises(RecordMissingError):
+        desk.act("accept", "ben", request_id + 1)
+
+
+def test_a_declined_request_goes_to_the_next(desk):
+    desk.poll("ann")
+    desk.pass_time(1)
+    desk.poll("ben")
+    request_id = desk.ask()
+    desk.pass_time(1)
+    desk.poll("ann")
+    desk.act("decline", "ann", request_id)
+    desk.pass_time(1)
+    assert desk.poll("ann").offer is None
+    assert desk.request(request_id).offered_to == "ben"
+    assert [event.actor for event in desk.events("request_declined")] == ["ann"]
+
+
+def test_a_supervisor_assigns_by_hand(desk):
+    """To who is available or wraps up, past the pool, and also what somebody has accepted."""
+    request_id = desk.ask(pool="night")
+    for name in ("ann", "ben"):
+        with pytest.raises(NotPossibleError, match=f"user {name} is away"):
+            desk.act("assign", "mona", request_id, name)
+    desk.poll("ann")
+    assert desk.act("assign", "mona", request_id, "ann").offered_to == "ann"
+    desk.act("accept", "ann", request_id)
+    desk.poll("ben")
+    desk.act("assign", "mona", request_id, "ben")
+    desk.pass_time(1)
+    assert desk.poll("ann").state == "available"
+    desk.act("accept", "ben", request_id)
+    desk.act("close", "ben", request_id)
+    assert desk.poll("ben").state == "wrap_up"
+    first, second = desk.ask(), desk.ask(source="stop")
+    desk.act("assign", "mona", first, "ben")
+    with pytest.raises(NotPossibleError, match=f"request {first} of robot sim1 is offered"):
+        desk.act("assign", "mona", second, "ann")
+    desk.act("accept", "ben", first)
+    other = desk.ask("sim2")
+    with pytest.raises(NotPossibleError, match="user ben is busy"):
+        desk.act("assign", "mona", other, "ben")
+    for name in ("zoe", "olga", "ghost"):
+        with pytest.raises(NotPossibleError, match="may drive robot sim2"):
+            desk.act("assign", "mona", other, name)
+    assert desk.request(other).state == "waiting"
+
+
+@pytest.mark.parametrize(
+    ("action", "values"), [("assign", ("ann",)), ("close", ("",)), ("cancel", ())]
+)
+def test_what_managers_may_do_drivers_may_not(desk, action, values):
+    request_id = desk.ask()
+    desk.poll("ann")
+    desk.act("accept", "ann", request_id)
+    with pytest.raises(GrantMissingError):
+        desk.act(action, "ben", request_id, *values)
+    assert desk.act(action, "mona", request_id, *values).accepted_by in {"ann", None}
+    if action != "assign":
+        assert desk.poll("ann").state == "wrap_up"
+        with pytest.raises(NotPossibleError):
+            desk.act(action, "mona", request_id, *values)
+
+
+def test_figures_are_of_what_the_user_may_see_and_null_where_nothing_is(desk):
+    def figures(name):
+        with desk.transaction() as tx:
+            return requests.read_figures(tx, users.get(tx, name), 24)
+
+    assert vars(figures("ann")) == {
+        "waiting_p50_s": None,
+        "waiting_p95_s": None,
+        "answered": 0,
+        "open": 0,
+        "oldest_open_s": None,
+    }
+    for _ in range(2):
+        request_id = desk.ask()
+        desk.pass_time(10)
+        desk.poll("ann")
+        desk.act("accept", "ann", request_id)
+        desk.act("cancel", "mona", request_id)
+        desk.pass_time(40)
+    desk.ask("sim2")
+    desk.pass_time(5)
+    shown = figures("ann")
+    assert 10 <= shown.waiting_p50_s <= shown.waiting_p95_s < 15
+    assert (shown.answered, shown.open) == (2, 1)
+    assert 5 <= shown.oldest_open_s < 10
+    assert (figures("olga").answered, figures("olga").open, figures("zoe").answered) == (2, 0, 0)
