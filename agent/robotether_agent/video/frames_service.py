@@ -121,12 +121,11 @@ class FramesService:
         return answer
 
     async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
-        steps_quality = self._sources.steps_quality(topic)
         receiver = Receiver(
             answer,
             topic,
             self._shared_sources,
-            steps_quality=steps_quality,
+            steps_quality=lambda: self._sources.steps_quality(topic),
             encoders=self._encoders,
             on_frame_sent=self._on_frame_sent,
         )

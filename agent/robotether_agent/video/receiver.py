@@ -128,7 +128,7 @@ class Receiver:
         topic: str,
         shared_sources: SharedSources,
         *,
-        steps_quality: bool,
+        steps_quality: Callable[[], bool],
         encoders: EncoderPool | None = None,
         on_frame_sent: OnFrameSent = lambda *_: None,
         clock: Callable[[], float] = robot_time,
@@ -269,7 +269,7 @@ class Receiver:
     def _can_step(self) -> bool:
         """Whether frames have the quality that is in force."""
         return self._is_encoding or (
-            self._steps_quality and self._source_switch.condition().source == "web_video_server"
+            self._steps_quality() and self._source_switch.condition().source == "web_video_server"
         )
 
     def _basis(self) -> Basis | None:
@@ -294,7 +294,7 @@ class Receiver:
 
     def _source_request(self, stream_request: StreamRequest, steps: Steps) -> SourceRequest:
         fps, passes_h264 = stream_request.fps, H264.name in stream_request.codecs
-        if not self._steps_quality:
+        if not self._steps_quality():
             return SourceRequest(self._topic, 0, None, None, fps, passes_h264)
         level = Level(SOURCE_QUALITY) if self._is_encoding else steps.level
         width, height = stream_request.width, stream_request.height

@@ -173,9 +173,10 @@ class Sources:
         return next(iter(cameras_by_rosbridge(own) if by_rosbridge else camera_topics(own)), None)
 
     def steps_quality(self, topic: str) -> bool:
-        """Whether quality and size of a camera can be asked for, as far as is known before it is opened."""
+        """Whether quality and size of a camera can be asked for, as far as is known."""
         return (
             topic not in self._source_settings.cameras
+            and topic not in self._not_by_server
             and self._source_settings.source != "rosbridge"
         )
 

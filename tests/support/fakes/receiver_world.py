@@ -73,7 +73,7 @@ class World:
             cast(web.WebSocketResponse, self.socket),
             "/camera",
             self.shared_sources,
-            steps_quality=steps_quality,
+            steps_quality=lambda: steps_quality,
             encoders=encoders,
             on_frame_sent=lambda *frame: self.sent.append(frame),
             clock=lambda: self.now_s,

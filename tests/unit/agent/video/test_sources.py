@@ -9,6 +9,7 @@ import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import Any
 
 import aiohttp
 import pytest
@@ -63,6 +64,7 @@ class Taken:
 
     pictures: list[CameraFrame] = field(default_factory=list)
     kinds: list[str] = field(default_factory=list)
+    sources: Any = None
 
     def some(self, count: int = 3) -> Callable[[], bool]:
         return lambda: len(self.pictures) >= count
@@ -85,7 +87,8 @@ async def run() -> AsyncIterator[Callable[..., tuple[asyncio.Future[None], Taken
             if (key := repr(source_settings)) not in made:
                 graph = RosGraph(source_settings.rosbridge_url)
                 made[key] = graph, Sources(http, source_settings, graph)
-            running = made[key][1].run(source_request, taken.pictures.append, taken.kinds.append)
+            taken.sources = made[key][1]
+            running = taken.sources.run(source_request, taken.pictures.append, taken.kinds.append)
             tasks.append(asyncio.ensure_future(running))
             return tasks[-1], taken
 
@@ -311,6 +314,8 @@ async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbrid
         _, taken = run(source_settings(server.url, rosbridge.url))
         await shows_raw(rosbridge, taken)
         assert taken.kinds == ["web_video_server", "rosbridge"]
+        # Another quality or size would only start another process.
+        assert not taken.sources.steps_quality(WISH.topic)
 
 
 async def test_raw_images_that_cannot_be_shown_name_their_encoding(run):
