@@ -12,7 +12,6 @@ import json
 import logging
 import math
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -20,7 +19,13 @@ from typing import Literal
 import aiohttp
 from robotether_common.session import Battery
 
-from robotether_agent.fields import FieldError, JsonObject, get_text, parse_object
+from robotether_agent.fields import (
+    FieldError,
+    JsonObject,
+    get_text,
+    number_in,
+    parse_object,
+)
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import StateUnusableError
 from robotether_agent.rosbridge import RosGraph, connected, own_topic
@@ -118,7 +123,7 @@ class LevelTrend:
 
     def unit_shown(self, message: JsonObject, now_s: float) -> Unit | None:
         """Return the unit that the levels up to this one show beyond doubt."""
-        level = _number(message, "percentage")
+        level = number_in(message, "percentage")
         charges = message.get("power_supply_status") == CHARGING
         if level is None or not STEADY_CHANGE < level < NEARLY_ONE or charges:
             self._since_s = None
@@ -140,6 +145,11 @@ class Vitals:
         self._every_s = every_s
         self._battery: Battery | None = None
         self._changed = asyncio.Event()
+
+    @property
+    def battery(self) -> Battery | None:
+        """The battery as it was last reported; None: unknown."""
+        return self._battery
 
     async def report(self, send: Send, settings: Callable[[], BatterySettings]) -> None:
         """Report each change, the newest once in 5 s at most; runs until it is cancelled."""
@@ -211,7 +221,7 @@ def battery_in(message: JsonObject, unit: Unit | None) -> Battery | None:
 
 
 def _percent(message: JsonObject, unit: Unit | None) -> int | None:
-    level = _number(message, "percentage")
+    level = number_in(message, "percentage")
     if level is None:
         level, unit = _charged(message), "fraction"
     if level is None or not 0 <= level <= 100:  # noqa: PLR2004
@@ -230,7 +240,7 @@ def _is_doubtful(level: float, message: JsonObject) -> bool:
 
 def unit_shown(message: JsonObject) -> Unit | None:
     """Return the unit of `percentage` that this message shows beyond doubt."""
-    level = _number(message, "percentage")
+    level = number_in(message, "percentage")
     if level is None or not 0 < level <= 100:  # noqa: PLR2004
         return None
     if level > MAX_FRACTION:
@@ -245,13 +255,13 @@ def unit_shown(message: JsonObject) -> Unit | None:
 
 
 def _charged(message: JsonObject) -> float | None:
-    charge, capacity = _number(message, "charge"), _number(message, "capacity")
+    charge, capacity = number_in(message, "charge"), number_in(message, "capacity")
     return charge / capacity if charge is not None and capacity else None
 
 
 def _fits_voltage(level: float, message: JsonObject) -> bool:
     """Whether some pack of cells has this voltage at this level, from 0 to 1."""
-    volts = _number(message, "voltage")
+    volts = number_in(message, "voltage")
     if volts is None or volts <= 0:
         return False
     for (empty_low, empty_high), (full_low, full_high) in CELLS:
@@ -260,13 +270,3 @@ def _fits_voltage(level: float, message: JsonObject) -> bool:
         if math.floor(volts / low) >= max(1, math.ceil(volts / high)):
             return True
     return False
-
-
-def _number(message: JsonObject, name: str) -> float | None:
-    value = message.get(name)
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        return None
-    # A whole number may be larger than any float, and must not end the session that reports it.
-    with suppress(OverflowError):
-        return float(value) if math.isfinite(value) else None
-    return None

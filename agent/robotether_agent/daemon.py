@@ -31,6 +31,7 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.guard.fork_server import ForkServer, fork_server_command
 from robotether_agent.guard.supervisor import GuardSupervisor, GuardView
 from robotether_agent.health import Health
+from robotether_agent.help.caller import HelpCaller
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import (
     AgentError,
@@ -91,6 +92,7 @@ class Agent:
             settings.camera_urls,
         )
         self._health = Health(source_settings, self._graph)
+        self._help = HelpCaller(self._graph, self._stop_state, lambda: self._vitals.battery)
         self._status_writer = StatusWriter(
             settings.run_dir, settings.server, on_state=notifier.status
         )
@@ -211,6 +213,7 @@ class Agent:
             ),
             keep("new key", self._rotation_attempt, self._no_rotation),
             self._health.run(),
+            self._help.watch(),
             self._show_health(),
             self._refresh_status(),
             self._notifier.keep_watchdog(),
@@ -229,7 +232,7 @@ class Agent:
             reports=self._reporters(),
             recheck=self._recheck,
             guard=self._guard,
-            on_config=self._features.apply,
+            on_config=self._on_config,
         )
         try:
             await self._connector.connect(enrolment, await self._enroller.key(), role)
@@ -259,6 +262,16 @@ class Agent:
         if self._guard is not None:
             self._guard.on_frame_sent(camera, frame, taken_s)
 
+    def _on_config(self, config: SessionConfig) -> None:
+        self._features.apply(config)
+        self._help.use(config.help)
+
+    def _stop_state(self) -> tuple[bool | None, str]:
+        """Return whether the guard keeps the robot stopped, and for whom; None: there is none that says so."""
+        if self._guard is None or self._guard.view.state != "ready":
+            return None, ""
+        return self._guard.view.stopped, self._guard.view.by
+
     def _has_video(self) -> bool:
         return self._health.report.video == "ok"
 
@@ -266,6 +279,7 @@ class Agent:
         reporters: list[Report] = [
             partial(report_health, self._health, self._guard, self._epochs),
             partial(report_vitals, self._vitals),
+            partial(ask_for_help, self._help),
             self._connector.ask_for_nearer,
             partial(follow_drive_topic, self._graph),
         ]
@@ -383,6 +397,12 @@ async def report_vitals(vitals: Vitals, session: Session) -> None:
     """Pass on how the robot itself is."""
     first = await session.new_config(None)
     await vitals.report(session.send, lambda: (session.config or first).battery)
+
+
+async def ask_for_help(caller: HelpCaller, session: Session) -> None:
+    """Pass on the robot's calls for help."""
+    await session.new_config(None)
+    await caller.report(session.send, session.until_read)
 
 
 async def follow_drive_topic(graph: RosGraph, session: Session) -> None:

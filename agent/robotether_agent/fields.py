@@ -8,8 +8,10 @@ too is spelt here: hosts, robots' names, and MAC addresses.
 from __future__ import annotations
 
 import json
+import math
 import re
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import cast
 
@@ -117,6 +119,17 @@ def get_number(obj: JsonObject, name: str, low: float, high: float) -> float:
     if not low <= value <= high:
         raise FieldError(f"field {name} must be from {low:g} to {high:g}, not {_excerpt(value)}")
     return float(value)
+
+
+def number_in(message: JsonObject, name: str) -> float | None:
+    """Return the number at `name` of a ROS message; None: it is missing, no number, or not finite."""
+    value = message.get(name)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return None
+    # A whole number may be larger than any float, and must not end what reads the message.
+    with suppress(OverflowError):
+        return float(value) if math.isfinite(value) else None
+    return None
 
 
 def get_optional_number(obj: JsonObject, name: str, low: float, high: float) -> float | None:

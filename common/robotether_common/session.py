@@ -17,6 +17,10 @@ MAX_EPOCH = 2**53
 # What a robot's SSH connection is for.
 Kind = Literal["session", "media", "shell"]
 ServiceState = Literal["ok", "down", "unknown"]
+# What asked for help: a program on the robot, or one of the rules in its settings.
+HelpSource = Literal["robot", "stop", "battery", "diagnostics", "geofence", "navigation"]
+# Maximum length of the reason of a call for help, and the lowest of its priorities; 1 is the most urgent.
+MAX_HELP_REASON, LOWEST_PRIORITY = 200, 3
 GuardState = Literal["ready", "down"]
 # Why a connection ended, as the agent reads it in `bye`.
 ByeCode = Literal[
@@ -44,3 +48,12 @@ class Battery:
 
     percent: int | None
     charging: bool
+
+
+@dataclass(frozen=True)
+class HelpCall:
+    """A robot asks for a person. `priority` is from 1 (urgent) to 3."""
+
+    source: HelpSource
+    reason: str
+    priority: int = 2

@@ -115,6 +115,26 @@ def test_topics_and_services_answer_over_http(stack: Stack, program: Program) ->
     assert (unknown["result"], bool(unknown["reason"])) == (False, True)
 
 
+def test_robot_asks_for_help_by_its_topic(stack: Stack, program: Program) -> None:
+    """What a program on the robot publishes is a request for an operator."""
+
+    def ask(method: str, path: str) -> Any:
+        status, answer = stack.request(method, f"/api/v1/{path}", headers=program.headers)
+        assert status == 200, answer
+        return answer
+
+    def requests() -> list[Any]:
+        found = ask("GET", "requests?robot=sim2")["requests"]
+        return [request for request in found if request["source"] == "robot"]
+
+    called = ask("POST", "robots/sim2/services/call_for_help?timeout_s=8")
+    assert called["values"]["success"], called
+    [request] = stack.wait("the robot's request", requests, "sim2", "relay")
+    assert (request["robot"], request["asked_by"], request["state"]) == ("sim2", "sim2", "waiting")
+    assert request["reason"] == "I need a person"
+    ask("POST", f"requests/{request['id']}/cancel")
+
+
 async def test_too_large_message_ends_that_connection_only(program: Program) -> None:
     """11 MB ends the connection that sent it with 1009, and its neighbour does not notice."""
     big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'

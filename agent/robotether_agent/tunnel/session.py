@@ -37,6 +37,7 @@ from robotether_agent.fields import (
     line_of,
     parse_object,
 )
+from robotether_agent.help.rules import HelpConfig, help_config
 from robotether_agent.problems import (
     ProtocolBrokenError,
     Retry,
@@ -177,6 +178,7 @@ class SessionConfig:
     media: bool = True
     direct: bool = False
     battery: BatterySettings = field(default_factory=BatterySettings)
+    help: HelpConfig = field(default_factory=HelpConfig)
     # While nobody uses the robot; nothing else follows from it.
     idle_heartbeat_s: float | None = field(default=None, compare=False)
     # The server's cells, empty where it names none.
@@ -246,6 +248,9 @@ class Session:
         self._config_handler = on_config
         self._configured = asyncio.Event()
         self._pings: deque[tuple[int, float]] = deque(maxlen=MAX_PINGS)
+        # The numbers of the newest ping that was sent, and of the newest that was answered.
+        self._ping_seq = self._pong_seq = 0
+        self._answered = asyncio.Event()
         self._heartbeat_due = asyncio.Event()
         self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
             "config": self._on_config,
@@ -272,6 +277,13 @@ class Session:
         if self._out.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
             raise ServerSilentError("lost the session: the server no longer reads")
         self._out.write(line_of(message))
+
+    async def until_read(self) -> None:
+        """Wait until the server has read all that was sent so far: it reads in order, and has answered a later ping."""
+        seq = self._ping_seq
+        while self._pong_seq <= seq:
+            self._answered.clear()
+            await self._answered.wait()
 
     @property
     def silent_s(self) -> float:
@@ -346,6 +358,8 @@ class Session:
             guard=get_object(message, "guard"),
             direct=get_flag(message, "direct", default=False),
             battery=_battery_settings(message),
+            # A server before this member has no rules, and does not know what asks for help.
+            help=help_config(get_object(message, "help")) if "help" in message else HelpConfig(),
             idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
             cells=get_cells(message, "cells"),
         )
@@ -365,6 +379,8 @@ class Session:
 
     def _on_pong(self, message: JsonObject) -> None:
         seq = get_int(message, "seq", 0, 2**53)
+        self._pong_seq = max(self._pong_seq, seq)
+        self._answered.set()
         # The time comes from our own list, not from the echo, which the server could have changed.
         sent = next((at for number, at in self._pings if number == seq), None)
         if sent is not None:
@@ -388,12 +404,11 @@ class Session:
 
     async def _send_heartbeats(self) -> None:
         config = await self.new_config(None)
-        seq = 0
         while True:
-            seq += 1
+            self._ping_seq += 1
             now = self._clock()
-            self._pings.append((seq, now))
-            self.send({"type": "ping", "seq": seq, "t_ms": round(now * 1000, 3)})
+            self._pings.append((self._ping_seq, now))
+            self.send({"type": "ping", "seq": self._ping_seq, "t_ms": round(now * 1000, 3)})
             config = self.config or config
             await self._until_heartbeat(config.heartbeat_every_s)
 

@@ -21,6 +21,7 @@ from sim_robot.world import World
 
 NODE = Node("/sim_devices")
 BATTERY, DIAGNOSTICS, LIGHTS = "/battery_state", "/diagnostics", "/lights"
+HELP = "/robotether/help"
 STEP_S = 1.0
 BATTERY_LOW = 0.2
 FULL_V, EMPTY_V = 29.4, 22.0
@@ -96,6 +97,8 @@ class Devices:
         graph.bus.subscribe(LIGHTS, "std_msgs/Bool", NODE, self._on_lights)
         self._offer("/dock", "std_srvs/Trigger", _NOTHING, self._dock)
         self._offer("/go_home", "std_srvs/Trigger", _NOTHING, self._go_home)
+        graph.bus.advertise(HELP, "std_msgs/String", NODE)
+        self._offer("/call_for_help", "std_srvs/Trigger", _NOTHING, self._call_for_help)
         self._offer("/set_lights", "std_srvs/SetBool", _SWITCH, self._set_lights)
         self._offer("/sim/freeze_camera", "std_srvs/SetBool", _SWITCH, self._freeze_camera)
 
@@ -131,6 +134,12 @@ class Devices:
     def _go_home(self, _request: Values) -> Values:
         self._robot.go_home()
         return _answer("at home")
+
+    def _call_for_help(self, _request: Values) -> Values:
+        if not self._graph.bus.has_subscribers(HELP):
+            return _answer("cannot call for help: nobody listens", success=False)
+        self._graph.bus.publish(HELP, {"data": "I need a person"})
+        return _answer("called for help")
 
     def _set_lights(self, request: Values) -> Values:
         self.lights = request["data"]

@@ -124,6 +124,8 @@ def as_dict(seen: SeenRobot) -> dict[str, object]:
 def _policy_words(settings: Mapping[str, object]) -> str:
     """Return what differs from the defaults, as JSON that the API takes."""
     values = {
-        name: settings[name] for name in ("guard", "policy", "page", "buttons") if name in settings
+        name: settings[name]
+        for name in ("guard", "policy", "page", "buttons", "help")
+        if name in settings
     }
     return json.dumps(values) if values else "the defaults"

@@ -14,6 +14,7 @@ from datetime import datetime
 from functools import cached_property
 
 from robotether_common.services import SERVICES, ServiceName
+from robotether_common.session import HelpSource
 
 from robotether_server.db import control
 from robotether_server.db.cells import LOST_CODE
@@ -151,6 +152,17 @@ class AuditEntry:
     details: Mapping[str, object] = field(default_factory=dict)
 
 
+@dataclass
+class HelpEntry:
+    """A robot's call for help; one object a source, so that the newest alone is written."""
+
+    robot_id: int
+    source: HelpSource
+    reason: str
+    priority: int
+    pool: str = ""
+
+
 @dataclass(frozen=True)
 class FormerSessions:
     """All sessions, drives and leases that a relay of this cell left open before."""
@@ -158,7 +170,16 @@ class FormerSessions:
     before: datetime
 
 
-Entry = SessionEntry | AuditEntry | FormerSessions | DriveEntry | LeaseStart | LeaseEnd | StopEntry
+Entry = (
+    SessionEntry
+    | AuditEntry
+    | HelpEntry
+    | FormerSessions
+    | DriveEntry
+    | LeaseStart
+    | LeaseEnd
+    | StopEntry
+)
 
 _CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
 
@@ -288,6 +309,9 @@ def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
             return control.write_drive(tx, entry, cell)
         case AuditEntry():
             _add_audit(tx, entry)
+        case HelpEntry(robot_id, source, reason, priority, pool):
+            values = (robot_id, source, reason, priority, pool)
+            tx.change("CALL ask_for_help(%s, %s, %s, %s, %s)", values)
         case FormerSessions():
             _end_former_sessions(tx, entry, cell)
             control.end_former(tx, entry.before, cell)

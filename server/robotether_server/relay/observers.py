@@ -11,8 +11,10 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
+from robotether_common.session import HelpCall
+
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
+from robotether_server.db.fleet import AuditEntry, HelpEntry, SessionEntry, Snapshot
 from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.metrics import Metrics
@@ -56,6 +58,19 @@ class RelayObserver:
             self._on_guard_status(change)
         elif change.what == "seen":
             self._on_seen(change)
+
+    def help_called(self, robot_id: int, call: HelpCall) -> None:
+        """A robot asked for a person; beyond its rate nothing follows."""
+        robot, row = self._registry.ensure_robot(robot_id), self._snapshot().robots.get(robot_id)
+        if row is None or not robot.help_limiter.allow(time.monotonic()):
+            return
+        log.info("robot %s asks for help (%s): %s", row.name, call.source, call.reason)
+        entry = robot.help_entries.setdefault(
+            call.source, HelpEntry(robot_id, call.source, call.reason, call.priority)
+        )
+        entry.reason, entry.priority = call.reason, call.priority
+        entry.pool = row.settings.help.pool or ""
+        self._event_writer.add(entry)
 
     def session_refused(self, code: str) -> None:
         """A robot's connection was refused."""

@@ -208,6 +208,7 @@ class Relay:
                 timeout_s=timing.timeout_s,
                 direct=settings.direct,
                 prepare=self.stored_control.read,
+                on_help=self.observer.help_called,
                 on_nearer=self.rebalancing.on_nearer,
             ),
             checker=PortChecker(settings.tunnel_host, self.observer.port_checked),

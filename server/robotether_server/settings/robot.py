@@ -1,4 +1,4 @@
-"""A robot's settings: the shell's account, its region, its guard, who may send what, and what the drive page shows.
+"""A robot's settings: shell account, region, guard, who may send what, what its page shows, when it asks for help.
 
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
 line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
@@ -21,8 +21,10 @@ from robotether_server import schemas
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import GLOBS_SCHEMA, GivenGlobs, Level, setting
 from robotether_server.settings import buttons as button_settings
+from robotether_server.settings import help as help_settings
 from robotether_server.settings import page as page_settings
 from robotether_server.settings.buttons import Button, GivenButtons
+from robotether_server.settings.help import HelpSettings
 from robotether_server.settings.page import PageSettings, Speed
 
 SHELL_USER_PATTERN = "^[a-z_][a-z0-9_-]*$"
@@ -278,6 +280,7 @@ class RobotSettings(Struct, frozen=True):
     policy: Policy = Policy()
     page: PageSettings = page_settings.DEFAULTS
     buttons: tuple[Button, ...] = ()
+    help: HelpSettings = help_settings.DEFAULTS
 
     def as_dict(self) -> dict[str, object]:
         """Return all that is in force; `shell_user` and `region` are missing when there is none."""
@@ -288,6 +291,7 @@ class RobotSettings(Struct, frozen=True):
             "policy": self.policy.as_dict(),
             "page": self.page.as_dict(),
             "buttons": [button.as_dict() for button in self.buttons],
+            "help": self.help.as_dict(),
         }
 
     @property
@@ -308,6 +312,22 @@ class RobotSettings(Struct, frozen=True):
             "drive_topic": self.drive_topic,
         }
 
+    @property
+    def help_rules(self) -> dict[str, object]:
+        """What the agent needs to ask for help, as JSON members."""
+        settings, page = self.help, self.page
+        return {
+            "topic": settings.topic,
+            "stopped": settings.stopped == "on",
+            "battery_below": settings.battery_below,
+            "diagnostics": settings.diagnostics == "on",
+            "diagnostics_topic": page.diagnostics_topic,
+            "geofence": settings.geofence,
+            "pose_topic": settings.pose_topic or page.odometry_topic,
+            "navigation_topic": settings.navigation_topic,
+            "navigation_silent_s": settings.navigation_silent_s,
+        }
+
     def as_given(self) -> dict[str, object]:
         """Return what differs from the defaults: what is kept in the database."""
         return _difference(self.as_dict(), DEFAULTS.as_dict())
@@ -325,6 +345,7 @@ class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
     policy: GivenPolicy = field(default_factory=GivenPolicy)
     page: PageSettings = page_settings.DEFAULTS
     buttons: GivenButtons = []
+    help: HelpSettings = help_settings.DEFAULTS
 
 
 def parse(raw: object) -> RobotSettings:
@@ -345,6 +366,7 @@ def parse(raw: object) -> RobotSettings:
         ),
         page=page_settings.check(members.page),
         buttons=button_settings.made(members.buttons),
+        help=help_settings.check(members.help),
     )
     _check_drive_topic(settings)
     for button in settings.buttons:

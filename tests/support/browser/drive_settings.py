@@ -12,6 +12,7 @@ from web_visitor import Browser
 SETTINGS = "/robots/sim1/settings"
 CAMERAS, DRIVING = f"{SETTINGS}/cameras", f"{SETTINGS}/driving"
 BUTTONS, PERMISSIONS = f"{SETTINGS}/buttons", f"{SETTINGS}/permissions"
+HELP = f"{SETTINGS}/help"
 LIGHTS = {
     "name": "Lights on",
     "kind": "publish",

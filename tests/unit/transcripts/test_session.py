@@ -109,6 +109,7 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
             async with running_agent(agent_environ(server, place, **urls)):
                 session = Session(server, relay, database)
                 await battery(rosbridge)
+                await call_for_help(rosbridge)
                 yield session
         finally:
             await server.close()
@@ -125,6 +126,14 @@ async def battery(rosbridge: TopicRosbridge) -> None:
     )
 
 
+async def call_for_help(rosbridge: TopicRosbridge) -> None:
+    """Have a program on the robot ask for a person."""
+    await eventually(
+        lambda: bool(rosbridge.subscribed("/robotether/help")), lambda: str(rosbridge.got), WAIT_S
+    )
+    await rosbridge.publish("/robotether/help", {"data": "I need a person"})
+
+
 async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     """From the first line to the bye, each type of line in both directions."""
     relay, line = session.relay, session.line
@@ -135,6 +144,7 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     await line("agent", "health", ros="ok", video="ok")
     await line("agent", "guard", state="ready")
     await line("agent", "vitals")
+    await line("agent", "help")
     await line("agent", "ping")
     await line("relay", "pong")
     await line("relay", "ping")

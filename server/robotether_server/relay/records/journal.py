@@ -6,7 +6,7 @@ death of the process loses nothing older; a power cut may lose the last seconds,
 A disk that is full or cannot be written costs the journal, never the relay.
 
 A relay that is killed between the commit of entries and the end of the journal leaves what is written already. Written
-again, drives, leases and stops are the same; a line of the audit log is there twice.
+again, drives, leases, stops and open requests are the same; a line of the audit log is there twice.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ import msgspec
 from msgspec import Raw, Struct
 
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
-from robotether_server.db.fleet import AuditEntry
+from robotether_server.db.fleet import AuditEntry, HelpEntry
 
 log = logging.getLogger(__name__)
 
 # A new relay ends what was left open; nobody was told that sessions are written.
-JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry
+JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry | HelpEntry
 # Maximum number of lines of written or replaced entries, beyond one per waiting entry.
 MAX_STALE_LINES = 1000
 RETRY_EVERY_S = 10.0
@@ -234,10 +234,12 @@ def _parse(data: bytes) -> JournalEntry | None:
 
 
 def _key(entry: JournalEntry, number: int) -> tuple[object, ...]:
-    """Return what lines of one drive, or of one robot's stops, have in common."""
+    """Return what lines of one drive, of one robot's stops, or of its calls for help have in common."""
     match entry:
         case DriveEntry():
             return DriveEntry, entry.robot_id, entry.fence
         case StopEntry():
             return StopEntry, entry.robot_id
+        case HelpEntry():
+            return HelpEntry, entry.robot_id, entry.source
     return (number,)

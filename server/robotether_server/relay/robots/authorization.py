@@ -71,4 +71,10 @@ def _lost_port(before: RelayRobot, after: RelayRobot) -> bool:
 
 
 def _config_of(robot: RelayRobot) -> tuple[object, ...]:
-    return (robot.name, robot.ports["shell"], robot.rotate_key, robot.settings.guard)
+    return (
+        robot.name,
+        robot.ports["shell"],
+        robot.rotate_key,
+        robot.settings.guard,
+        robot.settings.help,
+    )

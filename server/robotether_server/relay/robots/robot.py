@@ -7,18 +7,26 @@ robot keeps it in a field of its own.
 from __future__ import annotations
 
 import asyncio
+import time
 from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Literal, Protocol, get_args
 
-from robotether_common.session import Battery, ByeCode, GuardState, Kind, ServiceState
+from robotether_common.session import (
+    Battery,
+    ByeCode,
+    GuardState,
+    HelpSource,
+    Kind,
+    ServiceState,
+)
 
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import SessionEntry
-from robotether_server.relay.http.timing import RobotClock
+from robotether_server.db.fleet import HelpEntry, SessionEntry
+from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.delivered_frames import DeliveredFrames
 from robotether_server.relay.robots.demand import Demand
@@ -167,6 +175,8 @@ Listener = Callable[[Change], None]
 MEDIA_KEPT_S = 300.0
 # Time for which heartbeats stay quick without a user: a page that is loaded again changes nothing.
 USE_KEPT_S = 10.0
+# Maximum rate of a robot's calls for help; an agent sends each source once in 5 s at most.
+HELP_CALLS_PER_S, HELP_CALLS_AT_ONCE = 1.0, 12
 
 
 class RecordedDrive(Protocol):
@@ -217,6 +227,11 @@ class Robot:
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
         self.newest_drive: RecordedDrive | None = None
+        # What it asked for last, by source: while it waits for the database, a newer call takes its place.
+        self.help_entries: dict[HelpSource, HelpEntry] = {}
+        self.help_limiter = RateLimiter(
+            time.monotonic(), per_s=HELP_CALLS_PER_S, at_once=HELP_CALLS_AT_ONCE
+        )
         # Counts of the guard's last report; None: it has not reported.
         self.guard_refusals: dict[str, int] | None = None
         # Of the loop's clock.

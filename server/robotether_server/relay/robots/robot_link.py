@@ -14,7 +14,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from robotether_common.session import ByeCode, Kind
+from robotether_common.session import ByeCode, HelpCall, Kind
 
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.fleet import RelayRobot
@@ -49,8 +49,8 @@ class LinkRules:
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
     before, and reads what other cells wrote of the robot. A robot that nobody uses sends and gets heartbeats every
-    `idle_heartbeat_s`. `cells` gives where it connects. `on_nearer` is called when a robot asks for a move to another
-    cell.
+    `idle_heartbeat_s`. `cells` gives where it connects. `on_help` is called when a robot asks for a person, `on_nearer`
+    when it asks for a move to another cell.
     """
 
     tunnel_host: str
@@ -62,6 +62,7 @@ class LinkRules:
     release_wait_s: float = 1.0
     direct: bool = False
     prepare: Callable[[int], Awaitable[None]] | None = None
+    on_help: Callable[[int, HelpCall], None] = lambda *_: None
     on_nearer: Callable[[int, SshAddresses], None] = lambda *_: None
 
 
@@ -281,13 +282,15 @@ class RobotLink:
                 self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
             case lines.VitalsLine():
                 self._registry.on_battery(self, message.rounded)
-            case lines.NearerLine() | lines.CheckLine():
+            case lines.HelpLine() | lines.NearerLine() | lines.CheckLine():
                 self._handle_request(message)
 
-    def _handle_request(self, message: lines.NearerLine | lines.CheckLine) -> None:
+    def _handle_request(self, message: lines.HelpLine | lines.NearerLine | lines.CheckLine) -> None:
         if self._registry.session_of(self.robot_id) is not self:
             return
         match message:
+            case lines.HelpLine():
+                self._rules.on_help(self.robot_id, message.call)
             case lines.NearerLine(host, ports):
                 self._rules.on_nearer(self.robot_id, SshAddresses(host, ports))
             case lines.CheckLine():

@@ -15,11 +15,15 @@ from msgspec import Meta, Struct
 from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS
 from robotether_common.services import SERVICES
 from robotether_common.session import (
+    LOWEST_PRIORITY,
     MAX_EPOCH,
     MAX_FENCE,
+    MAX_HELP_REASON,
     Battery,
     ByeCode,
     GuardState,
+    HelpCall,
+    HelpSource,
     Kind,
     ServiceState,
 )
@@ -170,6 +174,27 @@ class VitalsLine(Struct, tag="vitals"):
         return Battery(percent, battery.charging)
 
 
+HELP_SOURCES = {source: source for source in get_args(HelpSource)}
+
+
+class HelpLine(Struct, tag="help"):
+    """The robot asks for a person. What a newer agent names is read as what is known here, and costs no session."""
+
+    source: str
+    reason: str
+    priority: int = 2
+
+    @property
+    def call(self) -> HelpCall:
+        """What is asked for, within bounds."""
+        reason = self.reason[:MAX_HELP_REASON]
+        return HelpCall(
+            HELP_SOURCES.get(self.source, "robot"),
+            "".join(char if char.isprintable() else " " for char in reason).strip(),
+            min(max(self.priority, 1), LOWEST_PRIORITY),
+        )
+
+
 class NearerLine(Struct, tag="nearer"):
     """The robot asks for a move to another cell of its list, which is clearly nearer."""
 
@@ -194,6 +219,7 @@ Line = (
     | SeenLine
     | HealthLine
     | VitalsLine
+    | HelpLine
     | NearerLine
     | CheckLine
 )
@@ -271,6 +297,7 @@ def config_line(
         direct=direct,
         media=media,
         battery=robot.settings.battery,
+        help=robot.settings.help_rules,
         **({"cells": addresses} if addresses else {}),
     )
 

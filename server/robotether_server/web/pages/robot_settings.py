@@ -37,6 +37,7 @@ from robotether_server.web.pages.setting_fields import (
     CAMERAS,
     CAMERAS_PATH,
     DRIVING,
+    HELP,
     PERMISSIONS,
     SAFETY,
     TABS,
@@ -122,7 +123,7 @@ def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
     return path_of(name, tab), tab.saved.format(name=name)
 
 
-for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS):
+for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS, HELP):
     form(blueprint, tab.path, partial(show, tab))(partial(save, tab))
 
 
@@ -255,7 +256,7 @@ def _value(field: SettingField) -> object:
         return field.value_of(text) if forms.is_ticked(_box(field)) else None
     if not text and field.empty:
         return None
-    if field.kind in ("number", "whole"):
+    if field.kind in ("number", "whole", "points"):
         return field.value_of(text)
     return text
 

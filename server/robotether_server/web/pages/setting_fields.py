@@ -25,13 +25,14 @@ LEVELS: tuple[tuple[Level, str, str], ...] = (
 )
 # Number of digits after the point of an angle in degrees.
 DEGREES_DIGITS = 3
-Kind = Literal["globs", "number", "whole", "topic", "choice"]
+Kind = Literal["globs", "points", "number", "whole", "topic", "choice"]
 KINDS: Mapping[type[inspect.Type], Kind] = {
     inspect.CustomType: "globs",
     inspect.FloatType: "number",
     inspect.IntType: "whole",
     inspect.StrType: "topic",
     inspect.LiteralType: "choice",
+    inspect.VarTupleType: "points",
 }
 
 
@@ -58,12 +59,17 @@ class SettingField:
 
     def text_of(self, value: object) -> str:
         """Return a value as the text of this field."""
+        if self.kind == "points" and isinstance(value, list | tuple):
+            return "\n".join(" ".join(map(forms.value_text, point)) for point in value)
         if self.in_degrees and isinstance(value, int | float):
             value = round(math.degrees(value), DEGREES_DIGITS)
         return forms.value_text(value)
 
     def value_of(self, text: str) -> object:
-        """Return the number that a text means; one that is none stays a text."""
+        """Return the number that a text means, of points all; one that is none stays a text."""
+        if self.kind == "points":
+            lines = text.splitlines()
+            return [[forms.number_or_text(part) for part in line.split()] for line in lines]
         value = forms.number_or_text(text, whole=self.kind == "whole")
         return math.radians(value) if self.in_degrees and isinstance(value, float) else value
 
@@ -112,6 +118,7 @@ class Tab:
     more_words: str = ""
     saved: str = ""
     is_for_admins: bool = False
+    has_reset: bool = False
 
     @property
     def fields(self) -> Iterator[SettingField]:
@@ -155,6 +162,7 @@ SAFETY = Tab(
     ),
     saved="The safety settings of robot {name} are saved.",
     is_for_admins=True,
+    has_reset=True,
 )
 CAMERAS = Tab(
     "Cameras",
@@ -195,6 +203,19 @@ DRIVING = Tab(
     saved="The driving settings of robot {name} are saved. Open pages keep the old ones.",
 )
 BUTTONS = Tab("Buttons", "/buttons")
+HELP = Tab(
+    "Help",
+    "/help",
+    "When the robot asks a person for help by itself. It asks once, and again only after it was well in between.",
+    sections=(
+        _section("A program on the robot asks", "", "help", "topic pool"),
+        _section("The robot asks", "", "help", "stopped battery_below diagnostics"),
+        _section("Where it is", "", "help", "geofence pose_topic"),
+        _section("What it does", "", "help", "navigation_topic navigation_silent_s"),
+    ),
+    saved="The rules by which robot {name} asks for help are saved.",
+    is_for_admins=True,
+)
 PERMISSIONS = Tab(
     "Permissions",
     "/permissions",
@@ -216,8 +237,9 @@ PERMISSIONS = Tab(
     ),
     saved="The permissions of robot {name} are saved.",
     is_for_admins=True,
+    has_reset=True,
 )
-TABS = (SAFETY, CAMERAS, DRIVING, BUTTONS, PERMISSIONS)
+TABS = (SAFETY, CAMERAS, DRIVING, BUTTONS, PERMISSIONS, HELP)
 _FIELDS = {field.path: field for tab in TABS for field in tab.fields}
 
 

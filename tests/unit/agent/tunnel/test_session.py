@@ -192,6 +192,20 @@ async def test_heartbeats_are_slow_until_somebody_uses_the_robot(served):
     assert session.config == config
 
 
+async def test_what_was_sent_is_read_once_a_later_ping_is_answered(served):
+    """An older answer says nothing of it."""
+    session, peer = served
+    peer.send(CONFIG)
+    first = await peer.receive("ping")
+    session.send({"type": "help"})
+    reading = asyncio.ensure_future(session.until_read())
+    peer.send({"type": "pong", "seq": first["seq"], "t_ms": 0})
+    later = await peer.receive("ping")
+    assert not reading.done()
+    peer.send({"type": "pong", "seq": later["seq"], "t_ms": 0})
+    await asyncio.wait_for(reading, 5)
+
+
 async def test_answers_pings_and_ignores_what_is_new(served):
     session, peer = served
     peer.send({"type": "dance", "why": "of a later version"})

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from relay_server import utc
+from robotether_common.session import HelpCall
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import AuditEntry, SessionEntry, Snapshot
+from robotether_server.db.fleet import AuditEntry, HelpEntry, SessionEntry, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
@@ -19,7 +20,15 @@ from robotether_server.relay.observers import RelayObserver, new_refusals
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change, GuardReport, Presence, Robot, SeenReport
+from robotether_server.relay.robots.robot import (
+    HELP_CALLS_AT_ONCE,
+    Change,
+    GuardReport,
+    Presence,
+    Robot,
+    SeenReport,
+)
+from robotether_server.settings import robot as robot_settings
 
 CONNECTED, DISCONNECTED = utc(2026, 1, 1, 12, 3), utc(2026, 1, 1, 12, 30)
 ONLINE = Presence(online=True, since=CONNECTED, address="198.51.100.7")
@@ -56,6 +65,23 @@ def observer(memory_database, event_writer, metrics, caplog):
         SessionRegistry(),
         lambda: Snapshot(memory_database.robots, memory_database.grants),
     )
+
+
+def test_newest_call_for_help_of_each_source_waits(observer, event_writer, memory_database):
+    """However often a robot calls; its settings name the pool."""
+    robot = memory_database.add_robot(7, "sim1")
+    settings = robot_settings.parse({"help": {"pool": "night"}})
+    memory_database.robots = {7: replace(robot, settings=settings)}
+    observer.help_called(7, HelpCall("stop", "stopped by ben"))
+    for number in range(1000):
+        observer.help_called(7, HelpCall("robot", f"call {number}", 1))
+    observer.help_called(8, HelpCall("robot", "a robot that is gone"))
+    assert event_writer.waiting() == 2
+    assert HELP_CALLS_AT_ONCE <= len(event_writer.notes) < 2 * HELP_CALLS_AT_ONCE
+    assert event_writer.notes[:2] == [
+        HelpEntry(7, "stop", "stopped by ben", 2, "night"),
+        HelpEntry(7, "robot", "call 0", 1, "night"),
+    ]
 
 
 def driving(robot, *, use="drive", reached=True):

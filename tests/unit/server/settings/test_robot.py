@@ -44,7 +44,7 @@ def documented(part):
     return json.loads(section.split("```json\n", 1)[1].split("```", 1)[0])
 
 
-@pytest.mark.parametrize("part", ["policy", "guard", "page"])
+@pytest.mark.parametrize("part", ["policy", "guard", "page", "help"])
 def test_the_defaults_are_the_documented_ones(part):
     assert get_path(DEFAULTS.as_dict(), part) == documented(part)
     assert parse({part: documented(part)}) == parse({}) == DEFAULTS
@@ -107,6 +107,21 @@ WRONG = {
     "policy.manage.serve": ({"a": 1},),
     "policy.limits.subscriptions": (0,),
     "policy.limits.message_kb": (10_241,),
+    "help.topic": ("help", "/robotether/help\n"),
+    "help.pool": ("", "Night Shift", "x" * 64),
+    "help.stopped": (True, "yes"),
+    "help.battery_below": (0, 96),
+    "help.geofence": (
+        [],
+        [[0, 0], [1, 1]],
+        [[0, 0]] * 33,
+        [[0, 0], [1, 1], [1, "0"]],
+        [[0, 0], [1, 1], [1, True]],
+        [[0, 0], [1, 1], [1, float("nan")]],
+        [[0, 0], [1, 1], [1, 1e8]],
+        [[0, 0], [1, 1], 7],
+    ),
+    "help.navigation_silent_s": (19,),
 }
 
 
@@ -186,6 +201,30 @@ def test_no_button_moves_a_robot():
         parse({"policy": policy, "buttons": [button]})
     with pytest.raises(FieldInvalidError, match="/lights is a drive topic of this robot"):
         parse({"policy": policy, "guard": {"drive_topics": ["/l*"]}, "buttons": [LIGHTS]})
+
+
+def test_robot_gets_the_rules_for_help_and_not_the_pool():
+    """A name of the page's stands for one that is not given here."""
+    settings = {
+        "page": {"odometry_topic": "/wheels", "diagnostics_topic": "/health"},
+        "help": {"pool": "night", "stopped": "on", "geofence": [[0, 0], [9, 0], [9, 9]]},
+    }
+    assert parse(settings).help_rules == {
+        "topic": "/robotether/help",
+        "stopped": True,
+        "battery_below": None,
+        "diagnostics": False,
+        "diagnostics_topic": "/health",
+        "geofence": ((0, 0), (9, 0), (9, 9)),
+        "pose_topic": "/wheels",
+        "navigation_topic": None,
+        "navigation_silent_s": None,
+    }
+
+
+def test_silence_of_no_topic_is_refused():
+    with pytest.raises(FieldInvalidError, match="give help"):
+        parse({"help": {"navigation_silent_s": 60}})
 
 
 def test_the_page_drives_on_what_the_guard_watches():

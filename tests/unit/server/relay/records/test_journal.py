@@ -7,7 +7,7 @@ from datetime import timedelta
 import pytest
 from relay_server import utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
-from robotether_server.db.fleet import AuditEntry
+from robotether_server.db.fleet import AuditEntry, HelpEntry
 from robotether_server.relay.records import journal as module
 from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal
 
@@ -39,8 +39,9 @@ def keep(path, *entries):
 def test_each_kind_is_read_as_it_was_written(path):
     ended = ((NOON - HOUR, "ben"), (NOON, "ann"))
     stops = StopEntry(7, Stop(7, NOON, "ben", "smoke"), ended)
-    entries = [START, LINE, ended_drive(distance_m=2.5, turned_rad=None), END, stops]
-    keep(path, *entries)
+    call = HelpEntry(7, "robot", "lost", 2)
+    entries = [START, LINE, ended_drive(distance_m=2.5, turned_rad=None), END, call, stops]
+    keep(path, *entries, call)
     found = Journal(path).read()
     assert found == entries
     assert found[-1].ended == ended

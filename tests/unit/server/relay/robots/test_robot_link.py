@@ -11,6 +11,7 @@ from relay_clients import configured, ended
 from relay_server import FAST, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.db.cells import Cell
+from robotether_server.db.fleet import HelpEntry
 from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
@@ -104,6 +105,20 @@ async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(relay, robot)
     await until(lambda: answer in robot.session.pongs, "the ping is answered")
     await until(lambda: robot.session.checked, "the check is answered")
     assert len(robot.session.checked) == 1
+
+
+async def test_robot_asks_for_help_while_the_database_is_away(relay, robot, memory_database):
+    """Its newest call is written when the database is back."""
+    memory_database.down = True
+    for reason in ("lost", "still lost"):
+        robot.session.send(type="help", source="robot", reason=reason, priority=2)
+    answer = {"type": "pong", "seq": 17, "t_ms": 5.0}
+    robot.session.send(type="ping", seq=17, t_ms=5.0)
+    await until(lambda: answer in robot.session.pongs, "the calls are read")
+    memory_database.down = False
+    call = HelpEntry(robot.session.robot_id, "robot", "still lost", 2)
+    await until(lambda: call in memory_database.written, "the call is written")
+    assert [type(entry) for entry in memory_database.written].count(HelpEntry) == 1
 
 
 async def test_a_takeover_waits_until_the_port_is_free(relay, robot, sim1, connect):

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.guard import MAX_SLOWED_S
-from robotether_common.session import Battery
+from robotether_common.session import MAX_HELP_REASON, Battery, HelpCall
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.robots.robot import GuardReport
@@ -114,9 +114,28 @@ def test_a_battery_is_known_in_whole_percent(battery, known):
     assert parse({"type": "vitals"}, battery=battery).rounded == known
 
 
+HELP = {"type": "help", "source": "battery", "reason": "battery at 19 %"}
+
+
+@pytest.mark.parametrize(
+    ("changes", "call"),
+    [
+        ({}, HelpCall("battery", "battery at 19 %")),
+        ({"source": "sonar", "priority": 0}, HelpCall("robot", "battery at 19 %", 1)),
+        ({"priority": 10**30}, HelpCall("battery", "battery at 19 %", 3)),
+        ({"reason": "<b>\n\x1b[2J\u202e"}, HelpCall("battery", "<b>  [2J")),
+        ({"reason": "x" * 9000}, HelpCall("battery", "x" * MAX_HELP_REASON)),
+    ],
+)
+def test_call_for_help_is_read_within_bounds(changes, call):
+    """What a newer agent or a wicked robot says costs no session, and reaches nobody unbounded."""
+    assert parse(HELP, **changes).call == call
+
+
 @pytest.mark.parametrize(
     ("line", "field", "value"),
     [
+        *((HELP, "reason", reason) for reason in (None, 7)),
         *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
         *((HELLO, "epoch", epoch) for epoch in (-1, 2**53 + 1, 1.5, "1", None)),
         (GUARD, "refused", ["old"]),

@@ -9,6 +9,7 @@ from admin_visitor import send
 from drive_settings import (
     CAMERAS,
     DRIVING,
+    HELP,
     PERMISSIONS,
     SETTINGS,
     audited,
@@ -19,18 +20,20 @@ from drive_settings import (
 from robotether_server.db import robots
 from robotether_server.settings.page import MAX_CAMERAS
 
-FORMS = (SETTINGS, CAMERAS, DRIVING, PERMISSIONS)
-OF_ADMINS = (SETTINGS, PERMISSIONS, f"{SETTINGS}/defaults")
+FORMS = (SETTINGS, CAMERAS, DRIVING, PERMISSIONS, HELP)
+OF_ADMINS = (SETTINGS, PERMISSIONS, HELP, f"{SETTINGS}/defaults")
 CHANGES = {
     SETTINGS: {"guard.deadman_ms": "300"},
     CAMERAS: {"page.fps": "10"},
     DRIVING: {"page.kind": "holonomic"},
     PERMISSIONS: {"policy.limits.message_kb": "64"},
+    HELP: {"help.geofence": "0 0\r\n9,5 0\r\n9.5 9"},
 }
 CHANGED = {
     "guard": {"deadman_ms": 300},
     "page": {"fps": 10, "kind": "holonomic"},
     "policy": {"limits": {"message_kb": 64}},
+    "help": {"geofence": [[0, 0], [9.5, 0], [9.5, 9]]},
 }
 
 
@@ -313,7 +316,8 @@ def test_defaults_come_back_after_a_question(admin, database):
     assert "the slower it drives (0.25 m and 30 degrees unseen)" in question
     assert all_kept(database) == {"shell_user": "pi", **CHANGED}
     assert send(admin, defaults).location == SETTINGS
-    assert all_kept(database) == {"shell_user": "pi", "page": CHANGED["page"]}
+    others = {name: CHANGED[name] for name in ("page", "help")}
+    assert all_kept(database) == {"shell_user": "pi", **others}
 
 
 def test_what_somebody_wrote_by_sql_can_be_mended(admin, database):

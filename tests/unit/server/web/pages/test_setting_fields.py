@@ -9,6 +9,7 @@ from robotether_server.web.pages.setting_fields import (
     CAMERAS,
     CAMERAS_PATH,
     DRIVING,
+    HELP,
     PERMISSIONS,
     SAFETY,
     TABS,
@@ -32,6 +33,7 @@ def leaves(settings, above):
         ("guard", [SAFETY], []),
         ("policy", [PERMISSIONS], []),
         ("page", [CAMERAS, DRIVING], [CAMERAS_PATH]),
+        ("help", [HELP], []),
     ],
 )
 def test_every_setting_has_its_field(part, tabs, own):

@@ -1,0 +1,172 @@
+"""From the robot's topics to the session's lines that ask for help."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from typing import Any
+
+import pytest
+from fake_cameras import TopicRosbridge
+from fake_cloud import eventually
+from robotether_agent.help import caller as caller_module
+from robotether_agent.help.caller import HelpCaller
+from robotether_agent.help.rules import HelpConfig
+from robotether_agent.rosbridge import RosGraph
+from robotether_common.session import Battery
+
+ALL = {
+    "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray",
+    "/odom": "nav_msgs/msg/Odometry",
+    "/plan": "nav_msgs/msg/Path",
+}
+FENCE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0))
+
+
+class World:
+    """A robot's caller with what it sends; `reads` is set while the server reads."""
+
+    def __init__(self) -> None:
+        self.sent: list[tuple[Any, ...]] = []
+        self.stopped: bool | None = None
+        self.battery: Battery | None = None
+        self.reads = asyncio.Event()
+        self.reads.set()
+        self.caller: HelpCaller
+        self.session: asyncio.Future[Any] | None = None
+
+    def new_session(self) -> None:
+        self.end_session()
+        self.session = asyncio.ensure_future(self.caller.report(self.send, self.reads.wait))
+
+    def end_session(self) -> None:
+        if self.session is not None:
+            self.session.cancel()
+
+    def send(self, message: Any) -> None:
+        assert message["type"] == "help"
+        self.sent.append((message["source"], message["reason"], message["priority"]))
+
+    async def has_sent(self, *sources: str) -> None:
+        await eventually(
+            lambda: sorted(source for source, *_ in self.sent) == sorted(sources),
+            lambda: str(self.sent),
+        )
+
+
+@pytest.fixture(autouse=True)
+def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A test waits for no seconds."""
+    for name in ("RETRY_S", "CHECK_EVERY_S", "SEND_EVERY_S"):
+        monkeypatch.setattr(caller_module, name, 0.05)
+
+
+@pytest.fixture
+async def start() -> AsyncIterator[Callable[..., World]]:
+    """Starts a caller with its session, and ends both."""
+    worlds: list[World] = []
+    tasks, graphs = [], []
+
+    def begin(url: str, config: HelpConfig) -> World:
+        world = World()
+        graphs.append(RosGraph(url))
+        world.caller = HelpCaller(graphs[-1], lambda: (world.stopped, "ben"), lambda: world.battery)
+        world.caller.use(config)
+        tasks.append(asyncio.ensure_future(world.caller.watch()))
+        world.new_session()
+        worlds.append(world)
+        return world
+
+    yield begin
+    for world in worlds:
+        world.end_session()
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, *(graph.close() for graph in graphs), return_exceptions=True)
+
+
+async def test_every_source_asks(start):
+    config = HelpConfig(
+        topic="/robotether/help",
+        stopped=True,
+        battery_below=20,
+        diagnostics=True,
+        geofence=FENCE,
+        navigation_topic="/plan",
+        navigation_silent_s=0.3,
+    )
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, config)
+        topics = ["/robotether/help", "/diagnostics", "/odom", "/plan"]
+        await eventually(
+            lambda: all(robot.subscribed(topic) for topic in topics), lambda: str(robot.got)
+        )
+        await world.has_sent("navigation")
+        world.stopped, world.battery = True, Battery(5, charging=False)
+        await robot.publish("/robotether/help", {"data": "lost"})
+        await world.has_sent("navigation", "stop", "battery", "robot")
+        await robot.publish("/odom", {"pose": {"pose": {"position": {"x": -5.0, "y": 0.0}}}})
+        error = {"name": "motor", "level": 2, "message": "hot"}
+        await robot.publish("/diagnostics", {"status": [error]})
+        await world.has_sent("navigation", "stop", "battery", "robot", "geofence", "diagnostics")
+        assert ("robot", "lost", 2) in world.sent
+
+
+async def test_robot_without_rules_is_left_alone(start):
+    """As with a server that does not know of asking for help."""
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, HelpConfig())
+        world.stopped, world.battery = True, Battery(5, charging=False)
+        await asyncio.sleep(0.3)
+        assert (robot.got, world.sent) == ([], [])
+
+
+async def test_rosbridge_that_is_down_is_no_silent_navigation(start):
+    config = HelpConfig(navigation_topic="/plan", navigation_silent_s=0.4)
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, config)
+        await eventually(lambda: robot.subscribed("/plan"), lambda: str(robot.got))
+        await robot.stop()
+        await asyncio.sleep(0.6)
+        assert world.sent == []
+        robot.topics = {}
+        await robot.start()
+        await world.has_sent("navigation")
+
+
+async def test_flood_is_one_call_at_a_time_and_the_newest(start, monkeypatch):
+    monkeypatch.setattr(caller_module, "SEND_EVERY_S", 0.5)
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, HelpConfig(topic="/robotether/help"))
+        await eventually(lambda: robot.subscribed("/robotether/help"), lambda: str(robot.got))
+        assert robot.subscribed("/robotether/help")[0]["queue_length"] == 1
+        for number in range(500):
+            await robot.publish("/robotether/help", {"data": f"call {number}"})
+        await eventually(lambda: ("robot", "call 499", 2) in world.sent, lambda: str(world.sent))
+        assert len(world.sent) <= 3
+
+
+async def test_call_waits_for_a_server_that_reads_it(start):
+    """One whose session ends before that is sent again on the next one, and then forgotten."""
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, HelpConfig(stopped=True))
+        world.reads.clear()
+        world.stopped = True
+        await world.has_sent("stop")
+        world.new_session()
+        await world.has_sent("stop", "stop")
+        world.reads.set()
+        await asyncio.sleep(0.2)
+        world.new_session()
+        await asyncio.sleep(0.2)
+        await world.has_sent("stop", "stop")
+
+
+async def test_other_settings_begin_anew(start):
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, HelpConfig(battery_below=20))
+        world.battery = Battery(30, charging=False)
+        await asyncio.sleep(0.2)
+        assert world.sent == []
+        world.caller.use(HelpConfig(battery_below=40))
+        await world.has_sent("battery")

@@ -1,0 +1,218 @@
+"""The rules by which a robot asks for help: once at the edge, and for nothing that is unknown."""
+
+from __future__ import annotations
+
+import base64
+import json
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from robotether_agent.fields import FieldError
+from robotether_agent.help.rules import (
+    CLEAR_AFTER_S,
+    HelpConfig,
+    HelpRules,
+    call_in,
+    fence_margin_m,
+    help_config,
+    level_in,
+    position_in,
+)
+from robotether_common.session import MAX_HELP_REASON, Battery, HelpCall
+
+SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+CONFIG = HelpConfig(
+    stopped=True,
+    battery_below=20,
+    diagnostics=True,
+    geofence=SQUARE,
+    navigation_topic="/plan",
+    navigation_silent_s=30,
+)
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(
+            st.sampled_from(["status", "name", "level", "message", "pose", "position", "x", "y"]),
+            inner,
+            max_size=4,
+        )
+    ),
+    max_leaves=12,
+)
+
+
+def battery(percent, *, charging=False):
+    return Battery(percent, charging)
+
+
+def diagnostics(**levels):
+    return {"status": [{"name": n, "level": at, "message": "hot"} for n, at in levels.items()]}
+
+
+def pose(x, y):
+    return {"pose": {"pose": {"position": {"x": x, "y": y, "z": 0.0}}}}
+
+
+# A rule, a reading where it is true, one between that and clear, one that is clear, and one that says nothing.
+RULES = {
+    "stop": (lambda r, v, s: r.on_stopped(v, "ben", s), True, None, False, None),
+    "battery": (HelpRules.on_battery, battery(19), battery(24), battery(25), None),
+    "diagnostics": (
+        HelpRules.on_diagnostics,
+        diagnostics(motor=2, lamp=0),
+        {},
+        diagnostics(motor=1),
+        {"status": [{"name": 7, "level": 2}, {"name": "motor"}]},
+    ),
+    "geofence": (HelpRules.on_pose, pose(10.1, 5), pose(9.8, 5), pose(9, 5), pose(None, "5")),
+}
+
+
+@pytest.mark.parametrize("source", RULES)
+def test_rule_asks_once_until_it_was_clear(source):
+    """Neither what is unknown nor what lies between the two thresholds makes it ask again."""
+    read, true, between, clear, unknown = RULES[source]
+    rules = HelpRules(CONFIG)
+    asked = [
+        read(rules, reading, now_s)
+        for now_s, reading in [
+            (0, unknown),
+            (1, true),
+            (2, true),
+            (100, between),
+            (200, unknown),
+            (300, true),
+            (400, clear),
+            (400 + CLEAR_AFTER_S / 2, true),
+            (500, clear),
+            (500 + CLEAR_AFTER_S, clear),
+            (501 + CLEAR_AFTER_S, true),
+        ]
+    ]
+    assert [call.source for call in asked if call] == [source, source]
+    assert asked[1] is not None
+    assert asked[-1] is not None
+    assert asked[1].reason
+
+
+def test_battery_that_is_charged_asks_for_nobody():
+    rules = HelpRules(CONFIG)
+    assert rules.on_battery(battery(5, charging=True), 0) is None
+    assert rules.on_battery(battery(None), 1) is None
+    assert rules.on_battery(battery(5), 2) == HelpCall("battery", "battery at 5 %")
+
+
+def test_component_fails_until_it_says_otherwise():
+    """A message may name some of the components only."""
+    rules = HelpRules(CONFIG)
+    assert rules.on_diagnostics(diagnostics(motor=2), 0) == HelpCall(
+        "diagnostics", "error: motor: hot"
+    )
+    assert rules.on_diagnostics(diagnostics(lamp=0), 100) is None
+    assert rules.on_diagnostics(diagnostics(motor=2), 200) is None
+
+
+def test_navigation_asks_after_its_silence():
+    """The time while nobody could know does not count."""
+    rules = HelpRules(CONFIG)
+    told = [(0, True), (1, False), (30, False), (31, False), (90, False)]
+    assert [rules.on_navigation(published, now_s) for now_s, published in told] == [
+        None,
+        None,
+        None,
+        HelpCall("navigation", "/plan silent for 30 s"),
+        None,
+    ]
+    rules = HelpRules(CONFIG)
+    for now_s, published in [(0, False), (20, None), (25, False), (54, False)]:
+        assert rules.on_navigation(published, now_s) is None
+    assert rules.on_navigation(published=False, now_s=55) is not None
+
+
+@pytest.mark.parametrize(
+    ("text", "call"),
+    [
+        ("the door is closed", HelpCall("robot", "the door is closed")),
+        ('{"reason": "fire", "priority": 1}', HelpCall("robot", "fire", 1)),
+        ('{"reason": "fire", "priority": 0}', HelpCall("robot", "fire")),
+        ('{"reason": "fire", "priority": true}', HelpCall("robot", "fire")),
+        ('{"priority": 3}', HelpCall("robot", "no reason given", 3)),
+        ("", HelpCall("robot", "no reason given")),
+        ("a\n\x1b[31mb", HelpCall("robot", "a  [31mb")),
+        (7, None),
+    ],
+)
+def test_topic_carries_a_reason_and_a_priority(text, call):
+    assert call_in({"data": text}) == call
+
+
+def test_reason_is_cut():
+    call = call_in({"data": "x" * 10_000})
+    assert call is not None
+    assert len(call.reason) == MAX_HELP_REASON
+
+
+@pytest.mark.parametrize(
+    ("message", "point"),
+    [
+        (pose(1, 2), (1, 2)),
+        ({"pose": {"position": {"x": 1, "y": 2}}}, (1, 2)),
+        ({"x": 1.0, "y": 2.0, "theta": 0.0}, (1, 2)),
+        ({"pose": {"pose": {"position": {"x": None, "y": 2}}}}, None),
+        ({"position": [1, 2]}, None),
+    ],
+)
+def test_position_of_the_usual_types(message, point):
+    assert position_in(message) == point
+
+
+@pytest.mark.parametrize("level", [2, "2", "\x02", base64.b64encode(b"\x02").decode()])
+def test_level_is_a_byte_as_bridges_write_it(level):
+    assert level_in(level) == 2
+
+
+@pytest.mark.parametrize(
+    ("point", "margin_m"), [((5, 5), 5), ((9, 5), 1), ((10.5, 5), -0.5), ((13, 14), -5)]
+)
+def test_margin_is_the_distance_to_the_fence(point, margin_m):
+    assert fence_margin_m(SQUARE, point) == pytest.approx(margin_m)
+
+
+def test_fence_may_be_concave():
+    notched = (*SQUARE[:2], (10.0, 10.0), (5.0, 2.0), (0.0, 10.0))
+    assert fence_margin_m(notched, (5, 5)) < 0 < fence_margin_m(notched, (1, 5))
+
+
+@given(JSON)
+def test_no_message_breaks_a_rule(value):
+    """Whatever a program on the robot publishes."""
+    message = value if isinstance(value, dict) else {"data": value, "status": value, "pose": value}
+    rules = HelpRules(CONFIG)
+    rules.on_diagnostics(message, 0)
+    rules.on_pose(message, 0)
+    call_in(message)
+    call_in({"data": json.dumps(value)})
+
+
+@pytest.mark.parametrize(
+    "members",
+    [
+        {"topic": "help"},
+        {"stopped": 1},
+        {"battery_below": 101},
+        {"geofence": [[0, 0], [1, 1]]},
+        {"geofence": [[0, 0], [1, 1], [1]]},
+        {"geofence": [[0, 0], [1, 1], [1, float("nan")]]},
+        {"navigation_silent_s": "30"},
+    ],
+)
+def test_settings_that_cannot_be_meant_are_named(members):
+    with pytest.raises(FieldError, match="|".join((*members, "x", "y"))):
+        help_config(members)
+
+
+def test_server_that_names_nothing_turns_all_off():
+    assert help_config({}) == HelpConfig()
