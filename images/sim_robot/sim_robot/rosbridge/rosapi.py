@@ -1,6 +1,6 @@
 """The services under /rosapi that tell a client what there is on the robot.
 
-Those of the real rosapi that clients in the field use; parameters and type definitions are not among them.
+Those of the real rosapi that clients in the field use; parameters are not among them.
 """
 
 import time
@@ -90,6 +90,41 @@ def _node_details(graph: Graph, request: Values) -> Values:
     }
 
 
+def _message_details(graph: Graph, request: Values) -> Values:
+    """Describe a type, and each type in it, as the real one does."""
+    try:
+        waiting = [graph.types.key_of(request["type"])]
+    except TypeUnknownError:
+        return {"typedefs": []}
+    typedefs: dict[str, Values] = {}
+    while waiting:
+        key = waiting.pop()
+        if key not in typedefs:
+            typedefs[key] = _typedef(graph, key)
+            inner = typedefs[key]["fieldtypes"]
+            waiting += [kind for kind in inner if graph.types.is_message(kind)]
+    return {"typedefs": list(typedefs.values())}
+
+
+def _typedef(graph: Graph, key: str) -> Values:
+    fields = [(name, *_array(field_type)) for name, field_type in graph.types.fields(key)]
+    return {
+        "type": key,
+        "fieldnames": [name for name, _, _ in fields],
+        "fieldtypes": [kind for _, kind, _ in fields],
+        "fieldarraylen": [length for _, _, length in fields],
+        "examples": [],
+        "constnames": [],
+        "constvalues": [],
+    }
+
+
+def _array(field_type: str) -> tuple[str, int]:
+    """Return the type of one item, and the length: -1 of what is no array, 0 of any."""
+    kind, bracket, length = field_type.removesuffix("]").partition("[")
+    return kind, int(length or 0) if bracket else -1
+
+
 def _get_time(graph: Graph, _request: Values) -> Values:
     return {"time": graph.types.time(time.time_ns())}
 
@@ -110,6 +145,7 @@ _SERVICES: tuple[tuple[str, str, Fields, Answer], ...] = (
     ("services_for_type", "ServicesForType", _TYPE, _services_for_type),
     ("nodes", "Nodes", _NOTHING, _nodes),
     ("node_details", "NodeDetails", _NODE, _node_details),
+    ("message_details", "MessageDetails", _TYPE, _message_details),
     ("get_time", "GetTime", _NOTHING, _get_time),
     ("get_ros_version", "GetROSVersion", _NOTHING, _get_ros_version),
 )

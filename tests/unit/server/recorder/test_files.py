@@ -1,0 +1,225 @@
+"""Files of recordings: what a tool of ROS reads in them, and what is left of one when its recorder is killed."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from robotether_server.recorder.cdr import EncodingError, encoder_of
+from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
+from robotether_server.recorder.mcap_file import McapFile, RecordedChannel, RecordedMessage, repair
+from robotether_server.recorder.reader import read_messages
+from robotether_server.recorder.ros_types import UnknownTypeError, type_of
+from rosbags.highlevel import AnyReader
+from sim_robot.graph import make_graph
+from sim_robot.messages import ROS_1, ROS_2
+from sim_robot.rosbridge import rosapi
+
+CHANNEL = RecordedChannel("/count", "std_msgs/msg/UInt8", "uint8 data\n")
+# Writes a message each millisecond and hands them to the kernel each half second, as the recorder does.
+WRITER = """
+import sys, time
+from pathlib import Path
+from robotether_server.recorder.mcap_file import McapFile, RecordedChannel, RecordedMessage
+file, channel = McapFile(Path(sys.argv[1])), RecordedChannel("/count", "std_msgs/msg/UInt8", "uint8 data\\n")
+flushed = time.monotonic()
+while True:
+    now = time.time_ns()
+    file.add(RecordedMessage(channel, now, now, 0, b"\\0\\1\\0\\0\\7"))
+    if time.monotonic() - flushed >= 0.5:
+        file.end_chunk()
+        flushed = time.monotonic()
+        print("flushed", flush=True)
+    time.sleep(0.001)
+"""
+
+
+def count(number: int) -> RecordedMessage:
+    return RecordedMessage(CHANNEL, 10**18 + number, 10**18 + number, number, b"\0\1\0\0\7")
+
+
+def typedefs_of(kind: str, ros_version: int = ROS_2) -> Any:
+    """What the simulated robot's rosapi answers of a type."""
+    graph = make_graph(ros_version)
+    rosapi.offer(graph)
+    [service] = [each for each in graph.services.all() if each.name == "/rosapi/message_details"]
+    return service.handler({"type": kind})["typedefs"]
+
+
+def read_back(tmp_path: Path, message: RecordedMessage) -> Any:
+    """What rosbags reads of a message."""
+    file = McapFile(tmp_path / "1.mcap")
+    file.add(message)
+    file.finish()
+    with AnyReader([tmp_path / "1.mcap"]) as bag:
+        [(connection, _, data)] = bag.messages()
+        return bag.deserialize(data, connection.msgtype)
+
+
+def test_a_killed_recorder_loses_at_most_a_second(tmp_path: Path) -> None:
+    """The file opens at once, and is whole after the next start."""
+    path = tmp_path / "1.mcap"
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, "-c", WRITER, str(path)], env=environment, stdout=subprocess.PIPE
+    ) as writer:
+        assert writer.stdout is not None
+        for _ in range(3):
+            writer.stdout.readline()
+        time.sleep(0.3)
+        killed_ns = time.time_ns()
+        writer.send_signal(signal.SIGKILL)
+    newest = list(read_messages(path))[-1]
+    assert killed_ns - newest.log_ns < 10**9
+    index = repair(path)
+    assert index is not None
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        assert len(list(reader.iter_messages())) == index.counts.total() > 100
+
+
+def test_a_file_that_was_cut_anywhere_is_made_whole(tmp_path: Path) -> None:
+    path = tmp_path / "1.mcap"
+    file = McapFile(path)
+    for number in range(12):
+        file.add(count(number))
+        if number % 4 == 3:
+            file.end_chunk()
+    file.finish()
+    whole = path.read_bytes()
+    for size in range(40, len(whole), 7):
+        path.write_bytes(whole[:size])
+        index = repair(path)
+        assert index is not None
+        with path.open("rb") as cut:
+            messages = list(make_reader(cut, validate_crcs=True).iter_messages())
+        assert [message.sequence for _, _, message in messages] == list(range(len(messages)))
+        assert len(messages) == index.counts.total()
+        assert len(messages) % 4 == 0
+
+
+def test_a_file_of_somebody_else_is_left_alone(tmp_path: Path) -> None:
+    path = tmp_path / "1.mcap"
+    path.write_bytes(b"no recording")
+    assert repair(path) is None
+    assert path.read_bytes() == b"no recording"
+
+
+def test_a_full_disk_leaves_a_file_that_is_whole(tmp_path: Path) -> None:
+    """What it took of a chunk goes again; the end of the file finds room."""
+    file = McapFile(tmp_path / "1.mcap")
+    file.add(count(0))
+    file.end_chunk()
+    _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
+    file.add(count(1)._replace(data=bytes(100_000)))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.size + 50_000, most))
+    try:
+        with pytest.raises(OSError, match="File too large"):
+            file.end_chunk()
+        file.finish()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
+    with (tmp_path / "1.mcap").open("rb") as whole:
+        reader = make_reader(whole, validate_crcs=True)
+        [(_, _, message)] = reader.iter_messages()
+        summary = reader.get_summary()
+    assert message.sequence == 0
+    assert summary is not None
+    assert summary.statistics is not None
+    assert summary.statistics.message_count == 1
+
+
+@pytest.mark.parametrize("ros_version", [ROS_1, ROS_2])
+def test_topics_of_either_ros_are_read_by_rosbags(tmp_path: Path, ros_version: int) -> None:
+    graph = make_graph(ros_version)
+    kind = "sensor_msgs/LaserScan"
+    values = {"header": graph.types.header("laser", 5_000_000_006, 1), "ranges": [1.5, None]}
+    message = {
+        name: 0.25 for name, field_type in graph.types.fields(kind) if field_type == "float32"
+    }
+    message |= values | {"intensities": []}
+    ros_type = type_of(kind, typedefs_of(kind, ros_version))
+    channel = channel_of("/scan", ros_type)
+    scan = read_back(tmp_path, RecordedMessage(channel, 1, 1, 0, encoder_of(ros_type)(message)))
+    assert (scan.header.stamp.sec, scan.header.stamp.nanosec) == (5, 6)
+    assert scan.header.frame_id == "laser"
+    assert scan.ranges[0] == 1.5
+    assert scan.ranges[1] != scan.ranges[1]
+
+
+def test_commands_are_read_by_rosbags(tmp_path: Path) -> None:
+    own = OWN_TOPICS["commands"]
+    message = {
+        "stamp": stamp_of(7_000_000_008),
+        "topic": "/cmd_vel",
+        "person": "ann",
+        "fence": 3,
+        "age_ms": None,
+        "outcome": "clock_unknown",
+        "speed_m_s": 0.5,
+        "turn_rad_s": None,
+        "message": "{}",
+        "seen_cameras": ["/a", "/b"],
+        "seen_frames": [4, -1],
+    }
+    command = read_back(tmp_path, RecordedMessage(own.channel, 1, 1, 0, own.encode(message)))
+    assert (command.person, command.fence, command.outcome) == ("ann", 3, "clock_unknown")
+    assert command.age_ms != command.age_ms
+    assert (command.seen_cameras, list(command.seen_frames)) == (["/a", "/b"], [4, -1])
+
+
+@pytest.mark.parametrize("codec", ["jpeg", "h264"])
+@pytest.mark.parametrize("size", range(1, 6))
+def test_frames_are_read_by_rosbags(tmp_path: Path, codec: str, size: int) -> None:
+    """Whatever their size: what follows is aligned."""
+    writer = CameraWriter("/camera/image_raw", codec)
+    taken_ns = 9_000_000_010
+    frame = read_back(
+        tmp_path, writer.message(b"x" * size, log_ns=1, taken_ns=taken_ns, sequence=2)
+    )
+    assert bytes(frame.data) == b"x" * size
+    assert frame.format == codec
+
+
+@pytest.mark.parametrize(
+    "typedefs",
+    [
+        None,
+        [],
+        [{"type": "a/B", "fieldnames": ["x"], "fieldtypes": ["a/B"], "fieldarraylen": [-1]}],
+        [{"type": "a/B", "fieldnames": ["x\ny"], "fieldtypes": ["int8"], "fieldarraylen": [-1]}],
+        [{"type": "a/B", "fieldnames": ["x"], "fieldtypes": ["../C"], "fieldarraylen": [-1]}],
+        [{"type": "a/B", "fieldnames": ["x"], "fieldtypes": [], "fieldarraylen": [-1]}],
+        [
+            {
+                "type": "a/B",
+                "fieldnames": ["x"],
+                "fieldtypes": ["int8[9999999]"],
+                "fieldarraylen": [0],
+            }
+        ],
+    ],
+    ids=["none", "empty", "itself", "a line", "a path", "too few", "too long"],
+)
+def test_a_hostile_robots_types_are_refused(typedefs: Any) -> None:
+    with pytest.raises(UnknownTypeError):
+        type_of("a/B", typedefs)
+
+
+@pytest.mark.parametrize(
+    "message", [{}, {"data": "no base64"}, {"data": 300}, {"data": [1]}, [], {"data": {}}]
+)
+def test_a_message_of_another_type_is_refused(message: Any) -> None:
+    typedefs = [
+        {"type": "a/B", "fieldnames": ["data"], "fieldtypes": ["uint8"], "fieldarraylen": [-1]}
+    ]
+    with pytest.raises(EncodingError):
+        encoder_of(type_of("a/B", typedefs))(message)
