@@ -19,6 +19,8 @@ from robotether_server.times import MAX_TICKET_AHEAD_S
 Mode = Literal["observe", "drive"]
 CredentialKind = Literal["login", "token"]
 SALT = "robotether.ticket"
+# Of tickets that the stack's recorder signs for itself: web signs none of these, whoever asks.
+RECORDER_SALT = "robotether.recorder"
 ID_BYTES = 16
 # Number of parts of a ticket: payload, time, signature.
 PARTS = 3
@@ -52,9 +54,9 @@ def new_id() -> str:
 class TicketSigner:
     """Turns tickets into text and back, with the key that web and the relay share."""
 
-    def __init__(self, key: str, ttl_s: int) -> None:
+    def __init__(self, key: str, ttl_s: int, salt: str = SALT) -> None:
         self.ttl_s = ttl_s
-        self._serializer = URLSafeTimedSerializer(key, salt=SALT)
+        self._serializer = URLSafeTimedSerializer(key, salt=salt)
 
     def sign(self, ticket: Ticket) -> str:
         """Return the ticket as text that is safe in a URL."""

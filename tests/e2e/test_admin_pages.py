@@ -216,7 +216,10 @@ PAGES = (
     "/", "/admin/robots", "/admin/add-robot", "/admin/robots/sim1", "/admin/robots/sim1/remove",
     "/admin/robots/sim1/ports", "/admin/users", "/admin/users/admin", "/admin/tokens",
     "/admin/audit", "/profile", "/profile/password", "/admin/robots/nobody", "/admin/groups", "/admin/sites",
-    *(f"/robots/sim1/settings{tab}" for tab in ("", "/cameras", "/driving", "/buttons", "/permissions", "/defaults")),
+    *(
+        f"/robots/sim1/settings{tab}"
+        for tab in ("", "/cameras", "/driving", "/buttons", "/permissions", "/recording", "/defaults")
+    ),
     "/drives", "/admin/robots/sim1/access", "/admin/robots/sim1/history", "/admin/backups",
 )  # fmt: skip
 

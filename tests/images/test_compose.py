@@ -14,7 +14,7 @@ import pytest
 from image_names import image
 from stack import ROOT, Stack
 
-SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+SERVICES = ("nginx", "web", "relay", "recorder", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
 ONE_SHOTS = ("settings", "secrets", "migrate", "demo")
 # Beyond none: sshd changes to other accounts, and secrets gives the files of others away.
@@ -38,6 +38,7 @@ SECRETS = {
         "session_key",
         "ticket_key",
     },
+    "recorder": {"database_ca.pem", "mysql_recorder_password", "ticket_key"},
     "sshd": {"database_ca.pem", "mysql_keylookup_password", "session_key"},
     "mysql": {
         "database_ca.pem",
@@ -45,6 +46,7 @@ SECRETS = {
         "database_key.pem",
         "mysql_keylookup_password",
         "mysql_migrate_password",
+        "mysql_recorder_password",
         "mysql_relay_password",
         "mysql_web_password",
     },

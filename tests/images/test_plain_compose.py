@@ -14,7 +14,7 @@ from dated_certificate import make_certificate
 from local_network import free_port
 from plain_compose import PASSWORD, PlainCompose
 
-SERVICES = dict.fromkeys(("nginx", "web", "relay", "sshd", "mysql"), "healthy")
+SERVICES = dict.fromkeys(("nginx", "web", "relay", "recorder", "sshd", "mysql"), "healthy")
 ONE_SHOTS = dict.fromkeys(("settings", "certificate", "secrets", "migrate"), "exited 0")
 OWNERS = r"""
 from pathlib import Path

@@ -29,6 +29,7 @@ FOLDERS: dict[str, set[str]] = {
     "mysql": {
         "mysql_web_password",
         "mysql_relay_password",
+        "mysql_recorder_password",
         "mysql_keylookup_password",
         "mysql_migrate_password",
         "database_ca.pem",
@@ -51,6 +52,7 @@ FOLDERS: dict[str, set[str]] = {
         "peer_key.pem",
         "database_ca.pem",
     },
+    "recorder": {"mysql_recorder_password", "ticket_key", "database_ca.pem"},
     "sshd": {"mysql_keylookup_password", "session_key", "database_ca.pem"},
     "demo": {"mysql_web_password", "database_ca.pem"},
     "nginx": {"peer_cert.pem", "peer_key.pem"},

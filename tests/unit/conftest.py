@@ -53,6 +53,7 @@ TABLES = (
     "port_pairs",
     "shell_ports",
     "cells",
+    "recordings",
 )
 
 
@@ -95,6 +96,13 @@ def relay_database(mariadb: MariaDb, database: Database) -> Database:
     """The emptied database as account relay."""
     assert database
     return Database(mariadb.settings("relay"))
+
+
+@pytest.fixture
+def recorder_database(mariadb: MariaDb, database: Database) -> Database:
+    """The emptied database as account recorder."""
+    assert database
+    return Database(mariadb.settings("recorder"))
 
 
 @pytest.fixture

@@ -85,9 +85,10 @@ def imports_of(file: Path) -> set[str]:
         ("server", (), ("robotether_server.cli.main", "robotether_server.cli.fleet")),
         ("server", ("web",), ("robotether_server.web.app",)),
         ("server", ("relay",), ("robotether_server.relay.main",)),
+        ("server", ("recorder",), ("robotether_server.recorder.main",)),
         ("agent", (), ("robotether_agent.cli", "robotether_agent.daemon")),
     ],
-    ids=["command", "web", "relay", "agent"],
+    ids=["command", "web", "relay", "recorder", "agent"],
 )
 def test_a_program_imports_what_is_declared_for_it(
     package: str, extras: tuple[str, ...], modules: tuple[str, ...]

@@ -130,7 +130,7 @@ def test_a_wrong_value_ends_the_start_before_anything_runs() -> None:
     ours = services()["settings"]["environment"]
     site = {
         name: text
-        for item in ("web", "relay", "migrate")
+        for item in ("web", "relay", "recorder", "migrate")
         for name, text in services()[item]["environment"].items()
         if text.startswith("${") and name != "DIRECT_PORTS"
     }
@@ -140,7 +140,13 @@ def test_a_wrong_value_ends_the_start_before_anything_runs() -> None:
 
 def test_every_setting_can_be_set() -> None:
     """Whatever the server's settings know is set in compose.yaml, or is a fixed place inside the image."""
-    inside = {"AGENT_FILES_DIR", "SSH_HOST_KEYS_DIR", "MIGRATIONS_DIR"}
+    inside = {
+        "AGENT_FILES_DIR",
+        "SSH_HOST_KEYS_DIR",
+        "MIGRATIONS_DIR",
+        "RECORDINGS_DIR",
+        "RELAY_HOST",
+    }
     assert {setting_of(variable) for _, variable in environments()} == set(VARIABLES) - inside
 
 

@@ -79,6 +79,13 @@ def run_migrate() -> None:
     click.echo(f"ports for robots: {loaded.port_range_first} to {loaded.port_range_last}")
 
 
+@cli.command("recorder")
+def run_recorder() -> None:
+    """Record robots, as people and robots' settings ask for."""
+    # In place of this process: its libraries are not loaded for any other command.
+    os.execv(sys.executable, [sys.executable, "-m", "robotether_server.recorder"])  # noqa: S606 - no shell is the point
+
+
 @cli.command("web")
 def run_web() -> None:
     """Serve pages and API on port 8000, after making the first admin where there is no user."""

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from robotether_server.contract.codes import DRIVE_ENDS
+from robotether_server.contract.codes import DRIVE_ENDS, RECORDING_ENDS
 from robotether_server.schemas import Timestamp
 from robotether_server.times import duration_words
 
@@ -72,6 +72,11 @@ def _drive_sentence(event: AuditEvent) -> str:
     return f"stopped driving {event.robot}{after}" + (
         f" ({DRIVE_ENDS.get(code, code)})" if code else ""
     )
+
+
+def _recording_sentence(event: AuditEvent) -> str:
+    number, code = event.details.get("recording", "?"), event.details.get("end_code", "?")
+    return f"ended recording {number} of {event.robot} ({RECORDING_ENDS.get(code, code)})"
 
 
 def _refusal_sentence(event: AuditEvent) -> str:
@@ -169,5 +174,9 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "request_closed": ("Request closed", "closed the request of {robot}"),
     "request_cancelled": ("Request cancelled", "cancelled the request of {robot}"),
     "user_pools_set": ("User's pools changed", "changed the pools of {user}"),
+    "recording_started": ("Recording started", "started recording {recording} of {robot}"),
+    "recording_ended": ("Recording ended", _recording_sentence),
+    "recording_downloaded": ("Recording downloaded", "downloaded recording {recording} of {robot}"),
+    "recording_deleted": ("Recording deleted", "deleted recording {recording} of {robot}"),
     "operations_refused": ("Messages blocked", _refusal_sentence),
 }

@@ -59,6 +59,23 @@ DRIVE_ENDS: Mapping[str, str] = {
     "relay_restarted": "server restarted",
     "cell_removed": "server machine lost",
 }
+# How a recording ended, or why it did not begin.
+RECORDING_ENDS: Mapping[str, str] = {
+    "stopped": "stopped by a person",
+    "right_ended": "who asked may no longer drive the robot",
+    "drive_ended": "the drive ended",
+    "complete": "complete",
+    "setting_changed": "the robot's setting changed",
+    "robot_offline": "robot offline",
+    "robot_gone": "robot disabled or removed",
+    "robot_renamed": "robot renamed",
+    "too_long": "longest time reached",
+    "disk_full": "disk full",
+    "quota_reached": "no room left for recordings",
+    "recorder_away": "the recorder was not running",
+    "recorder_stopped": "the recorder stopped",
+    "recorder_restarted": "the recorder was killed",
+}
 SESSION_ENDS: Mapping[str, SessionEnd] = {
     "superseded": SessionEnd("a newer session took over", _MOVING),
     "robot_disabled": SessionEnd(

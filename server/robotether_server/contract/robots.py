@@ -28,6 +28,7 @@ class LiveState(Struct, frozen=True, kw_only=True):
     agent_version: str | None = None
     battery: Battery | None = None
     control: ControlObject = NO_CONTROL
+    recording: bool = False
 
 
 class RobotObject(LiveState, frozen=True, kw_only=True):
@@ -36,6 +37,7 @@ class RobotObject(LiveState, frozen=True, kw_only=True):
     `since`: the last change of `online`; null: it was never seen. `end_code`: why its last session ended; null also if
     it is online. `offline_reason`: the same for people; null: it is online. `site`: null: none. `rtt_ms`: of the line
     between server and robot. `drivers`: at most one user. `battery`: null also if it reports none.
+    `recording`: what it sends, and what its driver does, goes into a file of the site.
     """
 
     name: str

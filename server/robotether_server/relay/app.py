@@ -26,6 +26,8 @@ from robotether_server.relay.cells.cell_topics import ROUTE, PeerTopicsHandler
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
+from robotether_server.relay.channels import recorder
+from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.fleet import Fleet
 
@@ -145,9 +147,12 @@ def peer_app(
 
 
 def inside_app(
-    metrics: Metrics, fleet: Fleet, cells: Callable[[], Iterable[str]]
+    metrics: Metrics,
+    fleet: Fleet,
+    cells: Callable[[], Iterable[str]],
+    recorder_handler: RecorderHandler,
 ) -> web.Application:
-    """Make the application for health checks, Prometheus, and nginx's list of `cells` that it forwards to."""
+    """Make the application for health checks, Prometheus, nginx's list of `cells`, and the stack's recorder."""
 
     async def healthz(_request: web.Request) -> web.Response:
         # A database that is away is no reason to restart the relay: what is open goes on.
@@ -156,6 +161,12 @@ def inside_app(
     async def show_metrics(_request: web.Request) -> web.Response:
         return web.Response(body=metrics.render(), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
+    async def follow_robots(request: web.Request) -> web.StreamResponse:
+        try:
+            return await recorder_handler.handle(request)
+        except RobotetherError as problem:
+            return problem_answer(problem)
+
     async def list_cells(_request: web.Request) -> web.Response:
         return web.Response(text="".join(f"{address}\n" for address in cells()))
 
@@ -163,6 +174,7 @@ def inside_app(
     app.router.add_get("/healthz", healthz)
     app.router.add_get("/cells", list_cells)
     app.router.add_get("/metrics", show_metrics)
+    app.router.add_get(recorder.PATH, follow_robots, allow_head=False)
     return app
 
 

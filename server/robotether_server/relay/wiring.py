@@ -32,6 +32,7 @@ from robotether_server.relay.cells.rebalancing import BalanceRules, Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.kinds import make_channels
+from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
@@ -57,7 +58,7 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.settings.server import RelaySettings
-from robotether_server.tickets import TicketSigner
+from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -232,7 +233,13 @@ class Relay:
             snapshot=self.fleet.snapshot,
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
+            recorder_signer=TicketSigner(
+                settings.tickets.key, settings.tickets.ttl_s, RECORDER_SALT
+            ),
             online_s=self.peers.here_for_s,
+        )
+        self.recorder_handler = RecorderHandler(
+            self.access, self.registry, self.fleet_events, self.fleet.snapshot
         )
         context = VideoContext(
             access=self.access,
@@ -264,7 +271,9 @@ class Relay:
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
         parts = (self._channels, self._control_api)
         self._public = public_app(self.metrics, cors, parts, forwarding)
-        self._inside = inside_app(self.metrics, self.fleet, self.peers.addresses)
+        self._inside = inside_app(
+            self.metrics, self.fleet, self.peers.addresses, self.recorder_handler
+        )
         self._peer_app: web.Application | None = None
         self.peer_dialer: PeerDialer | None = None
         if peer_keys is not None:
@@ -291,6 +300,7 @@ class Relay:
             self.control.on_robot_change,
             self.fleet_events.on_robot_change,
             self.observer.on_robot_change,
+            self.recorder_handler.on_robot_change,
             self.peers.on_robot_change,
             self.feeds.on_robot_change,
             self.shared_topics.on_robot_change,

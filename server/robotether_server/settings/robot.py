@@ -80,6 +80,7 @@ BlindLength = Annotated[float, Meta(ge=0.01, le=100)]
 BlindAngle = Annotated[float, Meta(ge=1, le=3600)]
 CameraTime = Annotated[int, Meta(ge=0, le=2000)]
 WithoutFrames = Literal["unlimited", "slowest"]
+RecordingWhen = Literal["never", "driven", "on_stop", "always"]
 Publish = Annotated[GivenGlobs, setting("Publish to", "Topics in addition to the drive topics.")]
 Call = Annotated[
     GivenGlobs, setting("Call", "Services and actions, in addition to the look-ups of /rosapi.")
@@ -271,6 +272,24 @@ class Policy(Struct, frozen=True):
         return {**levels, "limits": structs.asdict(self.limits)}
 
 
+class RecordingSettings(Struct, frozen=True, forbid_unknown_fields=True):
+    """When the robot is recorded without anybody asking for it."""
+
+    when: Annotated[
+        RecordingWhen,
+        setting(
+            "Record",
+            "What the robot sends and what its driver does, into a file. The drive page says so meanwhile.",
+            options={
+                "never": "never, unless a driver asks",
+                "driven": "while somebody drives",
+                "on_stop": "30 s before and after a stop",
+                "always": "always",
+            },
+        ),
+    ] = "never"
+
+
 class RobotSettings(Struct, frozen=True):
     """All settings of a robot."""
 
@@ -279,6 +298,7 @@ class RobotSettings(Struct, frozen=True):
     guard: GuardSettings = GuardSettings()
     policy: Policy = Policy()
     page: PageSettings = page_settings.DEFAULTS
+    recording: RecordingSettings = RecordingSettings()
     buttons: tuple[Button, ...] = ()
     help: HelpSettings = help_settings.DEFAULTS
 
@@ -290,6 +310,7 @@ class RobotSettings(Struct, frozen=True):
             "guard": self.guard.as_dict(),
             "policy": self.policy.as_dict(),
             "page": self.page.as_dict(),
+            "recording": structs.asdict(self.recording),
             "buttons": [button.as_dict() for button in self.buttons],
             "help": self.help.as_dict(),
         }
@@ -344,6 +365,7 @@ class GivenSettings(Struct, frozen=True, forbid_unknown_fields=True):
     guard: GuardSettings = field(default_factory=GuardSettings)
     policy: GivenPolicy = field(default_factory=GivenPolicy)
     page: PageSettings = page_settings.DEFAULTS
+    recording: RecordingSettings = RecordingSettings()
     buttons: GivenButtons = []
     help: HelpSettings = help_settings.DEFAULTS
 
@@ -365,6 +387,7 @@ def parse(raw: object) -> RobotSettings:
             limits=policy.limits,
         ),
         page=page_settings.check(members.page),
+        recording=members.recording,
         buttons=button_settings.made(members.buttons),
         help=help_settings.check(members.help),
     )

@@ -19,6 +19,7 @@ T = TypeVar("T")
 
 MASK = "********"
 BYTES_PER_MB = 1024 * 1024
+BYTES_PER_GB = 1000**3
 HIGHEST_PORT = 65535
 LOWEST_FREE_PORT = 1024
 MIN_KEY_LENGTH = 32
@@ -141,6 +142,9 @@ HOST = Kind("a host name or address, without a port", _parse_host)
 PORT = whole(1, HIGHEST_PORT)
 FREE_PORT = whole(LOWEST_FREE_PORT, HIGHEST_PORT)
 MEGABYTES = Kind("1 to 100 (megabytes)", lambda text: whole(1, 100).parse(text) * BYTES_PER_MB)
+GIGABYTES = Kind(
+    "1 to 100000 (gigabytes)", lambda text: whole(1, 100_000).parse(text) * BYTES_PER_GB
+)
 HOURS = whole(1, 720, "hours")
 KEY = matching(rf"\S{{{MIN_KEY_LENGTH},}}", f"at least {MIN_KEY_LENGTH} characters without spaces")
 PATH = Kind("a path", Path)
@@ -178,7 +182,7 @@ _TABLE = (
     Variable(
         "DB_USER",
         "account of this part in the database",
-        matching("[a-z_]+", "web, relay or migrate"),
+        matching("[a-z_]+", "web, relay, recorder or migrate"),
     ),
     Variable(
         "DB_PASSWORD",
@@ -192,7 +196,7 @@ _TABLE = (
         PATH_OR_EMPTY,
         "",
     ),
-    Variable("TICKET_KEY", "signs tickets; web and relay share it", KEY, secret=True),
+    Variable("TICKET_KEY", "signs tickets; web, relay and recorder share it", KEY, secret=True),
     Variable(
         "TICKET_TTL_S",
         "how long a ticket opens a connection",
@@ -290,6 +294,20 @@ _TABLE = (
         "for how many days audit log, drives and sessions are kept; 0: for ever",
         whole(0, 36500),
         "365",
+    ),
+    Variable("RELAY_HOST", "host of the relay, for the recorder", HOST, "relay"),
+    Variable("RECORDINGS_DIR", "folder of the recordings", PATH, "/var/lib/robotether/recordings"),
+    Variable(
+        "RECORDINGS_MAX_GB",
+        "how much all recordings of this machine may take; beyond it nothing more is recorded",
+        GIGABYTES,
+        "20",
+    ),
+    Variable(
+        "RECORDINGS_DAYS",
+        "for how many days recordings are kept; 0: for ever",
+        whole(0, 36500),
+        "30",
     ),
     Variable("MIGRATIONS_DIR", "folder of the migrations", PATH, "/usr/share/robotether/sql"),
     Variable(
@@ -389,6 +407,22 @@ class RelaySettings:
     log_level: Annotated[str, "LOG_LEVEL"]
     # Robots' ports are published too (compose's service direct): their guards take connections without a key.
     direct: Annotated[bool, "DIRECT_PORTS"] = False
+
+
+@dataclass(frozen=True)
+class RecorderSettings:
+    """All that the recorder needs."""
+
+    database: DatabaseSettings
+    tickets: TicketSettings
+    cell: Annotated[str, "CELL"]
+    relay_host: Annotated[str, "RELAY_HOST"]
+    folder: Annotated[Path, "RECORDINGS_DIR"]
+    max_bytes: Annotated[int, "RECORDINGS_MAX_GB"]
+    # 0: for ever.
+    days: Annotated[int, "RECORDINGS_DAYS"]
+    message_limit_bytes: Annotated[int, "MESSAGE_LIMIT_MB"]
+    log_level: Annotated[str, "LOG_LEVEL"]
 
 
 @dataclass(frozen=True)

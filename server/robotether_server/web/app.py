@@ -26,6 +26,7 @@ from robotether_server.web.pages import (
     home,
     installer,
     profile,
+    recordings,
     robot_settings,
 )
 
@@ -104,6 +105,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
+    app.register_blueprint(recordings.blueprint)
     app.register_blueprint(robot_settings.blueprint)
     app.register_blueprint(button_forms.blueprint)
     return app

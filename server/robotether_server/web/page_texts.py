@@ -6,7 +6,7 @@ from flask import Flask
 from markupsafe import Markup
 
 from robotether_server.contract.audit import sentence
-from robotether_server.contract.codes import DRIVE_ENDS, REFUSALS, SESSION_ENDS
+from robotether_server.contract.codes import DRIVE_ENDS, RECORDING_ENDS, REFUSALS, SESSION_ENDS
 from robotether_server.db.robots import RobotRow
 from robotether_server.times import duration_words, rfc3339
 
@@ -23,6 +23,7 @@ def register(app: Flask) -> None:
     app.add_template_filter(rfc3339, "rfc3339")
     app.add_template_filter(sentence, "sentence")
     app.add_template_filter(drive_end, "drive_end")
+    app.add_template_filter(recording_end, "recording_end")
     app.add_template_filter(duration_words, "duration")
     app.add_template_filter(session_end, "session_end")
     app.add_template_filter(refusal)
@@ -75,6 +76,11 @@ def size_words(count: int) -> str:
 def refusal(kind: str) -> str:
     """Return what is said of the messages that were refused for this."""
     return REFUSALS.get(kind, kind)
+
+
+def recording_end(code: str) -> str:
+    """Return how a recording ended, in words; a code that is not known stays as it is."""
+    return RECORDING_ENDS.get(code, code)
 
 
 def drive_end(code: str) -> str:

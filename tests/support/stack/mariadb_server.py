@@ -23,7 +23,7 @@ ROOT = Path(__file__).resolve().parents[3]
 IMAGE_DIR = ROOT / "images" / "mysql"
 # The base of all our images.
 SUITE = "trixie"
-ACCOUNTS = ("web", "relay", "keylookup", "migrate")
+ACCOUNTS = ("web", "relay", "recorder", "keylookup", "migrate")
 HEALTHY_WITHIN_S = 90
 POLL_S = 0.1
 

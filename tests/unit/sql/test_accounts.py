@@ -44,6 +44,9 @@ EXPECTED = {
         "pool_members": "SELECT, INSERT, DELETE",
         "planner": "SELECT, UPDATE",
         "PROCEDURE add_help_request": "EXECUTE",
+        "recordings": "SELECT, "
+        "INSERT (asked_at, asked_by, asked_by_id, cause, robot, robot_id), "
+        "UPDATE (delete_requested_at, downloaded_at, downloaded_by_id, stop_requested_at)",
     },
     "relay": {
         "relay_robots": "SELECT",
@@ -59,6 +62,13 @@ EXPECTED = {
         "cells": f"SELECT, INSERT ({CELL.replace('peer', 'name, peer')}), UPDATE ({CELL})",
         "relay_requests": "SELECT",
         "PROCEDURE ask_for_help": "EXECUTE",
+    },
+    "recorder": {
+        "recorder_robots": "SELECT",
+        "relay_grants": "SELECT",
+        "recordings": "SELECT, INSERT (cause, cell, progress_at, robot, robot_id, started_at), "
+        "UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, progress_at, started_at)",
+        "audit_events": "INSERT",
     },
     "keylookup": {
         "tunnel_keys": "SELECT",
@@ -100,7 +110,7 @@ def _in_order(columns: re.Match[str]) -> str:
     return f"({', '.join(sorted(columns[0].strip('()').split(', ')))})"
 
 
-@pytest.mark.parametrize("account", ["web", "relay", "keylookup"])
+@pytest.mark.parametrize("account", ["web", "relay", "recorder", "keylookup"])
 def test_account_has_its_rights_and_no_other(mariadb: MariaDb, account: str) -> None:
     assert grants_in_force(mariadb, account) == EXPECTED[account]
 
@@ -134,4 +144,13 @@ def test_no_test_database_and_no_anonymous_user(mariadb: MariaDb) -> None:
         "sys",
     }
     users = mariadb.as_root("SELECT user FROM mysql.global_priv").split()
-    assert sorted(users) == ["keylookup", "mariadb.sys", "migrate", "mysql", "relay", "root", "web"]
+    assert sorted(users) == [
+        "keylookup",
+        "mariadb.sys",
+        "migrate",
+        "mysql",
+        "recorder",
+        "relay",
+        "root",
+        "web",
+    ]

@@ -333,6 +333,21 @@ def test_history(
     assert talk.transcript == recorded
 
 
+@pytest.mark.usefixtures("sim1")
+def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
+    """A recording that ann asks for, and that olga, who manages the robot, deletes."""
+    talk.ask("ann", "POST", "/robots/sim2/recordings")
+    number = talk.ask("ann", "POST", "/robots/sim1/recordings")["id"]
+    talk.ask("ann", "POST", "/robots/sim1/recordings")
+    talk.ask("ann", "GET", "/recordings?robot=sim1")
+    talk.ask("ann", "GET", "/recordings/{number}", number=number)
+    talk.ask("ann", "POST", "/recordings/{number}/stop", number=number)
+    talk.ask("olga", "GET", "/recordings/{number}/file", number=number)
+    talk.ask("ann", "DELETE", f"/recordings/{NOBODY}")
+    talk.ask("olga", "DELETE", "/recordings/{number}", number=number)
+    assert talk.transcript == recorded
+
+
 ANN, BEN, BOB, CARL, EVE = (
     RelayUser(n, name) for n, name in enumerate(("ann", "ben", "bob", "carl", "eve"), 1)
 )

@@ -14,7 +14,7 @@ import { StopBar } from "../control/stopBar.js";
 import { setUpControls } from "../input/controls.js";
 import { Readback, Readings } from "../overlays/readings.js";
 import { SeenAge } from "../overlays/seenAge.js";
-import { watchers } from "../texts/common.js";
+import { RECORDED, watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
@@ -224,6 +224,7 @@ function receiveRobot(update) {
   facts.observers = observers;
   view.overlays.showBattery(update);
   showWatchers();
+  setText(byTestId(root, "recording"), update.recording ? RECORDED : "");
   if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();

@@ -213,5 +213,8 @@ export const seen = {
   parts: (video, held, rest) => `about ${video} ms until it is shown, ${held} ms until the command, ${rest} ms on to the robot`,
 };
 
+// So that nobody is recorded without knowing.
+export const RECORDED = "This drive is being recorded.";
+
 // Not counting this page.
 export const watchers = (count) => (count > 0 ? `${count} watching.` : "");

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 
 from aiohttp import ClientSession
 
-from robotether_server.db.fleet import Credential, RelayRobot, RelayUser, Snapshot
+from robotether_server.db.fleet import RECORDER, Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
     CsrfRefusedError,
     GrantMissingError,
@@ -76,12 +76,12 @@ class AuthenticatedUser:
 
 @dataclass(frozen=True)
 class Permit:
-    """A user may use this robot so, as long as the credential holds."""
+    """A user may use this robot so, as long as the credential holds; the recorder has none."""
 
     user: RelayUser
     robot: RelayRobot
     use: Use
-    credential: Credential
+    credential: Credential | None
     # What the connection may do: a manager's observing connection only observes.
     level: Level = "observe"
     # Whether the user could drive the robot, whatever this is for.
@@ -119,8 +119,8 @@ class UsedTickets:
 class Access:
     """Decides who may open what, with the newest rights.
 
-    `online_s` gives for how long a robot has been here that may have come from another cell, where its tickets may be
-    used already; None: from none.
+    `recorder_signer` checks what the stack's recorder signs; None: there is none. `online_s` gives for how long a robot
+    has been here that may have come from another cell, where its tickets may be used already; None: from none.
     """
 
     def __init__(
@@ -131,9 +131,11 @@ class Access:
         snapshot: Callable[[], Snapshot],
         allowed_origins: Collection[str],
         clock: Callable[[], datetime],
+        recorder_signer: TicketSigner | None = None,
         online_s: Callable[[int], float | None] = lambda _robot_id: None,
     ) -> None:
         self._signer = signer
+        self._recorder_signer = recorder_signer
         self._credentials = credentials
         self._snapshot = snapshot
         self._allowed_origins = frozenset(allowed_origins)
@@ -147,6 +149,8 @@ class Access:
         self.check_origin(request)
         if request.ticket is None:
             raise TicketMissingError(f"cannot open robot {name}: the request has no ticket")
+        if (permit := self._permit_of_recorder(request.ticket, name, "observe")) is not None:
+            return permit
         ticket, issued_at = self._verified(request.ticket)
         permit = self._permit_of_ticket(ticket, issued_at, name, ticket.mode)
         self._use(ticket, issued_at, permit.robot)
@@ -164,8 +168,17 @@ class Access:
         may_drive = permits(self._snapshot().level(asker.user.id, robot.id), "drive")
         return Permit(asker.user, robot, "video", asker.credential, may_drive=may_drive)
 
+    def check_recorder(self, text: str | None) -> None:
+        """Let the stack's recorder through with a ticket of its own, and use it up; refuse all others."""
+        if text is None or self._ticket_of_recorder(text) is None:
+            raise TicketForgedError("cannot accept the ticket: it is none of this stack's recorder")
+
     async def for_frames(self, request: Request, name: str) -> Permit:
         """Let a ticket open one connection to the frames of robot `name`, and use it up; or a login or token."""
+        if request.ticket is not None:
+            permit_of_recorder = self._permit_of_recorder(request.ticket, name, "video")
+            if permit_of_recorder is not None:
+                return permit_of_recorder
         permit = await self.for_video(request, name)
         if request.ticket is not None:
             ticket, issued_at = self._verified(request.ticket)
@@ -297,6 +310,28 @@ class Access:
                 )
         self._used.use(ticket.id, issued_at)
 
+    def _permit_of_recorder(self, text: str, name: str, use: Use) -> Permit | None:
+        """Return what a ticket of the stack's recorder permits, and use it up; None: it is none."""
+        ticket = self._ticket_of_recorder(text)
+        if ticket is None:
+            return None
+        robot = self.visible_robot(RECORDER, name)
+        if ticket.robot_id != robot.id:
+            raise TicketForeignError(f"cannot open robot {name}: the ticket is for another robot")
+        return Permit(RECORDER, robot, use, None)
+
+    def _ticket_of_recorder(self, text: str) -> Ticket | None:
+        """Read a ticket of the stack's recorder, and use it up; None: it is none."""
+        if self._recorder_signer is None:
+            return None
+        try:
+            ticket, issued_at = self._recorder_signer.verify(text)
+        except (TicketForgedError, TicketMalformedError):
+            return None
+        self._used.refuse_too_old(issued_at, self._clock())
+        self._used.use(ticket.id, issued_at)
+        return ticket
+
     def _permit_of_ticket(self, ticket: Ticket, issued_at: datetime, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)
         robot = self.visible_robot(user, name)
@@ -382,13 +417,15 @@ class HandlerContext:
     tunnel_host: str
 
     @contextmanager
-    def counted(self, connection: Connection, credential: Credential) -> Iterator[None]:
+    def counted(self, connection: Connection, credential: Credential | None) -> Iterator[None]:
         """Count a connection inside the block, and end it when its link, its right or its credential does."""
         robot = connection.robot
         on_rights_ended = partial(connection.end, close_reasons.rights_ended(robot.name))
         with (
             self.connections.joined(connection),
-            self.credentials.held(credential, on_rights_ended),
+            nullcontext()
+            if credential is None
+            else self.credentials.held(credential, on_rights_ended),
             self.registry.ensure_robot(robot.id).usage.counted(),
         ):
             yield
@@ -400,13 +437,15 @@ class HandlerContext:
         uplink = self.registry.ensure_robot(connection.robot.id).uplink
         return uplink.counted("rosbridge", "", received, connection.user_ids)
 
-    async def check_credential(self, credential: Credential, robot: RelayRobot) -> None:
-        """Let nobody drive with a login or token that has ended since; `counted` alone would a second later.
+    async def check_credential(self, credential: Credential | None, robot: RelayRobot) -> None:
+        """Let nobody drive without a login or token, or with one that has ended since.
+
+        `counted` alone would let somebody a second later.
 
         Raises ConnectionClosedError.
         """
         try:
-            holds = await self.credentials.holds(credential)
+            holds = credential is not None and await self.credentials.holds(credential)
         except StoreUnavailableError as problem:
             raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
         if not holds:

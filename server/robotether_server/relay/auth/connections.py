@@ -45,11 +45,13 @@ class Connections:
 
     def no_room(self, connection: Connection) -> str | None:
         """Say why this connection may not be opened; None: it may."""
+        if connection.is_recorder:
+            return None
         count, caps = self._of_user[_counted_as(connection)], self.caps
         if count >= caps.per_user:
             return f"you already have {count} connections open; close one first"
         members = self._registry.robot(connection.robot.id).connections
-        there = sum(member.use == connection.use for member in members)
+        there = sum(member.use == connection.use and not member.is_recorder for member in members)
         only_watches = connection.use == "video" and not connection.may_drive
         if there >= caps.per_robot - (caps.per_robot // 4 if only_watches else 0):
             return f"robot {connection.robot.name} already has {there} of them; try again later"
@@ -62,7 +64,9 @@ class Connections:
 
     def _too_many_cameras(self, connection: Connection) -> bool:
         members = self._registry.robot(connection.robot.id).connections
-        watched = {member.camera for member in members if not member.may_drive}
+        watched = {
+            member.camera for member in members if not member.may_drive and not member.is_recorder
+        }
         return len((watched | {connection.camera}) - {""}) > self.caps.cameras_of_observers
 
     @contextmanager
@@ -115,7 +119,11 @@ class Connections:
 
     def _counted(self, robot_id: int, use: Use) -> list[Connection]:
         members = self._registry.robot(robot_id).connections
-        return [member for member in members if member.connected and member.use == use]
+        return [
+            member
+            for member in members
+            if member.connected and member.use == use and not member.is_recorder
+        ]
 
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:

@@ -198,6 +198,7 @@ class FleetEvents:
             agent_version=presence.agent_version,
             battery=presence.battery,
             control=self._control.describe(robot_id),
+            recording=self._registry.robot(robot_id).recorders.write,
         )
 
     def _rtt_changed(self, robot_id: int) -> None:

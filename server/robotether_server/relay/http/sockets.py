@@ -364,6 +364,8 @@ def robot_client() -> ClientSession:
         connector=TCPConnector(limit=0, force_close=True, ttl_dns_cache=NAMES_KEPT_S),
         cookie_jar=DummyCookieJar(),
         auto_decompress=False,
+        # aiohttp names what it could read with the packages that are there; robots are asked for the same everywhere.
+        headers={"Accept-Encoding": "gzip, deflate"},
         trace_configs=[refuse_redirects()],
         # aiohttp declares the class for text that it decodes; ours never does.
         ws_response_class=cast(type[ClientWebSocketResponse], RobotSocket),

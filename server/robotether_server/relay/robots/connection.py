@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.db.fleet import RECORDER, RelayRobot, Snapshot
 from robotether_server.db.grants import includes
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.schemas import Level
@@ -36,6 +36,11 @@ class Connection:
     may_drive: bool = False
     # Of an observer whose robot is at another cell: that cell's name.
     cell: str = ""
+
+    @property
+    def is_recorder(self) -> bool:
+        """Whether it is the stack's recorder: it takes no operator's place, and counts as none of them."""
+        return self.user_id == RECORDER.id
 
     def user_ids(self) -> tuple[int]:
         """Return whose it is."""

@@ -31,6 +31,7 @@ from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.delivered_frames import DeliveredFrames
 from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.lease import Lease
+from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot_stops import RobotStops
 from robotether_server.relay.robots.uplink import Uplink
 from robotether_server.relay.robots.viewer_stats import ViewerStats
@@ -224,6 +225,7 @@ class Robot:
         self.uplink = Uplink()
         self.viewer_stats = ViewerStats()
         self.delivered_frames = DeliveredFrames()
+        self.recorders = Recorders()
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
         self.newest_drive: RecordedDrive | None = None

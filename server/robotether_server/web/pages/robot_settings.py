@@ -39,6 +39,7 @@ from robotether_server.web.pages.setting_fields import (
     DRIVING,
     HELP,
     PERMISSIONS,
+    RECORDING,
     SAFETY,
     TABS,
     SettingField,
@@ -123,7 +124,7 @@ def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
     return path_of(name, tab), tab.saved.format(name=name)
 
 
-for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS, HELP):
+for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS, HELP, RECORDING):
     form(blueprint, tab.path, partial(show, tab))(partial(save, tab))
 
 

@@ -239,7 +239,15 @@ PERMISSIONS = Tab(
     is_for_admins=True,
     has_reset=True,
 )
-TABS = (SAFETY, CAMERAS, DRIVING, BUTTONS, PERMISSIONS, HELP)
+RECORDING = Tab(
+    "Recording",
+    "/recording",
+    "Recordings are listed below Recordings, for those who manage the robot.",
+    sections=(_section("When", "", "recording", "when"),),
+    saved="The recording settings of robot {name} are saved.",
+    is_for_admins=True,
+)
+TABS = (SAFETY, CAMERAS, DRIVING, BUTTONS, PERMISSIONS, HELP, RECORDING)
 _FIELDS = {field.path: field for tab in TABS for field in tab.fields}
 
 

@@ -52,8 +52,14 @@ def test_events_are_a_file_too(root, events):
 KEY, OTHER_ROBOT, REJECTED_ROBOT = new_public_key(), RobotSigner(), RobotSigner()
 MAC = "00:1b:44:11:3a:b7"
 PASSWORD = "a password that nobody shall read"
-# A ticket changes nothing; what it opens the relay writes down.
-NO_CHANGE = {("POST", "/tickets")}
+# A ticket changes nothing; what it opens the relay writes down, and what becomes of a recording the recorder does. Who
+# deletes one is in test_recordings.py.
+NO_CHANGE = {
+    ("POST", "/tickets"),
+    ("POST", "/robots/sim9/recordings"),
+    ("POST", "/recordings/{recording_id}/stop"),
+    ("DELETE", "/recordings/{recording_id}"),
+}
 # Where the newest number of each kind is found.
 LISTS = {
     "grants": "/grants",

@@ -21,7 +21,9 @@ ELSEWHERE = {
     ("/api/v1/robots/{robot}/topics/{topic}", "get"),
 }
 IN_PATHS = {"robot": "sim1", "user": "ann", "group": "crew", "site": "lab"}
-IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id", "drive_id", "request_id"), "1")
+IN_PATHS |= dict.fromkeys(
+    ("token_id", "key_id", "grant_id", "drive_id", "request_id", "recording_id"), "1"
+)
 METHODS = {"get", "post", "put", "patch", "delete"}
 
 

@@ -28,6 +28,7 @@ from robotether_server.db.control import DriveEntry
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.delivered_frames import NamedFrame
+from robotether_server.relay.robots.recorders import Outcome
 from robotether_server.relay.robots.robot import SeenReport
 from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
@@ -117,11 +118,16 @@ class CommandTimestamps:
         return None if stamp_ms / 1000 > now + AHEAD_S else min(stamp_ms / 1000, now)
 
 
+def record_nothing(_command: DriveCommand, _age_s: float | None, _outcome: Outcome) -> None:
+    """Record no command: nobody does."""
+
+
 @dataclass(frozen=True)
 class DriveLease:
     """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps.
 
     `robots_frame` gives a frame that the driver names under the robot's own number, unknown if it was not sent to them.
+    `record` is told what became of each command, and how old it was in seconds; None: nobody knows.
     """
 
     fence: int
@@ -130,6 +136,7 @@ class DriveLease:
     log: DriveLog
     on_command: Callable[[], None]
     robots_frame: Callable[[NamedFrame], NamedFrame] = lambda named: NamedFrame(named.camera, None)
+    record: Callable[[DriveCommand, float | None, Outcome], None] = record_nothing
 
 
 class DrivePath:
@@ -157,10 +164,12 @@ class DrivePath:
         now = time.monotonic()
         timestamp = self._timestamps.of(command.stamp.t_ms, now)
         if timestamp is None:
+            self._lease.record(command, None, "ahead")
             return self._refuse(
                 command, "its timestamp lies ahead, by the clock of robotether.clock_sync", now
             )
         if self._is_too_old(command, timestamp, now):
+            self._lease.record(command, now - timestamp, "too_old")
             age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
             why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"
             return self._refuse(command, why, now)
@@ -189,12 +198,11 @@ class DrivePath:
                     await self._send_waiting()
 
     def _wait(self, command: DriveCommand, timestamp: float) -> None:
-        if self._waiting.pop(command.topic, None) is not None:
-            self.log.dropped()
+        if (older := self._waiting.pop(command.topic, None)) is not None:
+            self._drop(*older, "replaced")
         self._waiting[command.topic] = (command, timestamp)
         if len(self._waiting) > MAX_WAITING:
-            del self._waiting[next(iter(self._waiting))]
-            self.log.dropped()
+            self._drop(*self._waiting.pop(next(iter(self._waiting))), "replaced")
         self._wake.set()
 
     async def _send_waiting(self) -> None:
@@ -202,7 +210,7 @@ class DrivePath:
         command, timestamp = self._waiting.pop(topic)
         now = time.monotonic()
         if self._is_too_old(command, timestamp, now):
-            self.log.dropped()
+            self._drop(command, timestamp, "too_old")
         else:
             await self._send(command, timestamp, now)
 
@@ -212,12 +220,17 @@ class DrivePath:
             t_ms = lease.clock.at(now, timestamp)
             if t_ms is None:
                 # The guard would refuse what nobody knows the age of.
-                self.log.dropped()
+                self._drop(command, timestamp, "clock_unknown")
                 return
             data = stamped(command, t_ms, lease.fence, self._robots_frames(command))
         self.log.command(now, command.speed_m_s, command.turn_rad_s)
         self._sent(len(data))
         await self._robot.send_frame(data, WSMsgType.TEXT)
+        lease.record(command, now - timestamp, "sent")
+
+    def _drop(self, command: DriveCommand, timestamp: float, outcome: Outcome) -> None:
+        self.log.dropped()
+        self._lease.record(command, time.monotonic() - timestamp, outcome)
 
     def _robots_frames(self, command: DriveCommand) -> list[NamedFrame] | None:
         seen = command.stamp.seen
@@ -235,12 +248,14 @@ class DriveCounters:
     """What others count while a drive lasts, as it is now.
 
     Bytes that its connection passed; the robot's own round trip in ms, None: unknown; what the driver got of the
-    robot's video, counted from any time before the drive.
+    robot's video, counted from any time before the drive. `on_round_trip` is told each one of the driver, and of the
+    robot, in ms.
     """
 
     passed_bytes: Callable[[], int] = lambda: 0
     robot_rtt_ms: Callable[[], float | None] = lambda: None
     viewer_counts: Callable[[], ViewerCounts] = lambda: NOTHING
+    on_round_trip: Callable[[float, float | None], None] = lambda _driver_ms, _robot_ms: None
 
 
 class DriveLog:
@@ -295,6 +310,7 @@ class DriveLog:
     def round_trip(self, driver_ms: float) -> None:
         """The driver answered a ping; the way on to the robot is added as it is now, if it is known."""
         robot_ms = self._counters.robot_rtt_ms()
+        self._counters.on_round_trip(driver_ms, robot_ms)
         if robot_ms is not None:
             self._latency.add(driver_ms + robot_ms)
 

@@ -24,12 +24,14 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     Traffic,
 )
 from robotether_server.relay.channels.rosbridge.drive_path import (
+    DriveCommand,
     DriveCounters,
     DriveLease,
     DriveLog,
 )
 from robotether_server.relay.channels.rosbridge.forwarded_topics import ForwardedTopics, key_of
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.channels.rosbridge.subscriptions import (
     TopicCopies,
@@ -44,6 +46,7 @@ from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import Driver
+from robotether_server.relay.robots.recorders import Outcome, Recorders
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.times import utc_now
 
@@ -172,7 +175,7 @@ class OperatorSession:
 
     bridge: Bridge
     connection: Connection
-    credential: Credential
+    credential: Credential | None
     context: HandlerContext
     control: Control
     dialer: RobotDialer
@@ -238,11 +241,43 @@ class OperatorSession:
             clock=link.clock if link is not None and guarded else None,
             log=self.drive,
             on_command=lambda: driver.on_command(now()),
+            record=partial(self._record_command, driver.fence),
             robots_frame=partial(
                 self.context.registry.ensure_robot(robot.id).delivered_frames.robots,
                 self.connection.user_id,
             ),
         )
+
+    def _record_command(
+        self, fence: int, command: DriveCommand, age_s: float | None, outcome: Outcome
+    ) -> None:
+        def members() -> Mapping[str, object]:
+            seen = command.stamp.seen or ()
+            return {
+                "topic": command.topic,
+                "person": self.connection.user,
+                "fence": fence,
+                "age_ms": None if age_s is None else age_s * 1000,
+                "outcome": outcome,
+                "speed_m_s": command.speed_m_s,
+                "turn_rad_s": command.turn_rad_s,
+                "message": write_json(command.message.get("msg", {})).decode(),
+                "seen_cameras": [named.camera for named in seen],
+                "seen_frames": [-1 if named.frame is None else named.frame for named in seen],
+            }
+
+        self._recorders.send("commands", members)
+
+    def _record_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
+        person = self.connection.user
+        self._recorders.send(
+            "round_trips",
+            lambda: {"person": person, "driver_ms": driver_ms, "robot_ms": robot_ms},
+        )
+
+    @property
+    def _recorders(self) -> Recorders:
+        return self.context.registry.robot(self.connection.robot.id).recorders
 
     def _counters(self) -> DriveCounters:
         robot_id, user_id = self.connection.robot.id, self.connection.user_id
@@ -251,6 +286,7 @@ class OperatorSession:
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: robot.presence.rtt_ms,
             viewer_counts=partial(robot.viewer_stats.of, user_id),
+            on_round_trip=self._record_round_trip,
         )
 
     def _end_lease(self) -> None:

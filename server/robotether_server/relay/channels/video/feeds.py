@@ -66,6 +66,10 @@ class Viewer(CopyUser, Protocol):
     def stream_request(self) -> StreamRequest | None:
         """What it wants to see; None: it has not said so yet."""
 
+    @property
+    def is_recorder(self) -> bool:
+        """Whether it takes what is sent to others: it wants nothing more, and sets no pace, while there are any."""
+
     def notify(self) -> None:
         """There is a newer frame, or another status; must not wait."""
 
@@ -132,6 +136,11 @@ class Feed(SharedCopy[str, Viewer]):
             self.needs_key_frame = True
             self.due.set()
 
+    @property
+    def has_operators(self) -> bool:
+        """Whether somebody else than the recorder follows it."""
+        return any(not viewer.is_recorder for viewer in self.users)
+
     def fresh(self, now_s: float) -> bool:
         """Return whether the newest frame came so lately that somebody new shall see it."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
@@ -144,9 +153,11 @@ class Feed(SharedCopy[str, Viewer]):
         self._traffic.skipped += skipped
 
     def stream_request(self) -> StreamRequest | None:
-        """What all viewers want together."""
+        """What all viewers want together; the recorder only while it is alone."""
+        viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
+        leading = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
         requests = [
-            viewer.stream_request for viewer in self.users if viewer.stream_request is not None
+            viewer.stream_request for viewer in leading if viewer.stream_request is not None
         ]
         return reduce(combined, requests) if requests else None
 

@@ -15,6 +15,7 @@ from typing import Any
 from aiohttp import WSMsgType, web
 from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest, VideoStatus
 
+from robotether_server.db.fleet import RECORDER
 from robotether_server.problems import HttpError, ProtocolError
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.feeds import Feed
@@ -43,6 +44,11 @@ from robotether_server.times import utc_now
 # Maximum rate of messages: two texts per frame at 60 frames a second, and a margin.
 MESSAGES_PER_S = 200
 MESSAGES_AT_ONCE = 400
+
+
+# Time for which a frame that the recorder has taken waits for the operators, who set the robot's pace: a page that is
+# hidden takes none.
+RECORDER_WAITS_S = 0.5
 
 
 class FramesHandler:
@@ -96,6 +102,11 @@ class FramesSession(OperatorConnection):
         # From `run` on.
         self._feed: Feed
         self._cursor: Cursor
+
+    @property
+    def is_recorder(self) -> bool:
+        """Whether it is the stack's recorder."""
+        return self._permit.user.id == RECORDER.id
 
     def user_ids(self) -> tuple[int]:
         """Return whose it is."""
@@ -174,7 +185,12 @@ class FramesSession(OperatorConnection):
         if sequence is not None and sequence in self._under_way:
             while self._under_way.popleft() != sequence:
                 pass
-            self._feed.taken(sequence)
+            if self.is_recorder and self._feed.has_operators:
+                # Whose line is slow must not get frames for a quicker one.
+                loop = asyncio.get_running_loop()
+                loop.call_later(RECORDER_WAITS_S, self._feed.taken, sequence)
+            else:
+                self._feed.taken(sequence)
 
     def _push(self) -> None:
         """Write what is due, unless something still waits in this program: then it would wait, too."""

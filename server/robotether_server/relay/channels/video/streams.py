@@ -101,6 +101,8 @@ def is_for_feed(request: web.Request) -> bool:
 class StreamViewer:
     """Who follows a feed for a stream."""
 
+    is_recorder = False
+
     def __init__(self, user_id: int, stream_request: StreamRequest) -> None:
         self._user_id = user_id
         self.stream_request = stream_request

@@ -22,6 +22,8 @@ JPEG = b"\xff\xd8\xff\xd9"
 
 
 class Eye:
+    is_recorder = False
+
     def __init__(
         self, stream_request: StreamRequest | None = None, *, breaks: bool = False
     ) -> None:

@@ -1,0 +1,314 @@
+"""Recordings of robots: what web asks for, and what the recorder writes of them; each writes its own columns.
+
+sql/0027_recordings.sql says which. The file of a recording is named by its number.
+"""
+
+import datetime as dt
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Literal
+
+from robotether_server.db.database import Row, Transaction
+from robotether_server.db.users import User
+from robotether_server.problems import RecordMissingError
+from robotether_server.schemas import Count, Level, RobotName, Timestamp, UserName
+
+RecordingCause = Literal["asked", "driven", "always", "on_stop"]
+RecordingState = Literal["requested", "recording", "interrupted", "ended"]
+# Time after which a recording that its recorder writes nothing more of counts as interrupted.
+PROGRESS_WITHIN = dt.timedelta(seconds=30)
+# Time within which a person's requests for pieces of a recording are one download.
+DOWNLOAD_WITHIN = dt.timedelta(hours=1)
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A recording; null: not yet, or unknown.
+
+    `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
+    who asked, null for the others. `drivers`: who drove meanwhile. `state`: requested, recording, ended, or
+    interrupted: nothing is heard of the recorder. `cell`: whose machine has the file.
+    """
+
+    id: Count
+    robot: RobotName
+    cause: RecordingCause
+    state: RecordingState
+    asked_by: UserName | None
+    drivers: list[UserName]
+    asked_at: Timestamp
+    started_at: Timestamp | None
+    ended_at: Timestamp | None
+    end_code: str | None
+    bytes: Count
+    messages: Count
+    cell: str | None
+
+    @property
+    def lasted_s(self) -> float | None:
+        """How long it lasted; None: it still does, or has not begun."""
+        if self.started_at is None or self.ended_at is None:
+            return None
+        return (self.ended_at - self.started_at).total_seconds()
+
+
+@dataclass(frozen=True)
+class RecordingRow:
+    """A recording as the recorder needs it. `may_go_on`: who asked may still drive the robot."""
+
+    id: int
+    robot_id: int
+    robot: str
+    cause: RecordingCause
+    asked_by: str | None
+    asked_at: dt.datetime
+    is_stop_requested: bool
+    is_delete_requested: bool
+    started_at: dt.datetime | None
+    ended_at: dt.datetime | None
+    may_go_on: bool
+    cell: str | None
+
+
+@dataclass(frozen=True)
+class RecordableRobot:
+    """A robot that may be recorded, when by its settings (None: never), and the cameras of its page."""
+
+    id: int
+    name: str
+    recording_when: str | None = None
+    cameras: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What the recorder writes of a recording while it lasts."""
+
+    bytes: int
+    messages: int
+    drivers: Sequence[str] = ()
+
+
+MAX_DRIVERS_LENGTH = 255
+# Rights go by the robot's number. A recording of a robot that is gone is the admins'.
+_OF_VIEWER = (
+    "(%(is_admin)s OR robot_id IN"
+    " (SELECT robot_id FROM relay_grants WHERE user_id = %(viewer_id)s AND level IN %(levels)s))"
+)
+_STATE = (
+    "CASE WHEN ended_at IS NOT NULL THEN 'ended' WHEN started_at IS NULL THEN 'requested'"
+    " WHEN progress_at < CURRENT_TIMESTAMP(6) - INTERVAL %(silent_s)s SECOND THEN 'interrupted'"
+    " ELSE 'recording' END"
+)
+_COLUMNS = ", ".join(
+    f"{_STATE} AS state" if field.name == "state" else field.name for field in fields(Recording)
+)
+_HIGHER: dict[Level, tuple[Level, ...]] = {
+    "observe": ("observe", "drive", "manage"),
+    "drive": ("drive", "manage"),
+    "manage": ("manage",),
+}
+
+
+def ask(tx: Transaction, robot_id: int, robot: str, user: User) -> int:
+    """Ask the recorder for a recording; return its number."""
+    return tx.insert(
+        "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by)"
+        " VALUES (%s, %s, 'asked', %s, %s)",
+        (robot_id, robot, user.id, user.name),
+    )
+
+
+def find(
+    tx: Transaction,
+    viewer: User,
+    level: Level,
+    *,
+    robot_id: int | None = None,
+    before: int | None = None,
+    limit: int = 100,
+) -> list[Recording]:
+    """Return the recordings of robots on which the viewer has that level, newest first; not those that are deleted."""
+    conditions = ["delete_requested_at IS NULL", "deleted_at IS NULL"]
+    values: dict[str, object] = {"robot_id": robot_id, "before": before}
+    if robot_id is not None:
+        conditions.append("robot_id = %(robot_id)s")
+    if before is not None:
+        conditions.append("id < %(before)s")
+    return _select(tx, viewer, level, conditions, values, limit=limit)
+
+
+def get(tx: Transaction, viewer: User, level: Level, recording_id: int) -> Recording:
+    """Return one recording; raise RecordMissingError when there is none on whose robot the viewer has that level."""
+    conditions = ["delete_requested_at IS NULL", "deleted_at IS NULL", "id = %(id)s"]
+    recordings = _select(tx, viewer, level, conditions, {"id": recording_id}, limit=1)
+    if not recordings:
+        raise RecordMissingError(
+            f"cannot find recording {recording_id}: there is none for you, or it is deleted"
+        )
+    return recordings[0]
+
+
+def _select(
+    tx: Transaction,
+    viewer: User,
+    level: Level,
+    conditions: Sequence[str],
+    values: dict[str, object],
+    *,
+    limit: int,
+) -> list[Recording]:
+    rows = tx.rows(
+        f"SELECT {_COLUMNS} FROM recordings"  # noqa: S608 - the texts are the module's own
+        f" WHERE {_OF_VIEWER} AND {' AND '.join(conditions)} ORDER BY id DESC LIMIT %(limit)s",
+        values
+        | {
+            "is_admin": viewer.is_admin,
+            "viewer_id": viewer.id,
+            "levels": _HIGHER[level],
+            "silent_s": PROGRESS_WITHIN.total_seconds(),
+            "limit": limit,
+        },
+    )
+    return [_recording(row) for row in rows]
+
+
+def _recording(row: Row) -> Recording:
+    return Recording(**row | {"drivers": (row["drivers"] or "").split()})
+
+
+def request_stop(tx: Transaction, recording_id: int) -> None:
+    """Ask the recorder to end a recording."""
+    tx.change(
+        "UPDATE recordings SET stop_requested_at = COALESCE(stop_requested_at, CURRENT_TIMESTAMP(6))"
+        " WHERE id = %s",
+        (recording_id,),
+    )
+
+
+def request_deletion(tx: Transaction, recording_id: int) -> None:
+    """Ask the recorder to delete a recording; nobody is shown it any longer."""
+    tx.change(
+        "UPDATE recordings SET delete_requested_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
+        (recording_id,),
+    )
+
+
+def note_download(tx: Transaction, recording_id: int, user_id: int) -> bool:
+    """Note that a user gets the recording, or a piece of it; return whether that begins a download."""
+    return bool(
+        tx.change(
+            "UPDATE recordings SET downloaded_at = CURRENT_TIMESTAMP(6), downloaded_by_id = %s"
+            " WHERE id = %s AND NOT (downloaded_by_id <=> %s"
+            " AND downloaded_at > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND)",
+            (user_id, recording_id, user_id, DOWNLOAD_WITHIN.total_seconds()),
+        )
+    )
+
+
+def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
+    """Read what the recorder of a cell has to do with: what is asked for, lasts, or is to be deleted."""
+    rows = tx.rows(
+        "SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, r.asked_at, r.started_at, r.ended_at, r.cell,"
+        " r.stop_requested_at IS NOT NULL AS is_stop_requested,"
+        " r.delete_requested_at IS NOT NULL AS is_delete_requested,"
+        " r.ended_at IS NOT NULL OR r.cause <> 'asked' OR EXISTS"
+        " (SELECT 1 FROM relay_grants g JOIN recorder_robots b ON b.id = g.robot_id"
+        " WHERE g.user_id = r.asked_by_id AND g.robot_id = r.robot_id AND g.level IN ('drive', 'manage'))"
+        " AS may_go_on"
+        " FROM recordings r WHERE r.deleted_at IS NULL AND (r.cell = %s OR r.cell IS NULL)"
+        " AND (r.ended_at IS NULL OR r.delete_requested_at IS NOT NULL) ORDER BY r.id",
+        (cell,),
+    )
+    flags = ("is_stop_requested", "is_delete_requested", "may_go_on")
+    return [RecordingRow(**row | {flag: bool(row[flag]) for flag in flags}) for row in rows]
+
+
+def read_robots(tx: Transaction) -> list[RecordableRobot]:
+    """Read the robots that may be recorded."""
+    rows = tx.rows("SELECT id, name, recording_when, cameras FROM recorder_robots")
+    return [RecordableRobot(**row | {"cameras": _cameras(row["cameras"])}) for row in rows]
+
+
+def begin(tx: Transaction, recording_id: int, cell: str) -> bool:
+    """Begin a recording that was asked for, unless another cell's recorder has; return whether it is this one's."""
+    return bool(
+        tx.change(
+            "UPDATE recordings SET cell = %s, started_at = CURRENT_TIMESTAMP(6),"
+            " progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s AND cell IS NULL AND ended_at IS NULL",
+            (cell, recording_id),
+        )
+    )
+
+
+def add(
+    tx: Transaction,
+    robot: RecordableRobot,
+    cause: RecordingCause,
+    cell: str,
+    started_at: dt.datetime,
+) -> int:
+    """Begin a recording by the robot's settings; return its number."""
+    return tx.insert(
+        "INSERT INTO recordings (robot_id, robot, cause, cell, started_at, progress_at)"
+        " VALUES (%s, %s, %s, %s, %s, CURRENT_TIMESTAMP(6))",
+        (robot.id, robot.name, cause, cell, started_at),
+    )
+
+
+def write_progress(tx: Transaction, recording_id: int, progress: Progress) -> None:
+    """Write how far a recording is."""
+    tx.change(
+        "UPDATE recordings SET bytes = %s, messages = %s, drivers = %s,"
+        " progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
+        (progress.bytes, progress.messages, _drivers(progress), recording_id),
+    )
+
+
+def end(
+    tx: Transaction,
+    recording_id: int,
+    end_code: str,
+    progress: Progress | None,
+    ended_at: dt.datetime | None = None,
+) -> None:
+    """End a recording, now or when it did; `progress` None: no more is known than was written."""
+    if progress is not None:
+        write_progress(tx, recording_id, progress)
+    tx.change(
+        "UPDATE recordings SET ended_at = COALESCE(%s, CURRENT_TIMESTAMP(6)), end_code = %s WHERE id = %s",
+        (ended_at, end_code, recording_id),
+    )
+
+
+def note_deleted(tx: Transaction, recording_id: int) -> None:
+    """The file is gone."""
+    tx.change(
+        "UPDATE recordings SET deleted_at = CURRENT_TIMESTAMP(6) WHERE id = %s", (recording_id,)
+    )
+
+
+def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
+    """Read which recordings of a cell ended before a time."""
+    rows = tx.rows(
+        "SELECT id FROM recordings WHERE cell = %s AND ended_at < %s AND deleted_at IS NULL ORDER BY id",
+        (cell, before),
+    )
+    return [row["id"] for row in rows]
+
+
+def _cameras(text: str | None) -> tuple[str, ...]:
+    topics = json.loads(text) if text else []
+    return tuple(topic for topic in topics if isinstance(topic, str))
+
+
+def _drivers(progress: Progress) -> str:
+    """Return the names with spaces between, which no name has; those that find room."""
+    text = ""
+    for name in dict.fromkeys(progress.drivers):
+        longer = f"{text} {name}".strip()
+        if len(longer) > MAX_DRIVERS_LENGTH:
+            break
+        text = longer
+    return text

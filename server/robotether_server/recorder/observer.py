@@ -1,0 +1,345 @@
+"""Observes one robot as a person's page would: its topics through rosbridge, and the frames of its cameras.
+
+Each connection is opened again when it ends, for as long as the robot is recorded. What comes from a robot is taken for
+nothing but data: names are names in a file, and a message that is not of its type is counted and left out.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import itertools
+import json
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import msgspec
+from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType
+from msgspec import Raw, Struct
+from robotether_common.codecs import CODECS
+from robotether_common.frames import HEADER, MAX_CREDITS
+
+from robotether_server.db.recordings import RecordableRobot
+from robotether_server.recorder.cdr import EncodingError, encoder_of
+from robotether_server.recorder.channels import JSON_TEXT, NAMESPACE, CameraWriter, channel_of
+from robotether_server.recorder.mcap_file import RecordedMessage
+from robotether_server.recorder.relay_client import AGAIN_S, RelayClient
+from robotether_server.recorder.ros_types import RosType, UnknownTypeError, short_name, type_of
+
+log = logging.getLogger(__name__)
+
+Write = Callable[[RecordedMessage], None]
+
+# Interval at which a robot is asked again which topics it has.
+DISCOVER_EVERY_S = 10.0
+# Time limit for an answer of rosapi.
+ANSWER_WITHIN_S = 5.0
+# Minimum interval between two messages of a topic, but for those that build on each other.
+THROTTLE_MS = 100
+UNTHROTTLED = frozenset(("/tf", "/tf_static", "/diagnostics", "/rosout"))
+# Maximum number of topics and cameras of a robot. Of 64 topics observers may add none from 32 on, and the recorder must
+# not keep them out; an agent has room for 8 cameras.
+MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
+MAX_TOPIC_LENGTH = 255
+# Interval between two questions for the relay's clock.
+CLOCK_EVERY_S = 10.0
+# Types that would fill the uplink: cameras are recorded by their frames.
+LARGE = frozenset(
+    [
+        "sensor_msgs/Image",
+        "sensor_msgs/CompressedImage",
+        "sensor_msgs/PointCloud",
+        "sensor_msgs/PointCloud2",
+        "stereo_msgs/DisparityImage",
+        "nav2_msgs/VoxelGrid",
+        "nav2_msgs/Costmap",
+        "octomap_msgs/Octomap",
+        "grid_map_msgs/GridMap",
+        "audio_common_msgs/AudioData",
+        "theora_image_transport/Packet",
+        "ffmpeg_image_transport_msgs/FFMPEGPacket",
+        "shape_msgs/Mesh",
+    ]
+)
+# What a drive is told by comes first; all others by name, and what programs write of themselves last.
+FIRST = (
+    "nav_msgs/Odometry",
+    "turtlesim/Pose",
+    "tf2_msgs/TFMessage",
+    "tf/tfMessage",
+    "geometry_msgs/Twist",
+    "geometry_msgs/TwistStamped",
+    "ackermann_msgs/AckermannDriveStamped",
+    "sensor_msgs/LaserScan",
+    "sensor_msgs/Imu",
+    "sensor_msgs/JointState",
+    "sensor_msgs/NavSatFix",
+    "sensor_msgs/BatteryState",
+    "geometry_msgs/PoseWithCovarianceStamped",
+)
+LAST = frozenset(
+    [
+        "diagnostic_msgs/DiagnosticArray",
+        "rcl_interfaces/Log",
+        "rcl_interfaces/ParameterEvent",
+        "rosgraph_msgs/Log",
+    ]
+)
+NOT_SHOWN = ("/compressedDepth", "/zstd")
+
+
+class ObservedMessage(Struct):
+    """What rosbridge sends: a message of a topic, or an answer to a call."""
+
+    op: str
+    topic: str = ""
+    msg: Raw = Raw(b"{}")
+    id: str | None = None
+    values: Any = None
+    result: bool = True
+
+
+class TopicWriter:
+    """Writes the messages of one topic."""
+
+    def __init__(self, topic: str, ros_type: RosType | None) -> None:
+        self._channel = channel_of(topic, ros_type or JSON_TEXT)
+        self._encode = encoder_of(ros_type or JSON_TEXT)
+        self._is_typed = ros_type is not None
+        self.unreadable = 0
+
+    def message(self, msg: Raw, now_ns: int) -> RecordedMessage | None:
+        """Return the message as it is written; None if it is none of its type."""
+        try:
+            data = bytes(msg)
+            values = msgspec.json.decode(data) if self._is_typed else {"data": data.decode()}
+            encoded = self._encode(values)
+        except (EncodingError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+            self.unreadable += 1
+            return None
+        return RecordedMessage(self._channel, now_ns, now_ns, 0, encoded)
+
+
+class RobotObserver:
+    """Everything that one robot sends to observers, until `run` is cancelled."""
+
+    def __init__(self, client: RelayClient, robot: RecordableRobot, write: Write) -> None:
+        self._client = client
+        self._robot = robot
+        self._write = write
+        self._cameras: dict[str, asyncio.Task[None]] = {}
+
+    async def run(self) -> None:
+        """Observe, for ever."""
+        try:
+            while True:
+                self._observe_cameras(self._robot.cameras)
+                try:
+                    async with await self._client.open_rosbridge(self._robot) as socket:
+                        await RosbridgeObserver(socket, self._write, self._observe_cameras).run()
+                except (ClientError, OSError) as exc:
+                    log.debug("robot %s: no rosbridge: %s", self._robot.name, exc)
+                await asyncio.sleep(AGAIN_S)
+        finally:
+            tasks = list(self._cameras.values())
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    def _observe_cameras(self, cameras: tuple[str, ...]) -> None:
+        """Observe these, too; those of the robot's page, if it names any, and no others."""
+        for camera in self._robot.cameras or cameras:
+            if camera not in self._cameras and len(self._cameras) < MAX_RECORDED_CAMERAS:
+                self._cameras[camera] = asyncio.create_task(self._observe_camera(camera))
+
+    async def _observe_camera(self, camera: str) -> None:
+        while True:
+            try:
+                async with await self._client.open_frames(self._robot, camera) as socket:
+                    await CameraObserver(socket, camera, self._write).run()
+            except (ClientError, OSError) as exc:
+                log.debug("robot %s: no frames of %r: %s", self._robot.name, camera[:100], exc)
+            await asyncio.sleep(AGAIN_S)
+
+
+class RosbridgeObserver:
+    """One connection to a robot's rosbridge."""
+
+    def __init__(
+        self,
+        socket: ClientWebSocketResponse,
+        write: Write,
+        on_cameras: Callable[[tuple[str, ...]], None],
+    ) -> None:
+        self._socket = socket
+        self._write = write
+        self._on_cameras = on_cameras
+        self._writers: dict[str, TopicWriter] = {}
+        self._types: dict[str, RosType | None] = {}
+        self._numbers = itertools.count(1)
+        self._answers: dict[str, asyncio.Future[Mapping[str, Any]]] = {}
+
+    async def run(self) -> None:
+        """Read until the connection ends."""
+        discovering = asyncio.create_task(self._discover())
+        try:
+            async for message in self._socket:
+                if message.type is WSMsgType.TEXT:
+                    self._on_text(message.data)
+        finally:
+            discovering.cancel()
+            await asyncio.gather(discovering, return_exceptions=True)
+
+    def _on_text(self, text: str) -> None:
+        try:
+            message = msgspec.json.decode(text, type=ObservedMessage)
+        except (msgspec.DecodeError, RecursionError):
+            return
+        if message.op == "publish" and (writer := self._writers.get(message.topic)) is not None:
+            recorded = writer.message(message.msg, time.time_ns())
+            if recorded is not None:
+                self._write(recorded)
+        elif message.op == "service_response" and message.id in self._answers:
+            answer = self._answers.pop(message.id)
+            is_good = message.result and isinstance(message.values, dict)
+            if not answer.done():
+                answer.set_result(message.values if is_good else {})
+
+    async def _discover(self) -> None:
+        while True:
+            answer = await self._call("topics")
+            topics = dict(_pairs(answer.get("topics"), answer.get("types")))
+            self._on_cameras(cameras_in(topics))
+            for topic in sorted(topics, key=lambda name: (_rank(topics[name]), name)):
+                await self._subscribe(topic, topics[topic])
+            await asyncio.sleep(DISCOVER_EVERY_S)
+
+    async def _subscribe(self, topic: str, kind: str) -> None:
+        if topic in self._writers or len(self._writers) >= MAX_RECORDED_TOPICS:
+            return
+        if topic.startswith(NAMESPACE) or short_name(kind) in LARGE:
+            return
+        self._writers[topic] = TopicWriter(topic, await self._type(kind))
+        throttle_ms = 0 if topic in UNTHROTTLED else THROTTLE_MS
+        await self._send(
+            op="subscribe",
+            id=f"recorder:{len(self._writers)}",
+            type=kind,
+            topic=topic,
+            compression="none",
+            throttle_rate=throttle_ms,
+            queue_length=1 if throttle_ms else 0,
+        )
+
+    async def _type(self, kind: str) -> RosType | None:
+        """Ask what messages of a type are made up of; None: nobody can say, so they are written as text."""
+        if kind not in self._types:
+            answer = await self._call("message_details", type=kind)
+            try:
+                self._types[kind] = type_of(kind, answer.get("typedefs"))
+            except UnknownTypeError as exc:
+                log.info("messages of type %r are recorded as text: %s", kind[:100], exc)
+                self._types[kind] = None
+        return self._types[kind]
+
+    async def _call(self, service: str, **args: str) -> Mapping[str, Any]:
+        """Call a service of rosapi; one that fails or does not answer gives nothing."""
+        number = f"recorder:call:{next(self._numbers)}"
+        answer: asyncio.Future[Mapping[str, Any]] = asyncio.get_running_loop().create_future()
+        self._answers[number] = answer
+        await self._send(op="call_service", id=number, service=f"/rosapi/{service}", args=args)
+        try:
+            async with asyncio.timeout(ANSWER_WITHIN_S):
+                return await answer
+        except TimeoutError:
+            self._answers.pop(number, None)
+            return {}
+
+    async def _send(self, **message: Any) -> None:
+        await self._socket.send_str(json.dumps(message))
+
+
+class CameraObserver:
+    """One connection to the frames of a camera."""
+
+    def __init__(self, socket: ClientWebSocketResponse, camera: str, write: Write) -> None:
+        self._socket = socket
+        self._camera = camera
+        self._write = write
+        self._writers: dict[int, CameraWriter] = {}
+        # How far Unix time is ahead of the relay's clock; None until it is known.
+        self._ahead_ms: float | None = None
+
+    async def run(self) -> None:
+        """Read until the connection ends."""
+        codecs = [codec.name for codec in CODECS.values()]
+        # The answer comes before the first frame, whose time it says.
+        await self._send(op="clock_sync", t_ms=0)
+        await self._send(op="stream_request", codecs=codecs)
+        await self._send(op="credit", frames=MAX_CREDITS)
+        asking = asyncio.create_task(self._ask_clock())
+        try:
+            async for message in self._socket:
+                if message.type is WSMsgType.BINARY:
+                    await self._on_frame(message.data)
+                elif message.type is WSMsgType.TEXT:
+                    self._on_text(message.data)
+        finally:
+            asking.cancel()
+            await asyncio.gather(asking, return_exceptions=True)
+
+    async def _on_frame(self, data: bytes) -> None:
+        number, _, _, sequence, taken_ms = HEADER.unpack_from(data)
+        if self._ahead_ms is not None:
+            writer = self._writers.get(number)
+            if writer is None:
+                writer = self._writers[number] = CameraWriter(self._camera, CODECS[number].name)
+            taken_ns = int((taken_ms + self._ahead_ms) * 1e6)
+            self._write(
+                writer.message(
+                    data[HEADER.size :], log_ns=time.time_ns(), taken_ns=taken_ns, sequence=sequence
+                )
+            )
+        await self._send(op="credit", frames=1, taken=sequence)
+
+    def _on_text(self, text: str) -> None:
+        message = json.loads(text)
+        if message.get("op") == "clock_sync":
+            self._ahead_ms = time.time() * 1000 - message["sender_ms"]
+
+    async def _ask_clock(self) -> None:
+        while True:
+            await asyncio.sleep(CLOCK_EVERY_S)
+            await self._send(op="clock_sync", t_ms=0)
+
+    async def _send(self, **message: Any) -> None:
+        await self._socket.send_str(json.dumps(message))
+
+
+def cameras_in(topics: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the topics that are cameras, as the drive page finds them."""
+    raw = {topic for topic, kind in topics.items() if short_name(kind) == "sensor_msgs/Image"}
+    compressed = [
+        topic
+        for topic, kind in topics.items()
+        if short_name(kind) == "sensor_msgs/CompressedImage"
+        and not topic.endswith(NOT_SHOWN)
+        and topic.rpartition("/")[0] not in raw
+    ]
+    return tuple(sorted(raw.union(topic.removesuffix("/compressed") for topic in compressed)))
+
+
+def _rank(kind: str) -> int:
+    name = short_name(kind)
+    if name in FIRST:
+        return FIRST.index(name)
+    return len(FIRST) + (name in LAST)
+
+
+def _pairs(topics: object, types: object) -> Iterator[tuple[str, str]]:
+    if not isinstance(topics, list) or not isinstance(types, list):
+        return
+    for topic, kind in zip(topics, types, strict=False):
+        if isinstance(topic, str) and isinstance(kind, str) and len(topic) <= MAX_TOPIC_LENGTH:
+            yield topic, kind

@@ -1,0 +1,219 @@
+"""Records one robot: takes what its observer and the relay bring, and writes it into the files that are open.
+
+Each recording has a file. With the setting on_stop the last seconds wait in memory for a file, too. Nothing here knows
+the database; `service` decides which recordings there are.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from robotether_server.db.recordings import Progress, RecordableRobot
+from robotether_server.recorder.cdr import EncodingError
+from robotether_server.recorder.channels import OWN_TOPICS
+from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
+from robotether_server.recorder.observer import RobotObserver
+from robotether_server.recorder.relay_client import RelayClient
+
+log = logging.getLogger(__name__)
+
+NS_PER_S = 1_000_000_000
+# Time before a stop that is recorded with it.
+BEFORE_STOP_S = 30.0
+# Maximum size of what waits for a stop in memory.
+MAX_WAITING_BYTES = 48 * 1024 * 1024
+
+
+def path_of(folder: Path, recording_id: int) -> Path:
+    """Return where the file of a recording is: its number is all that is in its name."""
+    return folder / f"{recording_id:d}.mcap"
+
+
+@dataclass
+class OpenRecording:
+    """A recording under way. `failure`: the code of why it ends, once it has to."""
+
+    id: int
+    file: McapFile
+    began_at: float
+    drivers: list[str] = field(default_factory=list)
+    failure: str | None = None
+
+    def progress(self) -> Progress:
+        """Return how far it is."""
+        return Progress(self.file.size, self.file.messages, tuple(self.drivers))
+
+    def note_driver(self, name: str) -> None:
+        """Somebody drives the robot."""
+        if name and name not in self.drivers:
+            self.drivers.append(name)
+
+
+class RecentMessages:
+    """The messages of the last seconds, in bounded memory."""
+
+    def __init__(self, kept_s: float = BEFORE_STOP_S, max_bytes: int = MAX_WAITING_BYTES) -> None:
+        self._kept_ns = int(kept_s * NS_PER_S)
+        self._max_bytes = max_bytes
+        self._messages: deque[RecordedMessage] = deque()
+        self._bytes = 0
+
+    def add(self, message: RecordedMessage) -> None:
+        """Add the newest."""
+        self._messages.append(message)
+        self._bytes += len(message.data)
+        oldest_ns = message.log_ns - self._kept_ns
+        while self._messages[0].log_ns < oldest_ns or self._bytes > self._max_bytes:
+            self._bytes -= len(self._messages.popleft().data)
+            if not self._messages:
+                return
+
+    def all(self) -> list[RecordedMessage]:
+        """Return all that are kept, the oldest first."""
+        return list(self._messages)
+
+
+@dataclass
+class RobotState:
+    """What the relay last said of a robot; None: nothing yet. Times are the monotonic clock's."""
+
+    online: bool | None = None
+    driver: str = ""
+    stopped: bool | None = None
+    driven_until: float | None = None
+    stopped_at: float | None = None
+    offline_since: float | None = None
+
+    def update(self, control: Mapping[str, Any], now: float) -> None:
+        """Take over a message of the topic control."""
+        stopped = bool(control.get("stopped"))
+        if stopped and self.stopped is False:
+            self.stopped_at = now
+        driver = str(control.get("driver", ""))
+        if self.driver and not driver:
+            self.driven_until = now
+        online = bool(control.get("online"))
+        if online:
+            self.offline_since = None
+        elif self.offline_since is None:
+            self.offline_since = now
+        self.online, self.driver, self.stopped = online, driver, stopped
+
+
+class RobotRecorder:
+    """One robot that is recorded, or may have to be at any time."""
+
+    def __init__(self, client: RelayClient, robot: RecordableRobot, folder: Path) -> None:
+        self.robot = robot
+        self.state = RobotState()
+        self.recordings: dict[int, OpenRecording] = {}
+        self._recent: RecentMessages | None = None
+        self._client = client
+        self._folder = folder
+        self._observing: asyncio.Task[None] | None = None
+        # The last message of the topic control, with which each file begins.
+        self._control: RecordedMessage | None = None
+
+    @property
+    def is_collecting(self) -> bool:
+        """Whether what comes is kept."""
+        return bool(self.recordings) or self._recent is not None
+
+    def keep_recent(self, keeps: bool) -> None:
+        """Keep the last seconds in memory, or no longer."""
+        if keeps != (self._recent is not None):
+            self._recent = RecentMessages() if keeps else None
+        self._observe()
+
+    def begin(self, recording_id: int, *, with_recent: bool = False) -> OpenRecording:
+        """Begin a recording, with the last seconds if they are kept; raise OSError."""
+        file = McapFile(path_of(self._folder, recording_id))
+        recording = OpenRecording(recording_id, file, time.monotonic())
+        recording.note_driver(self.state.driver)
+        self.recordings[recording_id] = recording
+        recent = self._recent.all() if with_recent and self._recent is not None else []
+        if not recent and self._control is not None:
+            recent = [self._control._replace(log_ns=time.time_ns())]
+        for message in recent:
+            self._write_to(recording, message)
+        self._observe()
+        return recording
+
+    def end(self, recording_id: int) -> OpenRecording:
+        """End a recording; its file is whole, or made so at the next start."""
+        recording = self.recordings.pop(recording_id)
+        try:
+            recording.file.finish()
+        except OSError as exc:
+            log.warning("recording %d: cannot write its end: %s", recording_id, exc)
+        self._observe()
+        return recording
+
+    def on_event(self, topic: str, message: Mapping[str, Any]) -> None:
+        """The relay sent what it knows."""
+        own = OWN_TOPICS.get(topic)
+        if own is None:
+            return
+        if topic == "control":
+            self.state.update(message, time.monotonic())
+            for recording in self.recordings.values():
+                recording.note_driver(self.state.driver)
+        with suppress(EncodingError):
+            now_ns = time.time_ns()
+            recorded = RecordedMessage(own.channel, now_ns, now_ns, 0, own.encode(message))
+            if topic == "control":
+                self._control = recorded
+            self.write(recorded)
+
+    def write(self, message: RecordedMessage) -> None:
+        """Write a message into all files."""
+        if self._recent is not None:
+            self._recent.add(message)
+        for recording in self.recordings.values():
+            self._write_to(recording, message)
+
+    def flush(self) -> None:
+        """Hand what waits to the kernel."""
+        for recording in self.recordings.values():
+            self._flush(recording)
+
+    async def close(self) -> None:
+        """End all; the recorder stops."""
+        for recording_id in list(self.recordings):
+            self.end(recording_id)
+        self.keep_recent(False)
+        observing = self._observing
+        if observing is not None:
+            observing.cancel()
+            await asyncio.gather(observing, return_exceptions=True)
+
+    def _write_to(self, recording: OpenRecording, message: RecordedMessage) -> None:
+        if recording.failure is None:
+            recording.file.add(message)
+            if recording.file.is_full:
+                self._flush(recording)
+
+    def _flush(self, recording: OpenRecording) -> None:
+        if recording.failure is not None:
+            return
+        try:
+            recording.file.end_chunk()
+        except OSError as exc:
+            log.warning("recording %d ends: cannot write: %s", recording.id, exc)
+            recording.failure = "disk_full"
+
+    def _observe(self) -> None:
+        if self.is_collecting and self._observing is None:
+            observer = RobotObserver(self._client, self.robot, self.write)
+            self._observing = asyncio.create_task(observer.run())
+        elif not self.is_collecting and self._observing is not None:
+            self._observing.cancel()
+            self._observing = None

@@ -1,0 +1,372 @@
+"""Decides which recordings there are: by what people ask for, robots' settings, limits of time and size, and rights.
+
+`main` runs one `RecorderService`. Once a second it compares what the database asks for with what is recorded. A right
+that ends, a stop of the recording, or its deletion so takes effect within two seconds.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import logging
+import time
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+from robotether_server.db.fleet import RECORDER
+from robotether_server.db.recordings import (
+    Progress,
+    RecordableRobot,
+    RecordingCause,
+    RecordingRow,
+)
+from robotether_server.recorder.mcap_file import repair
+from robotether_server.recorder.relay_client import RelayChannel, RelayClient
+from robotether_server.recorder.robot_recorder import (
+    BEFORE_STOP_S,
+    NS_PER_S,
+    RobotRecorder,
+    RobotState,
+    path_of,
+)
+from robotether_server.recorder.store import RecorderStore, RecordingEnd
+from robotether_server.settings.server import RecorderSettings
+from robotether_server.times import utc_now
+
+log = logging.getLogger(__name__)
+
+STEP_S = 1.0
+# Interval at which what waits is handed to the kernel: a recorder that is killed loses no more.
+FLUSH_EVERY_S = 0.5
+PROGRESS_EVERY_S = 5.0
+RETENTION_EVERY_S = 600.0
+# Maximum age of a request: of one that nobody took in time, nobody knows any longer.
+MAX_REQUEST_AGE = dt.timedelta(seconds=60)
+# Maximum length of a recording that somebody asked for, and of each by the robot's settings, which goes on in another.
+MAX_ASKED_S, MAX_PIECE_S = 4 * 3600.0, 3600.0
+# Time after a drive, a stop or a connection in which a recording by the robot's settings goes on.
+DRIVE_GAP_S, AFTER_STOP_S, OFFLINE_S = 10.0, 30.0, 30.0
+# Time after a file that could not be written in which none is begun by robots' settings.
+PAUSE_S = 60.0
+WHENS: tuple[RecordingCause, ...] = ("driven", "always", "on_stop")
+
+
+class RecorderService:
+    """All recordings of one cell."""
+
+    def __init__(
+        self, settings: RecorderSettings, client: RelayClient, store: RecorderStore
+    ) -> None:
+        self._settings = settings
+        self._folder = settings.folder
+        self._client = client
+        self._store = store
+        self.channel = RelayChannel(client, self._on_event)
+        self._robots: dict[int, RobotRecorder] = {}
+        # Of each recording under way: its robot, its cause, and who asked.
+        self._open: dict[int, tuple[RobotRecorder, RecordingCause, str]] = {}
+        # Those that ended here, whose row may still say otherwise.
+        self._ended: set[int] = set()
+        self._is_full = False
+        # Until when nothing is begun by robots' settings, after a file that could not be.
+        self._paused_until = 0.0
+        self._progress_at = 0.0
+        self._retention_at = 0.0
+        self._was_read = False
+
+    @property
+    def is_working(self) -> bool:
+        """Whether the database was read at least once."""
+        return self._was_read
+
+    async def run(self) -> None:
+        """Record, for ever."""
+        tasks = [
+            asyncio.create_task(work)
+            for work in (self.channel.run(), self._flush(), self._step_often())
+        ]
+        try:
+            await asyncio.gather(*tasks)
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+
+    async def close(self) -> None:
+        """End all recordings; the recorder stops."""
+        for recording_id in list(self._open):
+            self._end(recording_id, "recorder_stopped")
+        for robot in self._robots.values():
+            await robot.close()
+        await self._store.flush()
+
+    async def _flush(self) -> None:
+        while True:
+            await asyncio.sleep(FLUSH_EVERY_S)
+            for robot in self._robots.values():
+                robot.flush()
+
+    async def _step_often(self) -> None:
+        while True:
+            try:
+                await self.step()
+            except Exception:
+                log.exception("a step failed")
+            await asyncio.sleep(STEP_S)
+
+    async def step(self) -> None:
+        """Begin and end what is to begin and to end now."""
+        self._is_full = used_bytes(self._folder) >= self._settings.max_bytes
+        self._end_failed()
+        answer = await self._store.read()
+        if answer is None:
+            return
+        self._was_read = True
+        rows, robots = answer
+        recordable = {robot.id: robot for robot in robots}
+        asked_ids = {row.robot_id for row in rows if row.ended_at is None and row.cause == "asked"}
+        await self._drop_unneeded(recordable, asked_ids)
+        for row in rows:
+            await self._handle(row, recordable.get(row.robot_id))
+        for robot in robots:
+            await self._by_settings(robot)
+        await self._follow()
+        await self._write_progress()
+        await self._delete_old()
+
+    async def _handle(self, row: RecordingRow, robot: RecordableRobot | None) -> None:
+        if row.id in self._open:
+            self._check_open(row)
+        elif row.is_delete_requested and (row.started_at is None or row.ended_at is not None):
+            await self._delete(row.id)
+        elif row.started_at is not None and row.ended_at is None:
+            if row.id not in self._ended:
+                self._end_former(row)
+        elif row.started_at is None and row.id not in self._ended:
+            await self._begin_asked(row, robot)
+
+    def _check_open(self, row: RecordingRow) -> None:
+        if row.is_stop_requested or row.is_delete_requested:
+            self._end(row.id, "stopped")
+        elif not row.may_go_on:
+            self._end(row.id, "right_ended")
+
+    async def _begin_asked(self, row: RecordingRow, robot: RecordableRobot | None) -> None:
+        code = self._why_not(row, robot)
+        if code is None and robot is not None:
+            recorder = self._ensure(robot)
+            # A robot of another cell is that one's recorder's.
+            await self.channel.follow(robot.id, writes=recorder.is_collecting)
+            if recorder.state.online and await self._store.begin(row, robot):
+                self._begin(row.id, recorder, "asked", row.asked_by or RECORDER.name)
+            return
+        self._note_end(row.id, row.robot, row.asked_by, code or "robot_gone")
+
+    def _why_not(self, row: RecordingRow, robot: RecordableRobot | None) -> str | None:
+        """Return the code of why a recording does not begin; None: it may."""
+        if robot is None:
+            return "robot_gone"
+        if row.is_stop_requested:
+            return "stopped"
+        if not row.may_go_on:
+            return "right_ended"
+        if utc_now() - row.asked_at > MAX_REQUEST_AGE:
+            return "robot_offline" if self.channel.is_open else "recorder_away"
+        return "quota_reached" if self._is_full else None
+
+    async def _by_settings(self, robot: RecordableRobot) -> None:
+        when = robot.recording_when
+        cause = next((each for each in WHENS if each == when), None)
+        recorder = self._robots.get(robot.id)
+        if cause is None:
+            self._end_all(robot.id, lambda cause: cause != "asked", "setting_changed")
+            if recorder is not None:
+                recorder.keep_recent(False)
+            return
+        recorder = recorder or self._ensure(robot)
+        self._end_all(robot.id, lambda other: other not in {"asked", cause}, "setting_changed")
+        # Of a robot at another cell nothing comes.
+        recorder.keep_recent(cause == "on_stop" and bool(recorder.state.online))
+        number = next(
+            (
+                number
+                for number, (owner, its_cause, _) in self._open.items()
+                if owner is recorder and its_cause == cause
+            ),
+            None,
+        )
+        code = self._end_code(cause, recorder.state, robot.id)
+        if number is not None:
+            if code is not None:
+                self._end(number, code)
+        elif code is None and not self._is_full and time.monotonic() >= self._paused_until:
+            await self._begin_by_settings(robot, recorder, cause)
+
+    async def _begin_by_settings(
+        self, robot: RecordableRobot, recorder: RobotRecorder, cause: RecordingCause
+    ) -> None:
+        before_s = BEFORE_STOP_S if cause == "on_stop" else 0.0
+        number = await self._store.add(robot, cause, utc_now() - dt.timedelta(seconds=before_s))
+        if number is not None:
+            self._begin(number, recorder, cause, RECORDER.name)
+
+    def _end_code(self, cause: RecordingCause, state: RobotState, robot_id: int) -> str | None:
+        """Return the code of why a robot is not to be recorded now by its settings; None: it is."""
+        now = time.monotonic()
+        if state.online is None:
+            return "robot_offline"
+        if state.offline_since is not None and now - state.offline_since > OFFLINE_S:
+            return "robot_offline"
+        if cause == "always":
+            return None
+        if cause == "driven":
+            since_s = None if state.driven_until is None else now - state.driven_until
+            goes_on = bool(state.driver) or (since_s is not None and since_s <= DRIVE_GAP_S)
+            return None if goes_on else "drive_ended"
+        at = state.stopped_at
+        return None if at is not None and now - at <= AFTER_STOP_S else "complete"
+
+    def _begin(
+        self, number: int, recorder: RobotRecorder, cause: RecordingCause, actor: str
+    ) -> None:
+        try:
+            recorder.begin(number, with_recent=cause == "on_stop")
+        except OSError as exc:
+            log.warning("recording %d: cannot begin its file: %s", number, exc)
+            self._paused_until = time.monotonic() + PAUSE_S
+            self._note_end(number, recorder.robot.name, actor, "disk_full")
+            return
+        log.info("recording %d of robot %s begins", number, recorder.robot.name)
+        self._open[number] = recorder, cause, actor
+
+    def _end(self, number: int, code: str) -> None:
+        recorder, _, actor = self._open.pop(number)
+        recording = recorder.end(number)
+        log.info("recording %d of robot %s ended: %s", number, recorder.robot.name, code)
+        if code == "disk_full":
+            self._paused_until = time.monotonic() + PAUSE_S
+        self._note_end(number, recorder.robot.name, actor, code, progress=recording.progress())
+
+    def _note_end(
+        self,
+        number: int,
+        robot: str,
+        actor: str | None,
+        code: str,
+        *,
+        progress: Progress | None = None,
+        ended_at: dt.datetime | None = None,
+    ) -> None:
+        self._ended.add(number)
+        self._store.end(
+            RecordingEnd(
+                number, robot, actor or RECORDER.name, code, progress, ended_at or utc_now()
+            )
+        )
+
+    def _end_all(self, robot_id: int, matches: Callable[[RecordingCause], bool], code: str) -> None:
+        for number, (recorder, cause, _) in list(self._open.items()):
+            if recorder.robot.id == robot_id and matches(cause):
+                self._end(number, code)
+
+    def _end_failed(self) -> None:
+        """End what cannot be written, is too long, or would take more than there is room for."""
+        now = time.monotonic()
+        for number, (recorder, cause, _) in list(self._open.items()):
+            recording = recorder.recordings[number]
+            most_s = MAX_ASKED_S if cause == "asked" else MAX_PIECE_S
+            code = recording.failure or ("quota_reached" if self._is_full else None)
+            if code is None and now - recording.began_at > most_s:
+                code = "too_long"
+            if code is not None:
+                self._end(number, code)
+
+    def _end_former(self, row: RecordingRow) -> None:
+        """End a recording of the recorder before this one, whose file is made whole."""
+        path, ended_at, progress = path_of(self._folder, row.id), utc_now(), None
+        try:
+            index = repair(path)
+            if index is not None and index.end_ns:
+                ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
+                progress = Progress(path.stat().st_size, index.counts.total())
+        except OSError as exc:
+            log.warning("recording %d: cannot make its file whole: %s", row.id, exc)
+        self._note_end(
+            row.id,
+            row.robot,
+            row.asked_by,
+            "recorder_restarted",
+            progress=progress,
+            ended_at=ended_at,
+        )
+
+    async def _drop_unneeded(
+        self, recordable: Mapping[int, RecordableRobot], asked_ids: Collection[int]
+    ) -> None:
+        for robot_id in self._robots.keys() - recordable.keys():
+            self._end_all(robot_id, lambda _cause: True, "robot_gone")
+        for robot_id, recorder in list(self._robots.items()):
+            robot = recordable.get(robot_id)
+            if robot is not None and robot.name != recorder.robot.name:
+                self._end_all(robot_id, lambda _cause: True, "robot_renamed")
+            is_needed = robot is not None and (
+                recorder.is_collecting or robot.recording_when in WHENS or robot_id in asked_ids
+            )
+            if not is_needed or robot is None or robot.name != recorder.robot.name:
+                await self._drop(robot_id)
+            else:
+                recorder.robot = robot
+
+    async def _drop(self, robot_id: int) -> None:
+        recorder = self._robots.pop(robot_id)
+        await recorder.close()
+        await self.channel.leave(robot_id)
+
+    def _ensure(self, robot: RecordableRobot) -> RobotRecorder:
+        recorder = self._robots.get(robot.id)
+        if recorder is None:
+            recorder = RobotRecorder(self._client, robot, self._folder)
+            self._robots[robot.id] = recorder
+        return recorder
+
+    async def _follow(self) -> None:
+        for robot_id, recorder in list(self._robots.items()):
+            await self.channel.follow(robot_id, writes=recorder.is_collecting)
+
+    def _on_event(self, robot_id: int, topic: str, message: Mapping[str, Any]) -> None:
+        recorder = self._robots.get(robot_id)
+        if recorder is not None:
+            recorder.on_event(topic, message)
+
+    async def _write_progress(self) -> None:
+        now = time.monotonic()
+        if now - self._progress_at < PROGRESS_EVERY_S:
+            return
+        self._progress_at = now
+        await self._store.write_progress(
+            {
+                number: recorder.recordings[number].progress()
+                for number, (recorder, _, _) in self._open.items()
+            }
+        )
+
+    async def _delete_old(self) -> None:
+        now = time.monotonic()
+        if not self._settings.days or now - self._retention_at < RETENTION_EVERY_S:
+            return
+        self._retention_at = now
+        for number in await self._store.read_older(
+            utc_now() - dt.timedelta(days=self._settings.days)
+        ):
+            await self._delete(number)
+
+    async def _delete(self, number: int) -> None:
+        path_of(self._folder, number).unlink(missing_ok=True)
+        log.info("recording %d is deleted", number)
+        await self._store.note_deleted(number)
+
+
+def used_bytes(folder: Path) -> int:
+    """Return the size of all recordings."""
+    return sum(path.stat().st_size for path in folder.glob("*.mcap"))

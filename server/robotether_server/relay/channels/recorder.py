@@ -1,0 +1,234 @@
+"""Answers /recorder, for the stack's own recorder alone: what the relay knows of robots that it follows.
+
+The recorder names the robots, and whether it writes; the relay sends drive commands, round trips, ages and control as
+JSON, each as a text. `app` offers the path inside the stack only, where nginx leads nobody, and it takes a ticket that
+web signs for nobody. What robots send the recorder gets as any observer does. It must never make anybody wait: a
+recorder that does not read loses what is the oldest, and its number is sent.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from functools import partial
+from typing import Any, Protocol
+
+import msgspec
+from aiohttp import WSMsgType, web
+from msgspec import Struct
+
+from robotether_server.contract.robots import LiveState
+from robotether_server.db.fleet import Snapshot
+from robotether_server.problems import HttpError
+from robotether_server.relay.auth.access import Access
+from robotether_server.relay.robots.recorders import RecordedTopic, RecorderOfRobot, stamped
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change
+
+log = logging.getLogger(__name__)
+
+PATH = "/recorder"
+# Maximum number of events that wait for a recorder, some seconds of a fleet's.
+MAX_WAITING = 10_000
+MAX_TEXT_BYTES = 4096
+HEARTBEAT_S = 10.0
+
+
+class FollowRequest(Struct, frozen=True, forbid_unknown_fields=True):
+    """Which robot the recorder follows from now on, and whether it writes; `follows` false: no longer."""
+
+    robot_id: int
+    follows: bool
+    writes: bool = False
+
+
+class LiveFleet(Protocol):
+    """What the handler needs of `events.FleetEvents`."""
+
+    def followed(self, follower: RecorderConnection) -> AbstractContextManager[None]:
+        """Notify of each change inside the block."""
+
+    def describe_here(self, robot_id: int) -> LiveState:
+        """Build what of a robot object this cell knows."""
+
+    def changed(self, robot_id: int) -> None:
+        """Something about a robot changed."""
+
+
+class RecorderConnection:
+    """One recorder: the robots that it follows, and what it has yet to get."""
+
+    def __init__(self, registry: SessionRegistry, fleet: LiveFleet) -> None:
+        self._registry = registry
+        self._fleet = fleet
+        self._followed: dict[int, RecorderOfRobot] = {}
+        self._changed: set[int] = set()
+        self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
+        self._lost = 0
+        self._wake = asyncio.Event()
+        self.ended = False
+
+    def follow(self, request: FollowRequest) -> None:
+        """Follow a robot, or no longer."""
+        robot_id = request.robot_id
+        recorders = self._registry.ensure_robot(robot_id).recorders
+        did_write = recorders.write
+        if request.follows:
+            recorder = self._followed.get(robot_id)
+            if recorder is None:
+                recorder = RecorderOfRobot(partial(self._send, robot_id))
+                self._followed[robot_id] = recorder
+                recorders.add(recorder)
+            recorder.writes = request.writes
+            self.mark(robot_id)
+        elif (recorder := self._followed.pop(robot_id, None)) is not None:
+            recorders.remove(recorder)
+        if recorders.write != did_write:
+            self._fleet.changed(robot_id)
+
+    def leave(self) -> None:
+        """Follow no robot any longer."""
+        for robot_id in list(self._followed):
+            self.follow(FollowRequest(robot_id, follows=False))
+
+    def mark(self, robot_id: int) -> None:
+        """A robot changed."""
+        if robot_id in self._followed:
+            self._changed.add(robot_id)
+            self._wake.set()
+
+    def mark_all(self) -> None:
+        """Anything may have changed."""
+        for robot_id in self._followed:
+            self.mark(robot_id)
+
+    def end(self) -> None:
+        """The relay is stopping."""
+        self.ended = True
+        self._wake.set()
+
+    def on_robot_change(self, change: Change) -> None:
+        """A robot's guard reported what its driver saw."""
+        report = change.seen
+        if change.robot_id not in self._followed or report is None:
+            return
+        members = {
+            "fence": report.fence,
+            "ages_ms": report.ages_ms,
+            "slowed_s": report.slowed_s,
+        }
+        self._send(change.robot_id, "seen_ages", stamped(members))
+
+    async def next_texts(self, timeout_s: float) -> list[bytes]:
+        """Wait until something is to be sent, at most `timeout_s`, and take it."""
+        try:
+            async with asyncio.timeout(timeout_s):
+                await self._wake.wait()
+        except TimeoutError:
+            pass
+        self._wake.clear()
+        changed, self._changed = self._changed, set()
+        for robot_id in changed & self._followed.keys():
+            self._send_control(robot_id)
+        texts = list(self._waiting)
+        self._waiting.clear()
+        if self._lost:
+            texts.append(_text(lost=self._lost))
+            self._lost = 0
+        return texts
+
+    def _send_control(self, robot_id: int) -> None:
+        live = self._fleet.describe_here(robot_id)
+        control = live.control
+        driver, stop = control.driver, control.stopped
+        members = {
+            "online": live.online,
+            "driver": "" if driver is None else driver.user,
+            "fence": 0 if driver is None else driver.fence,
+            "stopped": stop is not None,
+            "stopped_by": "" if stop is None else stop.by,
+            "stop_confirmed": stop is not None and stop.confirmed,
+            "guard": control.guard,
+            "rtt_ms": live.rtt_ms,
+        }
+        self._send(robot_id, "control", stamped(members))
+
+    def _send(self, robot_id: int, topic: RecordedTopic, message: Mapping[str, Any]) -> None:
+        if len(self._waiting) == MAX_WAITING:
+            self._lost += 1
+        self._waiting.append(_text(robot_id=robot_id, topic=topic, message=message))
+        self._wake.set()
+
+
+class RecorderHandler:
+    """Answers /recorder."""
+
+    def __init__(
+        self,
+        access: Access,
+        registry: SessionRegistry,
+        fleet: LiveFleet,
+        snapshot: Callable[[], Snapshot],
+    ) -> None:
+        self._access = access
+        self._registry = registry
+        self._fleet = fleet
+        self._snapshot = snapshot
+        self._connections: set[RecorderConnection] = set()
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot."""
+        for connection in self._connections:
+            connection.on_robot_change(change)
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Send a recorder what happens to the robots that it follows, until it is gone."""
+        self._access.check_recorder(request.query.get("ticket"))
+        socket = web.WebSocketResponse(
+            max_msg_size=MAX_TEXT_BYTES, heartbeat=HEARTBEAT_S, compress=False
+        )
+        if not socket.can_prepare(request):
+            raise HttpError(426, "cannot open the recorder's channel: connect with a WebSocket")
+        await socket.prepare(request)
+        connection = RecorderConnection(self._registry, self._fleet)
+        self._connections.add(connection)
+        log.info("the recorder is connected")
+        try:
+            with self._fleet.followed(connection):
+                sending = asyncio.create_task(_send(socket, connection))
+                try:
+                    await self._read(socket, connection)
+                finally:
+                    sending.cancel()
+                    await asyncio.gather(sending, return_exceptions=True)
+        finally:
+            self._connections.discard(connection)
+            connection.leave()
+            log.info("the recorder is gone")
+        return socket
+
+    async def _read(self, socket: web.WebSocketResponse, connection: RecorderConnection) -> None:
+        async for message in socket:
+            if message.type is not WSMsgType.TEXT:
+                return
+            try:
+                request = msgspec.json.decode(message.data, type=FollowRequest)
+            except msgspec.DecodeError:
+                return
+            # What is not there would stay in the registry for ever.
+            if not request.follows or request.robot_id in self._snapshot().robots:
+                connection.follow(request)
+
+
+async def _send(socket: web.WebSocketResponse, connection: RecorderConnection) -> None:
+    while not connection.ended:
+        for text in await connection.next_texts(HEARTBEAT_S):
+            await socket.send_str(text.decode())
+    await socket.close()
+
+
+def _text(**members: Any) -> bytes:
+    return msgspec.json.encode(members)

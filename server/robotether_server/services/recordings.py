@@ -1,0 +1,82 @@
+"""Recordings of robots: who may ask for one, end it, get its file, and delete it. The recorder does the rest."""
+
+import datetime as dt
+
+from robotether_server.db import Transaction, audit, grants, recordings, seen_robots
+from robotether_server.db.audit import Source
+from robotether_server.db.recordings import Recording
+from robotether_server.db.users import User
+from robotether_server.problems import GrantMissingError, NotPossibleError, RobotUnknownError
+from robotether_server.times import utc_now
+
+# Time within which the recorder takes a request, or nobody does any longer.
+TAKEN_WITHIN = dt.timedelta(seconds=60)
+
+
+def ask(tx: Transaction, user: User, name: str) -> Recording:
+    """Ask for a recording of a robot that the user may drive; it begins within two seconds if the robot is online.
+
+    Raises RobotUnknownError, GrantMissingError or NotPossibleError.
+    """
+    seen = seen_robots.find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknownError(
+            f"cannot record robot {name}: there is none of that name that you may see"
+        )
+    if not grants.includes(seen.level, "drive"):
+        raise GrantMissingError(f"cannot record robot {name}: your grant is {seen.level}")
+    if seen.robot.state != "active":
+        raise NotPossibleError(f"cannot record robot {name}: it is {seen.robot.state}")
+    for recording in recordings.find(tx, user, "drive", robot_id=seen.robot.id):
+        if recording.cause == "asked" and is_under_way(recording):
+            raise NotPossibleError(
+                f"cannot record robot {name}: a recording is under way; stop that first"
+            )
+    number = recordings.ask(tx, seen.robot.id, seen.robot.name, user)
+    return recordings.get(tx, user, "drive", number)
+
+
+def is_under_way(recording: Recording) -> bool:
+    """Return whether it goes on, or is about to begin."""
+    is_new = utc_now() - recording.asked_at < TAKEN_WITHIN
+    return recording.state == "recording" or (recording.state == "requested" and is_new)
+
+
+def stop(tx: Transaction, user: User, recording_id: int) -> Recording:
+    """End a recording that the user asked for, or one of a robot that the user manages.
+
+    Raises RecordMissingError or GrantMissingError.
+    """
+    recording = recordings.get(tx, user, "drive", recording_id)
+    if recording.asked_by != user.name and not _manages(tx, user, recording_id):
+        raise GrantMissingError(
+            f"cannot stop recording {recording_id}: you neither asked for it nor manage its robot"
+        )
+    recordings.request_stop(tx, recording_id)
+    return recording
+
+
+def delete(tx: Transaction, source: Source, user: User, recording_id: int) -> Recording:
+    """Delete a recording of a robot that the user manages; one under way ends. Raises RecordMissingError."""
+    recording = recordings.get(tx, user, "manage", recording_id)
+    recordings.request_deletion(tx, recording_id)
+    audit.record(tx, source, "recording_deleted", recording.robot, recording=recording_id)
+    return recording
+
+
+def download(tx: Transaction, source: Source, user: User, recording_id: int) -> Recording:
+    """Let the user have the file of a recording, or a piece; many pieces are one line of the audit log.
+
+    Raises RecordMissingError or NotPossibleError.
+    """
+    recording = recordings.get(tx, user, "manage", recording_id)
+    if recording.started_at is None:
+        raise NotPossibleError("cannot send the recording: it has not begun")
+    if recordings.note_download(tx, recording_id, user.id):
+        audit.record(tx, source, "recording_downloaded", recording.robot, recording=recording_id)
+    return recording
+
+
+def _manages(tx: Transaction, user: User, recording_id: int) -> bool:
+    newest = recordings.find(tx, user, "manage", before=recording_id + 1, limit=1)
+    return any(recording.id == recording_id for recording in newest)

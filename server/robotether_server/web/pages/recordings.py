@@ -1,0 +1,89 @@
+"""/recordings: the recordings of robots that a user may drive; those who manage a robot download and delete them."""
+
+from functools import partial
+
+from flask import Blueprint, Response, render_template, request
+
+from robotether_server.api.context import context
+from robotether_server.api.recordings import file_response
+from robotether_server.db import Transaction, recordings, seen_robots
+from robotether_server.db.audit import Source
+from robotether_server.db.recordings import Recording
+from robotether_server.services import recordings as recording_service
+from robotether_server.web import confirmation, current_user, filters
+from robotether_server.web.confirmation import ConfirmedAction, Words
+
+blueprint = Blueprint("recordings", __name__, url_prefix="/recordings")
+blueprint.before_request(current_user.require_user)
+
+PAGE = "/recordings"
+
+
+@blueprint.get("")
+def show() -> str:
+    """Show the list."""
+    user, query = current_user.get(), filters.query_of(("robot",))
+    with context().database.transaction() as tx:
+        robots = {seen.robot.name: seen for seen in seen_robots.list_seen(tx, user)}
+        chosen = robots.get(query["robot"])
+        find = partial(recordings.find, tx, user, limit=filters.ROWS_TO_READ)
+        find = partial(find, robot_id=chosen.robot.id if chosen else None, before=filters.before())
+        rows = find("drive") if chosen or not query["robot"] else []
+        managed = {recording.id for recording in find("manage")}
+    return render_template(
+        "recordings.html",
+        page=filters.page(request.path, query, rows),
+        query=query,
+        robots=filters.name_choices(robots),
+        managed=managed,
+    )
+
+
+@blueprint.get("/<int:recording_id>/file")
+def send_file(recording_id: int) -> Response:
+    """Send the file, or a piece of it."""
+    with context().database.transaction() as tx:
+        recording = recording_service.download(
+            tx, current_user.source(), current_user.get(), recording_id
+        )
+    return file_response(recording)
+
+
+def _find(recording_id: int) -> Words:
+    with context().database.transaction() as tx:
+        recording = recordings.get(tx, current_user.get(), "drive", recording_id)
+    return {"recording": recording}
+
+
+def _stop(tx: Transaction, _source: Source, recording_id: int) -> Recording:
+    return recording_service.stop(tx, current_user.get(), recording_id)
+
+
+def _delete(tx: Transaction, source: Source, recording_id: int) -> Recording:
+    return recording_service.delete(tx, source, current_user.get(), recording_id)
+
+
+confirmation.register(
+    blueprint,
+    PAGE,
+    _find,
+    ConfirmedAction(
+        path="/<int:recording_id>/stop",
+        title="Stop recording {recording.id} of {recording.robot}?",
+        effects=("Its file can be downloaded afterwards.",),
+        undo="Somebody who may drive the robot can begin another recording.",
+        button="Stop recording",
+        done="Recording {recording.id} ends within two seconds.",
+        do=_stop,
+        is_harmless=True,
+    ),
+    ConfirmedAction(
+        path="/<int:recording_id>/delete",
+        title="Delete recording {recording.id} of {recording.robot}?",
+        effects=("Its file is deleted. If it is still recorded, that ends.",),
+        undo="Nobody can undo this.",
+        button="Delete recording",
+        done="Recording {recording.id} is deleted.",
+        do=_delete,
+    ),
+)

@@ -1,0 +1,171 @@
+"""Recordings of a simulated robot's drives: asked for by a driver, written by the service, downloaded by a manager."""
+
+from __future__ import annotations
+
+import asyncio
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from local_network import insecure_tls
+from mcap.reader import make_reader
+from pages import drive_live
+from playwright.sync_api import Page, expect
+from programs import Program, drive_on, open_echo
+from rosbags.highlevel import AnyReader
+from stack import Stack
+
+ROBOT = "sim1"
+WANTED = {
+    "/odom": "nav_msgs/msg/Odometry",
+    "/scan": "sensor_msgs/msg/LaserScan",
+    "/robotether/commands": "robotether_msgs/msg/DriveCommand",
+    "/robotether/control": "robotether_msgs/msg/Control",
+}
+
+
+class People:
+    """Programs of dora, who drives sim1, and mark, who manages it."""
+
+    def __init__(self, stack: Stack) -> None:
+        self._stack = stack
+        self._tokens = {name: stack.token("recordings", name) for name in ("dora", "mark")}
+
+    def ask(self, name: str, method: str, path: str) -> tuple[int, Any]:
+        """One request of a person; status and answer."""
+        bearer = {"Authorization": f"Bearer {self._tokens[name]}"}
+        return self._stack.request(method, f"/api/v1{path}", headers=bearer)
+
+    def file(self, name: str, number: int, piece: str = "") -> tuple[int, bytes]:
+        """The file of a recording, or a piece of it."""
+        headers = {"Authorization": f"Bearer {self._tokens[name]}"}
+        if piece:
+            headers["Range"] = f"bytes={piece}"
+        request = urllib.request.Request(
+            f"{self._stack.url}/api/v1/recordings/{number}/file", headers=headers
+        )
+        with urllib.request.urlopen(request, context=insecure_tls(), timeout=30) as answer:
+            return answer.status, answer.read()
+
+    def state(self, number: int) -> str:
+        """How far a recording is."""
+        return str(self.ask("dora", "GET", f"/recordings/{number}")[1]["state"])
+
+    def start(self) -> int:
+        """Begin a recording as dora."""
+        status, recording = self.ask("dora", "POST", f"/robots/{ROBOT}/recordings")
+        assert status == 201, recording
+        number = int(recording["id"])
+        self._stack.wait("it records", lambda: self.state(number) == "recording", "recorder")
+        return number
+
+
+@pytest.fixture
+def people(stack: Stack) -> Iterator[People]:
+    stack.wait_until_drivable(ROBOT)
+    levels = {"dora": "drive", "mark": "manage"}
+    try:
+        for name, level in levels.items():
+            stack.admin.add_user(name)
+            stack.admin.grant(name, ROBOT, level)
+            stack.wait_for_right(name, ROBOT)
+        yield People(stack)
+    finally:
+        for name in levels:
+            stack.admin.remove("users", name)
+
+
+def test_a_drive_is_recorded_and_read_by_rosbags(
+    page: Page, stack: Stack, people: People, tmp_path: Path
+) -> None:
+    """The page says so meanwhile; who only drives does not get the file."""
+    number = people.start()
+    drive_live(page, stack, ROBOT)
+    expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
+    page.keyboard.down("ArrowUp")
+    page.wait_for_timeout(2000)
+    page.keyboard.up("ArrowUp")
+    assert people.ask("dora", "POST", f"/recordings/{number}/stop")[0] == 200
+    stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
+    expect(page.get_by_test_id("recording")).to_be_empty()
+    assert people.ask("dora", "GET", f"/recordings/{number}/file")[0] == 404
+    status, data = people.file("mark", number)
+    assert status == 200
+    assert people.file("mark", number, "8-107") == (206, data[8:108])
+    file = tmp_path / "drive.mcap"
+    file.write_bytes(data)
+    with file.open("rb") as opened:
+        summary = make_reader(opened, validate_crcs=True).get_summary()
+    assert summary is not None
+    with AnyReader([file]) as bag:
+        types = {connection.topic: connection.msgtype for connection in bag.connections}
+        assert types.items() >= WANTED.items()
+        assert {"/camera/image_raw/compressed", "/camera/image_raw/video"} & types.keys()
+        commands = [
+            bag.deserialize(command, connection.msgtype)
+            for connection, _, command in bag.messages()
+            if connection.topic == "/robotether/commands"
+        ]
+    moving = [command for command in commands if command.speed_m_s > 0]
+    assert {command.person for command in moving} == {"admin"}
+    assert {command.outcome for command in moving} == {"sent"}
+    assert any(command.seen_frames.size for command in moving)
+    assert people.ask("mark", "DELETE", f"/recordings/{number}")[0] == 204
+    folder = "/var/lib/robotether/recordings"
+    stack.wait(
+        "the file is gone",
+        lambda: f"{number}.mcap" not in stack.exec("recorder", "ls", folder),
+        "recorder",
+    )
+
+
+def test_a_recording_ends_with_the_right_of_who_asked(stack: Stack, people: People) -> None:
+    number = people.start()
+    stack.admin.grant("dora", ROBOT, "observe")
+
+    def code() -> str | None:
+        recording = people.ask("mark", "GET", f"/recordings/{number}")[1]
+        return str(recording["end_code"]) if recording["ended_at"] else None
+
+    assert stack.wait("it ended", code, "recorder", seconds=10) == "right_ended"
+    assert people.ask("dora", "POST", f"/robots/{ROBOT}/recordings")[0] == 403
+
+
+async def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
+    stack: Stack, people: People, tmp_path: Path
+) -> None:
+    """Its file is whole when the recorder is back, and the drive does not notice."""
+    number = await asyncio.to_thread(people.start)
+
+    def kill() -> None:
+        stack.container("recorder").kill()
+        stack.container("recorder").start()
+        stack.wait("it ended", lambda: people.state(number) == "ended", "recorder", seconds=60)
+
+    async with Program(stack, stack.token("killed")).connect(ROBOT) as driver:
+        await open_echo(driver)
+        await drive_on(driver, asyncio.to_thread(kill))
+    file = tmp_path / "killed.mcap"
+    file.write_bytes(people.file("mark", number)[1])
+    with AnyReader([file]) as bag:
+        assert "/odom" in bag.topics
+
+
+def test_nobody_else_reaches_the_recorders_channel(stack: Stack) -> None:
+    """Neither through nginx, nor inside with a ticket of a user's."""
+    token = stack.token("channel")
+    bearer = {"Authorization": f"Bearer {token}"}
+    _, ticket = stack.request(
+        "POST", "/api/v1/tickets", {"robot": ROBOT, "mode": "observe"}, headers=bearer
+    )
+    assert stack.request("GET", f"/recorder?ticket={ticket['ticket']}")[0] == 404
+    assert stack.request("GET", "/recording-files/1.mcap", headers=bearer)[0] == 404
+    script = (
+        "import urllib.request, urllib.error\n"
+        f"url = 'http://127.0.0.1:9100/recorder?ticket={ticket['ticket']}'\n"
+        "try: print(urllib.request.urlopen(url).status)\n"
+        "except urllib.error.HTTPError as refused: print(refused.code)\n"
+    )
+    assert stack.exec("relay", "python3", "-c", script).strip() == "401"

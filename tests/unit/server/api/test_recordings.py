@@ -1,0 +1,134 @@
+"""Recordings, as programs of drivers and managers ask for them, and as the recorder reads what they ask."""
+
+import pytest
+from admin_records import events
+from api_visitor import program_of
+from granted import give, take
+from robotether_server.db import recordings, robots, users
+from robotether_server.db.recordings import Progress
+from web_visitor import HASH
+
+
+@pytest.fixture
+def recorder(recorder_database):
+    """The database as the recorder has it."""
+    return recorder_database
+
+
+@pytest.fixture
+def people(root, ann, program, database):
+    """Ann drives sim1, ben does, too, and mia manages it; eve may drive nothing."""
+    assert root
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET state = 'active' WHERE name = 'sim1'")
+        robot = robots.get(tx, "sim1")
+        added = {name: users.add(tx, name, HASH, "user") for name in ("ben", "mia", "eve")}
+        give(tx, added["ben"], robot.id, "drive")
+        give(tx, added["mia"], robot.id, "manage")
+    return {"ann": ann} | {name: program_of(program, database, name) for name in added}
+
+
+@pytest.fixture
+def begun(people, recorder):
+    """Ann's recording of sim1, which the recorder has begun."""
+    recording = people["ann"].ask("POST", "/robots/sim1/recordings").json
+    with recorder.transaction() as tx:
+        assert recordings.begin(tx, recording["id"], "main")
+        recordings.write_progress(tx, recording["id"], Progress(1000, 10, ("ann", "ben")))
+    return recording["id"]
+
+
+def test_a_driver_records_a_robot_once(people, recorder):
+    recording = people["ann"].ask("POST", "/robots/sim1/recordings").json
+    assert (recording["state"], recording["cause"]) == ("requested", "asked")
+    assert (recording["robot"], recording["asked_by"]) == ("sim1", "ann")
+    assert people["ben"].refused("POST", "/robots/sim1/recordings") == (409, "not_possible")
+    with recorder.transaction() as tx:
+        [row] = recordings.read_open(tx, "main")
+        assert (row.id, row.may_go_on) == (recording["id"], True)
+        assert not recordings.begin(tx, row.id + 1, "main")
+        assert recordings.begin(tx, row.id, "main")
+        assert not recordings.begin(tx, row.id, "second")
+        assert recordings.read_open(tx, "second") == []
+
+
+def test_strangers_and_observers_record_nothing(people, database):
+    assert people["eve"].refused("POST", "/robots/sim1/recordings") == (404, "robot_unknown")
+    with database.transaction() as tx:
+        give(tx, users.get(tx, "eve").id, robots.get(tx, "sim1").id, "observe")
+    assert people["eve"].refused("POST", "/robots/sim1/recordings") == (403, "grant_missing")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "allowed"),
+    [
+        ("GET", "", {"ann", "ben", "mia"}),
+        ("POST", "/stop", {"ann", "mia"}),
+        ("GET", "/file", {"mia"}),
+        ("DELETE", "", {"mia"}),
+    ],
+)
+def test_anothers_recording_is_out_of_reach(people, begun, method, path, allowed):
+    for name, program in people.items():
+        if name not in allowed:
+            status = program.ask(method, f"/recordings/{begun}{path}").status_code
+            assert status in {403, 404}, name
+    for name in allowed:
+        assert people[name].ask(method, f"/recordings/{begun}{path}").status_code < 300, name
+
+
+def test_a_list_has_what_the_caller_may_drive(people, begun):
+    [listed] = people["ben"].get("/recordings?robot=sim1")["recordings"]
+    assert (listed["id"], listed["state"], listed["bytes"]) == (begun, "recording", 1000)
+    assert listed["drivers"] == ["ann", "ben"]
+    assert people["ben"].get(f"/recordings?before={begun}")["recordings"] == []
+    assert people["eve"].get("/recordings")["recordings"] == []
+    assert people["eve"].refused("GET", "/recordings?robot=sim1") == (404, "robot_unknown")
+
+
+def test_a_recording_does_not_outlive_its_right(people, begun, recorder, database):
+    with database.transaction() as tx:
+        take(tx, users.get(tx, "ann").id, robots.get(tx, "sim1").id)
+    with recorder.transaction() as tx:
+        [row] = recordings.read_open(tx, "main")
+        assert not row.may_go_on
+        recordings.end(tx, row.id, "right_ended", None)
+    assert people["mia"].get(f"/recordings/{begun}")["end_code"] == "right_ended"
+
+
+def test_what_is_asked_reaches_the_recorder(people, begun, recorder):
+    people["ann"].ask("POST", f"/recordings/{begun}/stop")
+    with recorder.transaction() as tx:
+        assert recordings.read_open(tx, "main")[0].is_stop_requested
+    people["mia"].ask("DELETE", f"/recordings/{begun}")
+    with recorder.transaction() as tx:
+        assert recordings.read_open(tx, "main")[0].is_delete_requested
+        recordings.end(tx, begun, "stopped", None)
+        recordings.note_deleted(tx, begun)
+        assert recordings.read_open(tx, "main") == []
+    assert people["mia"].refused("GET", f"/recordings/{begun}") == (404, "record_missing")
+
+
+def test_many_pieces_are_one_download(people, begun, database):
+    """The file is sent by nginx, at a path that is made of its number alone."""
+    for _ in range(3):
+        answer = people["mia"].ask("GET", f"/recordings/{begun}/file")
+    assert answer.headers["X-Accel-Redirect"] == f"/recording-files/{begun}.mcap"
+    name = f"robotether-sim1-{begun}.mcap"
+    assert answer.headers["Content-Disposition"] == f'attachment; filename="{name}"'
+    assert events(database).count(("mia", "recording_downloaded", "sim1")) == 1
+    people["mia"].ask("DELETE", f"/recordings/{begun}")
+    assert ("mia", "recording_deleted", "sim1") in events(database)
+
+
+def test_a_robots_setting_reaches_the_recorder(people, root, recorder):
+    assert people
+    page = {"cameras": [{"topic": topic, "name": topic} for topic in ("/a", "/b")]}
+    settings = {"recording": {"when": "on_stop"}, "page": page}
+    assert root.ask("PATCH", "/robots/sim1", {"settings": settings}).status_code == 200
+    with recorder.transaction() as tx:
+        found = {robot.name: robot for robot in recordings.read_robots(tx)}
+    assert found["sim1"].recording_when == "on_stop"
+    assert found["sim1"].cameras == ("/a", "/b")
+    settings = {"recording": {"when": "sometimes"}}
+    assert root.refused("PATCH", "/robots/sim1", {"settings": settings}) == (422, "field_invalid")

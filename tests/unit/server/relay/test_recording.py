@@ -1,0 +1,340 @@
+"""A robot that is recorded through a real relay: what its file has, and what ends it."""
+
+from __future__ import annotations
+
+import asyncio
+import datetime as dt
+import errno
+import json
+import struct
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from fake_operator import FakeOperator
+from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
+from robotether_server.db.recordings import (
+    Progress,
+    RecordableRobot,
+    RecordingCause,
+    RecordingRow,
+)
+from robotether_server.recorder import relay_client, service
+from robotether_server.recorder.mcap_file import McapFile, repair
+from robotether_server.recorder.reader import RecordedTopicMessage, read_messages
+from robotether_server.recorder.relay_client import RelayClient
+from robotether_server.recorder.service import RecorderService
+from robotether_server.recorder.store import RecordingEnd
+from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
+from robotether_server.times import utc_now
+from rosbags.highlevel import AnyReader
+
+TYPEDEFS = [
+    {
+        "type": "demo/Speed",
+        "fieldnames": ["value"],
+        "fieldtypes": ["float32"],
+        "fieldarraylen": [-1],
+    }
+]
+
+
+@dataclass
+class MemoryStore:
+    """The recordings of a database, as a test sets them."""
+
+    robots: list[RecordableRobot] = field(default_factory=list)
+    rows: dict[int, RecordingRow] = field(default_factory=dict)
+    endings: list[RecordingEnd] = field(default_factory=list)
+    down: bool = False
+
+    def ask(self, number: int = 1) -> None:
+        self.rows[number] = RecordingRow(
+            number, 7, "sim1", "asked", "ann", utc_now(), False, False, None, None, True, None
+        )
+
+    def change(self, number: int, **members: Any) -> None:
+        self.rows[number] = replace(self.rows[number], **members)
+
+    async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]] | None:
+        return None if self.down else (list(self.rows.values()), self.robots)
+
+    async def begin(self, row: RecordingRow, robot: RecordableRobot) -> bool:
+        self.change(row.id, started_at=utc_now(), cell="main")
+        return True
+
+    async def add(
+        self, robot: RecordableRobot, cause: RecordingCause, started_at: dt.datetime
+    ) -> int:
+        number = len(self.rows) + 1
+        self.rows[number] = RecordingRow(
+            number,
+            robot.id,
+            robot.name,
+            cause,
+            None,
+            started_at,
+            False,
+            False,
+            started_at,
+            None,
+            True,
+            "main",
+        )
+        return number
+
+    async def write_progress(self, progress: dict[int, Progress]) -> None:
+        """Nobody reads it."""
+
+    def end(self, ending: RecordingEnd) -> None:
+        self.endings.append(ending)
+        self.change(ending.id, ended_at=ending.ended_at, started_at=utc_now())
+
+    async def note_deleted(self, number: int) -> None:
+        del self.rows[number]
+
+    async def read_older(self, before: dt.datetime) -> list[int]:
+        return []
+
+    async def flush(self) -> None:
+        """Nothing waits."""
+
+    def code(self, number: int = 1) -> str:
+        """Why a recording ended; empty: it did not."""
+        return next((ending.code for ending in self.endings if ending.id == number), "")
+
+
+@pytest.fixture
+def store() -> MemoryStore:
+    return MemoryStore([RecordableRobot(7, "sim1", None, ("/camera",))])
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> RecorderSettings:
+    database = DatabaseSettings("nowhere", 1, "none", "none", "none")
+    tickets = TicketSettings(TICKET_KEY, 30)
+    return RecorderSettings(
+        database, tickets, "main", "127.0.0.1", tmp_path, 10**9, 0, MESSAGE_LIMIT, "info"
+    )
+
+
+@asynccontextmanager
+async def running_recorder(
+    settings: RecorderSettings, store: MemoryStore
+) -> AsyncIterator[RecorderService]:
+    async with aiohttp.ClientSession() as session:
+        recorder = RecorderService(settings, RelayClient(settings, session), store)
+        working = asyncio.create_task(recorder.run())
+        try:
+            yield recorder
+        finally:
+            working.cancel()
+            await asyncio.gather(working, return_exceptions=True)
+            await recorder.close()
+
+
+@pytest_asyncio.fixture
+async def recorder(relay, robot, settings, store, monkeypatch):
+    monkeypatch.setattr(relay_client, "PUBLIC_PORT", relay.relay.http_port)
+    monkeypatch.setattr(relay_client, "INSIDE_PORT", relay.relay.inside_port)
+    monkeypatch.setattr(service, "STEP_S", 0.05)
+    robot.frames.mode = "behaves"
+    async with running_recorder(settings, store) as running:
+        yield running
+
+
+async def answer_rosapi(robot, service_name: str, **values: Any) -> None:
+    """Answer the recorder's next call of a service of rosapi as the robot."""
+
+    def calls() -> list[dict[str, Any]]:
+        messages = [json.loads(text) for text in robot.received]
+        return [each for each in messages if each.get("service") == f"/rosapi/{service_name}"]
+
+    await until(calls, f"/rosapi/{service_name} is called")
+    answer = {"op": "service_response", "id": calls()[-1]["id"], "values": values, "result": True}
+    await robot.send_to_clients(json.dumps(answer).encode())
+
+
+def file_of(settings: RecorderSettings, number: int = 1) -> Path:
+    return settings.folder / f"{number}.mcap"
+
+
+def messages_of(settings: RecorderSettings, number: int = 1) -> list[RecordedTopicMessage]:
+    path = file_of(settings, number)
+    return list(read_messages(path)) if path.exists() else []
+
+
+def topics_of(settings: RecorderSettings, number: int = 1) -> set[str]:
+    return {message.topic for message in messages_of(settings, number)}
+
+
+async def test_a_recording_has_topics_frames_and_what_the_driver_did(
+    *, recorder, relay, robot, sim1, store, settings, http
+):
+    store.ask()
+    await answer_rosapi(
+        robot, "topics", topics=["/speed", "/robotether/fake"], types=["demo/Speed"] * 2
+    )
+    await answer_rosapi(robot, "message_details", typedefs=TYPEDEFS)
+    await until(lambda: robot.topics, "the topic is subscribed")
+    await robot.send_to_topics(b'{"op":"publish","topic":"/speed","msg":{"value":0.5}}')
+    await until(lambda: "/speed" in topics_of(settings), "it is in the file, which is open")
+    await robot.send_to_topics(b'{"op":"publish","topic":"/speed","msg":{"value":"fast"}}')
+    await robot.frames.wait_for("credit")
+    await robot.frames.show(b"a picture")
+    async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+        await driver.clock_sync()
+        await driver.drive(0.25, seen=[{"camera": "/camera", "frame": 3}])
+        await driver.late_sender(0.75)
+        wanted = {"/camera/compressed", "/robotether/commands", "/robotether/control"}
+        await until(lambda: wanted <= topics_of(settings), "all is in the file")
+    store.change(1, is_stop_requested=True)
+    await until(lambda: store.code() == "stopped", "it ended")
+    await until(lambda: not relay.relay.fleet_events.describe(sim1).recording, "nobody records")
+    messages = messages_of(settings)
+    [speed] = [each for each in messages if each.topic == "/speed"]
+    assert speed.data == b"\0\1\0\0" + struct.pack("<f", 0.5)
+    [picture] = [each for each in messages if each.topic == "/camera/compressed"]
+    assert picture.data.endswith(struct.pack("<I", 9) + b"a picture")
+    [sent, late] = [each for each in messages if each.topic == "/robotether/commands"]
+    assert all(text in sent.data for text in (b"sent\0", b"ann\0", b"/camera\0"))
+    assert b"too_old\0" in late.data
+    with AnyReader([file_of(settings)]) as bag:
+        names = {each.topic: each.msgtype for each in bag.connections}
+        assert names["/speed"] == "demo/msg/Speed"
+        assert sum(1 for _ in bag.messages()) == len(messages)
+
+
+async def test_drivers_are_shown_that_they_are_recorded(recorder, relay, sim1, store):
+    describe = relay.relay.fleet_events.describe
+    assert not describe(sim1).recording
+    store.ask()
+    await until(lambda: describe(sim1).recording, "it is shown")
+    assert describe(sim1).observers == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "code"),
+    [
+        ({"may_go_on": False}, "right_ended"),
+        ({"is_stop_requested": True}, "stopped"),
+        ({"is_delete_requested": True}, "stopped"),
+    ],
+)
+async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, change, code):
+    store.ask()
+    await until(lambda: store.rows[1].started_at, "it began")
+    store.change(1, **change)
+    await until(lambda: store.code() == code, "it ended", within_s=2)
+
+
+async def test_a_deleted_recording_leaves_no_file(recorder, store, settings):
+    store.ask()
+    await until(file_of(settings).exists, "it began")
+    store.change(1, is_delete_requested=True)
+    await until(lambda: 1 not in store.rows, "it is deleted")
+    assert not file_of(settings).exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"may_go_on": False}, "right_ended"),
+        ({"robot_id": 8}, "robot_gone"),
+        ({"asked_at": utc_now() - dt.timedelta(hours=1)}, "robot_offline"),
+    ],
+)
+async def test_what_may_not_begin_does_not(recorder, store, settings, changes, code):
+    await until(lambda: recorder.channel.is_open, "the recorder is connected")
+    store.ask()
+    store.change(1, **changes)
+    await until(lambda: store.code() == code, "it is refused")
+    assert not file_of(settings).exists()
+
+
+@pytest.mark.parametrize("when", ["always", "driven", "on_stop"])
+async def test_a_robot_is_recorded_by_its_setting(
+    *, recorder, relay, robot, sim1, store, settings, http, when
+):
+    store.robots = [replace(store.robots[0], recording_when=when)]
+    await until(lambda: relay.relay.registry.robot(7).recorders, "the recorder follows")
+    if when == "on_stop":
+        await until(lambda: robot.frames.of("credit"), "frames are kept")
+        await robot.frames.show(b"before the stop")
+        await asyncio.sleep(0.2)
+        relay.relay.control.stops.stop(sim1, "ann")
+    if when == "driven":
+        assert not store.rows
+        async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+            await driver.clock_sync()
+            await until(lambda: store.rows, "the drive is recorded")
+    await until(lambda: "/robotether/control" in topics_of(settings), "it is in a file")
+    assert store.rows[1].cause == when
+    if when == "on_stop":
+        assert any(b"before the stop" in each.data for each in messages_of(settings))
+    store.robots = [replace(store.robots[0], recording_when=None)]
+    await until(lambda: store.code() == "setting_changed", "it ended")
+
+
+async def test_a_full_disk_ends_the_recording_and_not_the_drive(
+    *, recorder, relay, sim1, store, settings, http, monkeypatch
+):
+    async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+        await driver.clock_sync()
+        store.ask()
+        await until(lambda: "/robotether/control" in topics_of(settings), "it records")
+
+        def fill(_file: McapFile) -> None:
+            raise OSError(errno.ENOSPC, "no space left on the device")
+
+        monkeypatch.setattr(McapFile, "end_chunk", fill)
+        await until(lambda: store.code() == "disk_full", "it ended")
+        monkeypatch.undo()
+        assert driver.closed is None
+        assert relay.relay.control.driver(7) == "ann"
+    assert "/robotether/control" in topics_of(settings)
+
+
+async def test_a_quota_that_is_reached_ends_the_recording(recorder, store, settings):
+    store.ask()
+    await until(lambda: store.rows[1].started_at, "it began")
+    object.__setattr__(settings, "max_bytes", 1)
+    await until(lambda: store.code() == "quota_reached", "it ended")
+    store.ask(2)
+    await until(lambda: store.code(2) == "quota_reached", "no other begins")
+
+
+async def test_a_recording_goes_on_while_database_and_relay_are_away(
+    recorder, relay, robot, store, settings
+):
+    store.ask()
+    await until(lambda: "/robotether/control" in topics_of(settings), "it records")
+    store.down = True
+    await robot.frames.wait_for("credit")
+    await robot.frames.show(b"a picture")
+    await until(lambda: "/camera/compressed" in topics_of(settings), "it goes on")
+    assert not store.endings
+
+
+async def test_the_next_recorder_makes_the_file_of_a_killed_one_whole(
+    recorder, relay, store, settings
+):
+    store.ask()
+    await until(lambda: "/robotether/control" in topics_of(settings), "it records")
+    # As a killed recorder leaves it, with a piece of a chunk at its end.
+    left = file_of(settings).read_bytes() + b"\x06\0\0"
+    store.change(1, is_stop_requested=True)
+    await until(lambda: store.code() == "stopped", "it ended")
+    store.rows.clear()
+    store.ask(2)
+    store.change(2, started_at=utc_now(), cell="main", may_go_on=True)
+    file_of(settings, 2).write_bytes(left)
+    await until(lambda: store.code(2) == "recorder_restarted", "it ended")
+    with AnyReader([file_of(settings, 2)]) as bag:
+        assert "/robotether/control" in bag.topics
+    assert repair(file_of(settings, 2)) is not None
