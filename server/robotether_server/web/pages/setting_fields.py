@@ -204,7 +204,7 @@ DRIVING = Tab(
 )
 BUTTONS = Tab("Buttons", "/buttons")
 HELP = Tab(
-    "Help",
+    "Requests",
     "/help",
     "When the robot asks a person for help by itself. It asks once, and again only after it was well in between.",
     sections=(

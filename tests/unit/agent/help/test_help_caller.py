@@ -122,28 +122,33 @@ async def test_robot_without_rules_is_left_alone(start):
 
 
 async def test_rosbridge_that_is_down_is_no_silent_navigation(start):
-    config = HelpConfig(navigation_topic="/plan", navigation_silent_s=0.4)
+    """The silence before that does not count, either."""
+    config = HelpConfig(navigation_topic="/plan", navigation_silent_s=1.0)
     async with TopicRosbridge(ALL) as robot:
         world = start(robot.url, config)
         await eventually(lambda: robot.subscribed("/plan"), lambda: str(robot.got))
+        await asyncio.sleep(0.2)
         await robot.stop()
-        await asyncio.sleep(0.6)
+        await asyncio.sleep(1.2)
+        await robot.start()
+        await eventually(lambda: len(robot.subscribed("/plan")) > 1, lambda: str(robot.got))
+        await asyncio.sleep(0.2)
         assert world.sent == []
         robot.topics = {}
-        await robot.start()
         await world.has_sent("navigation")
 
 
 async def test_flood_is_one_call_at_a_time_and_the_newest(start, monkeypatch):
-    monkeypatch.setattr(caller_module, "SEND_EVERY_S", 0.5)
+    monkeypatch.setattr(caller_module, "SEND_EVERY_S", 1.0)
     async with TopicRosbridge(ALL) as robot:
         world = start(robot.url, HelpConfig(topic="/robotether/help"))
         await eventually(lambda: robot.subscribed("/robotether/help"), lambda: str(robot.got))
         assert robot.subscribed("/robotether/help")[0]["queue_length"] == 1
-        for number in range(500):
+        for number in range(50):
             await robot.publish("/robotether/help", {"data": f"call {number}"})
-        await eventually(lambda: ("robot", "call 499", 2) in world.sent, lambda: str(world.sent))
-        assert len(world.sent) <= 3
+            await asyncio.sleep(0.01)
+        await eventually(lambda: ("robot", "call 49", 2) in world.sent, lambda: str(world.sent))
+        assert len(world.sent) <= 5
 
 
 async def test_call_waits_for_a_server_that_reads_it(start):

@@ -126,8 +126,10 @@ def test_server_decides_among_cells_about_equally_near():
 
 def test_rank_comes_before_distance():
     """A region's cells, and one to which the server sends the robot, win; a drained one is never chosen."""
-    distances = known(a=200, b=1)
-    cells = [A, ListedCell(B.host, B.ports, rank=1)]
-    assert distances.by_distance(cells) == cells
+    distances = known(a=200, b=1, c=100)
+    cells = [A, C, ListedCell(B.host, B.ports, rank=1)]
+    assert distances.by_distance(cells) == [C, A, B]
+    assert distances.nearer(C, cells) is None
+    cells.remove(C)
     assert distances.nearer(A, cells) is None
     assert known(a=1, b=200).nearer(B, cells) == A
