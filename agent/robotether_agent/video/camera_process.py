@@ -26,11 +26,10 @@ from robotether_agent.video.newest_jpegs import (
     NewestFrame,
     serve,
 )
+from robotether_agent.video.timestamps import MAX_LAG_S
 
 # Time limits for opening a camera, and for its next frame.
 OPEN_S, READ_S = 10.0, 10.0
-# Time limit by which frames may come later than the first did: more is a queue on the way.
-MAX_LAG_S = 1.0
 RTSP_OPTIONS = {
     # No redirect or description leads to a file, or to another protocol.
     "protocol_whitelist": "rtsp,rtp,rtcp,udp,tcp",

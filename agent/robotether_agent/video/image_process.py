@@ -34,7 +34,7 @@ from robotether_agent.video.newest_jpegs import (
     serve,
 )
 from robotether_agent.video.raw_images import FrameMaker, RawImage
-from robotether_agent.video.timestamps import now, stamp_of, timestamp_of
+from robotether_agent.video.timestamps import FrameClock, FramesLateError, now
 from robotether_agent.video.video_packets import NotShownError, h264_of
 
 
@@ -42,7 +42,7 @@ def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Read a topic's images until there are no more, and say why."""
     try:
         asyncio.run(subscribe(request, newest))
-    except (CameraFailedError, NotShownError) as error:
+    except (CameraFailedError, FramesLateError, NotShownError) as error:
         newest.end(CameraFailedError(str(error)))
     except (av.FFmpegError, MemoryError) as error:
         newest.end(CameraFailedError(f"its H.264 cannot be decoded: {type(error).__name__}"))
@@ -52,14 +52,14 @@ def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
 
 async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Put each image with its times."""
-    kind = request["type"]
+    kind, clock = request["type"], FrameClock()
     frames_of = H264Frames().frames_of if kind in VIDEO_TYPES else RawFrames().frames_of
     async with connected(request["url"], max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
         await rosbridge.subscribe(request["topic"], kind, **request["how"])
         while True:
             message = await rosbridge.message()
             arrived = now()
-            timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
+            timestamp_s, is_stamped = clock.timestamp(message, arrived)
             for frame in frames_of(message):
                 newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
 

@@ -56,7 +56,13 @@ from robotether_agent.video.multipart import (
     Part,
     boundary_of,
 )
-from robotether_agent.video.timestamps import now, stamp_of, timestamp_of
+from robotether_agent.video.timestamps import (
+    FrameClock,
+    FramesLateError,
+    now,
+    stamp_of,
+    timestamp_of,
+)
 from robotether_agent.video.video_packets import NotShownError, h264_of
 
 CONNECT_WITHIN_S = 3.0
@@ -463,7 +469,7 @@ async def run_rosbridge(
     graph: RosGraph, topic: str, kind: str, fps: float, on_frame: OnFrame
 ) -> NoReturn:
     """Give the frames of a topic of compressed images, or of H.264, as they are."""
-    frame_of = _video_frame if kind in VIDEO_TYPES else _image_frame
+    frame_of = VideoFrames().frame if kind in VIDEO_TYPES else _image_frame
     try:
         async with connected(graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
             await rosbridge.subscribe(topic, kind, **_how(kind, fps))
@@ -548,14 +554,21 @@ def _image_frame(message: JsonObject, topic: str) -> CameraFrame:
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
-def _video_frame(message: JsonObject, topic: str) -> CameraFrame | None:
-    try:
-        packet = h264_of(message)
-    except NotShownError as error:
-        raise SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}") from error
-    if packet is None:
-        return None
-    data, unit = packet
-    arrived = now()
-    timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
-    return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)
+class VideoFrames:
+    """A robot's own H.264."""
+
+    def __init__(self) -> None:
+        self._clock = FrameClock()
+
+    def frame(self, message: JsonObject, topic: str) -> CameraFrame | None:
+        """Return the frame of a message, nothing for one without; SourceDownError for what cannot be shown."""
+        arrived = now()
+        try:
+            packet = h264_of(message)
+            timestamp_s, is_stamped = self._clock.timestamp(message, arrived)
+        except (FramesLateError, NotShownError) as error:
+            raise SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}") from error
+        if packet is None:
+            return None
+        data, unit = packet
+        return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)

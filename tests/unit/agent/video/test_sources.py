@@ -30,7 +30,14 @@ from robotether_agent.video.sources import (
     SourceSettings,
     stream_url,
 )
-from robotether_agent.video.timestamps import NEAR_S, ClockReadings, stamp_of, timestamp_of
+from robotether_agent.video.timestamps import (
+    NEAR_S,
+    ClockReadings,
+    FrameClock,
+    FramesLateError,
+    stamp_of,
+    timestamp_of,
+)
 from robotether_common.codecs import H264
 
 ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
@@ -56,6 +63,28 @@ IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 def test_what_a_cameras_stamp_says(stamp_s, age_s, is_stamped):
     """The wall's time is the camera's own stamp; where it says nothing the arrival counts."""
     assert timestamp_of(stamp_s, ARRIVED) == (ARRIVED.robot_s - age_s, is_stamped)
+
+
+def stamped(stamp_s: float) -> dict[str, object]:
+    sec = int(stamp_s)
+    return {"header": {"stamp": {"sec": sec, "nanosec": int((stamp_s - sec) * 1e9)}}}
+
+
+@pytest.mark.parametrize("late_s", [1.6, 9.0, NEAR_S + 1])
+def test_frames_that_queue_on_the_way_are_given_up_before_they_look_new(late_s):
+    """Without that, a frame that is older than stamps may be would count as one of now."""
+    clock = FrameClock()
+    for age_s in (0.6, 0.5, 1.4):
+        assert clock.timestamp(stamped(ARRIVED.wall_s - age_s), ARRIVED)[1]
+    with pytest.raises(FramesLateError):
+        clock.timestamp(stamped(ARRIVED.wall_s - late_s), ARRIVED)
+
+
+def test_stamps_of_another_clock_are_never_late():
+    """A simulation's time runs at a speed of its own."""
+    clock = FrameClock()
+    for stamp_s in (5.0, 5.1, 2.0):
+        assert clock.timestamp(stamped(stamp_s), ARRIVED) == (ARRIVED.robot_s, False)
 
 
 @dataclass
