@@ -3,21 +3,30 @@
 The uplink is that of a simulated robot's laser, odometry and map: what leaves the robot from before the first observer
 subscribes until all have had the topics for a while, so that the map's copy counts, too. The relay's processor is that
 of a topic at 1000 messages a second, which this process publishes at the robot's own rosbridge. Observers connect to
-the relay itself, as viewers do (video.py). Used by `bench`; needs `make demo`.
+the relay itself, as viewers do (video.py). `beside_clouds` has the round trips of round_trip.py while observers take
+a lidar's clouds over the whole path; they are a process of their own, started as `python -m fan_out`. Used by `bench`;
+needs `make demo`, and root for the robot's network.
 """
 
 from __future__ import annotations
 
 import asyncio
+import json
+import sys
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import aiohttp
 from demo import Demo
+from local_network import insecure_tls
+from paper.bus_robot import CLOUD, CLOUD_HZ
+from paper.programs import LineProgram, write_line
 from report import Row, Section
-from round_trip import ROSBRIDGE_PORT
+from round_trip import FRAME_BYTES, ROSBRIDGE_PORT, Route, measure_all, whole_robot
 from video import RELAY_PORT, ROBOT, Usage, going_on
 
 SENSORS = ("/scan", "/odom", "/map")
@@ -29,6 +38,11 @@ SECONDS = 20.0
 # Time after which no subscription of the run before is left: the robot keeps the last one's for 0.5 s.
 SETTLE_S = 2.0
 AIM_TIMES, AIM_PERCENT = 1.05, 15
+# Observers of clouds beside a driver.
+CLOUD_OBSERVERS, DRIVER_HZ = 5, 20
+DRIVEN_S = 60.0
+CLOUDS_WITHIN_S = 30.0
+AIM_ALONE_MS, AIM_BESIDE_MS = 13, 30
 
 
 @dataclass(frozen=True)
@@ -48,18 +62,22 @@ class Observer:
 
     def __init__(self, topics: Sequence[str]) -> None:
         self.messages = 0
+        self.bytes = 0
         self.missing = set(topics)
 
     async def observe(self, http: aiohttp.ClientSession, url: str, topics: Sequence[str]) -> None:
         """Count until this is cancelled."""
-        async with http.ws_connect(url, compress=0, max_msg_size=0) as socket:
+        async with http.ws_connect(
+            url, ssl=insecure_tls(), compress=0, max_msg_size=0, decode_text=False
+        ) as socket:
             for topic in topics:
                 kind = {"type": FAST_TYPE} if topic == FAST else {}
                 await socket.send_json({"op": "subscribe", "topic": topic, **kind})
             async for message in socket:
                 self.messages += 1
+                self.bytes += len(message.data)
                 if self.missing:
-                    self.missing.discard(message.json().get("topic"))
+                    self.missing.discard(json.loads(message.data).get("topic"))
         raise ConnectionError(f"the topics ended with {socket.close_code}")
 
 
@@ -179,3 +197,64 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
     return Section(
         "What observers of topics cost the robot's uplink and the relay", text, rows(runs)
     )
+
+
+async def take_clouds(urls: Sequence[str]) -> None:
+    """Observe clouds until the input ends; write when all have one, and at the end how much they got in a second."""
+    async with observing(urls, (CLOUD,)) as observers:
+        before = sum(each.messages for each in observers), sum(each.bytes for each in observers)
+        started = time.monotonic()
+        write_line({"ready": True})
+        await asyncio.to_thread(sys.stdin.read)
+        lasted_s = time.monotonic() - started
+        messages = sum(each.messages for each in observers) - before[0]
+        size = sum(each.bytes for each in observers) - before[1]
+    write_line({"messages_per_s": messages / lasted_s, "bytes_per_s": size / lasted_s})
+
+
+def measure_beside(demo: Demo, seconds: float = DRIVEN_S) -> Section:
+    """A driver's round trips alone, and beside observers of clouds; both straight at rosbridge, too."""
+    count = int(seconds * DRIVER_HZ)
+    with whole_robot(demo, "CLOUD") as (world, name, inside), TemporaryDirectory() as folder:
+
+        def routes() -> list[Route]:
+            urls = {
+                "straight to rosbridge": f"ws://127.0.0.1:{ROSBRIDGE_PORT}",
+                "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={world.ticket(name, 'drive')}",
+            }
+            return asyncio.run(measure_all(urls, count, inside=inside, rate_hz=DRIVER_HZ))
+
+        measured = [cloud_row(route, 0, {}) for route in routes()]
+        address = f"wss://{world.address}/robots/{name}/ros?ticket="
+        with LineProgram("fan_out", Path(folder) / "log") as observers:
+            observers.send(
+                [address + world.ticket(name, "observe") for _ in range(CLOUD_OBSERVERS)]
+            )
+            observers.receive("that all have a cloud", CLOUDS_WITHIN_S)
+            beside = routes()
+            observers.end_input()
+            got = observers.receive("what observers got", CLOUDS_WITHIN_S)
+        measured += [cloud_row(route, CLOUD_OBSERVERS, got) for route in beside]
+    text = (
+        f"A {FRAME_BYTES}-byte message goes to the robot and back at {DRIVER_HZ} Hz, alone and beside "
+        f"{CLOUD_OBSERVERS} observers of a PointCloud2 of 7.3 MB that the robot sends at {CLOUD_HZ} Hz. All "
+        "connections but the straight one go through nginx, TLS, relay, tunnel and agent, on one machine, without a "
+        "limit on the line. Beside the clouds the robot's rosbridge, which is one process, is late by itself: the "
+        f"straight row has it.\n\nAim: p99 {AIM_ALONE_MS} ms alone and {AIM_BESIDE_MS} ms beside the observers, on the "
+        "whole path."
+    )
+    return Section("A driver beside observers of point clouds", text, measured)
+
+
+def cloud_row(route: Route, observers: int, got: Row) -> Row:
+    each, size = got.get("messages_per_s"), got.get("bytes_per_s")
+    return {
+        "observers": observers,
+        **route.row(0.5, 0.99, 1),
+        "clouds/s each": each / observers if isinstance(each, float) else None,
+        "MB/s to observers": size / 1e6 if isinstance(size, float) else None,
+    }
+
+
+if __name__ == "__main__":
+    asyncio.run(take_clouds(json.loads(sys.stdin.readline())))

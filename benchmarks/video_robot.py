@@ -1,9 +1,9 @@
 """What runs on the robot in behind_video, started in the robot's namespace; ends with its stdin.
 
-The first line of its input says what. `{}`: an echoing WebSocket that has a large map, and a camera that offers more
-than the uplink takes. It treats a viewer as web_video_server does: one frame is under way to the kernel, those that
-come meanwhile are dropped. Otherwise the two SSH connections as the agent makes them, with the video proxy and the
-topics service; the line has the arguments of `tunnels`, whose folder has `key` and `known_hosts`.
+The first line of its input says what. `{}`: an echoing WebSocket that has a large map, a laser and a lidar, and a
+camera that offers more than the uplink takes. It treats a viewer as web_video_server does: one frame is under way to
+the kernel, those that come meanwhile are dropped. Otherwise the two SSH connections as the agent makes them, with the
+video proxy and the topics service; the line has the arguments of `tunnels`, whose folder has `key` and `known_hosts`.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import os
 import socket
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 from aiohttp import web
@@ -46,6 +47,12 @@ QUALITY = 80
 # As rosbridge writes a map of 1500 x 1500 cells.
 MAP_BYTES = 5_000_000
 MAP = '{"op": "publish", "topic": "/map", "msg": {"data": [' + "-1," * (MAP_BYTES // 3) + "0]}}"
+SCAN_HZ, CLOUD_HZ = 40, 2
+CLOUD_BYTES = 1_000_000
+SCAN = '{"op": "publish", "topic": "/scan", "msg": {"ranges": [' + "1.234, " * 360 + "0]}}"
+CLOUD = '{"op": "publish", "topic": "/points", "msg": {"data": "' + "x" * CLOUD_BYTES + '"}}'
+# What a subscription brings, and how often; 0: once.
+TOPICS = {"/map": (MAP, 0), "/scan": (SCAN, SCAN_HZ), "/points": (CLOUD, CLOUD_HZ)}
 # Of the media connection, in place of what the agent would choose.
 CONGESTION_CONTROL = b"cubic"
 
@@ -73,10 +80,29 @@ class PanningCamera:
 async def echo(request: web.Request) -> web.WebSocketResponse:
     socket = web.WebSocketResponse(compress=False)
     await socket.prepare(request)
-    async for message in socket:
-        is_subscription = message.data.startswith('{"op"')
-        await socket.send_str(MAP if is_subscription else message.data)
+    async with asyncio.TaskGroup() as publishing:
+        tasks = []
+        async for message in socket:
+            if message.data.startswith('{"op"'):
+                topic = json.loads(message.data)["topic"]
+                tasks.append(publishing.create_task(publish(socket, *TOPICS[topic])))
+            else:
+                await socket.send_str(message.data)
+        for task in tasks:
+            task.cancel()
     return socket
+
+
+async def publish(socket: web.WebSocketResponse, message: str, rate_hz: float) -> None:
+    """Send a topic's messages, each at its time, until the subscriber leaves."""
+    started = time.monotonic()
+    with suppress(ConnectionError):
+        await socket.send_str(message)
+        number = 0
+        while rate_hz:
+            number += 1
+            await asyncio.sleep(max(0.0, started + number / rate_hz - time.monotonic()))
+            await socket.send_str(message)
 
 
 async def show(camera: PanningCamera, viewer: asyncio.StreamWriter) -> None:

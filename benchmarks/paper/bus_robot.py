@@ -1,19 +1,27 @@
 """A robot's ROS side without a robot: the simulator's rosbridge and bus alone, with no camera, sensor and motion.
 
 Started as `python -m paper.bus_robot ADDRESS PORT` for experiments that count or time messages; idle it
-does nothing. Stands in for ROS and rosbridge, as the simulator does. Ends on SIGTERM.
+does nothing. Stands in for ROS and rosbridge, as the simulator does. Ends on SIGTERM. With CLOUD behind the port it
+publishes a large message of a lidar each second, too, while somebody subscribes.
 """
 
 from __future__ import annotations
 
 import asyncio
+import base64
+import os
 import signal
 import sys
+import time
 
-from sim_robot.graph import Graph, make_graph
+from sim_robot.graph import Graph, Node, TopicMessage, make_graph
 from sim_robot.rosbridge import rosapi
 from sim_robot.rosbridge.server import RosbridgeServer
 from sim_robot.simulator import Listener
+
+CLOUD, CLOUD_TYPE, CLOUD_HZ = "/points", "sensor_msgs/PointCloud2", 1
+# 128 lines of a lidar, each of 2670 points with place and intensity; 7.3 MB as rosbridge writes them.
+LINES, POINTS_A_LINE, POINT_BYTES = 128, 2670, 16
 
 
 class BusRobot:
@@ -33,14 +41,38 @@ class BusRobot:
         await self.rosbridge.stop()
 
 
-async def run(address: str, port: int) -> None:
+async def publish_clouds(graph: Graph) -> None:
+    """Publish until this is cancelled; what the points are is of no matter."""
+    graph.bus.advertise(CLOUD, CLOUD_TYPE, Node("/lidar"))
+    data = base64.b64encode(os.urandom(LINES * POINTS_A_LINE * POINT_BYTES)).decode()
+    given = {
+        "height": LINES,
+        "width": POINTS_A_LINE,
+        "point_step": POINT_BYTES,
+        "row_step": POINTS_A_LINE * POINT_BYTES,
+        "data": data,
+        "is_dense": True,
+    }
+    # One message: to encode it each time would keep this process, which echoes what drivers send, busy for 20 ms.
+    values = graph.types.conform(CLOUD_TYPE, given, time.time_ns())
+    cloud = TopicMessage(CLOUD, CLOUD_TYPE, values)
+    while True:
+        await asyncio.sleep(1 / CLOUD_HZ)
+        graph.bus.repeat(cloud)
+
+
+async def run(address: str, port: int, *, with_cloud: bool) -> None:
     stopping = asyncio.Event()
     loop = asyncio.get_running_loop()
     for number in (signal.SIGTERM, signal.SIGINT):
         loop.add_signal_handler(number, stopping.set)
-    async with BusRobot(address, port):
+    async with BusRobot(address, port) as robot:
+        clouds = asyncio.create_task(publish_clouds(robot.graph)) if with_cloud else None
         await stopping.wait()
+        if clouds is not None:
+            clouds.cancel()
+            await asyncio.gather(clouds, return_exceptions=True)
 
 
 if __name__ == "__main__":
-    asyncio.run(run(sys.argv[1], int(sys.argv[2])))
+    asyncio.run(run(sys.argv[1], int(sys.argv[2]), with_cloud="CLOUD" in sys.argv[3:]))

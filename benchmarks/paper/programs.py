@@ -159,11 +159,15 @@ class LineProgram:
     def tail(self) -> str:
         return self._log.read_text(errors="replace")[-2000:]
 
-    def end(self, within_s: float) -> None:
-        """Let it end in order, as its input ends; what does not is killed."""
+    def end_input(self) -> None:
+        """End its input; it may write last words, and ends."""
         assert self._process.stdin is not None
         with suppress(BrokenPipeError):
             self._process.stdin.close()
+
+    def end(self, within_s: float) -> None:
+        """Let it end in order, as its input ends; what does not is killed."""
+        self.end_input()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(within_s)
         self.close()

@@ -116,6 +116,17 @@ def _cost_row(item: FleetOutcome) -> Row:
     return {**columns, "limits met": plain("; ".join(item.values["limits"])) or "none"}
 
 
+def idle_rows(run: FleetOutcome) -> list[Row]:
+    return [
+        {
+            "part": part,
+            "processor, ms a s": run.idle_ms(members),
+            "memory, MiB": _times(run.per_robot("memory_bytes", members), 1 / MIB),
+        }
+        for part, members in {"server": SERVER, **SERVER_PARTS}.items()
+    ]
+
+
 def return_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
     return [
         {

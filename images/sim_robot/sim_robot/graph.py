@@ -97,7 +97,11 @@ class Bus:
         message = TopicMessage(topic, self._topics[topic].key, values)
         if latched:
             self._topics[topic].latched = message
-        for callback in tuple(self._topics[topic].subscribers.values()):
+        self.repeat(message)
+
+    def repeat(self, message: TopicMessage) -> None:
+        """Hand a message to all subscribers of its topic, without encoding again what was encoded before."""
+        for callback in tuple(self._topics[message.topic].subscribers.values()):
             _deliver(callback, message)
 
     def latched(self, topic: str) -> TopicMessage | None:

@@ -65,6 +65,10 @@ _COMMON = {
     "sensor_msgs/LaserScan": "std_msgs/Header header, float32 angle_min, float32 angle_max,"
     " float32 angle_increment, float32 time_increment, float32 scan_time, float32 range_min,"
     " float32 range_max, float32[] ranges, float32[] intensities",
+    "sensor_msgs/PointCloud2": "std_msgs/Header header, uint32 height, uint32 width,"
+    " sensor_msgs/PointField[] fields, bool is_bigendian, uint32 point_step, uint32 row_step, uint8[] data,"
+    " bool is_dense",
+    "sensor_msgs/PointField": "string name, uint32 offset, uint8 datatype, uint32 count",
     "tf2_msgs/TFMessage": "geometry_msgs/TransformStamped[] transforms",
     "turtlesim/Pose": "float32 x, float32 y, float32 theta,"
     " float32 linear_velocity, float32 angular_velocity",
