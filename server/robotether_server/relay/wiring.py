@@ -258,7 +258,12 @@ class Relay:
         )
         self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
         self._peer_topics = PeerTopicsHandler(
-            self.fleet.state, self.registry, self.peers, self.shared_topics, topic_links
+            self.fleet.state,
+            self.registry,
+            self.peers,
+            self.shared_topics,
+            topic_links,
+            piece_turns=self.traffic.piece_turns,
         )
         other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
         self._control_api = ControlApi(

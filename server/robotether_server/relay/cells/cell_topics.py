@@ -35,8 +35,8 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.event_loop import next_turn
-from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.relay.http.event_loop import PieceTurns, next_turn
+from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
 
@@ -78,12 +78,15 @@ class PeerTopicsHandler:
         peers: Peers,
         shared_topics: SharedTopics,
         connector: TopicConnector,
+        *,
+        piece_turns: PieceTurns,
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
         self._peers = peers
         self._shared_topics = shared_topics
         self._connector = connector
+        self._piece_turns = piece_turns
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the topic until the other cell leaves, or the robot."""
@@ -117,12 +120,18 @@ class PeerTopicsHandler:
     async def _send(
         self, socket: OperatorSocket, copies: PeerCopies, subscription: TopicRequest
     ) -> None:
+        async def deliver(message: bytes, kind: WSMsgType) -> None:
+            if len(message) > SEND_BUFFER_BYTES:
+                await socket.send_large(message, kind, self._piece_turns)
+            else:
+                await socket.send_frame(message, kind)
+
         copies.share(subscription.topic, subscription)
         shared = copies.joined.get(subscription.topic)
         tasks = {
             asyncio.ensure_future(part)
             for part in (
-                copies.send(socket.send_frame),
+                copies.send(deliver),
                 _listen(socket),
                 _ping(socket),
                 asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait(),

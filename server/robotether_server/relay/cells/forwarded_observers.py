@@ -208,7 +208,7 @@ class ForwardedObserver(OperatorConnection):
         self._bytes_to_client += len(data)
         if len(data) > SEND_BUFFER_BYTES:
             with self._traffic.taken(self, len(data)):
-                await self._operator.send_frame(data, kind)
+                await self._operator.send_large(data, kind, self._traffic.piece_turns)
         else:
             await self._operator.send_frame(data, kind)
 

@@ -46,12 +46,33 @@ REARM_EVERY_S = 1.0
 MESSAGES_A_TURN = 64
 
 
+# Maximum rate of large messages to all clients together, in bytes a second. It is below what nginx passes on: nginx
+# reads a connection until nothing waits there, and serves no other one meanwhile.
+LARGE_BYTES_PER_S = 64 * 1024 * 1024
+# Size of the pieces in which a large message is sent.
+PIECE_BYTES = 64 * 1024
+
+
 async def next_turn(count: int) -> int:
     """Count a message that is about to be read; let everybody else go first now and then."""
     if count >= MESSAGES_A_TURN:
         await asyncio.sleep(0)
         return 1
     return count + 1
+
+
+class PieceTurns:
+    """Whose turn it is to send a piece of a large message; between two of them all small messages go."""
+
+    def __init__(self) -> None:
+        self._next_s = 0.0
+
+    async def next(self) -> None:
+        """Wait for a turn; who waits longest is the next."""
+        now_s = asyncio.get_running_loop().time()
+        turn_s = max(now_s, self._next_s)
+        self._next_s = turn_s + PIECE_BYTES / LARGE_BYTES_PER_S
+        await asyncio.sleep(turn_s - now_s)
 
 
 async def watched(work: Awaitable[None], max_lateness_s: float = MAX_LATENESS_S) -> None:

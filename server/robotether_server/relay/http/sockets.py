@@ -37,7 +37,7 @@ from yarl import URL
 
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.event_loop import next_turn
+from robotether_server.relay.http.event_loop import PIECE_BYTES, PieceTurns, next_turn
 from robotether_server.relay.http.timing import Liveness, LivenessLimits
 
 log = logging.getLogger(__name__)
@@ -60,6 +60,8 @@ NEVER_SENT = 1006
 LIMIT_MARGIN = 1
 # Maximum length of a robot's own words for why it refused or closed a connection.
 MAX_ROBOT_REASON = 200
+# First bytes of a whole message (RFC 6455, 5.2).
+WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
 # linux/tcp.h, struct tcp_info: `tcpi_bytes_received`, since Linux 4.1.
 RECEIVED_BYTES = struct.Struct("=128xQ")
 
@@ -78,13 +80,17 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         )
         self.message_limit = message_limit
         self._transport: asyncio.Transport | None = None
+        self._stream: AbstractStreamWriter | None = None
+        # Held while a large message is sent, and how much of it is not handed over yet.
+        self._sending_large = asyncio.Lock()
+        self._left_bytes = 0
 
     async def open(self, request: web.Request) -> None:
-        """Answer the upgrade."""
+        """Answer the upgrade; from now on `drained` waits until this program holds little back."""
         self._transport = request.transport
         if self._transport is not None:
             self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
-        await self.prepare(request)
+        self._stream = await self.prepare(request)
 
     async def close(self, *, code: int = 1000, message: bytes = b"", drain: bool = True) -> bool:
         """Do nothing: aiohttp calls this by itself, and knows no reason to give the client."""
@@ -92,7 +98,63 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
 
     def waiting_bytes(self) -> int:
         """Return how much of what was sent is still in this program."""
-        return _waiting(self._transport)
+        return _waiting(self._transport) + self._left_bytes
+
+    async def drained(self) -> None:
+        """Wait until what waits is little; ConnectionError when it never will be."""
+        if self._stream is not None:
+            await self._stream.drain()
+
+    async def send_large(self, message: bytes, kind: WSMsgType, turns: PieceTurns) -> None:
+        """Send a message in pieces, none of which is copied, each in its turn."""
+        async with self._sending_large:
+            rest = memoryview(message)
+            first = WHOLE_TEXT if kind is WSMsgType.TEXT else WHOLE_BINARY
+            self._write(websocket_header(first, len(message)))
+            try:
+                while rest:
+                    self._left_bytes = len(rest)
+                    await turns.next()
+                    self._write(rest[:PIECE_BYTES])
+                    rest = rest[PIECE_BYTES:]
+                    self._left_bytes = len(rest)
+                    await self.drained()
+            finally:
+                self._left_bytes = 0
+                # A client reads a close frame only behind the whole message.
+                if rest and self._is_open:
+                    self._write(rest)
+
+    async def send_frame(
+        self, message: bytes, opcode: WSMsgType, compress: int | None = None
+    ) -> None:
+        """Send a frame, behind a large message that is being sent."""
+        await self._large_sent()
+        await super().send_frame(message, opcode, compress)
+
+    async def ping(self, message: bytes = b"") -> None:
+        """Send a ping, behind a large message that is being sent."""
+        await self._large_sent()
+        await super().ping(message)
+
+    async def pong(self, message: bytes = b"") -> None:
+        """Send a pong, behind a large message that is being sent."""
+        await self._large_sent()
+        await super().pong(message)
+
+    async def _large_sent(self) -> None:
+        if self._sending_large.locked():
+            async with self._sending_large:
+                pass
+
+    @property
+    def _is_open(self) -> bool:
+        return self._transport is not None and not self._transport.is_closing()
+
+    def _write(self, data: bytes | memoryview) -> None:
+        if self._transport is None or self._transport.is_closing():
+            raise ConnectionResetError("the client's connection is closed")
+        self._transport.write(data)
 
     async def finish(self, close_reason: CloseReason) -> None:
         """Send the close frame and give the client some time to read it and to answer."""
@@ -138,10 +200,6 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
 class ViewerSocket(OperatorSocket):
     """The end of who watches: takes messages that are written already, which viewers share, and never copies them."""
 
-    def __init__(self, message_limit: int) -> None:
-        super().__init__(message_limit)
-        self._stream: AbstractStreamWriter | None = None
-
     async def open(self, request: web.Request) -> None:
         """Answer the upgrade; from now on `drained` waits until this program holds nothing back."""
         self._transport = request.transport
@@ -151,13 +209,8 @@ class ViewerSocket(OperatorSocket):
 
     def write_message(self, message: bytes) -> None:
         """Hand over a whole WebSocket message with its header."""
-        if self._transport is not None and not self._transport.is_closing():
-            self._transport.write(message)
-
-    async def drained(self) -> None:
-        """Wait until the system has taken all that was written; ConnectionError when it never will."""
-        if self._stream is not None:
-            await self._stream.drain()
+        if self._is_open:
+            self._write(message)
 
 
 class OperatorConnection:
@@ -346,6 +399,15 @@ def keep_little_unsent(transport: asyncio.Transport) -> None:
     socket = transport.get_extra_info("socket")
     if socket is not None:
         socket.setsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT, UNSENT_BYTES)
+
+
+def websocket_header(first: int, size: int) -> bytes:
+    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
+    if size < 126:  # noqa: PLR2004  # the RFC's own number
+        return struct.pack("!BB", first, size)
+    if size < 2**16:
+        return struct.pack("!BBH", first, 126, size)
+    return struct.pack("!BBQ", first, 127, size)
 
 
 def _waiting(transport: asyncio.Transport | None) -> int:

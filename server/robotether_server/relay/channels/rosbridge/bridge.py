@@ -44,7 +44,7 @@ from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscr
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.event_loop import next_turn
+from robotether_server.relay.http.event_loop import PieceTurns, next_turn
 from robotether_server.relay.http.sockets import (
     SEND_BUFFER_BYTES,
     OperatorConnection,
@@ -75,6 +75,7 @@ class Traffic:
     bytes_to_robot: int = 0
     bytes_to_client: int = 0
     refused: Counter[str] = field(default_factory=Counter)
+    piece_turns: PieceTurns = field(default_factory=PieceTurns)
     # Observers that take a large message now: its bytes, and since when. The slowest is the first.
     taking: dict[OperatorConnection, tuple[int, float]] = field(default_factory=dict)
 
@@ -346,8 +347,9 @@ class Bridge(OperatorConnection):
         self._traffic.messages_to_client += 1
         self._traffic.bytes_to_client += len(data)
         if self._drive is None and len(data) > SEND_BUFFER_BYTES:
+            self._bytes_to_client += len(data)
             with self._traffic.taken(self, len(data)):
-                await self._send_to_client(data, kind)
+                await self._operator.send_large(data, kind, self._traffic.piece_turns)
         else:
             await self._send_to_client(data, kind)
 

@@ -8,7 +8,6 @@ mask. Pure.
 from __future__ import annotations
 
 import json
-import struct
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any, TypeGuard, get_args
@@ -34,6 +33,7 @@ from robotether_common.frames import (
 )
 
 from robotether_server.problems import ProtocolError
+from robotether_server.relay.http.sockets import WHOLE_BINARY, WHOLE_TEXT, websocket_header
 from robotether_server.relay.http.timing import WindowedMaximum
 
 CLOCK_SYNCS_KEPT_S = 30.0
@@ -41,7 +41,6 @@ MAX_DETAIL = 200
 MAX_ENCODER = 40
 # Maximum clock in ms, of a machine that has run for 30 years.
 MAX_UPTIME_MS = 1e12
-WHOLE_TEXT, WHOLE_BINARY = 0x81, 0x82
 STATES, SOURCES = get_args(State), get_args(Source)
 
 
@@ -251,15 +250,6 @@ def clock_sync_message(t_ms: float, sender_ms: float) -> bytes:
 def _text_message(message: Mapping[str, object]) -> bytes:
     text = _written(message)
     return websocket_header(WHOLE_TEXT, len(text)) + text
-
-
-def websocket_header(first: int, size: int) -> bytes:
-    """Write the WebSocket header (RFC 6455, 5.2) of a whole message without a mask."""
-    if size < 126:  # noqa: PLR2004  # the RFC's own number
-        return struct.pack("!BB", first, size)
-    if size < 2**16:
-        return struct.pack("!BBH", first, 126, size)
-    return struct.pack("!BBQ", first, 127, size)
 
 
 def _written(message: Mapping[str, object]) -> bytes:

@@ -12,16 +12,19 @@ from aiohttp import ClientSession, WSMsgType, web
 from fake_robot import HOST, WAIT_S
 from relay_clients import closing, counted_turns
 from relay_server import until
-from robotether_server.relay.channels.video.frame_protocol import WHOLE_BINARY, websocket_header
+from robotether_server.relay.http import event_loop
 from robotether_server.relay.http import sockets as module
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.event_loop import PieceTurns
 from robotether_server.relay.http.sockets import (
     NEVER_SENT,
+    WHOLE_BINARY,
     OperatorSocket,
     RedirectedError,
     RobotSocket,
     ViewerSocket,
     refuse_redirects,
+    websocket_header,
 )
 from stopwatch import Stopwatch
 
@@ -249,6 +252,50 @@ async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(htt
         assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
     assert waited[0] > 0
     assert waited[1] == 0
+
+
+@pytest.fixture
+def large_turns(monkeypatch):
+    """Turns of some ms, so that much happens between two pieces."""
+    monkeypatch.setattr(event_loop, "LARGE_BYTES_PER_S", 16 * 1024 * 1024)
+    return PieceTurns()
+
+
+async def test_what_is_sent_meanwhile_comes_behind_a_large_message(operator, large_turns):
+    """A frame inside it would break the protocol; until the whole is sent, all of it counts as waiting."""
+    data, waiting = "x" * 1_000_000, []
+
+    async def talk(socket):
+        large = asyncio.create_task(socket.send_large(data.encode(), WSMsgType.TEXT, large_turns))
+        await asyncio.sleep(0.01)
+        waiting.append(socket.waiting_bytes())
+        parts = (socket.send_frame(b"small", WSMsgType.TEXT), socket.ping(b"1"), socket.pong(b"2"))
+        await asyncio.gather(large, *parts)
+        waiting.append(socket.waiting_bytes())
+        await socket.finish(OFFLINE)
+
+    async with operator(talk) as client:
+        received = [await client.receive(timeout=WAIT_S) for _ in range(4)]
+        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
+    assert [each.data for each in received] == [data, "small", b"1", b"2"]
+    assert waiting[0] > len(data) // 2
+    assert waiting[1] == 0
+
+
+async def test_the_reason_arrives_behind_a_large_message_that_is_cut_short(operator, large_turns):
+    """A connection may end at any time, and the client must still read why."""
+    data = b"x" * 1_000_000
+
+    async def talk(socket):
+        large = asyncio.create_task(socket.send_large(data, WSMsgType.BINARY, large_turns))
+        await asyncio.sleep(0.01)
+        large.cancel()
+        await asyncio.gather(large, return_exceptions=True)
+        await socket.finish(OFFLINE)
+
+    async with operator(talk) as client:
+        assert (await client.receive(timeout=WAIT_S)).data == data
+        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
 
 
 @pytest.mark.parametrize("status", [301, 302, 303, 307, 308])

@@ -13,6 +13,7 @@ from relay_server import MESSAGE_LIMIT, until
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.channels.rosbridge import bridge
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
+from robotether_server.relay.http import event_loop
 from robotether_server.relay.http.sockets import RobotSocket
 from stopwatch import Stopwatch
 
@@ -47,6 +48,22 @@ async def test_a_message_as_large_as_the_limit_passes(wide, relay, robot, http):
         assert await socket.receive_str(timeout=20) == message
         await robot.send_to_clients(message.encode())
         assert await observed == message
+
+
+async def test_a_driver_does_not_wait_for_what_observers_take(
+    relay, robot, sim1, http, monkeypatch
+):
+    """A large message to observers goes in pieces, and a driver's messages between these."""
+    monkeypatch.setattr(event_loop, "LARGE_BYTES_PER_S", MESSAGE_LIMIT)
+    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB), max_msg_size=0) as observer:
+        await robot.connections(1)
+        observed = asyncio.create_task(observer.receive_str(timeout=20))
+        await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
+        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            await socket.send_str(PUBLISH)
+            assert await socket.receive_str(timeout=5) == PUBLISH
+        assert not observed.done()
+        assert len(await observed) == MESSAGE_LIMIT
 
 
 @pytest.mark.parametrize("rubbish", [b"{", b"[" * 100_000, bytes(range(256))])
