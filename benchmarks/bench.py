@@ -24,6 +24,7 @@ import comebacks
 import drive_page
 import fan_out
 import operations_rate
+import recording
 import recovery
 import round_trip
 import seen_age
@@ -64,6 +65,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "comebacks": lambda demo, quick: comebacks.measure(demo, comebacks.PROGRAMS[: 1 if quick else None]),
     "stopping": lambda demo, quick: stopping.measure(demo, 1 if quick else 10),
     "operations_rate": lambda _demo, _quick: operations_rate.measure(),
+    "recording": lambda _, quick: recording.measure(5 if quick else recording.SECONDS),
     "agent_memory": lambda _demo, _quick: agent_memory.measure(),
     "both_robots": lambda demo, quick: both_robots.measure(demo, 200 if quick else 2000, 1 if quick else 10),
 }  # fmt: skip

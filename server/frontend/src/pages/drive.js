@@ -224,10 +224,14 @@ function receiveRobot(update) {
   facts.observers = observers;
   view.overlays.showBattery(update);
   showWatchers();
-  setText(byTestId(root, "recording"), update.recording ? RECORDED : "");
+  showRecording(update.recording);
   if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
+}
+
+function showRecording(recorded) {
+  setText(byTestId(root, "recording"), recorded ? RECORDED : "");
 }
 
 function checkSilence() {

@@ -1,0 +1,315 @@
+"""What recording costs the recorder's processor: ten robots with two cameras each, as a relay brings them.
+
+The recorder runs in a process of its own with its rows in memory. This process stands in for the relay, so that nothing
+else counts: it speaks its three channels at the rates of a robot that is driven. Used by `bench`; needs no demo.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import sys
+import tempfile
+import time
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import aiohttp
+from aiohttp import web
+from report import Row, Section
+from robotether_common.frames import HEADER, KEY
+from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
+from robotether_server.recorder import relay_client
+from robotether_server.recorder.relay_client import RelayClient
+from robotether_server.recorder.service import RecorderService
+from robotether_server.recorder.store import RecorderStore
+from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
+
+ROBOTS, CAMERAS, FPS = 10, ("/front", "/rear"), 15
+# Number of the codec, and the size of a frame of 640x480.
+CODECS = {"JPEG": (1, 30_000), "H.264": (2, 8_000)}
+SECONDS, SETTLE_S = 20.0, 5.0
+AIM_PERCENT = 30
+TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+VECTOR = [("x", "float64", -1), ("y", "float64", -1), ("z", "float64", -1)]
+TYPES = {
+    "std_msgs/Header": [("stamp", "time", -1), ("frame_id", "string", -1)],
+    "geometry_msgs/Vector3": VECTOR,
+    "geometry_msgs/Twist": [
+        ("linear", "geometry_msgs/Vector3", -1),
+        ("angular", "geometry_msgs/Vector3", -1),
+    ],
+    "demo/Odometry": [
+        ("header", "std_msgs/Header", -1),
+        ("twist", "geometry_msgs/Twist", -1),
+        ("covariance", "float64", 36),
+    ],
+    "demo/Scan": [("header", "std_msgs/Header", -1), ("ranges", "float32", 0)],
+}
+STAMPED = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "base"}
+AHEAD = {"x": 0.5, "y": 0.0, "z": 0.0}
+# By topic: its type, its rate as a robot's rosbridge throttles it, and a message.
+TOPICS = {
+    "/odom": (
+        "demo/Odometry",
+        10,
+        {"header": STAMPED, "twist": {"linear": AHEAD, "angular": AHEAD}, "covariance": [0.1] * 36},
+    ),
+    "/imu": ("geometry_msgs/Twist", 10, {"linear": AHEAD, "angular": AHEAD}),
+    "/tf": ("geometry_msgs/Twist", 30, {"linear": AHEAD, "angular": AHEAD}),
+    "/scan": ("demo/Scan", 10, {"header": STAMPED, "ranges": [1.234] * 360}),
+}
+COMMAND = {
+    "stamp": {"sec": 1, "nanosec": 2},
+    "topic": "/cmd_vel",
+    "person": "ann",
+    "fence": 1,
+    "age_ms": 40.0,
+    "outcome": "sent",
+    "speed_m_s": 0.5,
+    "turn_rad_s": 0.1,
+    "message": '{"linear":{"x":0.5},"angular":{"z":0.1}}',
+    "seen_cameras": list(CAMERAS),
+    "seen_frames": [1, 2],
+}
+CONTROL = {
+    "stamp": {"sec": 1, "nanosec": 2},
+    "online": True,
+    "driver": "ann",
+    "fence": 1,
+    "stopped": False,
+    "stopped_by": "",
+    "stop_confirmed": False,
+    "guard": "ready",
+    "rtt_ms": 20.0,
+}
+
+
+class StandInRelay:
+    """The relay's three channels."""
+
+    def __init__(self, codec: int, frame_bytes: int) -> None:
+        self._codec = codec
+        self._frame = os.urandom(frame_bytes)
+        self.frames = self.messages = 0
+
+    async def follow(self, request: web.Request) -> web.StreamResponse:
+        """Send each robot's control once, and commands of all at 20 Hz."""
+        socket = web.WebSocketResponse(compress=False)
+        await socket.prepare(request)
+        texts = [
+            (self._event(number, "control", CONTROL), self._event(number, "commands", COMMAND))
+            for number in range(1, ROBOTS + 1)
+        ]
+        for control, _ in texts:
+            await socket.send_str(control)
+
+        async def send() -> None:
+            for control, command in texts:
+                # The recorder takes the first ones of robots that it does not follow yet for nobody's.
+                await socket.send_str(command if self.frames else control)
+
+        await at_rate(20, send)
+        return socket
+
+    async def rosbridge(self, request: web.Request) -> web.StreamResponse:
+        """Answer rosapi, and send what is subscribed."""
+        socket = web.WebSocketResponse(compress=False)
+        await socket.prepare(request)
+        tasks = []
+        try:
+            async for message in socket:
+                call = json.loads(message.data)
+                if call["op"] == "call_service":
+                    await socket.send_str(json.dumps(answer(call)))
+                elif call["op"] == "subscribe":
+                    _, rate, msg = TOPICS[call["topic"]]
+                    text = json.dumps({"op": "publish", "topic": call["topic"], "msg": msg})
+                    tasks.append(asyncio.create_task(self._publish(socket, text, rate)))
+        finally:
+            for task in tasks:
+                task.cancel()
+        return socket
+
+    async def show(self, request: web.Request) -> web.StreamResponse:
+        """Send a camera's frames at its rate."""
+        socket = web.WebSocketResponse(compress=False)
+        await socket.prepare(request)
+        await socket.receive()
+        sender_ms = time.monotonic() * 1000
+        await socket.send_json({"op": "clock_sync", "t_ms": 0, "sender_ms": sender_ms})
+
+        async def send() -> None:
+            self.frames += 1
+            head = HEADER.pack(self._codec, KEY, 50, self.frames, time.monotonic() * 1000)
+            await socket.send_bytes(head + self._frame)
+
+        sending = asyncio.create_task(at_rate(FPS, send))
+        try:
+            async for _ in socket:
+                pass
+        finally:
+            sending.cancel()
+        return socket
+
+    async def _publish(self, socket: web.WebSocketResponse, text: str, rate: float) -> None:
+        async def send() -> None:
+            self.messages += 1
+            await socket.send_str(text)
+
+        await at_rate(rate, send)
+
+    @staticmethod
+    def _event(robot_id: int, topic: str, message: dict[str, object]) -> str:
+        return json.dumps({"robot_id": robot_id, "topic": topic, "message": message})
+
+
+async def at_rate(rate: float, work: Callable[[], Awaitable[None]]) -> None:
+    """Do the work so many times a second, until the other side is gone."""
+    due = time.monotonic()
+    try:
+        while True:
+            await work()
+            due += 1 / rate
+            await asyncio.sleep(max(0.0, due - time.monotonic()))
+    except ConnectionError:
+        return
+
+
+def answer(call: dict[str, object]) -> dict[str, object]:
+    """What rosapi answers."""
+    values: dict[str, object] = {
+        "topics": list(TOPICS),
+        "types": [kind for kind, _, _ in TOPICS.values()],
+        "typedefs": [
+            {
+                "type": kind,
+                "fieldnames": [name for name, _, _ in fields],
+                "fieldtypes": [field_type for _, field_type, _ in fields],
+                "fieldarraylen": [length for _, _, length in fields],
+            }
+            for kind, fields in TYPES.items()
+        ],
+    }
+    return {"op": "service_response", "id": call["id"], "values": values, "result": True}
+
+
+class RowsInMemory(RecorderStore):
+    """Ten robots that are always recorded."""
+
+    def __init__(self) -> None:
+        self._rows = 0
+
+    async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]]:
+        """Return the robots."""
+        names = (f"robot{number}" for number in range(1, ROBOTS + 1))
+        return [], [
+            RecordableRobot(number, name, "always", CAMERAS) for number, name in enumerate(names, 1)
+        ]
+
+    async def add(self, robot: RecordableRobot, cause: RecordingCause, started_at: object) -> int:
+        """Number a recording."""
+        self._rows += 1
+        return self._rows
+
+    async def write_progress(self, progress: dict[int, Progress]) -> None:
+        """Write nothing down."""
+
+    def end(self, recording_end: object) -> None:
+        """Write nothing down."""
+
+    async def flush(self) -> None:
+        """Write nothing down."""
+
+
+async def record(port: int, folder: Path) -> None:
+    """Record until this process is ended."""
+    relay_client.PUBLIC_PORT = relay_client.INSIDE_PORT = port
+    database = DatabaseSettings("nowhere", 1, "none", "none", "none")
+    settings = RecorderSettings(
+        database,
+        TicketSettings("k" * 40, 30),
+        "main",
+        "127.0.0.1",
+        folder,
+        10**12,
+        0,
+        10**7,
+        "info",
+    )
+    async with aiohttp.ClientSession() as session:
+        await RecorderService(settings, RelayClient(settings, session), RowsInMemory()).run()
+
+
+@asynccontextmanager
+async def recorder(port: int, folder: Path) -> AsyncIterator[int]:
+    """The recorder as a process, and its number."""
+    process = await asyncio.create_subprocess_exec(
+        *(sys.executable, __file__, str(port), str(folder)),
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    try:
+        yield process.pid
+    finally:
+        process.kill()
+        await process.wait()
+
+
+def cpu_s(pid: int) -> float:
+    """How long a process has used a processor."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
+
+
+async def run_codec(name: str, seconds: float) -> Row:
+    """Record frames of one codec."""
+    relay = StandInRelay(*CODECS[name])
+    app = web.Application()
+    app.router.add_get("/recorder", relay.follow)
+    app.router.add_get("/robots/{name}/ros", relay.rosbridge)
+    app.router.add_get("/robots/{name}/video/frames", relay.show)
+    runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+    await runner.setup()
+    await web.TCPSite(runner, "127.0.0.1", 0).start()
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            async with recorder(int(runner.addresses[0][1]), Path(folder)) as pid:
+                await asyncio.sleep(SETTLE_S)
+                began_s, frames, messages = time.monotonic(), relay.frames, relay.messages
+                used_s, size = cpu_s(pid), size_of(folder)
+                await asyncio.sleep(seconds)
+                lasted_s = time.monotonic() - began_s
+                return {
+                    "codec": name,
+                    "frames/s": (relay.frames - frames) / lasted_s,
+                    "messages/s": (relay.messages - messages) / lasted_s,
+                    "MB/s": (size_of(folder) - size) / lasted_s / 1e6,
+                    "recorder, % of a core": (cpu_s(pid) - used_s) / lasted_s * 100,
+                }
+    finally:
+        await runner.cleanup()
+
+
+def size_of(folder: str) -> int:
+    """How much is recorded."""
+    return sum(path.stat().st_size for path in Path(folder).iterdir())
+
+
+async def run_all(seconds: float) -> list[Row]:
+    """Measure each codec, one after the other."""
+    return [await run_codec(name, seconds) for name in CODECS]
+
+
+def measure(seconds: float = SECONDS) -> Section:
+    """Measure, and return a table."""
+    text = (
+        f"{ROBOTS} robots with {len(CAMERAS)} cameras of {FPS} frames a second each, four topics and 20 commands a "
+        f"second, recorded for {seconds:g} s.\n\nAim: under {AIM_PERCENT} % of a core."
+    )
+    return Section("What recording costs the recorder", text, asyncio.run(run_all(seconds)))
+
+
+if __name__ == "__main__":
+    asyncio.run(record(int(sys.argv[1]), Path(sys.argv[2])))
