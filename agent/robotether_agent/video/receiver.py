@@ -413,7 +413,7 @@ class Receiver:
         now_s = self._clock()
         if self._credit == 0 and now_s - self._credit_s > IDLE_S:
             self._source_switch.leave()
-            self._waiting.clear()
+            self._waiting = WaitingFrames()
             return
         if self._source_switch.give_up_late() and self._can_scale:
             # It may be that it knows no sizes.
