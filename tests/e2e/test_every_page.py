@@ -32,7 +32,7 @@ BY_LOOK = ["color-contrast", "link-in-text-block", "scrollable-region-focusable"
 DESKTOP, PHONE, ZOOMED = (1280, 800), (390, 844), (640, 400)
 # They answer a program, or are a site of its own.
 NO_PAGES = re.compile(
-    r"/(api|static|docs|agent|healthz|favicon\.ico|join\.sh|agent\.deb)\b|.*/download$"
+    r"/(api|static|docs|agent|healthz|favicon\.ico|join\.sh|agent\.deb)\b|.*/(download|file)$"
 )
 OPERATOR, GROUP, SITE = "eve-of-pages", "all-pages", "pages-hall"
 # What stands for the parts of an address below it, the first that fits; a number is that of a table's newest row.
@@ -50,6 +50,7 @@ TICKED = {
 TABLES = {
     "grant_id": "grants",
     "key_id": "user_ssh_keys",
+    "recording_id": "recordings",
     "rejected_id": "key_claims",
     "token_id": "api_tokens",
 }

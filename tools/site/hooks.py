@@ -287,7 +287,8 @@ def _kind(schema: dict[str, Any]) -> str:
     if options := schema.get("enum") or [schema[key] for key in schema if key == "const"]:
         return " or ".join(f"`{json.dumps(option)}`" for option in options)
     if schema.get("type") == "array":
-        return f"list of {_kind(schema.get('items', {}))}"
+        items = schema.get("prefixItems") or [schema.get("items", {})]
+        return f"list of {', '.join(_kind(item) for item in items)}"
     bounds = ", ".join(f"{word} {schema[key]}" for key, word in BOUNDS.items() if key in schema)
     kind = schema.get("type", "any")
     return f"{kind} ({bounds})" if bounds else str(kind)

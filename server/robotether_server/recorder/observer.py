@@ -11,8 +11,9 @@ import itertools
 import json
 import logging
 import time
-from collections.abc import Callable, Iterator, Mapping
-from typing import Any
+from collections.abc import Awaitable, Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, NoReturn
 
 import msgspec
 from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType
@@ -132,15 +133,9 @@ class RobotObserver:
 
     async def run(self) -> None:
         """Observe, for ever."""
+        self._observe_cameras(self._robot.cameras)
         try:
-            while True:
-                self._observe_cameras(self._robot.cameras)
-                try:
-                    async with await self._client.open_rosbridge(self._robot) as socket:
-                        await RosbridgeObserver(socket, self._write, self._observe_cameras).run()
-                except (ClientError, OSError) as exc:
-                    log.debug("robot %s: no rosbridge: %s", self._robot.name, exc)
-                await asyncio.sleep(AGAIN_S)
+            await self._again_and_again(self._observe_topics, "rosbridge")
         finally:
             tasks = list(self._cameras.values())
             for task in tasks:
@@ -151,15 +146,28 @@ class RobotObserver:
         """Observe these, too; those of the robot's page, if it names any, and no others."""
         for camera in self._robot.cameras or cameras:
             if camera not in self._cameras and len(self._cameras) < MAX_RECORDED_CAMERAS:
-                self._cameras[camera] = asyncio.create_task(self._observe_camera(camera))
+                work = partial(self._observe_camera, camera)
+                self._cameras[camera] = asyncio.create_task(
+                    self._again_and_again(work, f"camera {camera[:100]!r}")
+                )
+
+    async def _observe_topics(self) -> None:
+        async with await self._client.open_rosbridge(self._robot) as socket:
+            await RosbridgeObserver(socket, self._write, self._observe_cameras).run()
 
     async def _observe_camera(self, camera: str) -> None:
+        async with await self._client.open_frames(self._robot, camera) as socket:
+            await CameraObserver(socket, camera, self._write).run()
+
+    async def _again_and_again(self, work: Callable[[], Awaitable[None]], what: str) -> NoReturn:
         while True:
             try:
-                async with await self._client.open_frames(self._robot, camera) as socket:
-                    await CameraObserver(socket, camera, self._write).run()
+                await work()
             except (ClientError, OSError) as exc:
-                log.debug("robot %s: no frames of %r: %s", self._robot.name, camera[:100], exc)
+                log.debug("robot %s: no %s: %s", self._robot.name, what, exc)
+            except Exception:
+                # What this robot sent must not end the recording of the rest.
+                log.exception("robot %s: %s failed", self._robot.name, what)
             await asyncio.sleep(AGAIN_S)
 
 

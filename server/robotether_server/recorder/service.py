@@ -40,6 +40,8 @@ STEP_S = 1.0
 # Interval at which what waits is handed to the kernel: a recorder that is killed loses no more.
 FLUSH_EVERY_S = 0.5
 PROGRESS_EVERY_S = 5.0
+# Interval at which the size of all recordings is measured.
+MEASURE_EVERY_S = 2.0
 RETENTION_EVERY_S = 600.0
 # Maximum age of a request: of one that nobody took in time, nobody knows any longer.
 MAX_REQUEST_AGE = dt.timedelta(seconds=60)
@@ -69,6 +71,7 @@ class RecorderService:
         # Those that ended here, whose row may still say otherwise.
         self._ended: set[int] = set()
         self._is_full = False
+        self._measured_at = float("-inf")
         # Until when nothing is begun by robots' settings, after a file that could not be.
         self._paused_until = 0.0
         self._progress_at = 0.0
@@ -117,7 +120,7 @@ class RecorderService:
 
     async def step(self) -> None:
         """Begin and end what is to begin and to end now."""
-        self._is_full = used_bytes(self._folder) >= self._settings.max_bytes
+        self._measure()
         self._end_failed()
         answer = await self._store.read()
         if answer is None:
@@ -134,6 +137,12 @@ class RecorderService:
         await self._follow()
         await self._write_progress()
         await self._delete_old()
+
+    def _measure(self) -> None:
+        now = time.monotonic()
+        if now - self._measured_at >= MEASURE_EVERY_S:
+            self._measured_at = now
+            self._is_full = used_bytes(self._folder) >= self._settings.max_bytes
 
     async def _handle(self, row: RecordingRow, robot: RecordableRobot | None) -> None:
         if row.id in self._open:
