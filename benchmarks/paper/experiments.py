@@ -19,11 +19,12 @@ from paper.cells import cells
 from paper.conftest import scale_of
 from paper.density import density
 from paper.page import sentence
+from paper.requests import requests
 from paper.step import Outcome, Part, ResultStore, Step, now
 from paper.world import World
 
 # All experiments, in the page's order.
-PARTS = (density.PART, cells.PART)
+PARTS = (density.PART, cells.PART, requests.PART)
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"
 # A step may end while the services that it has restarted come back.

@@ -38,6 +38,10 @@ Kind = Literal[
     "release_done",
     # The server confirmed that it has written `what`.
     "recorded",
+    # Somebody asked for help by request `what`; `connection` polled the queue, and has accepted a request.
+    "request_made",
+    "polled",
+    "accepted",
     # The nemesis did `what`, and took it back.
     "fault",
     "healed",

@@ -1,0 +1,153 @@
+"""A process of people at the queue, started by nemesis.py as `python -m paper.requests.people`.
+
+In: a line with the cells, the people and the robots, then `settle`, then `end`. Out: `begun`, `settled` when no request
+is open any more, and what people met. One asks for help, the others answer; who gets no answer from a cell goes to the
+next. Some leave when they are offered a request, without a word. What counts is written into the history.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from http import HTTPStatus
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import aiohttp
+import uvloop
+from robotether_server.relay.http.event_loop import EventLoop
+
+from paper.cells.history import History
+from paper.cells.people import CellAddress, Person
+from paper.client import FAILURES, RefusedError, new_http
+from paper.programs import write_line
+
+ASK_EVERY_S, POLL_EVERY_S = 3.0, 1.0
+PRIORITIES = (1, 2, 3)
+# How long operators look at an offer, and at the robot.
+THINKS_S, HELPS_S = (0.2, 3.0), (1.0, 5.0)
+# Part of the offers whose operator leaves, and for how long.
+LEAVES_SHARE, GONE_S = 0.25, 25.0
+SETTLED_WITHIN_S = 200.0
+
+
+class QueuePerson(Person):
+    """Somebody who uses the API at one cell after the other."""
+
+    async def call(
+        self, method: str, path: str, body: Mapping[str, Any] | None = None
+    ) -> dict[str, Any] | None:
+        """The answer; None, and the next cell, if it is none or a refusal."""
+        timeout = aiohttp.ClientTimeout(total=self._request_s)
+        url = f"https://{self.address}/api/v1{path}"
+        try:
+            async with self._http.request(
+                method, url, json=body, headers=self._headers, timeout=timeout
+            ) as answer:
+                if answer.status >= HTTPStatus.BAD_REQUEST:
+                    raise RefusedError(f"{path.rpartition('/')[2]}: {answer.status}")
+                return dict(await answer.json())
+        except FAILURES as error:
+            self.meet(error)
+            self.go_on()
+            return None
+
+
+class Asker(QueuePerson):
+    """Asks for help with one robot after the other."""
+
+    async def run(self, robots: Sequence[str], rng: Random, history: History) -> None:
+        while True:
+            robot = rng.choice(robots)
+            body = {"reason": "the nemesis asks", "priority": rng.choice(PRIORITIES)}
+            request = await self.call("POST", f"/robots/{robot}/requests", body)
+            if request is not None:
+                history.add("request_made", robot=robot, what=str(request["id"]))
+            await asyncio.sleep(ASK_EVERY_S)
+
+    async def wait_for_none(self) -> None:
+        """Wait until no request is open."""
+        async with asyncio.timeout(SETTLED_WITHIN_S):
+            while True:
+                listed = await self.call("GET", "/requests")
+                if listed is not None and not listed["requests"]:
+                    return
+                await asyncio.sleep(POLL_EVERY_S)
+
+
+class QueueOperator(QueuePerson):
+    """Accepts what is offered, helps for a while, and closes it."""
+
+    async def run(self, rng: Random, history: History) -> None:
+        while True:
+            history.add("polled", connection=self.name, cell=self.cell.name)
+            view = await self.call("PUT", "/queue/me", {"state": "available"})
+            if view is not None and view["current"] is not None:
+                await self._help(view["current"], rng, history)
+            elif view is not None and view["offer"] is not None:
+                await self._answer(view["offer"], rng, history)
+            else:
+                await asyncio.sleep(POLL_EVERY_S)
+
+    async def _answer(self, offer: Mapping[str, Any], rng: Random, history: History) -> None:
+        if rng.random() < LEAVES_SHARE:
+            await asyncio.sleep(GONE_S)
+            return
+        await asyncio.sleep(rng.uniform(*THINKS_S))
+        accepted = await self.call("POST", f"/requests/{offer['id']}/accept", {})
+        if accepted is not None:
+            self._note(history, offer)
+
+    async def _help(self, request: Mapping[str, Any], rng: Random, history: History) -> None:
+        """Close the request that this operator has, accepted with or without an answer."""
+        self._note(history, request)
+        await asyncio.sleep(rng.uniform(*HELPS_S))
+        await self.call("POST", f"/requests/{request['id']}/close", {"note": "done"})
+
+    def _note(self, history: History, request: Mapping[str, Any]) -> None:
+        what = str(request["id"])
+        history.add("accepted", robot=request["robot"], connection=self.name, what=what)
+
+
+async def _line() -> Any:
+    return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
+
+
+async def work() -> None:
+    order = await _line()
+    history = History.open(Path(order["folder"]), "people")
+    cells = [CellAddress(**cell) for cell in order["cells"]]
+    async with new_http(force_close=True) as http:
+        asker = Asker("admin", order["admin"], cells, http)
+        operators = [
+            QueueOperator(person["name"], person["token"], cells, http)
+            for person in order["operators"]
+        ]
+        tasks = [
+            asyncio.create_task(operator.run(Random(f"{order['seed']} {operator.name}"), history))
+            for operator in operators
+        ]
+        asking = asyncio.create_task(asker.run(order["robots"], Random(order["seed"]), history))
+        for number, operator in enumerate(operators):
+            operator.begin_at(number)
+        write_line({"begun": True})
+        await _line()
+        asking.cancel()
+        await asker.wait_for_none()
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, asking, return_exceptions=True)
+        failed = [repr(result) for result in ended if isinstance(result, Exception)]
+        met = sum((person.met for person in (asker, *operators)), Counter[str]())
+        write_line({"met": dict(met.most_common(30)), "failed": failed})
+        await _line()
+        history.close()
+        write_line({"ended": True})
+
+
+if __name__ == "__main__":
+    uvloop.run(work(), loop_factory=EventLoop)
