@@ -2,7 +2,8 @@
 
 The media service answers /robotether/topics with it (docs/reference/media.md, "Topics"). So what people subscribe to
 travels beside the video, in the pacer's turns, and never before a command. A message goes on as rosbridge sends it.
-While the connection takes less than the topic brings, the newest message waits and older ones are dropped.
+While the connection takes less than the topic brings, the newest message waits and older ones are dropped. A ping of
+the relay goes to rosbridge, and its pong comes back behind all messages that came before: it bounds their age.
 
 rosbridge gets nothing from here but a subscription: this way leads past the guard.
 """
@@ -11,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections import deque
 from collections.abc import Mapping
 from contextlib import suppress
 
@@ -51,6 +53,8 @@ MAX_CONNECTIONS = 2 * MAX_TOPICS
 SUBSCRIPTION_WITHIN_S = 5.0
 # Time for which a new subscription is watched for what rosbridge repeats to newcomers; ROS 2 has to find it first.
 REPEATED_WITHIN_S = 2.0
+# Maximum number of pongs that wait behind messages; beyond it the oldest are dropped, which only makes ages greater.
+MAX_PONGS = 64
 # What a subscription may hold.
 MEMBERS = frozenset(
     ("op", "topic", "type", "throttle_rate", "queue_length", "fragment_size", "compression", "qos")
@@ -69,6 +73,7 @@ class TopicsService:
         """Serve one connection until either side ends it."""
         relay = web.WebSocketResponse(
             timeout=FAREWELL_S,
+            autoping=False,
             compress=False,
             max_msg_size=MAX_SUBSCRIPTION_BYTES,
             writer_limit=SEND_BYTES,
@@ -145,6 +150,8 @@ class TopicStream:
         self._queue: MessageQueue[WSMsgType] = MessageQueue(
             queue_length if isinstance(queue_length, int) else 0, is_parts=self._is_parts
         )
+        # Of rosbridge, to the relay's pings.
+        self._pongs: deque[bytes] = deque(maxlen=MAX_PONGS)
         self._clock = asyncio.get_running_loop().time
         self._has_message = asyncio.Event()
         self._has_room = asyncio.Event()
@@ -169,10 +176,13 @@ class TopicStream:
                 message, kind = self._queue.pop()
                 self._has_room.set()
                 await self._relay.send_frame(message, kind)
+            while self._pongs and not self._queue:
+                await self._relay.pong(self._pongs.popleft())
 
     async def until_left(self) -> None:
-        """Wait until the relay goes; it has no more to say."""
-        message = await self._relay.receive()
+        """Pass pings on until the relay goes; it has no more to say."""
+        while (message := await self._relay.receive()).type is WSMsgType.PING:
+            await self._rosbridge.ping(message.data)
         if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
             await self._relay.close(code=WSCloseCode.PROTOCOL_ERROR)
 
@@ -192,7 +202,10 @@ class TopicStream:
                 return message.data, message.type
             if message.type is WSMsgType.PING:
                 await self._rosbridge.pong(message.data)
-            elif message.type is not WSMsgType.PONG:
+            elif message.type is WSMsgType.PONG:
+                self._pongs.append(message.data)
+                self._has_message.set()
+            else:
                 is_closed = message.type is WSMsgType.CLOSE
                 self.why = message.extra or "" if is_closed else "the connection to rosbridge broke"
                 return None

@@ -116,6 +116,23 @@ async def test_a_relay_that_takes_little_gets_the_newest(world):
     await relay.close()
 
 
+async def test_a_pong_comes_behind_what_rosbridge_sent_before(world):
+    """So no message behind it is older than the ping, also where the newest waits for a slow line."""
+    relay = await world.open()
+    relay._autoping = False
+    relay._response.connection.transport.pause_reading()
+    for number in range(400):
+        await world.rosbridge.publish("/odom", {"number": number, "large": "x" * FRESH_BYTES})
+        await asyncio.sleep(0)
+    await relay.ping(b"1")
+    relay._response.connection.transport.resume_reading()
+    newest = None
+    while (message := await relay.receive(timeout=5)).type is not aiohttp.WSMsgType.PONG:
+        newest = json.loads(message.data)["msg"]["number"]
+    assert (newest, message.data) == (399, b"1")
+    await relay.close()
+
+
 async def test_what_rosbridge_repeats_to_a_newcomer_is_named_up_to_the_first_that_is_new(world):
     texts = [
         json.dumps({"op": "publish", "topic": "/odom", "msg": {"x": number}}).encode()

@@ -304,18 +304,18 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
         self._turn = 0
 
     async def next_message(
-        self, on_control: Callable[[WSMsgType], None] = lambda _: None
+        self, on_control: Callable[[WSMsgType, bytes], None] = lambda _kind, _payload: None
     ) -> WSMessageNoDecodeText:
         """Return the next message, or how the connection ended; meanwhile answer pings, and let others have turns.
 
-        `on_control` is called for each ping and pong before it.
+        `on_control` is called for each ping and pong before it, with its payload.
         """
         while True:
             self._turn = await next_turn(self._turn)
             message = await self.receive()
             if message.type is not WSMsgType.PING and message.type is not WSMsgType.PONG:
                 return message
-            on_control(message.type)
+            on_control(message.type, message.data)
             if message.type is WSMsgType.PING:
                 # Why it broke is what is read next.
                 with suppress(ConnectionError):

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import secrets
+import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -21,6 +22,7 @@ from aiohttp import WSMsgType
 from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.shared_copies import (
@@ -149,6 +151,10 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         # Who came since the robot was asked what it repeats, with the digests of what was there before.
         self.newcomers: dict[TopicClient, Collection[str]] = {}
         self.is_asked_for = False
+        # Since when its messages may have been on the way, of the robot's own connection; set for those who need ages.
+        self.timestamps: CommandTimestamps | None = None
+        self.is_dated = asyncio.Event()
+        self._dated_for: set[TopicClient] = set()
         # Of another copy, at another time or another cell, no message has the same.
         self._name = secrets.token_hex(8)
         self._count = 0
@@ -175,6 +181,23 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
                 subscriber.on_topic_failed(self.key.topic, why)
         self.failure = why
         self.is_ready = False
+
+    def date_for(self, user: TopicClient) -> None:
+        """Keep the age of messages bounded as long as this user shares the topic."""
+        self._dated_for.add(user)
+        self.is_dated.set()
+
+    def on_left(self, user: TopicClient) -> None:
+        """Keep nothing for a user that shares it no more."""
+        self.newcomers.pop(user, None)
+        self._dated_for.discard(user)
+        if not self._dated_for:
+            self.is_dated.clear()
+
+    def sent_since_s(self) -> float | None:
+        """Return since when a message that comes now can have been under way, of time.monotonic(); None: unknown."""
+        timestamps = self.timestamps
+        return None if timestamps is None else timestamps.of(None, time.monotonic())
 
     def by_digest(self) -> dict[str, tuple[bytes, WSMsgType]]:
         """Return the messages that newcomers may get, by digest."""
@@ -269,7 +292,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
     ) -> None:
         """Share it no more; the last one's leaving ends it after a while."""
         topic.users.discard(subscriber)
-        topic.newcomers.pop(subscriber, None)
+        topic.on_left(subscriber)
         self._let_linger(topic, linger_s)
 
     def _topics_of(self, robot_id: int) -> list[SharedTopic]:

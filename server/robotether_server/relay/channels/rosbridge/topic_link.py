@@ -10,6 +10,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Collection
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.topics import KNOWN, KNOWN_OP, MAX_KNOWN, PATH
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     FailureNotice,
     read_notice,
@@ -37,6 +39,8 @@ log = logging.getLogger(__name__)
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
 # Time after which a connection counts as stable.
 STEADY_S = 10.0
+# Interval between pings that bound the age of messages: an age is at most this and a round trip too high.
+DATED_EVERY_S = 0.1
 # Time limit for what a robot repeats to a newcomer.
 REPEATED_WITHIN_S = 5.0
 
@@ -101,19 +105,26 @@ class TopicLinks:
         socket = await self._open(topic, {})
         uplink = self.dialer.registry.ensure_robot(topic.robot.id).uplink
         name = topic.key.topic
+        timestamps = topic.timestamps = CommandTimestamps(time.monotonic())
+        dating = asyncio.create_task(_date(socket, topic, timestamps))
         try:
             with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
                 return await self._pass_on(socket, topic)
         finally:
+            topic.timestamps = None
+            dating.cancel()
+            await asyncio.gather(dating, return_exceptions=True)
             socket.drop()
 
     async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> str:
         # It reads in order: its answer says that rosbridge has got the subscription before.
         await socket.ping()
 
-        def on_control(kind: WSMsgType) -> None:
+        def on_control(kind: WSMsgType, payload: bytes) -> None:
             if kind is WSMsgType.PONG:
                 topic.on_ready()
+                if topic.timestamps is not None:
+                    topic.timestamps.pong(payload)
 
         while True:
             message = await socket.next_message(on_control)
@@ -135,6 +146,17 @@ class TopicLinks:
         socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
+
+
+async def _date(socket: RobotSocket, topic: SharedTopic, timestamps: CommandTimestamps) -> None:
+    """Ping, while somebody needs ages: a message behind the pong, which rosbridge sends, is younger than the ping."""
+    # Why it broke is what is read next.
+    with suppress(ConnectionError):
+        while True:
+            await topic.is_dated.wait()
+            if not socket.waiting_bytes():
+                await socket.ping(timestamps.ping(time.monotonic()))
+            await asyncio.sleep(DATED_EVERY_S)
 
 
 def _name_in(message: WSMessageNoDecodeText) -> object:

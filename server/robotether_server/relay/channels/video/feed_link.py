@@ -124,7 +124,7 @@ class FeedLink:
         now_s = time.monotonic()
         limiter = RateLimiter(now_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE)
 
-        def on_other(_: WSMsgType) -> None:
+        def on_other(_kind: WSMsgType, _payload: bytes = b"") -> None:
             self._received_s = time.monotonic()
             if not limiter.allow(self._received_s):
                 raise ProtocolError(f"more than {MESSAGES_PER_S} messages a second")
