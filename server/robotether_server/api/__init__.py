@@ -14,6 +14,7 @@ from robotether_server.api import (  # noqa: F401
     recordings,
     requests,
     robots,
+    routes,
     ssh_keys,
     tickets,
     tokens,

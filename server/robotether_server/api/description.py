@@ -45,6 +45,7 @@ PATH_TYPES: dict[str, Any] = {
     "drive_id": Id,
     "request_id": Annotated[int, Meta(ge=1, le=2**32 - 1)],
     "recording_id": Id,
+    "route_id": Id,
     "topic": RosPath,
     "service": RosPath,
 }

@@ -22,6 +22,7 @@ from robotether_server.contract.ros import (
     TopicAnswer,
     TopicQuery,
 )
+from robotether_server.contract.routes import LiveRouteList
 from robotether_server.contract.uplink import UplinkObject
 
 CONTROL: dict[int, Any] = {200: ControlObject}
@@ -118,6 +119,14 @@ RELAYED = (
         is_body_required=False,
         answers={200: StoppedRobotList},
         problems=(400,),
+    ),
+    ApiOperation(
+        method="GET",
+        path="/routes/live",
+        name="liveRoutes",
+        summary="Get the routes that last as they are now: whether they run, and their rates",
+        who="user",
+        answers={200: LiveRouteList},
     ),
     ApiOperation(
         method="GET",

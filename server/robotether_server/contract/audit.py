@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from robotether_server.contract.codes import DRIVE_ENDS, RECORDING_ENDS
+from robotether_server.contract.routes import end_words
 from robotether_server.schemas import Timestamp
 from robotether_server.times import duration_words
 
@@ -88,6 +89,21 @@ def _pass_sentence(event: AuditEvent) -> str:
     if event.details.get("why") == "right_ended":
         return f"no longer helps {event.robot}, without the right to drive it"
     return f"let the offer to help {event.robot} pass"
+
+
+def _route_sentence(done: str) -> Callable[[AuditEvent], str]:
+    def words(event: AuditEvent) -> str:
+        details = _Details(event.details)
+        start = f"{details['source']} {details['source_topic']}"
+        return f"{done} route {details['route']} from {start} to {event.robot} {details['target_topic']}"
+
+    return words
+
+
+def _route_end_sentence(event: AuditEvent) -> str:
+    details = _Details(event.details)
+    why = end_words(str(details["end_code"]))
+    return f"lost route {details['route']} from {details['source']} to {event.robot}: {why}"
 
 
 def _holder(event: AuditEvent) -> str:
@@ -178,5 +194,8 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "recording_ended": ("Recording ended", _recording_sentence),
     "recording_downloaded": ("Recording downloaded", "downloaded recording {recording} of {robot}"),
     "recording_deleted": ("Recording deleted", "deleted recording {recording} of {robot}"),
+    "route_made": ("Route made", _route_sentence("made")),
+    "route_removed": ("Route removed", _route_sentence("removed")),
+    "route_ended": ("Route ended", _route_end_sentence),
     "operations_refused": ("Messages blocked", _refusal_sentence),
 }

@@ -40,7 +40,7 @@ Reason = Annotated[str, Meta(extra_json_schema={"maxLength": MAX_REASON}, extra=
 
 
 class DriverObject(Struct, frozen=True):
-    """Who drives; `fence` is the number of the lease."""
+    """Who drives; `fence` is the number of the lease. `NAME (route)`: routes of that user."""
 
     user: str
     since: TimestampText

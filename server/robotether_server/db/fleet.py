@@ -16,10 +16,11 @@ from functools import cached_property
 from robotether_common.services import SERVICES, ServiceName
 from robotether_common.session import HelpSource
 
-from robotether_server.db import control
+from robotether_server.db import control, routes
 from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
+from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import Level
 from robotether_server.settings import robot as robot_settings
@@ -68,10 +69,11 @@ class RelayRobot:
 
 @dataclass(frozen=True)
 class Changes:
-    """Texts that differ whenever robots or rights, or logins or tokens, have changed."""
+    """Texts that differ whenever robots or rights, or logins or tokens, have changed; and the routes that last."""
 
     rights: str
     credentials: str
+    routes: tuple[RelayRoute, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -185,6 +187,7 @@ Entry = (
     | LeaseStart
     | LeaseEnd
     | StopEntry
+    | RouteEnd
 )
 
 _CREDENTIAL_VIEWS: Mapping[CredentialKind, str] = {"login": "relay_logins", "token": "relay_tokens"}
@@ -195,7 +198,9 @@ def changes(tx: Transaction) -> Changes:
     row = tx.row("SELECT version FROM relay_changes") or {}
     robots, users, grants, *credentials = str(row.get("version", "//")).split("/")
     return Changes(
-        rights="/".join((robots, users, grants)), credentials="/".join((users, *credentials))
+        rights="/".join((robots, users, grants)),
+        credentials="/".join((users, *credentials)),
+        routes=routes.read_lasting(tx),
     )
 
 
@@ -327,6 +332,8 @@ def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
             control.end_lease(tx, entry)
         case StopEntry():
             control.write_stop(tx, entry)
+        case RouteEnd():
+            routes.write_end(tx, entry)
     return None
 
 

@@ -55,8 +55,11 @@ from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.routes.route_api import RouteApi
+from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
@@ -115,8 +118,10 @@ class Relay:
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
-        for stops in self.event_writer.restore():
-            self.control.stops.restore(stops)
+        stops, route_ends = self.event_writer.restore()
+        for entry in stops:
+            self.control.stops.restore(entry)
+        self.routes.restore(route_ends)
         self.event_writer.add(FormerSessions(before=utc_now()))
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
@@ -127,6 +132,7 @@ class Relay:
             start_task("event_writer", self.event_writer.run()),
             start_task("drives", self.observer.run(self._timing.drives_every_s)),
             start_task("stops", self.stored_control.run()),
+            start_task("routes", self.routes.run()),
         ]
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
@@ -142,6 +148,7 @@ class Relay:
     async def stop(self) -> None:
         """Notify operators, then robots, and write the rest down."""
         self.connections.end_all(close_reasons.relay_stopping())
+        await self.routes.close()
         self.fleet_events.end_subscriptions()
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
         await asyncio.gather(*(runner.cleanup() for runner in self._runners))
@@ -269,12 +276,29 @@ class Relay:
         self._control_api = ControlApi(
             self.access, self.control, media, self.fleet.snapshot, other_cells
         )
+        self._make_routes(context, limit_bytes)
+
+    def _make_routes(self, context: VideoContext, limit_bytes: int) -> None:
+        dialer = RobotDialer(context.client, context.tunnel_host, context.registry, limit_bytes)
+        self.routes = RouteRunner(
+            RouteContext(
+                handlers=context,
+                control=self.control,
+                shared_topics=self.shared_topics,
+                dialer=dialer,
+                peers=self.peers,
+                event_writer=self.event_writer,
+                snapshot=self.fleet.state,
+                report=self.observer.connection,
+            )
+        )
+        self._route_api = RouteApi(self.access, self.routes)
 
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
-        parts = (self._channels, self._control_api)
+        parts = (self._channels, self._control_api, self._route_api)
         self._public = public_app(self.metrics, cors, parts, forwarding)
         self._inside = inside_app(
             self.metrics, self.fleet, self.peers.addresses, self.recorder_handler
@@ -299,6 +323,7 @@ class Relay:
             self.registry.on_snapshot,
             self.fleet_events.on_snapshot,
         )
+        self.fleet.hand_routes_to(self.routes.on_routes)
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
         self.registry.listen(
             self.connections.on_robot_change,
@@ -310,6 +335,7 @@ class Relay:
             self.feeds.on_robot_change,
             self.shared_topics.on_robot_change,
             self.forwarded_observers.on_robot_change,
+            self.routes.on_robot_change,
         )
         self.connections.listen(self.fleet_events.changed)
         self.control.listen(self.fleet_events.changed)
@@ -332,6 +358,7 @@ class Relay:
         gauge("topics", "Topics that robots send", self.shared_topics.count)
         gauge("cells_connected", "Other cells that are connected", self.peers.count)
         gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
+        gauge("routes", "Routes between robots that run", self.routes.count)
         gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)

@@ -30,6 +30,7 @@ from robotether_server.db.fleet import (
     SessionEntry,
     Snapshot,
 )
+from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.app import Listen
 from robotether_server.relay.auth.credentials import credential_of
@@ -79,6 +80,7 @@ class MemoryDatabase(RelayDatabase):
         self.stops: list[Stop] = []
         self.cells: dict[str, Cell] = {}
         self.requests: list[RelayRequest] = []
+        self.routes: list[RelayRoute] = []
 
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> RelayRobot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
@@ -100,7 +102,8 @@ class MemoryDatabase(RelayDatabase):
 
     async def changes(self) -> Changes:
         self._check_up()
-        return Changes(rights=self._rights(), credentials=repr(sorted(map(repr, self.credentials))))
+        credentials = repr(sorted(map(repr, self.credentials)))
+        return Changes(self._rights(), credentials, tuple(self.routes))
 
     async def load(self) -> Snapshot:
         self._check_up()
@@ -152,6 +155,8 @@ class MemoryDatabase(RelayDatabase):
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         self._check_up()
         self.written.extend(entry for entry in entries if entry not in self.written)
+        ended = {entry.route_id for entry in entries if isinstance(entry, RouteEnd)}
+        self.routes = [route for route in self.routes if route.id not in ended]
         return {position: position + 1 for position, _ in enumerate(entries)}
 
     def close(self) -> None:

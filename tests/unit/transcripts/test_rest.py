@@ -354,6 +354,29 @@ ANN, BEN, BOB, CARL, EVE = (
 Ask = Callable[..., Awaitable[Any]]
 
 
+def test_routes(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+    """Routes of an admin, who manages all robots, and what others may not."""
+    route = {
+        "source": "sim1",
+        "source_topic": "/cmd_vel",
+        "target": "sim2",
+        "target_topic": "cmd_vel",
+        "type": "a/B",
+    }
+    back = route | {"source": "sim2", "target": "sim1"}
+    made = talk.ask("root", "POST", "/routes", route)["id"]
+    talk.ask("root", "POST", "/routes", route)
+    talk.ask("root", "POST", "/routes", back)
+    talk.ask("root", "POST", "/routes", route | {"target": "nobody"})
+    talk.ask("root", "POST", "/routes", route | {"rate_hz": 0})
+    talk.ask("ann", "POST", "/routes", route)
+    talk.ask("ann", "GET", "/routes")
+    talk.ask("root", "GET", "/routes")
+    talk.ask("ann", "DELETE", "/routes/{route_id}", route_id=made)
+    talk.ask("root", "DELETE", "/routes/{route_id}", route_id=made)
+    assert talk.transcript == recorded
+
+
 @pytest.fixture
 async def relay(patient: Timing) -> AsyncIterator[tuple[RelayServer, MemoryDatabase]]:
     """A relay with robot sim1: ann and ben drive it, bob observes it, carl manages it, eve does not see it."""
@@ -425,6 +448,8 @@ async def _refusals(ask: Ask) -> None:
         await ask(who, "GET", "/robots/sim1/topics/odom")
         await ask(who, "POST", "/robots/sim1/services/move", {})
     await ask("nobody", "GET", "/events")
+    for who in ("nobody", "ann"):
+        await ask(who, "GET", "/routes/live")
     await ask("eve", "POST", "/robots/sim1/stop")
     await ask("ann", "GET", "/robots/sim1/stop")
     await ask("ann", "POST", "/robots/sim1/stop", [])

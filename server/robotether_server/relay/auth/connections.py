@@ -37,7 +37,7 @@ class Connections:
         self._registry = registry
         self.caps = Caps()
         self._listeners: list[Callable[[int], None]] = []
-        self._of_user: Counter[tuple[int, bool]] = Counter()
+        self._of_user: Counter[tuple[int, bool, bool]] = Counter()
 
     def listen(self, listener: Callable[[int], None]) -> None:
         """Notify this of each robot whose drivers or observers change."""
@@ -133,5 +133,5 @@ class Connections:
         return [member for robot in self._registry.robots() for member in robot.connections]
 
 
-def _counted_as(connection: Connection) -> tuple[int, bool]:
-    return connection.user_id, connection.use == "video"
+def _counted_as(connection: Connection) -> tuple[int, bool, bool]:
+    return connection.user_id, connection.use == "video", connection.is_route

@@ -118,7 +118,8 @@ class Leasing:
         robot = self._registry.ensure_robot(connection.robot.id)
         async with robot.calls_lock:
             driver = robot.lease.driver
-            if driver is None or driver.holder.user_id != connection.user_id:
+            is_own = driver is not None and driver.holder.user_id == connection.user_id
+            if driver is None or not is_own or driver.holder.is_route:
                 driver = await self._begin_for_calls(connection, robot.lease.claimant)
             driver.calls += 1
         try:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
+from robotether_server.db.routes import RouteEnd
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.journal import Journal, JournalEntry
@@ -47,10 +48,11 @@ class EventWriter:
         self._idle.set()
         self.dropped = 0
 
-    def restore(self) -> list[StopEntry]:
-        """Write what the relay before this one did not; return the stops, which only `stops` can take over.
+    def restore(self) -> tuple[list[StopEntry], list[RouteEnd]]:
+        """Write what the relay before this one did not; return the stops and the ends of routes, to be taken over.
 
-        Before anything is added: what ends the drives and leases that it left open comes behind these.
+        Only `stops` can write the former. Before anything is added: what ends the drives and leases that it left open
+        comes behind these.
         """
         former = [] if self._journal is None else self._journal.read()
         if former:
@@ -58,7 +60,10 @@ class EventWriter:
         for entry in former:
             if not isinstance(entry, StopEntry):
                 self._queue(entry)
-        return [entry for entry in former if isinstance(entry, StopEntry)]
+        return (
+            [entry for entry in former if isinstance(entry, StopEntry)],
+            [entry for entry in former if isinstance(entry, RouteEnd)],
+        )
 
     def add(self, entry: Entry) -> None:
         """Write the entry soon; adding a session again writes its newest state."""
@@ -161,9 +166,9 @@ class EventWriter:
     def _drop_oldest(self) -> None:
         if self.dropped == 0:
             log.error("too many entries wait for the database; from now on the oldest are dropped")
-        # A stop must outlive the relay; there is at most one entry a robot. And nobody else ends what the relay before
-        # this one left open; that is the oldest entry.
-        kinds = StopEntry | FormerSessions
+        # A stop must outlive the relay, and a route's end; there is at most one entry a robot or route. And nobody
+        # else ends what the relay before this one left open; that is the oldest entry.
+        kinds = StopEntry | FormerSessions | RouteEnd
         oldest = (key for key, entry in self._waiting.items() if not isinstance(entry, kinds))
         if (key := next(oldest, None)) is not None:
             self.dropped += 1

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import Changes, RelayRequest, Snapshot
+from robotether_server.db.routes import RelayRoute
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 
@@ -52,6 +53,7 @@ class Fleet:
         self._credentials = credentials
         self._listeners: list[Callable[[Snapshot], None]] = []
         self._help_listener: Callable[[Sequence[RelayRequest]], None] = _ignore
+        self._on_routes: Callable[[Sequence[RelayRoute]], None] = _ignore
         self._restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
         self._restore_control: Callable[[StoredControl], None] = _ignore
         self._poll_every_s = poll_every_s
@@ -70,6 +72,10 @@ class Fleet:
     def listen_to_help_requests(self, listener: Callable[[Sequence[RelayRequest]], None]) -> None:
         """Notify this of robots' open requests for help, at each poll; it must not block."""
         self._help_listener = listener
+
+    def hand_routes_to(self, listener: Callable[[Sequence[RelayRoute]], None]) -> None:
+        """Hand this the routes that last, after each poll; robots and rights are then no older."""
+        self._on_routes = listener
 
     def restore_into(
         self,
@@ -130,6 +136,7 @@ class Fleet:
             self._snapshot = await self._database.load()
             for listener in self._listeners:
                 listener(self._snapshot)
+        self._on_routes(now.routes)
         time = asyncio.get_running_loop().time()
         changed = before is None or before.credentials != now.credentials
         if changed or time - self._rechecked_at > RECHECK_EVERY_S:

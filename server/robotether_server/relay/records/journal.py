@@ -30,11 +30,12 @@ from msgspec import Raw, Struct
 
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.fleet import AuditEntry, HelpEntry
+from robotether_server.db.routes import RouteEnd
 
 log = logging.getLogger(__name__)
 
 # A new relay ends what was left open; nobody was told that sessions are written.
-JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry | HelpEntry
+JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry | HelpEntry | RouteEnd
 # Maximum number of lines of written or replaced entries, beyond one per waiting entry.
 MAX_STALE_LINES = 1000
 RETRY_EVERY_S = 10.0

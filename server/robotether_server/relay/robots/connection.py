@@ -36,6 +36,8 @@ class Connection:
     may_drive: bool = False
     # Of an observer whose robot is at another cell: that cell's name.
     cell: str = ""
+    # Of a user's routes: nobody is at it.
+    is_route: bool = False
 
     @property
     def is_recorder(self) -> bool:

@@ -43,7 +43,16 @@ class Holder(Protocol):
 
     @property
     def user(self) -> str:
-        """That user's name."""
+        """That user's name, as people read it."""
+
+    @property
+    def is_route(self) -> bool:
+        """Whether it is a user's routes that drive, and not the user."""
+
+
+def _is_same(holder: Holder, other: Holder) -> bool:
+    """Return whether one may drive in place of the other: a route and its maker are two."""
+    return (holder.user_id, holder.is_route) == (other.user_id, other.is_route)
 
 
 @dataclass(frozen=True)
@@ -73,8 +82,14 @@ class Driver:
     for_calls: bool = False
 
     def on_command(self, now: Instant) -> None:
-        """The driver sent a command: it is there."""
-        self.input = now
+        """The driver sent a command: it is there. A route is not, as it answers nobody who asks for control."""
+        if not self.holder.is_route:
+            self.input = now
+
+
+def _is_driven_by(driver: Driver, user: RelayUser) -> bool:
+    """Return whether the user drives, and not a route of the user."""
+    return driver.holder.user_id == user.id and not driver.holder.is_route
 
 
 @dataclass(frozen=True)
@@ -155,10 +170,10 @@ class Lease:
         This user's older connection drives on meanwhile. Raises HeldError.
         """
         present = self.driver.holder if self.driver is not None else self._claimant
-        if present is not None and present.user_id != holder.user_id:
+        if present is not None and not _is_same(present, holder):
             raise HeldError(present.user, self.driver.since if self.driver is not None else None)
         reservation = self.reserved(now)
-        if reservation is not None and reservation.user.id != holder.user_id:
+        if reservation is not None and (holder.is_route or reservation.user.id != holder.user_id):
             raise HeldError(reservation.user.name, None)
         older, self._claimant = self._claimant, holder
         return older
@@ -195,7 +210,7 @@ class Lease:
     def ask(self, user: RelayUser, now: Instant) -> bool:
         """Ask the driver for the control; False when this user asked already. Throttled after a few in a row."""
         driver = self._driver_or_free(now)
-        if driver.holder.user_id == user.id:
+        if _is_driven_by(driver, user):
             raise LeaseFreeError("cannot ask for control: it is yours")
         if self.request is not None and self.request.user.id != user.id:
             raise AlreadyAskedError(
@@ -259,7 +274,7 @@ class Lease:
 
     def _is_for(self, user: RelayUser, now: Instant) -> bool:
         if self.driver is not None:
-            return self.driver.holder.user_id == user.id
+            return _is_driven_by(self.driver, user)
         reservation = self.reserved(now)
         return reservation is not None and reservation.user.id == user.id
 

@@ -12,6 +12,7 @@ from web_visitor import Browser
 ELSEWHERE = {
     ("/api/v1/events", "get"),
     ("/api/v1/stop", "post"),
+    ("/api/v1/routes/live", "get"),
     ("/api/v1/robots/{robot}/control", "get"),
     ("/api/v1/robots/{robot}/uplink", "get"),
     ("/api/v1/robots/{robot}/lease", "post"),
@@ -22,7 +23,7 @@ ELSEWHERE = {
 }
 IN_PATHS = {"robot": "sim1", "user": "ann", "group": "crew", "site": "lab"}
 IN_PATHS |= dict.fromkeys(
-    ("token_id", "key_id", "grant_id", "drive_id", "request_id", "recording_id"), "1"
+    ("token_id", "key_id", "grant_id", "drive_id", "request_id", "recording_id", "route_id"), "1"
 )
 METHODS = {"get", "post", "put", "patch", "delete"}
 

@@ -7,9 +7,11 @@ body, so all that concerns the robot is reported after the upgrade, as a close c
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections import Counter
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Protocol
 
 from aiohttp import web
 
@@ -47,6 +49,7 @@ from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.recorders import Outcome, Recorders
+from robotether_server.relay.robots.robot import SeenReport
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.times import utc_now
 
@@ -169,11 +172,33 @@ class RosbridgeHandler:
         )
 
 
+class DriverEnd(Protocol):
+    """What passes a connection's messages: an operator's `Bridge`, or routes."""
+
+    refused: Counter[str]
+
+    @property
+    def bytes_passed(self) -> int:
+        """How many bytes of messages went either way."""
+
+    async def run(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
+        """Reach the robot and pass messages; return why that ended."""
+
+    def show_seen(self, report: SeenReport) -> None:
+        """Report how old is what the driver saw at the newest command."""
+
+    async def close_reason_of_gone(self) -> CloseReason:
+        """Return why a connection that is gone ended."""
+
+
 @dataclass
 class OperatorSession:
-    """One connection from its upgrade to its ending: lease, way to the robot, and reports."""
+    """One connection from its upgrade to its ending: lease, way to the robot, and reports.
 
-    bridge: Bridge
+    `credential` is the login or token that must hold to begin a drive, but for routes.
+    """
+
+    bridge: DriverEnd
     connection: Connection
     credential: Credential | None
     context: HandlerContext
@@ -209,7 +234,8 @@ class OperatorSession:
         else:
             # A page that waits for an offline robot must not use numbers up.
             self.dialer.check_online(self.connection.robot)
-            await self.context.check_credential(self.credential, self.connection.robot)
+            if not self.connection.is_route:
+                await self.context.check_credential(self.credential, self.connection.robot)
             driver = await self.control.leasing.begin(self.connection)
             socket = await self.dialer.open(self.connection.robot, driver.fence)
             lease = self._lease(driver)

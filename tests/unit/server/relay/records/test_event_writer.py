@@ -9,6 +9,7 @@ from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, FormerSessions, SessionEntry
+from robotether_server.db.routes import RouteEnd
 from robotether_server.problems import RecordRefusedError
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal
@@ -168,7 +169,7 @@ def _kept(path):
 async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
     _killed_with(path, memory_database, session(), START, LINE, drive, END)
     event_writer = EventWriter(memory_database, journal=_Settled(path))
-    assert event_writer.restore() == []
+    assert event_writer.restore() == ([], [])
     event_writer.add(FormerSessions(NOW))
     assert event_writer.waiting() == 5
     async with _at_work(event_writer):
@@ -191,11 +192,13 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
 
 
 async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
+    """The ends of its routes are written and handed on: the database may still say that they last."""
     stop = StopEntry(7, Stop(7, NOW, "ben"))
-    _killed_with(path, memory_database, stop, LINE)
+    route_end = RouteEnd(3, NOW, "lease_lost", "ann", "sim2", "sim1")
+    _killed_with(path, memory_database, stop, LINE, route_end)
     event_writer = EventWriter(memory_database, journal=_Settled(path))
-    assert event_writer.restore() == [stop]
-    assert event_writer.waiting() == 1
+    assert event_writer.restore() == ([stop], [route_end])
+    assert event_writer.waiting() == 2
     event_writer.close()
 
 

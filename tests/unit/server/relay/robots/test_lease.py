@@ -28,6 +28,7 @@ NOON = utc(2026, 1, 1, 12, 0)
 @dataclass(eq=False)
 class FakeHolder:
     of: RelayUser
+    is_route: bool = False
 
     @property
     def user_id(self):
@@ -75,6 +76,33 @@ def test_the_same_user_takes_over_with_a_higher_number(lease):
     assert lease.grant(newer, 2, at(1))
     assert lease.end(older, at(2)) is None
     assert lease.driver.holder is newer
+
+
+def test_a_route_takes_nothing_that_is_a_persons_or_kept_for_one(lease):
+    """Not even of its own maker, who in turn gets control of it by taking it alone."""
+    driven_by(ANN, lease)
+    with pytest.raises(HeldError):
+        lease.claim(FakeHolder(ANN, is_route=True), at(0))
+    lease.ask(BEN, at(0))
+    lease.hand_over(ANN, at(0))
+    with pytest.raises(HeldError):
+        lease.claim(FakeHolder(BEN, is_route=True), at(1))
+    route = FakeHolder(ANN, is_route=True)
+    lease.claim(route, at(60))
+    with pytest.raises(HeldError):
+        lease.claim(FakeHolder(ANN), at(60))
+    lease.grant(route, 2, at(60))
+    assert lease.take(ANN, at(61)).driver.holder is route
+
+
+def test_commands_of_a_route_are_no_answer_to_who_asks(lease):
+    """Its maker may ask, too."""
+    route = FakeHolder(ANN, is_route=True)
+    lease.claim(route, at(0))
+    driver = lease.grant(route, 1, at(0))
+    assert lease.ask(ANN, at(5))
+    driver.on_command(at(24))
+    assert lease.pass_on(at(25)).to == ANN
 
 
 def test_of_two_claims_of_a_user_the_newer_counts(lease):

@@ -1,0 +1,46 @@
+"""Routes between robots as they are now, and why they ended."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+from msgspec import Meta, Struct
+
+from robotether_server.contract.codes import DRIVE_ENDS
+
+RouteState = Literal["runs", "waits", "elsewhere"]
+
+
+class LiveRoute(Struct, frozen=True):
+    """A route that lasts, as this machine of the site sees it.
+
+    `runs`: `rate_hz` messages a second went to the target over the last 2 s. `waits`: nothing goes until what `why`
+    says is over; a route that runs has a `why`, too, when its newest message went nowhere. `elsewhere`: it runs on
+    another machine, which alone knows its rate (null).
+    """
+
+    id: int
+    state: RouteState
+    rate_hz: Annotated[float, Meta(ge=0)] | None = None
+    why: str = ""
+
+
+class LiveRouteList(Struct, frozen=True):
+    """The routes that last and whose two robots the caller may see."""
+
+    routes: list[LiveRoute]
+
+
+# Why a route ended; a code that is not here is shown as it is.
+ROUTE_ENDS: Mapping[str, str] = {
+    "expired": "its time was over",
+    "rights_ended": "its maker may no longer manage both robots",
+    "robot_inactive": "one of its robots was disabled",
+    "robot_stopped": "the target was stopped",
+    "lease_held": "somebody else drove the target",
+    "lease_lost": "somebody else took control of the target",
+}
+
+
+def end_words(code: str | None) -> str:
+    """Return why a route ended, for people."""
+    return ROUTE_ENDS.get(code or "", DRIVE_ENDS.get(code or "", code or ""))

@@ -1,0 +1,309 @@
+"""Runs the routes whose two robots are here, and ends those that must end. Their table is web's.
+
+`fleet` hands it the routes that last, once a second with robots and rights. A route ends for good when its maker's
+right does, its time is over, or its target is stopped or driven by anybody else: it never takes the lease back by
+itself. It only waits while a robot is offline or the way to one is broken. All routes of a user into a robot drive it
+together, with one lease.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import datetime
+
+from robotether_server.contract.routes import LiveRoute
+from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.problems import RobotetherError
+from robotether_server.relay.auth.access import HandlerContext
+from robotether_server.relay.auth.principal import Principal
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.channels.rosbridge.handler import ConnectionReport, OperatorSession
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
+from robotether_server.relay.control.control import Control
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.robots.robot import Change
+from robotether_server.relay.robots.robot_dialer import RobotDialer
+from robotether_server.relay.routes.driver import RouteDriver
+from robotether_server.relay.routes.source import RouteSource, rules_of
+from robotether_server.times import utc_now
+
+log = logging.getLogger(__name__)
+
+CHECK_EVERY_S = 0.5
+# Time after which a connection that failed is tried again.
+RETRY_AFTER_S = 2.0
+CONNECTING = "it connects to the target"
+# Ends of a drive that end its routes for good; after others they go on once they can.
+LASTING_ENDS = frozenset(("robot_stopped", "lease_held", "lease_lost"))
+
+
+@dataclass(frozen=True)
+class RouteContext:
+    """What routes need of the relay's other parts."""
+
+    handlers: HandlerContext
+    control: Control
+    shared_topics: SharedTopics
+    dialer: RobotDialer
+    peers: Peers
+    event_writer: EventWriter
+    snapshot: Callable[[], Snapshot]
+    report: Callable[[ConnectionReport], None]
+
+
+@dataclass(eq=False)
+class RunningRoutes:
+    """The routes of one user into one robot, with their connection to it, if there is one."""
+
+    robot: RelayRobot
+    sources: dict[int, RouteSource] = field(default_factory=dict)
+    driver: RouteDriver | None = None
+    task: asyncio.Task[None] | None = None
+    # Why the last connection ended, and not before when there is another, by the loop's clock.
+    why: str = CONNECTING
+    retry_at: float = 0.0
+
+
+# A user and a robot, by id.
+Key = tuple[int, int]
+
+
+class RouteRunner:
+    """All routes."""
+
+    def __init__(self, context: RouteContext) -> None:
+        self._context = context
+        self._routes: dict[int, RelayRoute] = {}
+        # Those that have ended here, until the database has it.
+        self._ended: set[int] = set()
+        self._running: dict[Key, RunningRoutes] = {}
+        self._is_closing = False
+
+    def restore(self, ends: Iterable[RouteEnd]) -> None:
+        """Take over what the relay before this one ended and had not written."""
+        self._ended.update(end.route_id for end in ends)
+
+    def on_routes(self, routes: Sequence[RelayRoute]) -> None:
+        """These are the routes that last; robots and rights are no older."""
+        self._routes = {route.id: route for route in routes}
+        self._ended &= self._routes.keys()
+        self._update()
+
+    def on_robot_change(self, change: Change) -> None:
+        """Something happened to a robot."""
+        if change.what in {"connected", "disconnected"}:
+            self._update()
+
+    async def run(self) -> None:
+        """Try again what failed, and end what is over, for ever."""
+        while True:
+            await asyncio.sleep(CHECK_EVERY_S)
+            self._update()
+
+    async def close(self) -> None:
+        """Run nothing any more; the routes last."""
+        self._is_closing = True
+        tasks = [running.task for running in self._running.values() if running.task is not None]
+        for running in list(self._running.values()):
+            self._keep_only(running, ())
+        await asyncio.gather(*tasks, return_exceptions=True)
+
+    def count(self) -> int:
+        """How many routes run here."""
+        return sum(
+            len(running.sources)
+            for running in self._running.values()
+            if running.driver is not None and running.driver.is_connected
+        )
+
+    def live(self, user_id: int) -> list[LiveRoute]:
+        """Describe the routes whose two robots the user may see."""
+        snapshot = self._context.snapshot()
+        return [
+            self._describe(route)
+            for route in self._routes.values()
+            if route.id not in self._ended
+            and snapshot.level(user_id, route.source_id) is not None
+            and snapshot.level(user_id, route.target_id) is not None
+        ]
+
+    def _update(self) -> None:
+        """Bring what runs in line with what may run."""
+        if self._is_closing:
+            return
+        snapshot, now = self._context.snapshot(), utc_now()
+        ready: dict[Key, list[RelayRoute]] = {}
+        for route in list(self._routes.values()):
+            if route.id in self._ended:
+                continue
+            if (code := _why_over(route, snapshot, now) or self._why_not_ours(route)) is not None:
+                self._end(route, code)
+            elif self._where(route) is None:
+                ready.setdefault((route.user_id, route.target_id), []).append(route)
+        for key, running in list(self._running.items()):
+            routes = ready.get(key, ())
+            self._keep_only(
+                running, [route.id for route in routes if _is_current(route, running, snapshot)]
+            )
+            if running.task is None and not routes:
+                del self._running[key]
+        for key, routes in ready.items():
+            self._run_all(key, routes, snapshot)
+
+    def _run_all(self, key: Key, routes: list[RelayRoute], snapshot: Snapshot) -> None:
+        robot = snapshot.robots[key[1]]
+        running = self._running.setdefault(key, RunningRoutes(robot))
+        loop = asyncio.get_running_loop()
+        if running.task is None and loop.time() >= running.retry_at:
+            running.robot, running.driver = robot, RouteDriver(robot)
+            principal = Principal(key[0], routes[0].user_name)
+            running.task = loop.create_task(
+                self._drive(running, principal), name=f"routes to {robot.name}"
+            )
+        for route in routes:
+            if route.id not in running.sources and running.driver is not None:
+                self._add(running, running.driver, route, snapshot)
+
+    def _add(
+        self, running: RunningRoutes, driver: RouteDriver, route: RelayRoute, snapshot: Snapshot
+    ) -> None:
+        is_drive = running.robot.settings.guard.drive_topics.match(route.target_topic)
+        source = running.sources[route.id] = RouteSource(route, driver.wake, is_drive=is_drive)
+        try:
+            source.open(snapshot.robots[route.source_id], self._context.shared_topics)
+        except RobotetherError as problem:
+            source.problem = problem.detail
+        driver.add(source)
+
+    def _keep_only(self, running: RunningRoutes, route_ids: Iterable[int]) -> None:
+        """Publish nothing more of other routes; without any the robot is released."""
+        for route_id in running.sources.keys() - set(route_ids):
+            source = running.sources.pop(route_id)
+            source.close(self._context.shared_topics)
+            if running.driver is not None:
+                running.driver.remove(source)
+        if not running.sources and running.driver is not None:
+            running.driver.end(close_reasons.client_left(running.robot.name))
+
+    async def _drive(self, running: RunningRoutes, principal: Principal) -> None:
+        """Drive the robot until something ends that."""
+        driver = running.driver
+        if driver is None:
+            return
+        close_reason = close_reasons.relay_failed()
+        try:
+            close_reason = await self._drive_until_ended(driver, running.robot, principal)
+        except Exception:
+            log.exception("robot %s: routes failed", running.robot.name)
+        finally:
+            self._on_ended(running, close_reason)
+
+    async def _drive_until_ended(
+        self, driver: RouteDriver, robot: RelayRobot, principal: Principal
+    ) -> CloseReason:
+        context, handlers = self._context, self._context.handlers
+        connection = principal.connection(robot, driver.end)
+        if (why := handlers.connections.no_room(connection)) is not None:
+            return close_reasons.too_many_connections(why)
+        with (
+            handlers.connections.joined(connection),
+            handlers.registry.ensure_robot(robot.id).usage.counted(),
+        ):
+            return await OperatorSession(
+                driver,
+                connection,
+                None,
+                handlers,
+                context.control,
+                context.dialer,
+                context.report,
+                None,
+            ).run()
+
+    def _on_ended(self, running: RunningRoutes, close_reason: CloseReason) -> None:
+        routes = [source.route for source in running.sources.values()]
+        running.task = None
+        self._keep_only(running, ())
+        running.driver = None
+        running.why = close_reason.reason
+        if routes:
+            running.retry_at = asyncio.get_running_loop().time() + RETRY_AFTER_S
+        if close_reason.name in LASTING_ENDS:
+            for route in routes:
+                self._end(route, close_reason.name)
+
+    def _end(self, route: RelayRoute, code: str) -> None:
+        """End a route for good."""
+        if route.id in self._ended:
+            return
+        self._ended.add(route.id)
+        robots = self._context.snapshot().robots
+        source, target = (
+            robots[robot_id].name if robot_id in robots else ""
+            for robot_id in (route.source_id, route.target_id)
+        )
+        log.info("route %d of %s ended: %s", route.id, route.user_name, code)
+        self._context.event_writer.add(
+            RouteEnd(route.id, utc_now(), code, route.user_name, source, target)
+        )
+
+    def _why_not_ours(self, route: RelayRoute) -> str | None:
+        """Return why nothing may drive the target for the route; None: the robot is free, or routes drive it."""
+        if self._context.control.stops.of(route.target_id) is not None:
+            return "robot_stopped"
+        driver = self._context.control.leasing.of(route.target_id).driver
+        # A call over HTTP holds the lease for a moment.
+        is_free = driver is None or driver.for_calls or driver.holder.is_route
+        return None if is_free else "lease_held"
+
+    def _where(self, route: RelayRoute) -> LiveRoute | None:
+        """Say why a route does not run here; None: its two robots are here."""
+        peers, robots = self._context.peers, self._context.snapshot().robots
+        ids = (route.source_id, route.target_id)
+        cells = [peers.owner(robot_id) for robot_id in ids]
+        here = [self._context.handlers.registry.presence(robot_id).online for robot_id in ids]
+        for robot_id, cell, is_here in zip(ids, cells, here, strict=True):
+            if cell is None and not is_here:
+                name = robots[robot_id].name if robot_id in robots else "a robot"
+                return LiveRoute(route.id, "waits", 0.0, f"{name} is offline")
+        if cells == [None, None]:
+            return None
+        if cells[0] is not cells[1]:
+            return LiveRoute(route.id, "waits", 0.0, "the robots are in different cells")
+        return LiveRoute(route.id, "elsewhere")
+
+    def _describe(self, route: RelayRoute) -> LiveRoute:
+        if (elsewhere := self._where(route)) is not None:
+            return elsewhere
+        running = self._running.get((route.user_id, route.target_id))
+        source = None if running is None else running.sources.get(route.id)
+        if running is None or source is None or running.driver is None:
+            return LiveRoute(route.id, "waits", 0.0, CONNECTING if running is None else running.why)
+        if not running.driver.is_connected:
+            return LiveRoute(route.id, "waits", 0.0, running.why)
+        return LiveRoute(route.id, "runs", source.rate_hz(), source.problem)
+
+
+def _is_current(route: RelayRoute, running: RunningRoutes, snapshot: Snapshot) -> bool:
+    """Return whether what a route reads, it may read as it does now."""
+    source, robot = running.sources.get(route.id), snapshot.robots[route.source_id]
+    return source is None or source.rules == rules_of(robot)
+
+
+def _why_over(route: RelayRoute, snapshot: Snapshot, now: datetime) -> str | None:
+    """Return why a route must end now; None: it may go on."""
+    if route.ends_at is not None and route.ends_at <= now:
+        return "expired"
+    for robot_id in (route.source_id, route.target_id):
+        if snapshot.level(route.user_id, robot_id) != "manage":
+            return "rights_ended"
+        robot = snapshot.robots.get(robot_id)
+        if robot is None or robot.state != "active":
+            return "robot_inactive"
+    return None

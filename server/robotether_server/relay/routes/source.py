@@ -1,0 +1,153 @@
+"""The source of one route: the newest message of a robot's topic, with the time since when it may be under way.
+
+It shares the topic's one copy as an observer does. `driver` takes messages from here, at most at the route's rate; what
+comes in between is replaced by what comes next.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from aiohttp import WSMsgType
+
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.db.routes import RelayRoute
+from robotether_server.relay.channels.rosbridge.http_calls import check_message
+from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    SharedTopic,
+    SharedTopics,
+    TopicRequest,
+)
+from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+
+# Time over which the rate of a route is measured.
+RATE_OVER_S = 2.0
+MAX_TIMES = 1000
+# Maximum length of a robot's own words for why it brings or takes nothing.
+MAX_WORDS = 200
+
+
+class SourceMessage(NamedTuple):
+    """A message as rosbridge sent it, and since when it may be under way, of time.monotonic(); None: unknown."""
+
+    data: bytes
+    since_s: float | None
+
+
+class RouteSource:
+    """Implements `shared_topics.TopicClient`. `is_drive`: the route's target is a drive topic."""
+
+    def __init__(self, route: RelayRoute, wake: Callable[[], None], *, is_drive: bool) -> None:
+        self.route = route
+        self.is_drive = is_drive
+        self.is_advertised = False
+        # By time.monotonic(): when the next message may go.
+        self.free_at_s = 0.0
+        # Why the newest message went nowhere, or none comes; empty: none of it.
+        self.problem = ""
+        # The rules by which it may read.
+        self.rules: object = None
+        self._wake = wake
+        self._newest: SourceMessage | None = None
+        self._shared: SharedTopic | None = None
+        self._sent_at: deque[float] = deque(maxlen=MAX_TIMES)
+
+    def open(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
+        """Share the topic; raise the problem when the robot's policy does not allow it.
+
+        A drive topic gets no message that rosbridge repeats to newcomers: that is an old command. Nor is anything
+        throttled at its robot, where the last one, which stops, could be the one that is left out.
+        """
+        self.rules, route = rules_of(robot), self.route
+        message: dict[str, object] = {
+            "op": "subscribe",
+            "topic": route.source_topic,
+            "type": route.type,
+        }
+        if not self.is_drive:
+            message |= {"throttle_rate": int(1000 / route.rate_hz), "queue_length": 1}
+        checked = check_message(robot, "manage", message)
+        request = TopicRequest.of(checked.subscription or {})
+        share = shared_topics.watch if self.is_drive else shared_topics.join
+        self._shared = share(robot, request, self, MAX_OBSERVED_TOPICS)
+        if self._shared is None:
+            self.problem = f"{robot.name} sends {MAX_OBSERVED_TOPICS} topics already"
+        elif self.is_drive:
+            self._shared.date_for(self)
+            self.problem = self._shared.failure or ""
+
+    def close(self, shared_topics: SharedTopics) -> None:
+        """Share it no more."""
+        if self._shared is not None:
+            shared_topics.leave(self._shared, self)
+        self._shared = self._newest = None
+
+    def user_ids(self) -> set[int]:
+        """Return whose route it is."""
+        return {self.route.user_id}
+
+    def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
+        """A message came; it takes the place of one that waits."""
+        if kind is WSMsgType.TEXT and self._shared is not None:
+            self._newest = SourceMessage(message, self._shared.sent_since_s())
+            self._wake()
+
+    def on_topic_ready(self, topic: str) -> None:
+        """The robot's rosbridge has the subscription."""
+        self.problem = ""
+
+    def on_topic_failed(self, topic: str, why: str) -> None:
+        """The topic brings nothing for now."""
+        self.problem = why
+
+    def due_in_s(self, now_s: float) -> float | None:
+        """Return in how many seconds a message is due; None: none waits."""
+        return None if self._newest is None else max(0.0, self.free_at_s - now_s)
+
+    def take(self, now_s: float) -> SourceMessage | None:
+        """Return the message that waits, and wait with the next one as the rate says."""
+        message, self._newest = self._newest, None
+        interval_s = 1 / self.route.rate_hz
+        # One that comes a little early or late keeps its place.
+        self.free_at_s = max(self.free_at_s, now_s - interval_s / 2) + interval_s
+        return message
+
+    def content(self, data: bytes) -> dict[str, Any] | None:
+        """Return the ROS message in one of rosbridge's; None when it is another, which may say why none comes."""
+        try:
+            message = read_json(data)
+        except NotJsonError as problem:
+            self.problem = f"the robot sends what is no JSON: {problem}"
+            return None
+        if message.get("op") == "publish":
+            content = message.get("msg")
+            return content if isinstance(content, dict) else None
+        self.problem = words_of_error(message) or self.problem
+        return None
+
+    def on_sent(self, now_s: float) -> None:
+        """A message went to the target."""
+        self._sent_at.append(now_s)
+        self.problem = ""
+
+    def rate_hz(self) -> float:
+        """Return how many messages a second went to the target lately."""
+        since_s = time.monotonic() - RATE_OVER_S
+        return round(sum(sent_at > since_s for sent_at in self._sent_at) / RATE_OVER_S, 1)
+
+
+def rules_of(robot: RelayRobot) -> object:
+    """Return by what a robot's topics may be read; when it changes, they are opened anew."""
+    return robot.name, robot.settings.policy
+
+
+def words_of_error(message: dict[str, Any]) -> str:
+    """Return what a robot's rosbridge or guard complains of; empty: it does not."""
+    if message.get("op") != "status" or message.get("level") != "error":
+        return ""
+    words = message.get("msg")
+    return words[:MAX_WORDS] if isinstance(words, str) and words.isprintable() else "it failed"

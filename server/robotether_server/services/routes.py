@@ -1,0 +1,180 @@
+"""Routes between robots: who may make and remove them, and that they make no loop. The relay runs them."""
+
+import datetime as dt
+from collections.abc import Collection, Iterable
+from dataclasses import dataclass
+
+from robotether_common.ros import full_name
+
+from robotether_server import schemas
+from robotether_server.contract.ros import RosType
+from robotether_server.db import Transaction, audit, routes, seen_robots
+from robotether_server.db.audit import Source
+from robotether_server.db.grants import includes
+from robotether_server.db.routes import NewRoute, Route
+from robotether_server.db.seen_robots import SeenRobot
+from robotether_server.db.users import User
+from robotether_server.problems import (
+    FieldInvalidError,
+    GrantMissingError,
+    NotPossibleError,
+    RecordExistsError,
+    RecordMissingError,
+    RobotUnknownError,
+)
+
+# Rate of drive commands from a page, in Hz.
+USUAL_RATE_HZ = 20.0
+MIN_RATE_HZ, MAX_RATE_HZ = 0.1, 100.0
+# Maximum number of routes per user, so that nobody fills the relay.
+MAX_ROUTES = 50
+MAX_HOURS = 8760
+LOCK, LOCK_WITHIN_S = "robotether routes", 5
+
+# A robot's name, and the full name of one of its topics.
+Node = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class RouteRequest:
+    """A route that somebody asks for, by names; without `ends_at` it lasts until somebody removes it."""
+
+    source: str
+    source_topic: str
+    target: str
+    target_topic: str
+    type: str
+    rate_hz: float = USUAL_RATE_HZ
+    ends_at: dt.datetime | None = None
+
+
+def loop_with(edges: Iterable[tuple[Node, Node]], start: Node, end: Node) -> list[Node]:
+    """Return the nodes that a further edge would go round, from its end back to it; empty: it closes no loop. Pure."""
+    following: dict[Node, list[Node]] = {}
+    for node, next_node in edges:
+        following.setdefault(node, []).append(next_node)
+    paths, seen = [[end]], {end}
+    while paths:
+        path = paths.pop()
+        if path[-1] == start:
+            return [*path, end]
+        for node in following.get(path[-1], ()):
+            if node not in seen:
+                seen.add(node)
+                paths.append([*path, node])
+    return []
+
+
+def list_seen(tx: Transaction, user: User) -> list[Route]:
+    """Return the routes whose two robots the user may see."""
+    names = {seen.robot.name for seen in seen_robots.list_seen(tx, user)}
+    return [route for route in routes.list_all(tx) if {route.source, route.target} <= names]
+
+
+def make(tx: Transaction, source: Source, user: User, route_request: RouteRequest) -> Route:
+    """Make a route; who makes it must manage both robots.
+
+    Raises FieldInvalidError, GrantMissingError, RobotUnknownError, RecordExistsError or NotPossibleError.
+    """
+    start = (route_request.source, _topic("source_topic", route_request.source_topic))
+    end = (route_request.target, _topic("target_topic", route_request.target_topic))
+    schemas.check("type", route_request.type, RosType)
+    if not MIN_RATE_HZ <= route_request.rate_hz <= MAX_RATE_HZ:
+        raise FieldInvalidError(
+            f"cannot use rate_hz: it must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", "rate_hz"
+        )
+    if route_request.source == route_request.target:
+        raise FieldInvalidError("cannot make the route: it must lead to another robot", "target")
+    robots = [
+        _get_managed(tx, user, name).robot for name in (route_request.source, route_request.target)
+    ]
+    # Two that are made at once could close a loop that neither sees.
+    if not tx.lock(LOCK, LOCK_WITHIN_S):
+        raise NotPossibleError("cannot make the route: others are being made; try again shortly")
+    _check_among(routes.list_all(tx), user, start, end)
+    route_id = routes.add(
+        tx,
+        NewRoute(
+            robots[0].id,
+            start[1],
+            robots[1].id,
+            end[1],
+            route_request.type,
+            route_request.rate_hz,
+            user.id,
+            route_request.ends_at,
+        ),
+    )
+    route = routes.get(tx, route_id)
+    audit.record(tx, source, "route_made", route.target, **_details(route))
+    return route
+
+
+def remove(tx: Transaction, source: Source, user: User, route_id: int) -> Route:
+    """Remove a route, also one that has ended: its maker, and who manages one of its robots.
+
+    Raises RecordMissingError or GrantMissingError.
+    """
+    route = routes.get(tx, route_id)
+    ends = [seen_robots.find_seen(tx, user, name) for name in (route.source, route.target)]
+    levels = [seen.level for seen in ends if seen is not None]
+    if len(levels) < len(ends) and route.made_by != user.name:
+        raise RecordMissingError(f"cannot find route {route_id}: there is none of that number")
+    if route.made_by != user.name and "manage" not in levels:
+        raise GrantMissingError(
+            f"cannot remove route {route_id}: it is {route.made_by}'s, and you manage neither robot"
+        )
+    routes.remove(tx, route_id)
+    audit.record(tx, source, "route_removed", route.target, **_details(route))
+    return route
+
+
+def _check_among(present: Collection[Route], user: User, start: Node, end: Node) -> None:
+    """Raise the problem of a route beside those that last."""
+    lasting = [route for route in present if route.ended_at is None]
+    edges = [(_start(route), _end(route)) for route in lasting]
+    if (start, end) in edges:
+        raise RecordExistsError("cannot make the route: there is one from this topic to that")
+    if loop := loop_with(edges, start, end):
+        path = ", ".join(f"{robot} {topic}" for robot, topic in loop)
+        raise NotPossibleError(f"cannot make the route: it would close a loop of {path}")
+    if sum(route.made_by == user.name for route in present) >= MAX_ROUTES:
+        raise NotPossibleError(
+            f"cannot make the route: you have {MAX_ROUTES}; remove those that have ended"
+        )
+
+
+def _start(route: Route) -> Node:
+    return route.source, route.source_topic
+
+
+def _end(route: Route) -> Node:
+    return route.target, route.target_topic
+
+
+def _get_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
+    seen = seen_robots.find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknownError(f"cannot find robot {name}: there is no such robot for you")
+    if not includes(seen.level, "manage"):
+        raise GrantMissingError(f"cannot make a route with robot {name}: you do not manage it")
+    return seen
+
+
+def _topic(field: str, name: str) -> str:
+    topic = full_name(name)
+    if topic is None:
+        raise FieldInvalidError(
+            f"cannot use {field}: it must be a topic's full name such as /a/b_1", field
+        )
+    return topic
+
+
+def _details(route: Route) -> dict[str, object]:
+    return {
+        "route": route.id,
+        "source": route.source,
+        "source_topic": route.source_topic,
+        "target_topic": route.target_topic,
+        "maker": route.made_by,
+    }

@@ -1,0 +1,316 @@
+"""Routes between two robots of a running relay: what they carry, and what ends them."""
+
+import asyncio
+import json
+import time
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from datetime import timedelta
+
+import pytest
+import pytest_asyncio
+from fake_robot import FakeRobot
+from relay_clients import PUBLISH, audit_lines
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, until
+from robotether_server.db.fleet import RelayUser
+from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.relay.control.leasing import LeaseRequester, now
+from robotether_server.relay.robots import lease
+from robotether_server.relay.routes import routes as relay_routes
+from robotether_server.settings import robot as robot_settings
+from robotether_server.times import utc_now
+
+TWIST = "geometry_msgs/msg/Twist"
+SOURCE, TARGET = 8, 7
+FOLLOW = RelayRoute(SOURCE, "/cmd_vel", TARGET, "/cmd_vel", TWIST, 50, 5, id=1, user_name="eve")
+BEN, CARL, EVE = RelayUser(3, "ben"), RelayUser(4, "carl"), RelayUser(5, "eve")
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 0.05)
+    monkeypatch.setattr(relay_routes, "CHECK_EVERY_S", 0.05)
+
+
+@asynccontextmanager
+async def _online(relay, robot_id):
+    robot = FakeRobot(robot_id, SESSION_KEY, "guarded")
+    await robot.start(relay.relay.session_port)
+    await until(lambda: relay.relay.registry.presence(robot_id).guard == "ready", "it is ready")
+    yield robot
+    await robot.stop()
+
+
+@dataclass
+class RoutesWorld:
+    """A relay with robots sim1, the target, and sim2, the source; eve manages both, ben drives sim1."""
+
+    relay: RelayServer
+    database: MemoryDatabase
+    target: FakeRobot
+    source: FakeRobot
+
+    def live(self):
+        return {route.id: (route.state, route.why) for route in self.relay.relay.routes.live(5)}
+
+    def why(self):
+        return self.live().get(1, ("", ""))[1]
+
+    def ends(self):
+        return [each.code for each in self.database.written if isinstance(each, RouteEnd)]
+
+    def driver(self):
+        driver = self.relay.relay.control.describe(TARGET).driver
+        return None if driver is None else driver.user
+
+    def published(self):
+        received = map(json.loads, self.target.received)
+        return [message for message in received if message["op"] == "publish"]
+
+    async def start(self, *routes):
+        """Make routes, and wait until the first runs."""
+        self.database.routes = list(routes)
+        await until(lambda: self.live().get(1, ("",))[0] == "runs", "the route runs")
+        await until(lambda: len(self.source.topics) == len(routes), "the source is subscribed")
+
+    async def send(self, speed):
+        message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}
+        await self.source.send_to_topics(json.dumps(message).encode())
+
+
+@pytest.fixture
+def memory_database(memory_database):
+    memory_database.add_robot(SOURCE, "sim2", u5="manage")
+    memory_database.grants |= {(5, TARGET): "manage", (3, TARGET): "drive"}
+    return memory_database
+
+
+@pytest_asyncio.fixture
+async def world(relay, memory_database, guarded):
+    async with _online(relay, SOURCE) as source:
+        yield RoutesWorld(relay, memory_database, guarded, source)
+
+
+async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(world):
+    """The target's guard gets a number, and a time by the robot's clock at which the command may have been sent."""
+    await world.start(FOLLOW)
+    assert world.driver() == "eve (route)"
+    await world.send(0.5)
+    await until(world.published, "the command has come")
+    [message] = world.published()
+    stamp = message.pop("robotether")
+    name = {"id": "route 1", "topic": "/cmd_vel"}
+    assert message == {"op": "publish", **name, "msg": {"linear": {"x": 0.5}}}
+    assert stamp["fence"] == 1
+    assert 0 <= world.target.session.clock_ms() - stamp["t_ms"] < 10_000
+    advertised = {"op": "advertise", **name, "type": TWIST}
+    assert advertised in map(json.loads, world.target.received)
+    await until(lambda: world.relay.relay.routes.live(5)[0].rate_hz, "its rate is known")
+    await until(lambda: audit_lines(world.database), "the drive is in the log")
+
+
+async def test_an_old_command_is_dropped(world, monkeypatch):
+    """The source's line delivers late: no ping shows that the command is younger than a minute."""
+    await world.start(FOLLOW)
+    [topic] = world.relay.relay.shared_topics._tasks
+    monkeypatch.setattr(topic, "sent_since_s", lambda: time.monotonic() - 60)
+    await world.send(0.5)
+    await until(lambda: "old" in world.why(), "the page says so")
+    assert world.published() == []
+
+
+async def test_the_source_is_pinged_while_a_route_needs_ages(world):
+    await world.start(FOLLOW)
+    [topic] = world.relay.relay.shared_topics._tasks
+    first_s = topic.sent_since_s()
+    await until(lambda: topic.sent_since_s() > first_s, "a pong came back")
+    world.database.routes = []
+    await until(lambda: not topic.is_dated.is_set(), "nobody needs them")
+
+
+async def test_the_newest_message_wins_at_the_rate_of_the_route(world):
+    """The last one comes, too; of a topic that is no drive topic however late."""
+    await world.start(replace(FOLLOW, target_topic="/speed", rate_hz=5))
+    begun_s = time.monotonic()
+    for number in range(100):
+        await world.send(number / 100)
+    last = {"linear": {"x": 0.99}}
+    await until(lambda: last in [each["msg"] for each in world.published()], "the last came")
+    assert len(world.published()) <= 2 + 5 * (time.monotonic() - begun_s)
+
+
+async def test_a_topic_that_the_policy_of_the_target_refuses_gets_nothing(world):
+    _set_policy(world, TARGET, {"manage": {"publish": ["/chatter"]}})
+    world.database.routes = [replace(FOLLOW, target_topic="/goal_pose", type="a/msg/B")]
+    await until(lambda: world.source.topics, "the source is subscribed")
+    while "policy" not in world.why():
+        await world.send(0.5)
+        await asyncio.sleep(0.02)
+    assert world.target.received == []
+
+
+async def test_a_source_that_its_policy_hides_is_not_read(world):
+    """Nor is one that the policy hides later."""
+    await world.start(FOLLOW)
+    _set_policy(world, SOURCE, {"manage": {"subscribe": ["/odom"]}})
+    await until(lambda: "policy" in world.why(), "the page says so")
+    await until(lambda: not world.source.topics, "the subscription has ended")
+
+
+def _set_policy(world, robot_id, policy):
+    robots = world.database.robots
+    settings = robot_settings.parse({"policy": policy})
+    world.database.robots = {**robots, robot_id: replace(robots[robot_id], settings=settings)}
+
+
+def _stop(world):
+    world.relay.relay.control.stops.stop(world.database.robots[TARGET], "ben")
+
+
+def _take(world):
+    world.relay.relay.control.leasing.take(world.database.robots[TARGET], LeaseRequester(CARL))
+
+
+def _end_right(world):
+    del world.database.grants[5, SOURCE]
+
+
+def _lower_right(world):
+    world.database.grants[5, TARGET] = "drive"
+
+
+def _disable(world):
+    robots = world.database.robots
+    world.database.robots = {**robots, SOURCE: replace(robots[SOURCE], state="disabled")}
+
+
+def _expire(world):
+    world.database.routes = [replace(FOLLOW, ends_at=utc_now() - timedelta(seconds=1))]
+
+
+@pytest.mark.parametrize(
+    ("act", "code"),
+    [
+        (_stop, "robot_stopped"),
+        (_take, "lease_lost"),
+        (_end_right, "rights_ended"),
+        (_lower_right, "rights_ended"),
+        (_disable, "robot_inactive"),
+        (_expire, "expired"),
+    ],
+)
+async def test_it_ends_for_good(world, act, code):
+    """The lease is over, and nothing brings the route back, also while the database says that it lasts."""
+    await world.start(FOLLOW)
+    act(world)
+    await until(world.ends, "it ended")
+    assert world.ends() == [code]
+    await until(lambda: world.driver() is None, "the lease is over")
+    world.database.grants |= {(5, SOURCE): "manage", (5, TARGET): "manage"}
+    world.database.routes = [FOLLOW]
+    await asyncio.sleep(0.3)
+    assert world.driver() is None
+    assert world.live() == {}
+
+
+async def test_it_never_takes_the_lease_from_a_person(world, http):
+    """Not even from its own maker."""
+    target = world.database.robots[TARGET]
+    async with http.ws_connect(world.relay.ros_url(target, user=EVE)) as socket:
+        await until(world.driver, "eve drives")
+        world.database.routes = [FOLLOW]
+        await until(world.ends, "the route ended")
+        await socket.send_str(PUBLISH)
+        await until(world.published, "eve drives on")
+        assert world.driver() == "eve"
+    assert world.ends() == ["lease_held"]
+
+
+async def test_it_never_begins_beside_a_person_who_is_about_to_drive(world, monkeypatch):
+    """The lease itself refuses it, whatever was seen before."""
+    monkeypatch.setattr(world.relay.relay.routes, "_why_not_ours", lambda _route: None)
+    target_lease = world.relay.relay.registry.ensure_robot(TARGET).lease
+    target_lease._keep_for(EVE, now())
+    world.database.routes = [FOLLOW]
+    await until(world.ends, "the route ended")
+    assert world.ends() == ["lease_held"]
+    assert target_lease.fence == 0
+
+
+async def test_who_asks_for_control_gets_it_although_commands_come(world, monkeypatch):
+    monkeypatch.setattr(lease, "PASSES_AFTER_S", 0.3)
+    await world.start(FOLLOW)
+    world.relay.relay.control.leasing.ask(world.database.robots[TARGET], LeaseRequester(BEN))
+    while not world.ends():
+        await world.send(0.5)
+        await asyncio.sleep(0.02)
+    assert world.ends() == ["lease_lost"]
+
+
+async def test_its_maker_drives_only_by_taking_control(world, http):
+    """A route and its maker are two drivers, so that a page does not end a route unasked."""
+    await world.start(FOLLOW)
+    target = world.database.robots[TARGET]
+    async with http.ws_connect(world.relay.ros_url(target, user=EVE)) as socket:
+        message = await socket.receive(timeout=5)
+    assert message.data == 4009
+    assert message.extra.startswith("eve (route) has been driving sim1")
+
+
+async def test_a_robot_that_is_away_is_waited_for(world):
+    await world.start(FOLLOW)
+    await world.target.stop()
+    await until(lambda: world.live()[1] == ("waits", "sim1 is offline"), "it waits")
+    async with _online(world.relay, TARGET) as again:
+        await until(lambda: world.live()[1][0] == "runs", "it runs again")
+        assert again.handshakes[-1]["Robotether-Fence"] == "2"
+    assert world.ends() == []
+
+
+async def test_a_target_is_free_while_the_source_is_away(world):
+    await world.start(FOLLOW)
+    await world.source.stop()
+    await until(lambda: world.live()[1] == ("waits", "sim2 is offline"), "it waits")
+    await until(lambda: world.driver() is None, "the target is free")
+    assert world.ends() == []
+
+
+async def test_routes_of_one_user_into_a_robot_share_its_lease(world):
+    """The end of one leaves the other, and its topic is given up."""
+    other = replace(FOLLOW, id=2, source_topic="/map", target_topic="/map", type="a/msg/Map")
+    await world.start(FOLLOW, other)
+    await until(lambda: world.live() == {1: ("runs", ""), 2: ("runs", "")}, "both run")
+    await world.send(0)
+    await until(lambda: len(world.published()) == 2, "each has brought a message")
+    world.database.routes = [FOLLOW]
+    given_up = '{"op":"unadvertise","topic":"/map"}'
+    await until(lambda: given_up in world.target.received, "it is given up")
+    await until(lambda: len(world.source.topics) == 1, "one is left")
+    assert world.relay.relay.control.describe(TARGET).driver.fence == 1
+
+
+async def test_without_routes_the_robot_is_free(world):
+    await world.start(FOLLOW)
+    world.database.routes = []
+    await until(lambda: world.driver() is None, "it is free")
+    await until(lambda: world.relay.relay.shared_topics.count() == 0, "nothing is subscribed")
+    assert world.ends() == []
+
+
+async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
+    await world.start(FOLLOW)
+    token = world.database.add_credential("token", EVE)
+    url, headers = f"{world.relay.url}/api/v1/routes/live", {"Authorization": f"Bearer {token}"}
+    async with http.get(url, headers=headers) as answer:
+        [route] = (await answer.json())["routes"]
+    assert (route["id"], route["state"], route["why"]) == (1, "runs", "")
+    assert world.relay.relay.routes.live(BEN.id) == []
+    async with http.get(url) as answer:
+        assert answer.status == 401
+
+
+async def test_a_relay_that_stops_leaves_its_routes(world):
+    await world.start(FOLLOW)
+    await world.relay.relay.routes.close()
+    await until(lambda: world.driver() is None, "the lease is over")
+    assert world.ends() == []
