@@ -28,6 +28,7 @@ from robotether_server.web.pages import (
     profile,
     recordings,
     robot_settings,
+    routes,
 )
 
 MAX_REQUEST_BYTES = 64 * 1024
@@ -106,6 +107,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
     app.register_blueprint(recordings.blueprint)
+    app.register_blueprint(routes.blueprint)
     app.register_blueprint(robot_settings.blueprint)
     app.register_blueprint(button_forms.blueprint)
     return app

@@ -1,0 +1,191 @@
+// The page of routes: the list and how each route is, the diagram on which people draw them, and its topics.
+
+import { api } from "../dom/calls.js";
+import { localTimestamp, make, part, setText } from "../dom/page.js";
+import { routes as texts } from "../texts/routes.js";
+import { RouteDiagram } from "../topics/routeDiagram.js";
+
+const LIVE_EVERY_MS = 1000;
+const REFRESH_AFTER_MS = 2000; // least interval between two looks at the list that nobody here changed
+const MOST_AT_ONCE = 4; // robots that are asked for their topics
+
+// What rosapi says of a robot's topics, by name; null: that is no such answer. Pure.
+export function topicsIn({ topics, types } = /** @type {any} */ ({})) {
+  if (!Array.isArray(topics) || !Array.isArray(types) || topics.length !== types.length) return null;
+  const named = topics.map((topic, index) => ({ topic, type: types[index] }));
+  const readable = named.filter(({ topic, type }) => [topic, type].every((text) => typeof text === "string" && !/\s/.test(text)));
+  return readable.sort((one, other) => (one.topic < other.topic ? -1 : 1));
+}
+
+// What the diagram shows of it: how its line looks, and its rate. Pure.
+export function lineLook(route) {
+  if (!route) return { state: "unknown", rate: "" };
+  return { state: route.why ? "waits" : route.state, rate: route.state === "runs" ? texts.rate(route.rate_hz) : "" };
+}
+
+// What the list says of a route that lasts; `route` as GET /api/v1/routes/live has it, or undefined. Pure.
+export function stateWords(route) {
+  if (!route) return texts.unknown;
+  if (route.state === "runs") return texts.runs(route.rate_hz ?? "?", route.why);
+  return route.state === "waits" ? texts.waits(route.why) : texts.elsewhere;
+}
+
+const valueOf = ({ robot, topic, type }) => `${robot} ${topic} ${type}`;
+
+// Asks robots for their topics, for the diagram and the form.
+class Topics {
+  constructor(diagram, form) {
+    this.diagram = diagram;
+    this.form = form;
+    this.known = new Map();
+  }
+
+  start() {
+    const folded = [...this.diagram.area.querySelectorAll('[data-side="source"] details')];
+    for (const details of folded) this.loadWhenOpen(details.dataset.robot);
+    const robots = folded.filter(({ open }) => open).map(({ dataset }) => dataset.robot);
+    const next = async () => {
+      for (let robot = robots.shift(); robot; robot = robots.shift()) await this.load(robot);
+    };
+    for (let count = 0; count < MOST_AT_ONCE; count += 1) next();
+  }
+
+  // In either column; a robot is asked once.
+  loadWhenOpen(robot) {
+    for (const details of this.diagram.detailsOf(robot)) {
+      details.addEventListener("toggle", () => details.open && !this.known.has(robot) && this.load(robot));
+    }
+  }
+
+  async load(robot) {
+    this.known.set(robot, []);
+    this.diagram.show(robot, null, texts.loading);
+    const { ok, detail, body } = await api.service(robot, "rosapi/topics", {}, { timeout_s: 5 });
+    const topics = ok && body.result ? topicsIn(body.values) : null;
+    if (topics) this.known.set(robot, topics);
+    else this.known.delete(robot);
+    this.diagram.show(robot, topics, topics ? texts.noTopics : texts.unknownTopics(detail || body.reason));
+    this.fillForm();
+  }
+
+  fillForm() {
+    for (const select of this.form.querySelectorAll("select")) {
+      const chosen = select.value;
+      const groups = [...this.known].sort().map(([robot, topics]) => {
+        const options = topics.map((topic) => make("option", { value: valueOf({ robot, ...topic }) }, `${robot} ${topic.topic}`));
+        return make("optgroup", { label: robot }, ...options);
+      });
+      select.replaceChildren(select.options[0], ...groups);
+      select.value = chosen;
+    }
+  }
+}
+
+// The page with its list, which works without the diagram, too.
+class RoutesPage {
+  constructor(root) {
+    this.list = part(root, "list");
+    this.problem = part(root, "problem");
+    this.rows = /** @type {HTMLElement[]} */ ([]);
+    this.live = new Map();
+    this.known = ""; // the routes that the relay knew at the last look
+    this.refreshedAt = 0;
+    this.isStale = false;
+    this.diagram = /** @type {RouteDiagram | null} */ (null);
+  }
+
+  start(panel, form) {
+    if (panel) {
+      panel.hidden = false;
+      this.diagram = new RouteDiagram(panel, {
+        connect: (from, to) => this.connect(from, to),
+        remove: (row) => this.remove(row.dataset.route),
+      });
+      this.diagram.watch();
+      new Topics(this.diagram, form).start();
+    }
+    this.showStates();
+    this.list.addEventListener("submit", (event) => this.removeBy(event));
+    this.poll();
+    setInterval(() => this.poll(), LIVE_EVERY_MS);
+  }
+
+  async connect(from, to) {
+    if (from.type !== to.type) return this.say(texts.notMade(texts.otherType(from, to)));
+    const { ok, detail } = await api.post("/api/v1/routes", {
+      source: from.robot,
+      source_topic: from.topic,
+      target: to.robot,
+      target_topic: to.topic,
+      type: from.type,
+    });
+    return this.settle(ok, texts.made, texts.notMade(detail));
+  }
+
+  removeBy(event) {
+    event.preventDefault();
+    this.remove(event.target.closest("[data-route]").dataset.route);
+  }
+
+  async remove(id) {
+    const { ok, detail } = await api.ask(`/api/v1/routes/${id}`, { method: "DELETE" });
+    return this.settle(ok, texts.removed, texts.notRemoved(detail));
+  }
+
+  async settle(ok, done, problem) {
+    this.say(ok ? "" : problem);
+    if (!ok) return;
+    await this.refresh();
+    this.diagram?.say(done);
+  }
+
+  say(problem) {
+    this.problem.hidden = !problem;
+    setText(this.problem, problem);
+  }
+
+  // Puts the list in place as the server has it now; without an answer what stands there stays.
+  async refresh() {
+    this.refreshedAt = performance.now();
+    this.isStale = false;
+    const answer = await fetch("/routes", { cache: "no-store" }).catch(() => null);
+    const fresh = answer?.ok ? part(new DOMParser().parseFromString(await answer.text(), "text/html"), "list") : null;
+    if (!fresh) return;
+    for (const time of fresh.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
+    const hadFocus = this.list.contains(document.activeElement);
+    this.list.replaceChildren(...fresh.childNodes);
+    if (hadFocus) this.list.querySelector("button")?.focus();
+    this.showStates();
+  }
+
+  async poll() {
+    if (document.hidden) return;
+    const { ok, body } = await api.get("/api/v1/routes/live");
+    const routes = ok ? body.routes : [];
+    this.live = new Map(routes.map((route) => [String(route.id), route]));
+    if (ok) this.note([...this.live.keys()].sort().join());
+    this.showStates();
+    if (this.isStale && performance.now() - this.refreshedAt > REFRESH_AFTER_MS) await this.refresh();
+  }
+
+  // A route came or went: the list has it.
+  note(known) {
+    this.isStale ||= known !== this.known;
+    this.known = known;
+  }
+
+  showStates() {
+    this.rows = [...this.list.querySelectorAll("[data-route][data-lasts]")];
+    for (const row of this.rows) {
+      const route = this.live.get(row.dataset.route);
+      setText(part(row, "state"), stateWords(route));
+      Object.assign(row.dataset, lineLook(route));
+    }
+    this.diagram?.use(this.rows);
+  }
+}
+
+if (typeof document !== "undefined") {
+  const main = document.querySelector("main");
+  new RoutesPage(main).start(part(main, "diagram-panel"), part(main, "form"));
+}

@@ -1,0 +1,213 @@
+// Robots in two columns with their topics, and lines between them: the routes, which people draw and remove.
+
+import { make, makeButton, part, setText } from "../dom/page.js";
+import { routes as texts } from "../texts/routes.js";
+
+const DRAG_PX = 8;
+const RATE_BELOW_PX = 32;
+const SVG = "http://www.w3.org/2000/svg";
+
+// A line from the right edge of one thing to the left edge of another. Pure.
+/** @param {number[]} from @param {number[]} to */
+function linePath([fromX, fromY], [toX, toY]) {
+  const bend = Math.max(24, Math.abs(toX - fromX) / 2);
+  return `M${fromX} ${fromY} C${fromX + bend} ${fromY} ${toX - bend} ${toY} ${toX} ${toY}`;
+}
+
+const endOf = (button) => ({ robot: button.dataset.of, topic: button.dataset.topic, type: button.dataset.type });
+
+// The two columns. `connect` gets the two ends of a route that somebody has drawn, `remove` the row of one.
+export class RouteDiagram {
+  constructor(root, { connect, remove }) {
+    this.root = root;
+    this.area = part(root, "diagram");
+    this.lines = part(root, "lines");
+    this.knots = part(root, "knots");
+    this.connect = connect;
+    this.remove = remove;
+    this.armed = /** @type {HTMLElement | null} */ (null);
+    this.drag = /** @type {{button: HTMLElement, x: number, y: number, path: Element | null} | null} */ (null);
+    this.rows = [];
+  }
+
+  watch() {
+    this.area.addEventListener("click", (event) => this.press(event.target.closest("button.topic")));
+    this.area.addEventListener("keydown", (event) => event.key === "Escape" && this.arm(null));
+    this.area.addEventListener("pointerdown", (event) => this.begin(event));
+    window.addEventListener("pointermove", (event) => this.move(event));
+    window.addEventListener("pointerup", (event) => this.drop(event));
+    window.addEventListener("pointercancel", () => this.endDrag());
+    for (const details of this.area.querySelectorAll("details")) details.addEventListener("toggle", () => this.draw());
+    new ResizeObserver(() => this.draw()).observe(this.area);
+    this.arm(null);
+  }
+
+  press(button) {
+    if (this.dragged || !button) return;
+    if (isSource(button)) this.arm(button === this.armed ? null : button);
+    else if (this.armed) this.join(this.armed, button);
+  }
+
+  join(source, target) {
+    this.arm(null);
+    this.connect(endOf(source), endOf(target));
+  }
+
+  // What the next press on the right begins at.
+  arm(button) {
+    this.armed = button;
+    for (const each of this.area.querySelectorAll("button.topic")) {
+      if (isSource(each)) each.setAttribute("aria-pressed", String(each === button));
+      else each.classList.toggle("other", Boolean(button) && !isFit(button, each));
+    }
+    this.say(button ? texts.chosen(endOf(button)) : texts.choose);
+  }
+
+  begin(event) {
+    this.dragged = false;
+    const button = event.target.closest("button.topic");
+    if (!button || !isSource(button) || !event.isPrimary || event.button !== 0) return;
+    this.drag = { button, x: event.clientX, y: event.clientY, path: null };
+  }
+
+  move({ clientX, clientY }) {
+    const drag = this.drag;
+    if (!drag) return;
+    if (!drag.path && Math.hypot(clientX - drag.x, clientY - drag.y) < DRAG_PX) return;
+    const path = drag.path ?? this.beginLine(drag.button);
+    drag.path = path;
+    const { left, top } = this.area.getBoundingClientRect();
+    path.setAttribute("d", linePath(this.edge(drag.button, "right"), [clientX - left, clientY - top]));
+  }
+
+  beginLine(button) {
+    this.arm(button);
+    const path = drawn("path", { class: "line drag" });
+    this.lines.append(path);
+    return path;
+  }
+
+  drop({ clientX, clientY }) {
+    const drag = this.drag;
+    if (!drag?.path) {
+      this.drag = null;
+      return;
+    }
+    const target = /** @type {HTMLElement | null} */ (document.elementFromPoint(clientX, clientY)?.closest("button.topic") ?? null);
+    this.dragged = true; // the click that a browser may still make of it means nothing
+    setTimeout(() => (this.dragged = false));
+    this.endDrag();
+    if (target && !isSource(target)) this.join(drag.button, target);
+    else this.arm(null);
+  }
+
+  endDrag() {
+    this.drag?.path?.remove();
+    this.drag = null;
+  }
+
+  // Shows a robot's topics in both columns, or why they are not known.
+  show(robot, topics, why) {
+    for (const details of this.detailsOf(robot)) {
+      const list = part(details, "topics");
+      if (list.contains(document.activeElement)) continue; // never under somebody's keyboard
+      const buttons = (topics ?? []).map((topic) => make("li", {}, topicButton(robot, topic)));
+      list.replaceChildren(...(buttons.length ? buttons : [make("li", { class: "soft" }, why)]));
+    }
+    this.arm(this.armed?.isConnected ? this.armed : null);
+    this.draw();
+  }
+
+  say(words) {
+    setText(part(this.root, "hint"), words);
+  }
+
+  detailsOf(robot) {
+    return [...this.area.querySelectorAll("details")].filter(({ dataset }) => dataset.robot === robot);
+  }
+
+  use(rows) {
+    this.rows = rows;
+    this.draw();
+  }
+
+  // A line for each route that lasts and whose robots are both here, with a button in its middle that removes it.
+  draw() {
+    const ends = this.rows.map((row) => ({ row, ...this.endsOf(row.dataset) })).filter(({ from, to }) => from && to);
+    this.lines.replaceChildren(
+      ...ends.map(({ row, from, to }) => drawn("path", { class: `line ${row.dataset.state}`, d: linePath(from, to) })),
+      ...ends.map(({ row, from, to }) => rateText(row.dataset.rate, middle(from, to))),
+      ...(this.drag?.path ? [this.drag.path] : []),
+    );
+    if (this.knots.contains(document.activeElement)) this.moveKnots(ends);
+    else this.knots.replaceChildren(...ends.map((end) => this.knot(end)));
+  }
+
+  knot({ row, from, to }) {
+    const button = makeButton(`remove-${row.dataset.route}`, "×", () => this.remove(row), {
+      class: "knot",
+      "aria-label": texts.remove(row.dataset),
+      title: texts.remove(row.dataset),
+    });
+    place(button, from, to);
+    return button;
+  }
+
+  moveKnots(ends) {
+    for (const { row, from, to } of ends) {
+      const button = this.knots.querySelector(`[data-testid="remove-${row.dataset.route}"]`);
+      if (button) place(button, from, to);
+    }
+  }
+
+  endsOf({ source, sourceTopic, target, targetTopic }) {
+    const from = this.endIn("source", source, sourceTopic);
+    const to = this.endIn("target", target, targetTopic);
+    return { from: from && this.edge(from, "right"), to: to && this.edge(to, "left") };
+  }
+
+  // The topic, or its robot where the topic is folded away or not known.
+  endIn(side, robot, topic) {
+    const [details] = this.detailsOf(robot).filter((each) => sideOf(each) === side);
+    if (!details) return null;
+    const buttons = details.open ? [...details.querySelectorAll("button.topic")] : [];
+    return buttons.find(({ dataset }) => dataset.topic === topic) ?? details.querySelector("summary");
+  }
+
+  edge(element, side) {
+    const { left, top } = this.area.getBoundingClientRect();
+    const box = element.getBoundingClientRect();
+    return [box[side] - left, box.top + box.height / 2 - top];
+  }
+}
+
+const sideOf = (element) => element.closest(".column").dataset.side;
+const isSource = (button) => sideOf(button) === "source";
+const isFit = (source, { dataset }) => dataset.type === source.dataset.type && dataset.of !== source.dataset.of;
+
+function topicButton(robot, { topic, type }) {
+  const attributes = { type: "button", class: "topic", "data-of": robot, "data-topic": topic, "data-type": type, title: type };
+  return make("button", attributes, topic, " ", make("span", { class: "type" }, type.split("/").at(-1)));
+}
+
+function drawn(tag, attributes) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  return element;
+}
+
+const middle = (from, to) => [(from[0] + to[0]) / 2, (from[1] + to[1]) / 2];
+
+function place(button, from, to) {
+  const [x, y] = middle(from, to);
+  button.style.left = `${x}px`;
+  button.style.top = `${y}px`;
+}
+
+// Below the button that removes the route.
+function rateText(words, at) {
+  const [x, y] = at;
+  const text = drawn("text", { class: "rate", x, y: y + RATE_BELOW_PX });
+  text.textContent = words;
+  return text;
+}

@@ -1,0 +1,22 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
+
+test("only what can be a topic with its type is offered, by name", () => {
+  const answer = { topics: ["/b", "/a", "/c d", 7], types: ["t/B", "t/A", "t/C", "t/D"] };
+  assert.deepEqual(topicsIn(answer), [
+    { topic: "/a", type: "t/A" },
+    { topic: "/b", type: "t/B" },
+  ]);
+  assert.equal(topicsIn({ topics: ["/a"], types: [] }), null);
+  assert.equal(topicsIn(undefined), null);
+});
+
+test("what nobody measured is not claimed", () => {
+  assert.equal(stateWords(undefined), "Not known");
+  assert.deepEqual(lineLook(undefined), { state: "unknown", rate: "" });
+  assert.equal(stateWords({ state: "elsewhere", rate_hz: null, why: "" }), "Runs on another machine");
+  assert.equal(stateWords({ state: "runs", rate_hz: 0, why: "" }), "Runs, 0/s");
+  assert.equal(stateWords({ state: "waits", rate_hz: 0, why: "sim1 is offline" }), "Waits: sim1 is offline");
+});

@@ -1,0 +1,72 @@
+"""/routes: routes between robots; src/pages/routes.js draws them and shows how they are."""
+
+import datetime as dt
+
+from flask import Blueprint, render_template, request
+
+from robotether_server.api.context import context
+from robotether_server.contract.routes import end_words
+from robotether_server.db import Transaction, seen_robots
+from robotether_server.db.audit import Source
+from robotether_server.problems import FieldInvalidError, RobotetherError
+from robotether_server.services import routes
+from robotether_server.services.routes import MAX_HOURS, MAX_RATE_HZ, USUAL_RATE_HZ, RouteRequest
+from robotether_server.web import current_user, forms
+from robotether_server.web.forms import Saved, form
+
+blueprint = Blueprint("routes", __name__, url_prefix="/routes")
+blueprint.before_request(current_user.require_user)
+
+PAGE = "/routes"
+# Maximum length of a robot, a topic and a type, with spaces between.
+MAX_END = 63 + 1 + 255 + 1 + 255
+
+
+@blueprint.get("")
+def show(problem: RobotetherError | None = None) -> str:
+    """Show the routes that the user may see, and the robots between which the user may make some."""
+    user = current_user.get()
+    with context().database.transaction() as tx:
+        present = routes.list_seen(tx, user)
+        seen = seen_robots.list_seen(tx, user)
+    return render_template(
+        "routes.html",
+        routes=present,
+        robots=[each for each in seen if each.level == "manage" and each.robot.state == "active"],
+        end_words=end_words,
+        usual_rate_hz=USUAL_RATE_HZ,
+        problem=problem,
+        values=request.form,
+    )
+
+
+@form(blueprint, "", show)
+def make(tx: Transaction, source: Source) -> Saved:
+    """Make a route between the two topics that the form names, each with its robot and its type."""
+    start, end = _end("from", "From"), _end("to", "To")
+    if start[2] != end[2]:
+        raise FieldInvalidError(
+            f"cannot make the route: {start[1]} has the type {start[2]}, and {end[1]} {end[2]}",
+            "to",
+        )
+    hours = forms.optional_number("hours", "Hours", 1, MAX_HOURS)
+    rate = forms.number("rate_hz", "Messages a second", 1, int(MAX_RATE_HZ))
+    ends_at = None if hours is None else dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, ends_at)
+    route = routes.make(tx, source, current_user.get(), route_request)
+    return PAGE, f"The route from {route.source} to {route.target} is made."
+
+
+@form(blueprint, "/<int:route_id>/remove", lambda route_id, problem=None: show(problem))
+def remove(tx: Transaction, source: Source, route_id: int) -> Saved:
+    """Remove a route."""
+    route = routes.remove(tx, source, current_user.get(), route_id)
+    return PAGE, f"The route from {route.source} to {route.target} is removed."
+
+
+def _end(name: str, label: str) -> tuple[str, str, str]:
+    """Return the robot, topic and type that a choice names."""
+    words = forms.text(name, label, MAX_END).split(" ")
+    if len(words) != 3:  # noqa: PLR2004  # these three
+        raise FieldInvalidError(f"cannot use {label}: choose a topic", name)
+    return words[0], words[1], words[2]

@@ -1,0 +1,127 @@
+"""Routes between robots on the whole stack: sim2 follows sim1, drawn on the page, until something ends that."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from typing import Any
+
+import page_holds
+import pytest
+from page_users import PageUsers, release_all
+from pages import expect_armed
+from playwright.sync_api import Browser, Locator, Page, expect
+from sim_watch import SimWatch
+from stack import Stack
+
+ROBOTS = ["sim1", "sim2"]
+
+
+@pytest.fixture
+def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+    """Mia, who manages sim1 and sim2; no route is there, before and afterwards."""
+    for robot in ROBOTS:
+        stack.wait_until_drivable(robot)
+    with closing(PageUsers(stack, browser)) as people:
+        for robot in ROBOTS:
+            people.let("mia", "manage", robot)
+        yield people
+    for route in stack.admin.ask("GET", "/routes")["routes"]:
+        stack.admin.ask("DELETE", f"/routes/{route['id']}")
+    release_all(stack, ROBOTS)
+
+
+@pytest.fixture
+def page(page_users: PageUsers) -> Page:
+    """Mia's page of routes, with the topics of both robots."""
+    page = page_users.browse("mia")
+    page.goto(f"{page_users.stack.url}/routes")
+    for side in ("source", "target"):
+        for robot in ROBOTS:
+            expect(_topic(page, side, robot)).to_be_visible(timeout=30_000)
+    return page
+
+
+def _topic(page: Page, side: str, robot: str, name: str = "/cmd_vel") -> Locator:
+    return page.locator(f'[data-side="{side}"] [data-of="{robot}"][data-topic="{name}"]')
+
+
+def _drag(page: Page, start: Locator, end: Locator) -> None:
+    start.scroll_into_view_if_needed()
+    start.hover()
+    page.mouse.down()
+    end.scroll_into_view_if_needed()
+    end.hover()
+    page.mouse.up()
+
+
+def _state(page: Page) -> Locator:
+    return page.get_by_test_id("routes").locator('[data-part="state"]').first
+
+
+def _driver(stack: Stack) -> Any:
+    return stack.admin.ask("GET", "/robots/sim2/control")["driver"]
+
+
+def test_sim2_follows_sim1_until_somebody_stops_it(
+    page: Page, page_users: PageUsers, stack: Stack
+) -> None:
+    """A line that is dragged from topic to topic drives sim2, under the lease of its maker's route."""
+    _drag(page, _topic(page, "source", "sim1"), _topic(page, "target", "sim2"))
+    expect(_state(page)).to_have_text(re.compile(r"Runs, "))
+    assert _driver(stack)["user"] == "mia (route)"
+    driving = page_users.drive("mia", "sim1")
+    expect_armed(driving)
+    with SimWatch(stack, "sim1") as leader, SimWatch(stack, "sim2") as follower:
+        page_holds.drive(driving, leader)
+        follower.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+        expect(_state(page)).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
+        stack.admin.ask("POST", "/robots/sim2/stop", {"reason": "routes"})
+        follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+        assert leader.pose["linear_velocity"] > 0
+        driving.keyboard.up("w")
+    expect(_state(page)).to_have_text("Ended: the target was stopped")
+    release_all(stack, ["sim2"])
+    stack.wait_for_changes("sim2")
+    assert _driver(stack) is None
+    assert [route["end_code"] for route in stack.admin.ask("GET", "/routes")["routes"]] == [
+        "robot_stopped"
+    ]
+
+
+def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page: Page, stack: Stack) -> None:
+    """Within 2 s, though the right comes back at once."""
+    _topic(page, "source", "sim1").focus()
+    page.keyboard.press("Enter")
+    _topic(page, "target", "sim2").focus()
+    page.keyboard.press("Enter")
+    expect(_state(page)).to_have_text(re.compile(r"Runs, "))
+    assert _driver(stack)["user"] == "mia (route)"
+    stack.admin.ask("DELETE", "/grants/mia/sim1")
+    begun_s = time.monotonic()
+    while _driver(stack) is not None:
+        assert time.monotonic() - begun_s < 2
+        time.sleep(0.05)
+    stack.admin.grant("mia", "sim1", "manage")
+    stack.wait_for_right("mia", "sim1")
+    expect(_state(page)).to_have_text("Ended: its maker may no longer manage both robots")
+    assert _driver(stack) is None
+
+
+def test_a_route_is_removed_by_its_line_or_its_list_and_a_loop_is_refused(page: Page) -> None:
+    """The plain form makes one, too."""
+    form = page.get_by_test_id("route-form")
+    start, end = (f"{robot} /cmd_vel geometry_msgs/msg/Twist" for robot in ROBOTS)
+    form.get_by_label("From").select_option(start)
+    form.get_by_label("To").select_option(end)
+    page.get_by_test_id("route-make").click()
+    expect(page.get_by_test_id("done")).to_have_text("The route from sim1 to sim2 is made.")
+    expect(_topic(page, "source", "sim2")).to_be_visible(timeout=30_000)
+    expect(_topic(page, "target", "sim1")).to_be_visible(timeout=30_000)
+    _topic(page, "source", "sim2").click()
+    _topic(page, "target", "sim1").click()
+    expect(page.get_by_test_id("route-problem")).to_contain_text("it would close a loop")
+    page.locator(".knot").click()
+    expect(page.get_by_test_id("routes")).to_have_count(0)
