@@ -39,8 +39,8 @@ WAIT_S = 30
 FAREWELL_S = 0.1
 LIMIT = 1000
 ASSIGNED = re.compile(r"\bself\.(\w+)(?:: [^=\n]+)? = ")
-# OperatorSocket closes in its own way, and only when told to.
-OVERRIDDEN = {"close"}
+# OperatorSocket closes in its own way, and only when told to, and sends each of these behind a large message.
+OVERRIDDEN = {"close", "ping", "pong", "send_frame"}
 
 Talk = Callable[[web.WebSocketResponse], Awaitable[None]]
 

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robotether_server.problems import RobotetherError
 from robotether_server.recorder.ros_types import RosField, RosType
 
 # The beginning of each message: CDR, little endian, no options. Alignment counts from its end.
@@ -39,7 +40,7 @@ Write = Callable[[bytearray, Any], None]
 Encoder = Callable[[Mapping[str, Any]], bytes]
 
 
-class EncodingError(ValueError):
+class EncodingError(RobotetherError):
     """A message is not of its type."""
 
 

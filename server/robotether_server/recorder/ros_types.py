@@ -10,6 +10,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+from robotether_server.problems import RobotetherError
+
 # Names in a definition, which come from a robot; anything else could write lines of its own into it.
 FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}")
 TYPE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}/[A-Za-z][A-Za-z0-9_]{0,127}")
@@ -70,7 +72,7 @@ BUILT_IN: RosTypes = {
 }
 
 
-class UnknownTypeError(ValueError):
+class UnknownTypeError(RobotetherError):
     """Nobody can say how messages of a type are made up."""
 
 

@@ -46,7 +46,10 @@ SECRETS = (
     "secrets/relay/session_key",
     "secrets/relay/peer_key.pem",
     "ssh_host_keys/ssh_host_ed25519_key",
-    *(f"secrets/mysql/mysql_{name}_password" for name in ("web", "relay", "keylookup", "migrate")),
+    *(
+        f"secrets/mysql/mysql_{name}_password"
+        for name in ("web", "relay", "recorder", "keylookup", "migrate")
+    ),
     "secrets/web/admin_password",
     "own/ticket_key",
     "own/.gitignore",
