@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
+from dataclasses import replace
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -170,7 +171,11 @@ class FramesSession(OperatorConnection):
         elif operation == "clock_sync":
             self._clock_sync_ms = parse_clock_sync(message)
         elif operation == "stream_request":
-            self.stream_request = parse_stream_request(message)
+            request = parse_stream_request(message)
+            # Who only watches takes no rate from who drives.
+            self.stream_request = (
+                request if self._permit.may_drive else replace(request, prefers=None)
+            )
             self._feed.due.set()
         elif operation == "key_frame":
             self._cursor.restart()

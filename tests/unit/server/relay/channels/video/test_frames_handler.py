@@ -64,6 +64,16 @@ async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, re
     assert delivered.robots(BOB.id, NamedFrame("/a", first)).frame is None
 
 
+async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, watch):
+    await watch(BOB, prefers="sharp")
+    await camera.wait_for("stream_request")
+    assert camera.of("stream_request")[-1]["prefers"] is None
+    driver = await watch(prefers="sharp")
+    await camera.wait_for("stream_request", prefers="sharp")
+    await driver.ask(prefers="smooth")
+    await camera.wait_for("stream_request", prefers="smooth")
+
+
 async def test_the_robot_hears_what_all_want_together(camera, watch):
     """The best of each comes to the robot, and less when who wanted it has gone or wants less."""
     first = await watch(quality_max=50, fps=5, width=320, height=240)
