@@ -29,6 +29,14 @@ HERE = Path(__file__).parent
 API = "/api/v1"
 # Sent with many answers and the same on each: `test_who_asks` records all of them once.
 SHOWN_HEADERS = ("Allow", "Content-Disposition", "Location", "Retry-After", "WWW-Authenticate")
+MEASURED_TIMES = (
+    "age_s",
+    "offer_left_s",
+    "wrap_up_left_s",
+    "waiting_p50_s",
+    "waiting_p95_s",
+    "oldest_open_s",
+)
 # Given one time and random.
 SECRETS = ("password", "ticket", "token")
 ROBOTS = [RobotSigner(number) for number in range(5)]
@@ -40,7 +48,7 @@ class Conversation:
     """Asks web as several users, and writes down what is asked and answered."""
 
     def __init__(self, visitor: Browser, database: Database) -> None:
-        self.transcript = Transcript(measured=["id"])
+        self.transcript = Transcript(measured=["id", *MEASURED_TIMES])
         self.visitor = visitor
         self.headers = {name: bearer(database, name) for name in ("root", "ann", "olga")}
 
@@ -374,6 +382,31 @@ def test_routes(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> 
     talk.ask("root", "GET", "/routes")
     talk.ask("ann", "DELETE", "/routes/{route_id}", route_id=made)
     talk.ask("root", "DELETE", "/routes/{route_id}", route_id=made)
+    assert talk.transcript == recorded
+
+
+def test_requests(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+    """A request that ann asks for, declines, is assigned and answers; and one that olga, a manager, cancels."""
+    talk.ask("root", "PUT", "/users/ann/pools", {"pools": ["night", "arms"]})
+    talk.ask("root", "GET", "/users/ann/pools")
+    asked = {"reason": "stuck at the gate", "priority": 1, "pool": "night"}
+    number = talk.ask("ann", "POST", "/robots/sim1/requests", asked)["id"]
+    talk.ask("ann", "POST", "/robots/sim1/requests", asked | {"reason": ""})
+    talk.ask("ann", "POST", "/robots/sim2/requests", asked)
+    talk.ask("ann", "PUT", "/queue/me", {"state": "available"})
+    talk.ask("olga", "POST", "/requests/{number}/accept", number=number)
+    talk.ask("ann", "POST", "/requests/{number}/decline", number=number)
+    talk.ask("ann", "POST", "/requests/{number}/assign", {"user": "ann"}, number=number)
+    talk.ask("olga", "POST", "/requests/{number}/assign", {"user": "ann"}, number=number)
+    talk.ask("ann", "POST", "/requests/{number}/accept", number=number)
+    talk.ask("olga", "GET", "/operators")
+    talk.ask("ann", "GET", "/operators")
+    talk.ask("ann", "POST", "/requests/{number}/close", {"note": "pushed it"}, number=number)
+    talk.ask("ann", "GET", "/requests?state=closed&robot=sim1")
+    other = talk.ask("ann", "POST", "/robots/sim1/requests", {"reason": "stuck again"})["id"]
+    talk.ask("olga", "POST", "/requests/{other}/cancel", other=other)
+    talk.ask("ann", "GET", "/requests")
+    talk.ask("ann", "GET", "/requests/figures?hours=1")
     assert talk.transcript == recorded
 
 
