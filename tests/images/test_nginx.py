@@ -231,9 +231,9 @@ def test_log_keeps_no_tickets(stack: Stack) -> None:
     assert "SECRET-TICKET" not in stack.logs("nginx", "relay", "web", lines=400)
 
 
-@pytest.mark.parametrize("path", ["/metrics", "/healthz"])
+@pytest.mark.parametrize("path", ["/metrics", "/relay-metrics", "/api/v1/metrics", "/healthz"])
 def test_inside_pages_stay_inside(stack: Stack, path: str) -> None:
-    """The relay's metrics are not to be had from outside."""
+    """The relay's metrics are not to be had from outside without an admin's token."""
     _, body = stack.request("GET", path)
     assert "robotether_relay" not in str(body)
 

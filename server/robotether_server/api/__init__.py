@@ -11,6 +11,7 @@ from robotether_server.api import (  # noqa: F401
     drives,
     grants,
     join,
+    metrics,
     recordings,
     requests,
     robots,

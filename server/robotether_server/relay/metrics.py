@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from copy import copy
 from functools import partial
+from itertools import accumulate
 from pathlib import Path
 
 from prometheus_client import (
@@ -19,13 +21,25 @@ from prometheus_client import (
     ProcessCollector,
     generate_latest,
 )
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.core import (
+    CounterMetricFamily,
+    GaugeMetricFamily,
+    HistogramMetricFamily,
+    Metric,
+)
 from prometheus_client.registry import Collector
 
+from robotether_server import __version__
 from robotether_server.backups import age_s, last_backup
-from robotether_server.db.fleet import RelayRequest
+from robotether_server.db.fleet import RelayRequest, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import FeedTraffic
+from robotether_server.relay.http.timing import TimeHistogram
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Robot
+
+# Maximum number of samples that are written at once, in some 3 ms.
+SAMPLES_IN_PART = 500
 
 
 class Metrics:
@@ -36,6 +50,13 @@ class Metrics:
         ProcessCollector(registry=self._registry)
         PlatformCollector(registry=self._registry)
         self._registry.register(_Collector(partial(_read_bridges, traffic)))
+        self.seen_ages, self.robot_round_trips = TimeHistogram(), TimeHistogram()
+        round_trips = {"driver": traffic.round_trips, "robot": self.robot_round_trips}
+        self._registry.register(_Collector(partial(_read_times, self.seen_ages, round_trips)))
+        self.seen_unknown = self._counter(
+            "seen_age_unknown",
+            "Drive commands of which nobody knows how old was what the driver saw",
+        )
         self.refusals = self._counter("refusals", "Requests refused, by problem code", "code")
         self.close_reasons = self._counter(
             "connections_closed", "Operators' connections closed, by reason", "name"
@@ -76,9 +97,40 @@ class Metrics:
         """Add the open requests for help, which are those of all cells; None: they are unknown."""
         self._registry.register(_Collector(partial(_read_help_requests, read)))
 
+    def collect_build(self, cell: str) -> None:
+        """Add which version runs in which cell."""
+        labels = {"version": __version__, "cell": cell}
+        build = GaugeMetricFamily("robotether_build", "What runs here", labels=list(labels))
+        build.name = "robotether_build_info"
+        build.add_metric(list(labels.values()), 1)
+        self._registry.register(_Collector(lambda: [build]))
+
+    def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
+        """Add what each robot reports to this cell: a bounded number of series for each."""
+        self._registry.register(_Collector(partial(_read_robots, snapshot, registry)))
+
+    def count_seen(self, ages_ms: Iterable[float | None]) -> None:
+        """Count how old was what a driver saw, command by command; None: unknown."""
+        for age_ms in ages_ms:
+            if age_ms is None:
+                self.seen_unknown.inc()
+            else:
+                self.seen_ages.add(age_ms / 1000)
+
+    def parts(self) -> Iterator[bytes]:
+        """Write all numbers in Prometheus' text format, a few at a time: a part holds nobody up."""
+        for family in self._registry.collect():
+            samples = family.samples
+            for start in range(0, len(samples) or 1, SAMPLES_IN_PART):
+                part = copy(family)
+                part.samples = samples[start : start + SAMPLES_IN_PART]
+                text = generate_latest(_OneFamily(part))
+                # A family has its meaning and its type once.
+                yield text.split(b"\n", 2)[2] if start else text
+
     def render(self) -> bytes:
-        """Write all numbers in Prometheus' text format."""
-        return generate_latest(self._registry)
+        """Write all numbers at once."""
+        return b"".join(self.parts())
 
     def _counter(self, name: str, meaning: str, *labels: str) -> Counter:
         return Counter(f"robotether_relay_{name}", meaning, labels, registry=self._registry)
@@ -94,6 +146,17 @@ class _Collector(Collector):
         return self._read()
 
 
+class _OneFamily(CollectorRegistry):
+    """A registry of one family that is already read."""
+
+    def __init__(self, family: Metric) -> None:
+        super().__init__()
+        self._family = family
+
+    def collect(self) -> Iterator[Metric]:
+        yield self._family
+
+
 def _family(
     name: str, meaning: str, label: str, counts: Mapping[str, float]
 ) -> CounterMetricFamily:
@@ -103,16 +166,18 @@ def _family(
     return family
 
 
-def _read_bridges(traffic: Traffic) -> Iterator[CounterMetricFamily]:
+def _read_bridges(traffic: Traffic) -> Iterator[Metric]:
     messages = {"robot": traffic.messages_to_robot, "client": traffic.messages_to_client}
     yield _family("messages", "Rosbridge messages passed on", "to", messages)
     sizes = {"robot": traffic.bytes_to_robot, "client": traffic.bytes_to_client}
     yield _family("message_bytes", "Bytes of rosbridge messages", "to", sizes)
     meaning = "Rosbridge messages refused, by kind"
     yield _family("messages_refused", meaning, "kind", traffic.refused)
+    meaning = "Age of drive commands when the relay sends them to the robot"
+    yield _histogram("command_age_seconds", meaning, {"": traffic.command_ages})
 
 
-def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
+def _read_feeds(traffic: FeedTraffic) -> Iterator[Metric]:
     name, labels = "robotether_relay_frame", ["to", "codec"]
     frames = CounterMetricFamily(f"{name}s", "Frames received and sent, by codec", labels=labels)
     sizes = CounterMetricFamily(f"{name}_bytes", "Bytes of video frames, by codec", labels=labels)
@@ -122,6 +187,8 @@ def _read_feeds(traffic: FeedTraffic) -> Iterator[CounterMetricFamily]:
         sizes.add_metric(["relay", codec], counts.bytes_in)
         sizes.add_metric(["client", codec], counts.bytes_out)
     yield from (frames, sizes)
+    meaning = "Age of frames when they come to the relay"
+    yield _histogram("frame_age_seconds", meaning, {"": traffic.frame_ages})
     meaning = "Frames skipped because a newer one was there"
     yield CounterMetricFamily("robotether_relay_frames_skipped", meaning, traffic.skipped)
 
@@ -159,3 +226,84 @@ def _read_help_requests(
             oldest.add_metric([], max(request.age_s for request in requests))
     yield count
     yield oldest
+
+
+def _read_times(
+    seen_ages: TimeHistogram, round_trips: Mapping[str, TimeHistogram]
+) -> Iterator[HistogramMetricFamily]:
+    meaning = "Age, at most, of what drivers saw when their commands came to the robot"
+    yield _histogram("seen_age_seconds", meaning, {"": seen_ages})
+    meaning = "Round trips from the relay to drivers and to robots"
+    yield _histogram("round_trip_seconds", meaning, round_trips, "to")
+
+
+def _histogram(
+    name: str, meaning: str, histograms: Mapping[str, TimeHistogram], *labels: str
+) -> HistogramMetricFamily:
+    family = HistogramMetricFamily(f"robotether_relay_{name}", meaning, labels=labels)
+    for value, histogram in histograms.items():
+        counts = list(accumulate(histogram.counts))
+        bounds = [*map(str, histogram.BOUNDS_S), "+Inf"]
+        family.add_metric(
+            [value] if labels else [],
+            buckets=list(zip(bounds, counts, strict=True)),
+            sum_value=histogram.sum_s,
+        )
+    return family
+
+
+def _read_robots(snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> Iterator[Metric]:
+    rows = snapshot().robots.values()
+    robots = [(row.name, registry.robot(row.id)) for row in rows if row.state == "active"]
+    online = [(name, robot) for name, robot in robots if robot.presence.online]
+    yield _robot_gauge("up", "1: this cell has the robot's session", robots, _up)
+    yield _robot_gauge("round_trip_seconds", "The newest round trip", online, _round_trip_s)
+    yield _robot_gauge("battery_percent", "The battery, as the robot reports it", online, _battery)
+    yield _robot_gauge("stopped", "1: the robot's guard reports a stop", online, _is_stopped)
+    refused = CounterMetricFamily(
+        "robotether_robot_guard_refusals",
+        "Drive commands that the robot's guard refused since its start, by kind",
+        labels=["robot", "kind"],
+    )
+    slowed = CounterMetricFamily(
+        "robotether_robot_slowed_seconds",
+        "Time for which the robot's guard slowed commands",
+        labels=["robot"],
+    )
+    for name, robot in online:
+        for kind, count in robot.presence.report.refused:
+            refused.add_metric([name, kind], count)
+        slowed.add_metric([name], robot.slowed_s)
+    yield from (refused, slowed)
+
+
+def _robot_gauge(
+    name: str,
+    meaning: str,
+    robots: Iterable[tuple[str, Robot]],
+    read: Callable[[Robot], float | None],
+) -> GaugeMetricFamily:
+    family = GaugeMetricFamily(f"robotether_robot_{name}", meaning, labels=["robot"])
+    # What is not known has no value.
+    for robot_name, robot in robots:
+        if (value := read(robot)) is not None:
+            family.add_metric([robot_name], value)
+    return family
+
+
+def _up(robot: Robot) -> float:
+    return robot.presence.online
+
+
+def _round_trip_s(robot: Robot) -> float | None:
+    rtt_ms = robot.presence.rtt_ms
+    return None if rtt_ms is None else rtt_ms / 1000
+
+
+def _battery(robot: Robot) -> float | None:
+    battery = robot.presence.battery
+    return None if battery is None else battery.percent
+
+
+def _is_stopped(robot: Robot) -> float | None:
+    return robot.presence.report.stopped if robot.presence.guard == "ready" else None

@@ -58,6 +58,8 @@ class RelayObserver:
             self._on_guard_status(change)
         elif change.what == "seen":
             self._on_seen(change)
+        elif change.what == "heartbeat" and change.presence.rtt_ms is not None:
+            self._metrics.robot_round_trips.add(change.presence.rtt_ms / 1000)
 
     def help_called(self, robot_id: int, call: HelpCall) -> None:
         """A robot asked for a person; beyond its rate nothing follows."""
@@ -165,8 +167,13 @@ class RelayObserver:
             self._event_writer.add(drive.written())
 
     def _on_seen(self, change: Change) -> None:
-        drive = self._registry.robot(change.robot_id).newest_drive
-        if drive is None or change.seen is None or not _accepts_reports(drive):
+        if change.seen is None:
+            return
+        robot = self._registry.ensure_robot(change.robot_id)
+        robot.slowed_s += change.seen.slowed_s or 0.0
+        self._metrics.count_seen(change.seen.ages_ms)
+        drive = robot.newest_drive
+        if drive is None or not _accepts_reports(drive):
             return
         drive.on_seen(change.seen)
         if drive.ended_s is not None:

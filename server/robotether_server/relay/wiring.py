@@ -364,6 +364,8 @@ class Relay:
         gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
         gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
         self.metrics.collect_feeds(self.feeds.traffic)
+        self.metrics.collect_robots(self.fleet.state, self.registry)
+        self.metrics.collect_build(self._settings.cell.name)
         self.metrics.collect_backups(RECORD)
         self.metrics.collect_help_requests(self.fleet.known_help_requests)
 

@@ -3,13 +3,14 @@
 Rates: `robot_link` keeps a `RateLimiter` for the lines of a robot, a `MessageValidator` for the messages of a client,
 for the answers to them and for what it refuses, a `Lease` for the questions of each user. Silence: `bridge` and
 `frames_handler` feed `Liveness` with what the sockets show, so that a message costs nothing. Clocks: `robot_link` feeds
-a `RobotClock` with the agent's pings, drivers' bridges ask it.
+a `RobotClock` with the agent's pings, drivers' bridges ask it. `metrics` reads what a `TimeHistogram` has counted.
 
 Pure: no network, no clock of its own; each gets its times from its caller.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 from typing import Literal
@@ -171,3 +172,21 @@ class RobotClock:
         """Return in ms what the robot's clock showed at `timestamp`, at most; None: nothing is known."""
         ahead_ms = self._ahead_ms.at(now)
         return None if ahead_ms is None else timestamp * 1000 + ahead_ms
+
+
+class TimeHistogram:
+    """Counts times by the first of `BOUNDS_S` that they do not exceed, and adds them up; a time itself is not kept.
+
+    `counts` has one number more than there are bounds, for what is longer than all.
+    """
+
+    BOUNDS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
+
+    def __init__(self) -> None:
+        self.counts = [0] * (len(self.BOUNDS_S) + 1)
+        self.sum_s = 0.0
+
+    def add(self, time_s: float) -> None:
+        """Count a time in seconds."""
+        self.counts[bisect_left(self.BOUNDS_S, time_s)] += 1
+        self.sum_s += time_s

@@ -236,6 +236,8 @@ class Robot:
         )
         # Counts of the guard's last report; None: it has not reported.
         self.guard_refusals: dict[str, int] | None = None
+        # Time for which its guard has slowed commands since this relay began, in seconds.
+        self.slowed_s = 0.0
         # Of the loop's clock.
         self.rtt_notified_at = 0.0
         # Of the monotonic clock: when rebalancing sent the robot to another cell.

@@ -103,7 +103,7 @@ class RouteDriver(OperatorConnection):
         if lease is None:
             raise TypeError("a route drives with a lease")
         drive = self._drive = DrivePath(
-            lease, robot, CommandTimestamps(time.monotonic()), self._count_to_robot
+            lease, robot, CommandTimestamps(time.monotonic()), self._count_command
         )
         self.is_connected = True
         try:
@@ -234,6 +234,9 @@ class RouteDriver(OperatorConnection):
         # A lost link, lease or stop ends the connection itself meanwhile, which says more.
         await asyncio.sleep(LINK_GRACE_S)
         return close_reasons.rosbridge_down(self.name, why)
+
+    def _count_command(self, size: int, _age_s: float) -> None:
+        self._count_to_robot(size)
 
     def _count_to_robot(self, size: int) -> None:
         self._bytes_to_robot += size

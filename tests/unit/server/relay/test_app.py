@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 from fake_robot import HOST, WAIT_S
+from robotether_server import __version__
 from robotether_server.db.fleet import RelayUser
 from yarl import URL
 
@@ -116,16 +117,19 @@ async def test_health_is_good_without_a_database_and_says_so(relay, http, memory
 
 async def test_metrics_tell_what_happens(relay, robot, sim1, http):
     async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        await socket.send_str('{"op":"publish","topic":"/cmd_vel","msg":{}}')
         await socket.send_str('{"op":"call_service","service":"/rosapi/topics"}')
-        echo = await socket.receive_str()
+        echoes = await socket.receive_str() + await socket.receive_str()
         async with http.get(f"{relay.url}/api/v1/events"):
             pass
         async with http.get(f"{relay.inside_url}/metrics") as answer:
             lines = (await answer.text()).splitlines()
     assert "robotether_relay_robots_online 1.0" in lines
     assert "robotether_relay_drivers 1.0" in lines
-    assert 'robotether_relay_messages_total{to="robot"} 1.0' in lines
-    assert f'robotether_relay_message_bytes_total{{to="client"}} {len(echo)}.0' in lines
+    assert 'robotether_relay_messages_total{to="robot"} 2.0' in lines
+    assert 'robotether_relay_command_age_seconds_bucket{le="+Inf"} 1.0' in lines
+    assert f'robotether_build_info{{cell="main",version="{__version__}"}} 1.0' in lines
+    assert f'robotether_relay_message_bytes_total{{to="client"}} {len(echoes)}.0' in lines
     assert 'robotether_relay_refusals_total{code="login_missing"} 1.0' in lines
     assert any(line.startswith("process_resident_memory_bytes ") for line in lines)
 

@@ -57,12 +57,17 @@ def metrics():
 
 
 @pytest.fixture
-def observer(memory_database, event_writer, metrics, caplog):
+def registry():
+    return SessionRegistry()
+
+
+@pytest.fixture
+def observer(memory_database, event_writer, metrics, registry, caplog):
     caplog.set_level(logging.INFO)
     return RelayObserver(
         event_writer,
         metrics,
-        SessionRegistry(),
+        registry,
         lambda: Snapshot(memory_database.robots, memory_database.grants),
     )
 
@@ -229,6 +234,18 @@ def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypat
     saw(160.0)
     drives = [entry for entry in event_writer.notes if isinstance(entry, DriveEntry)]
     assert [entry.seen_max_ms for entry in drives] == [None, 140.0, 150.0]
+
+
+def test_what_drivers_see_and_heartbeats_bring_is_counted(observer, metrics, registry):
+    seen = SeenReport(13, (100.0, None), slowed_s=0.4)
+    for _ in range(2):
+        observer.on_robot_change(Change("seen", 7, ONLINE, seen=seen))
+    observer.on_robot_change(Change("heartbeat", 7, replace(ONLINE, rtt_ms=30.0)))
+    shown = metrics.render().decode().splitlines()
+    assert 'robotether_relay_seen_age_seconds_bucket{le="0.1"} 2.0' in shown
+    assert "robotether_relay_seen_age_unknown_total 2.0" in shown
+    assert 'robotether_relay_round_trip_seconds_bucket{le="0.05",to="robot"} 1.0' in shown
+    assert registry.robot(7).slowed_s == 0.8
 
 
 def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer, sim1):

@@ -52,7 +52,7 @@ from robotether_server.relay.http.sockets import (
     RobotSocket,
     why_closed,
 )
-from robotether_server.relay.http.timing import Excess, LivenessLimits
+from robotether_server.relay.http.timing import Excess, LivenessLimits, TimeHistogram
 from robotether_server.relay.robots.robot import SeenReport
 
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
@@ -75,6 +75,9 @@ class Traffic:
     bytes_to_robot: int = 0
     bytes_to_client: int = 0
     refused: Counter[str] = field(default_factory=Counter)
+    # Of drive commands as they are sent, and of drivers.
+    command_ages: TimeHistogram = field(default_factory=TimeHistogram)
+    round_trips: TimeHistogram = field(default_factory=TimeHistogram)
     piece_turns: PieceTurns = field(default_factory=PieceTurns)
     # Observers that take a large message now: its bytes, and since when. The slowest is the first.
     taking: dict[OperatorConnection, tuple[int, float]] = field(default_factory=dict)
@@ -189,7 +192,7 @@ class Bridge(OperatorConnection):
             self._send_released(robot),
         ]
         if robot_end.lease is not None:
-            self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_to_robot)
+            self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_command)
             parts.append(self._send_commands(self._drive))
         with robot_end.counted:
             return await self._run_together(*parts)
@@ -273,7 +276,9 @@ class Bridge(OperatorConnection):
     def _on_pong(self, payload: bytes) -> None:
         sent_at = self._timestamps.pong(payload)
         if sent_at is not None and self._drive is not None:
-            self._drive.log.round_trip((time.monotonic() - sent_at) * 1000)
+            round_trip_s = time.monotonic() - sent_at
+            self._traffic.round_trips.add(round_trip_s)
+            self._drive.log.round_trip(round_trip_s * 1000)
 
     async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
         try:
@@ -359,6 +364,10 @@ class Bridge(OperatorConnection):
             await self._operator.send_frame(data, kind)
         except ConnectionError as exc:
             raise ConnectionClosedError(close_reasons.client_vanished(self.name)) from exc
+
+    def _count_command(self, size: int, age_s: float) -> None:
+        self._traffic.command_ages.add(age_s)
+        self._count_to_robot(size)
 
     def _count_to_robot(self, size: int) -> None:
         self._traffic.messages_to_robot += 1

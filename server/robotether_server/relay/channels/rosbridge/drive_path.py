@@ -147,7 +147,7 @@ class DrivePath:
         lease: DriveLease,
         robot: RobotSocket,
         timestamps: CommandTimestamps,
-        sent: Callable[[int], None],
+        sent: Callable[[int, float], None],
     ) -> None:
         self.log = lease.log
         self._lease = lease
@@ -224,7 +224,7 @@ class DrivePath:
                 return
             data = stamped(command, t_ms, lease.fence, self._robots_frames(command))
         self.log.command(now, command.speed_m_s, command.turn_rad_s)
-        self._sent(len(data))
+        self._sent(len(data), now - timestamp)
         await self._robot.send_frame(data, WSMsgType.TEXT)
         lease.record(command, now - timestamp, "sent")
 

@@ -30,6 +30,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
 from robotether_server.relay.channels.video.held_frames import HeldFrames
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
 
@@ -56,6 +57,8 @@ class FeedTraffic:
 
     def __init__(self) -> None:
         self.by_codec = {name: CodecTraffic() for name in NAMES}
+        # Of frames as they come from robots.
+        self.frame_ages = TimeHistogram()
         self.skipped = 0
 
 
@@ -210,6 +213,7 @@ class Feed(SharedCopy[str, Viewer]):
         traffic = self._traffic.by_codec[frame.codec.name]
         traffic.frames_in += 1
         traffic.bytes_in += frame.size + HEADER.size
+        self._traffic.frame_ages.add(frame.received_s - frame.timestamp_s)
         if not self.held.add(frame):
             # Nobody can decode it; and without credit the key frame could not come.
             self.request_key_frame()

@@ -211,7 +211,9 @@ def log(refused):
 
 def path_to(socket, log, sizes, *, max_age_s):
     lease = DriveLease(fence=1, max_age_s=max_age_s, clock=None, log=log, on_command=lambda: None)
-    return DrivePath(lease, socket, CommandTimestamps(time.monotonic()), sizes.append)
+    return DrivePath(
+        lease, socket, CommandTimestamps(time.monotonic()), lambda size, _age_s: sizes.append(size)
+    )
 
 
 async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
