@@ -224,6 +224,7 @@ def _view(tx: Transaction, user: User) -> QueueView:
     state = state_of(row)
     open_requests = requests.list_open(tx, user.id)
     offer = _first(open_requests, "offered", user)
+    pools = operators.read_pools(tx)
     return QueueView(
         state=state,
         available=row.available,
@@ -231,8 +232,8 @@ def _view(tx: Transaction, user: User) -> QueueView:
         offer_left_s=_left_s(offer, row.now),
         current=_first(open_requests, "accepted", user),
         wrap_up_left_s=row.wrap_up_left_s if state == "wrap_up" else None,
-        waiting=_waiting(open_requests, operators.read_pools(tx).get(user.id, [])),
-        ahead=_ahead(row, rows, open_requests) if state == "available" else None,
+        waiting=_waiting(open_requests, pools.get(user.id, [])),
+        ahead=_ahead(row, rows, pools, open_requests) if state == "available" else None,
     )
 
 
@@ -264,14 +265,19 @@ def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpReq
 
 
 def _ahead(
-    row: OperatorRow, rows: Mapping[int, OperatorRow], open_requests: list[SeenRequest]
+    row: OperatorRow,
+    rows: Mapping[int, OperatorRow],
+    pools: Mapping[int, list[str]],
+    open_requests: list[SeenRequest],
 ) -> int:
-    """Count the available operators without an offer, as far as this user sees, who were idle before."""
+    """Count the available operators without an offer, as far as this user sees, whom the plan asks before."""
+
+    def turn(operator: OperatorRow) -> tuple[int, dt.datetime, int]:
+        return len(pools.get(operator.user_id, ())), operator.idle_since, operator.user_id
+
     offered = {seen.request.offered_to for seen in open_requests}
     return sum(
-        state_of(other) == "available"
-        and other.user not in offered
-        and (other.idle_since, other.user_id) < (row.idle_since, row.user_id)
+        state_of(other) == "available" and other.user not in offered and turn(other) < turn(row)
         for other in rows.values()
     )
 

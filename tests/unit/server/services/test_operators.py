@@ -209,8 +209,8 @@ def test_a_poll_waits_for_nobody_who_plans(desk):
 
 def test_managers_see_the_operators_of_their_robots(desk):
     desk.set_pools("ann", "night", "crane")
-    for name in ("ann", "ben", "zoe"):
-        desk.poll(name)
+    for name, choice in (("ann", "available"), ("ben", "away"), ("zoe", "available")):
+        desk.poll(name, choice)
     request_id = desk.ask()
     desk.pass_time(1)
     desk.poll("ann")
