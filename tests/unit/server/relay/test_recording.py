@@ -309,7 +309,7 @@ async def test_a_quota_that_is_reached_ends_the_recording(recorder, store, setti
     await until(lambda: store.code(2) == "quota_reached", "no other begins")
 
 
-async def test_a_recording_goes_on_while_database_and_relay_are_away(
+async def test_a_recording_goes_on_while_the_database_is_away(
     recorder, relay, robot, store, settings
 ):
     store.ask()

@@ -1,0 +1,47 @@
+"""The list of recordings: who sees what, stops, downloads and deletes."""
+
+import pytest
+from admin_visitor import send
+from granted import give
+from robotether_server.db import recordings, robots, users
+from robotether_server.db.recordings import Progress
+from web_visitor import audit_kinds
+
+
+@pytest.fixture
+def number(app, database, recorder_database):
+    """Ann's recording of sim1, which goes on; olga manages the robot."""
+    assert app
+    with database.transaction() as tx:
+        ann, robot = users.get(tx, "ann"), robots.get(tx, "sim1")
+        give(tx, users.get(tx, "olga").id, robot.id, "manage")
+        number = recordings.ask(tx, robot.id, robot.name, ann)
+    with recorder_database.transaction() as tx:
+        recordings.begin(tx, number, "main")
+        recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",)))
+    return number
+
+
+def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
+    browser.log_in("ann")
+    page = browser.ask("GET", "/recordings?robot=sim1").text
+    assert f"recording-{number}" in page
+    assert "asked by ann" in page
+    assert "2.0 MB" in page
+    assert f'href="/recordings/{number}/file"' not in page
+    assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
+    assert send(browser, f"/recordings/{number}/delete").status_code == 404
+    assert send(browser, f"/recordings/{number}/stop").status_code == 303
+    assert "There is no recording." in browser.ask("GET", "/recordings?robot=sim2").text
+
+
+def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
+    browser.log_in("olga")
+    assert f'href="/recordings/{number}/file"' in browser.ask("GET", "/recordings").text
+    answer = browser.ask("GET", f"/recordings/{number}/file")
+    assert answer.headers["X-Accel-Redirect"] == f"/recording-files/{number}.mcap"
+    assert "Nobody can undo this." in browser.ask("GET", f"/recordings/{number}/delete").text
+    assert send(browser, f"/recordings/{number}/delete").status_code == 303
+    assert "There is no recording." in browser.ask("GET", "/recordings").text
+    kinds = {(kind, actor) for kind, actor, _ in audit_kinds(database)}
+    assert {("recording_downloaded", "olga"), ("recording_deleted", "olga")} <= kinds
