@@ -15,6 +15,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 from robotether_server.contract.uplink import UplinkKind, UplinkStream
+from robotether_server.db.fleet import RECORDER
 
 # Maximum and minimum time over which a rate is measured, and the interval between two samples of it.
 MAX_SPAN_S = 5.0
@@ -57,8 +58,9 @@ class RateCounter:
         self.sources.remove(source)
 
     def user_ids(self) -> set[int]:
-        """Return who causes it."""
-        return {user_id for source in self.sources for user_id in source.user_ids()}
+        """Return who causes it; the recorder is nobody."""
+        user_ids = {user_id for source in self.sources for user_id in source.user_ids()}
+        return user_ids - {RECORDER.id}
 
     def bytes_per_s(self, now_s: float) -> int | None:
         """Sample it, and return the rate; None while it is not measured."""

@@ -63,6 +63,8 @@ async def test_the_recorder_takes_nobodys_place(relay, robot, sim1, http):
         await http.ws_connect(f"{relay.url}/robots/sim1/ros?ticket={recorder_ticket(sim1)}")
         for _ in range(3)
     ]
+    streams = await relay.relay.registry.robot(7).uplink.measured(RECORDER.id)
+    assert not any(stream.people for stream in streams)
     async with http.ws_connect(relay.ros_url(sim1, "observe", RelayUser(2, "olga"))) as olga:
         await until(lambda: relay.relay.connections.observers(7) == 1, "olga observes, alone")
         assert not olga.closed
