@@ -158,6 +158,12 @@ def count_seen(tx: Transaction) -> dict[int, int]:
     return {row["user_id"]: row["robots"] for row in rows}
 
 
+def levels_of(tx: Transaction, user: User) -> frozenset[Level]:
+    """Return the levels that the user has on any robot."""
+    rows = tx.rows("SELECT DISTINCT level FROM relay_grants WHERE user_id = %s", (user.id,))
+    return frozenset(row["level"] for row in rows)
+
+
 def get_seen(tx: Transaction, name: str) -> SeenRobot:
     """Return one robot as an admin sees it; raise RecordMissingError."""
     values = {"admin": True, "user_id": 0, "name": name}

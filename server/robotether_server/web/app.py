@@ -26,6 +26,7 @@ from robotether_server.web.pages import (
     home,
     installer,
     profile,
+    queue_pages,
     recordings,
     robot_settings,
     routes,
@@ -106,6 +107,7 @@ def create_app(settings: WebSettings) -> Flask:
     app.register_blueprint(admin.blueprint)
     app.register_blueprint(profile.blueprint)
     app.register_blueprint(drives.blueprint)
+    app.register_blueprint(queue_pages.blueprint)
     app.register_blueprint(recordings.blueprint)
     app.register_blueprint(routes.blueprint)
     app.register_blueprint(robot_settings.blueprint)

@@ -1,7 +1,7 @@
 """Finds the user of a page before its handler runs, for blueprints that need a login or an admin.
 
-Used by the admin pages and the profile. `flask.g` holds the user of this request; admin pages also
-get the number of waiting keys, for the badge in their menu.
+Used by the admin pages and the profile. `flask.g` holds the user of this request with the levels that the user has on
+any robot, which decide about the menu; admin pages also get the number of waiting keys, for the badge there.
 """
 
 from urllib.parse import quote
@@ -11,10 +11,11 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import Transaction
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissingError
+from robotether_server.schemas import Level
 from robotether_server.services import pending
 
 
@@ -42,8 +43,9 @@ def require_admin() -> AnyResponse | None:
 
 
 def remember(tx: Transaction, user: User) -> None:
-    """Keep the user for the templates, and for an admin how many keys wait."""
+    """Keep the user and its levels for the templates, and for an admin how many keys wait."""
     g.user = user
+    g.levels = seen_robots.levels_of(tx, user)
     g.waiting = len(pending.waiting(tx)) if user.is_admin else 0
 
 
@@ -59,10 +61,20 @@ def get() -> User:
     return user
 
 
+def levels() -> frozenset[Level]:
+    """Return the levels that this user has on any robot; only for blueprints that need one."""
+    user_levels: frozenset[Level] = g.levels
+    return user_levels
+
+
 def source() -> Source:
     """Return who does what this request asks for, for the audit log."""
     return Source(get().name, request.remote_addr)
 
 
 def _for_templates() -> dict[str, object]:
-    return {"user": g.get("user"), "waiting_count": g.get("waiting", 0)}
+    return {
+        "user": g.get("user"),
+        "levels": g.get("levels", frozenset()),
+        "waiting_count": g.get("waiting", 0),
+    }

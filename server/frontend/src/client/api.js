@@ -14,8 +14,16 @@ export class Api {
 
   // Gives {status, ok, code, detail, body}; `status` 0 is no answer. `keepalive` lets it outlive the page.
   post(path, body = {}, options = {}) {
+    return this.send("POST", path, body, options);
+  }
+
+  put(path, body = {}, options = {}) {
+    return this.send("PUT", path, body, options);
+  }
+
+  send(method, path, body, options) {
     const headers = { "Content-Type": "application/json" };
-    return this.ask(path, { method: "POST", headers, body: JSON.stringify(body) }, options);
+    return this.ask(path, { method, headers, body: JSON.stringify(body) }, options);
   }
 
   get(path, query = {}, options = {}) {

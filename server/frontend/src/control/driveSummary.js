@@ -1,7 +1,7 @@
 // The summary of this page's last drive: in words, and as a file.
 
 import { api } from "../dom/calls.js";
-import { download, make, part, setText, shortNumber, sizeText } from "../dom/page.js";
+import { download, durationText, make, part, setText, shortNumber, sizeText } from "../dom/page.js";
 import { summary as texts, endReasons, refusals } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
@@ -72,14 +72,6 @@ export class Summary {
 }
 
 // The record of a drive (docs/reference/protocols.md, /api/v1/drives) in words. Pure.
-
-// "2 h 3 min", "2 min 5 s", "5 s".
-export function durationText(ms) {
-  const seconds = Math.max(0, Math.round(ms / 1000));
-  const [hours, minutes] = [Math.floor(seconds / 3600), Math.floor((seconds % 3600) / 60)];
-  if (hours) return `${hours} h ${minutes} min`;
-  return minutes ? `${minutes} min ${seconds % 60} s` : `${seconds} s`;
-}
 
 const metres = (m) => (m >= 1000 ? `${(m / 1000).toFixed(2)} km` : `${m.toFixed(1)} m`);
 

@@ -70,6 +70,14 @@ export function sizeText(bytes) {
   return `${size === 1 ? bytes : (bytes / size).toPrecision(bytes >= 100 * size ? 3 : 2)} ${unit}`;
 }
 
+// "2 h 3 min", "2 min 5 s", "5 s".
+export function durationText(ms) {
+  const seconds = Math.max(0, Math.round(ms / 1000));
+  const [hours, minutes] = [Math.floor(seconds / 3600), Math.floor((seconds % 3600) / 60)];
+  if (hours) return `${hours} h ${minutes} min`;
+  return minutes ? `${minutes} min ${seconds % 60} s` : `${seconds} s`;
+}
+
 // Makes an element with attributes and children; a child that is a text stays a text.
 export function make(tag, attributes = {}, ...children) {
   const element = document.createElement(tag);

@@ -5,10 +5,13 @@ import { fillCard, newCard } from "./cards.js";
 
 export class RobotList {
   // `container` holds the elements, `template` makes one for a robot that has none yet; `onNew(element, name)` for each.
-  constructor({ container, template, onNew }) {
+  // `make(template, robot)` and `fill(element, robot)` know the markup.
+  constructor({ container, template, onNew, make = newCard, fill = fillCard }) {
     this.container = container;
     this.template = template;
     this.onNew = onNew;
+    this.make = make;
+    this.write = fill;
     this.elements = new Map([...container.children].map((element) => [element.dataset.robot, element]));
     for (const [name, element] of this.elements) onNew(element, name);
   }
@@ -16,11 +19,11 @@ export class RobotList {
   // Makes what is missing; a robot that is new comes last until the next `arrange`.
   fill(robot, shown) {
     if (!this.elements.has(robot.name)) this.add(robot, shown);
-    fillCard(this.elements.get(robot.name), robot);
+    this.write(this.elements.get(robot.name), robot);
   }
 
   add(robot, shown) {
-    const element = newCard(this.template, robot);
+    const element = this.make(this.template, robot);
     element.hidden = !shown;
     this.elements.set(robot.name, element);
     this.container.append(element);

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Summary, driveRows, durationText, headline, recordOf } from "../../src/control/driveSummary.js";
+import { Summary, driveRows, headline, recordOf } from "../../src/control/driveSummary.js";
+import { durationText } from "../../src/dom/page.js";
 
 const DRIVE = {
   started_at: "2026-01-01T12:00:00Z",

@@ -1,4 +1,4 @@
-"""The pages that people see: log in, the fleet, one robot to drive.
+"""The pages that people see: log in, the fleet as cards and as a wall of pictures, one robot to drive.
 
 Who has no login is redirected to the log-in page and back.
 """
@@ -130,6 +130,21 @@ def show_fleet() -> AnyResponse:
     return make_response(page)
 
 
+@blueprint.get("/wall")
+def show_wall() -> AnyResponse:
+    """Show pictures of the robots that the user may see, those that ask for help first."""
+    with context().database.transaction() as tx:
+        user = auth.page_user(tx, request)
+        if user is None:
+            return current_user.to_login()
+        seen = seen_robots.list_seen(tx, user)
+        current_user.remember(tx, user)
+    robots = {
+        robot.robot.name: {"level": robot.level, "camera": _first_camera(robot)} for robot in seen
+    }
+    return make_response(render_template("wall.html", user=user, robots=robots))
+
+
 @blueprint.get("/robots/<name>")
 def show_robot(name: str) -> AnyResponse:
     """Show the page from which one robot is driven or watched."""
@@ -138,6 +153,7 @@ def show_robot(name: str) -> AnyResponse:
         if user is None:
             return current_user.to_login()
         seen = seen_robots.find_seen(tx, user, name)
+        current_user.remember(tx, user)
     if seen is None:
         raise RobotUnknownError(f"No robot '{name}', or you have no access.")
     robot = {

@@ -6,7 +6,7 @@ from web_visitor import paths
 
 
 def test_nobody_is_sent_to_log_in_and_back(app, browser):
-    starts = ("/admin", "/profile", "/drives", "/robots")
+    starts = ("/admin", "/profile", "/drives", "/queue", "/robots", "/wall")
     asked = [path for start in starts for path in paths(app, start, "GET")]
     assert len(asked) > 30
     for path in ["/", *asked]:

@@ -1,0 +1,195 @@
+// The operator's queue: whether this person is available, what is offered, what this person works on, what waits.
+// Loaded by queue.html. Each second it asks PUT /api/v1/queue/me, which is also how the server knows that the page is there.
+
+import { api, LoginUse } from "../dom/calls.js";
+import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
+import { isNew, markNew, Presses } from "../dom/presses.js";
+import { ReloadStore } from "../control/driveMode.js";
+import { Alerts } from "../queue/alerts.js";
+import { Availability } from "../queue/availability.js";
+import { Poller, startTicking } from "../queue/poller.js";
+import { fillRequest, KeyedRows, keyOfRequest, reasonText, secondsText, stateText } from "../queue/requestRows.js";
+import { data as dataTexts, queue as texts } from "../texts/queue.js";
+
+const MAX_ROWS = 50; // Number of requests that wait and are listed
+
+const main = /** @type {HTMLElement} */ (document.querySelector("main"));
+const [offerPanel, currentPanel] = [part(main, "offer"), part(main, "current")];
+const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer-decline")];
+const feedState = byTestId(main, "queue-feed");
+const availability = new Availability();
+const alerts = new Alerts({ onChange: showAlerts });
+const waiting = new KeyedRows({
+  container: part(main, "waiting"),
+  template: /** @type {HTMLTemplateElement} */ (document.getElementById("waiting-row")),
+  keyOf: keyOfRequest,
+  fill: fillRequest,
+});
+const poller = new Poller({ ask: beat, onAnswer: (view) => show(view), onState: showState });
+/** @type {any} */
+let view = null; // of the newest answer
+let sent = {}; // with the newest heartbeat
+/** @type {any} */
+let offer = null; // that the panel shows
+let answered = ""; // the key of the offer that this person has answered
+
+function beat() {
+  sent = availability.body;
+  return api.put("/api/v1/queue/me", sent);
+}
+
+function tick() {
+  alerts.tick();
+  // One who is away misses nothing that nobody sees.
+  if (!document.hidden || availability.state !== "away" || availability.choice) poller.tick();
+  if (!poller.isLive) showOfferLeft(null);
+}
+
+function show(newest) {
+  view = newest;
+  availability.receive(view, sent);
+  showAvailability();
+  showOffer(view.offer);
+  showOfferLeft(view.offer_left_s);
+  showCurrent(view.current);
+  showWaiting(view.waiting);
+}
+
+function showState(state) {
+  const since = state.since && localTimestamp(state.since);
+  feedState.dataset.feed = state.name;
+  main.dataset.stale = String(state.name !== "live");
+  setText(feedState, dataTexts[state.name]({ ...state, since }));
+  showAvailability();
+}
+
+// What was known before the answers ended is not said any more.
+function showAvailability() {
+  const state = poller.isLive ? availability.state : "";
+  main.dataset.state = state;
+  setText(byTestId(main, "queue-state"), stateText(state, view));
+  setText(byTestId(main, "wrap-up-left"), state === "wrap_up" ? secondsText(texts.wrapUpLeft, view?.wrap_up_left_s) : "");
+  press("available", state !== "" && availability.isAvailable);
+  press("away", state !== "" && !availability.isAvailable);
+  showLapse();
+}
+
+const press = (choice, pressed) => byTestId(main, `be-${choice}`).setAttribute("aria-pressed", String(pressed));
+
+function showLapse() {
+  const { lapse } = availability;
+  const times = lapse && { from: localTimestamp(lapse.from), to: localTimestamp(lapse.to) };
+  const words = lapse?.other ? texts.setAway : times && texts.silent(times);
+  setText(byTestId(main, "queue-lapse"), words || "");
+}
+
+function choose(state) {
+  availability.choose(state);
+  poller.askNow();
+}
+
+// The same request may be offered to one person again.
+const keyOf = ({ id, offer_until: until }) => `${id} ${until}`;
+
+function showOffer(newest) {
+  if (newest && keyOf(newest) === answered) return;
+  if (newest && offer && keyOf(newest) === keyOf(offer)) return fillRequest(offerPanel, newest);
+  if (offer) setText(byTestId(main, "offer-outcome"), texts.passed(offer.robot));
+  if (newest) beginOffer(newest);
+  else endOffer();
+}
+
+// An offer that takes the place of another takes no press that was meant for that one.
+function beginOffer(newest) {
+  offer = newest;
+  setText(byTestId(main, "offer-outcome"), "");
+  setText(part(offerPanel, "offer-alert"), texts.offered(newest.robot, reasonText(newest)));
+  fillRequest(offerPanel, newest);
+  for (const button of [accept, decline]) markNew(button);
+  alerts.offer(texts.titleOffer(newest.robot));
+  offerPanel.dataset.offered = "true";
+  part(offerPanel, "offer-body").hidden = false;
+}
+
+function endOffer() {
+  const hadFocus = part(offerPanel, "offer-body").contains(document.activeElement);
+  offer = null;
+  setText(part(offerPanel, "offer-alert"), "");
+  alerts.offer("");
+  offerPanel.dataset.offered = "false";
+  part(offerPanel, "offer-body").hidden = true;
+  if (hadFocus) offerPanel.focus({ preventScroll: true });
+}
+
+function showOfferLeft(seconds) {
+  const none = (poller.isLive && texts.noOffers[availability.state]) || texts.unknown;
+  setText(part(offerPanel, "no-offer"), offer ? "" : none);
+  setText(byTestId(main, "offer-left"), offer ? secondsText(texts.offerLeft, seconds) : "");
+}
+
+async function answerOffer(button, action, done) {
+  if (!offer || isNew(button)) return;
+  const { id, robot } = offer;
+  const key = keyOf(offer);
+  const outcome = byTestId(main, "offer-outcome");
+  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${action}`);
+  if (!ok) return setText(outcome, texts.refused(detail));
+  answered = key;
+  endOffer();
+  setText(outcome, done(robot));
+  if (action === "accept") drive(robot);
+  else poller.askNow();
+}
+
+// As Drive on the fleet page: the next page of this tab takes the control, if it is free.
+function drive(robot) {
+  new ReloadStore(robot).save({ armed: true, asked: true });
+  location.assign(`/robots/${encodeURIComponent(robot)}`);
+}
+
+function showCurrent(request) {
+  currentPanel.hidden = !request;
+  if (request) fillRequest(currentPanel, request);
+}
+
+async function close(event) {
+  event.preventDefault();
+  const { current } = view ?? {};
+  if (!current) return;
+  const note = byTestId(main, "close-note");
+  const { ok, detail } = await api.post(`/api/v1/requests/${current.id}/close`, { note: note.value.trim() });
+  setText(byTestId(main, "close-outcome"), ok ? texts.closed(current.robot) : texts.refused(detail));
+  if (!ok) return;
+  note.value = "";
+  part(main, "state-line").focus(); // the panel with the focus goes
+  poller.askNow();
+}
+
+function showWaiting(all) {
+  const shown = all.slice(0, MAX_ROWS);
+  waiting.show(shown);
+  setText(part(main, "waiting-more"), all.length > shown.length ? texts.more(all.length - shown.length) : "");
+  setText(part(main, "waiting-none"), all.length ? "" : texts.waitingNone);
+}
+
+function showAlerts() {
+  for (const name of ["sound", "title"]) byTestId(main, `alert-${name}`).checked = alerts.isOn(name);
+  setText(byTestId(main, "sound-note"), alerts.isSilenced ? texts.silentSound : "");
+}
+
+for (const state of ["available", "away"]) byTestId(main, `be-${state}`).addEventListener("click", () => choose(state));
+for (const name of ["sound", "title"]) {
+  byTestId(main, `alert-${name}`).addEventListener("change", ({ target }) => alerts.set(name, target.checked));
+}
+accept.addEventListener("click", () => answerOffer(accept, "accept", texts.accepting));
+decline.addEventListener("click", () => answerOffer(decline, "decline", texts.declined));
+byTestId(main, "current-drive").addEventListener("click", () => view?.current && drive(view.current.robot));
+part(main, "close").addEventListener("submit", close);
+for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, () => alerts.isSilenced && alerts.unlock());
+document.addEventListener("visibilitychange", tick);
+window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+new Presses().watch(window);
+new LoginUse().watch(window);
+showAlerts();
+startTicking(tick, main.dataset.ticker);
+tick();

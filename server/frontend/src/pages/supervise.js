@@ -1,0 +1,92 @@
+// The supervisor's page: what waits and how long, who does what, and assigning by hand. Loaded by supervise.html.
+
+import { api, LoginUse } from "../dom/calls.js";
+import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
+import { Presses } from "../dom/presses.js";
+import { Poller, tickWhileSeen } from "../queue/poller.js";
+import { fillRequest, KeyedRows, keyOfRequest } from "../queue/requestRows.js";
+import { figureTexts, offeredOperators, operatorFacts } from "../queue/supervision.js";
+import { data as dataTexts, supervise as texts } from "../texts/queue.js";
+
+const EVERY_MS = 2000; // interval between two questions
+
+const main = /** @type {HTMLElement} */ (document.querySelector("main"));
+const feedState = byTestId(main, "supervise-feed");
+const outcome = byTestId(main, "assign-outcome");
+const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getElementById(id));
+const bodyOf = (testId) => byTestId(main, testId).tBodies[0];
+/** @type {any[]} */
+let operators = [];
+
+const requests = new KeyedRows({
+  container: bodyOf("open-requests"),
+  template: templateOf("open-row"),
+  keyOf: keyOfRequest,
+  fill: fillRow,
+  onNew: (row, { id, robot }) => {
+    part(row, "operator").setAttribute("aria-label", texts.operatorFor(robot));
+    part(row, "assign").setAttribute("aria-label", texts.assign(robot));
+    part(row, "assign").addEventListener("click", () => assign(id, robot, part(row, "operator")));
+  },
+});
+const people = new KeyedRows({
+  container: bodyOf("operators"),
+  template: templateOf("operator-row"),
+  keyOf: ({ user }) => user,
+  fill: (row, operator) => {
+    for (const [name, words] of Object.entries(operatorFacts(operator))) setText(part(row, name), words);
+  },
+});
+const poller = new Poller({ ask, onAnswer: show, onState: showState, everyMs: EVERY_MS });
+
+// All of it, or what failed first: half of a page that is new and half that is old would be taken for one.
+async function ask() {
+  const answers = await Promise.all([
+    api.get("/api/v1/requests", { state: "open" }),
+    api.get("/api/v1/operators"),
+    api.get("/api/v1/requests/figures", { hours: 24 }),
+  ]);
+  const [open, staff, figures] = answers;
+  return answers.find(({ ok }) => !ok) ?? { ok: true, body: { ...open.body, ...staff.body, figures: figures.body } };
+}
+
+function show({ requests: open, operators: staff, figures }) {
+  operators = staff;
+  for (const [name, words] of Object.entries(figureTexts(figures))) setText(part(main, name), words);
+  requests.show(open);
+  byTestId(main, "open-requests").hidden = open.length === 0;
+  setText(part(main, "none"), open.length ? "" : texts.none);
+  people.show(staff);
+}
+
+function showState(state) {
+  feedState.dataset.feed = state.name;
+  main.dataset.stale = String(state.name !== "live");
+  setText(feedState, dataTexts[state.name]({ ...state, since: state.since && localTimestamp(state.since) }));
+}
+
+// The list of people is written anew only when it differs: one that is open would close.
+function fillRow(row, request) {
+  fillRequest(row, request);
+  const select = part(row, "operator");
+  const options = offeredOperators(operators);
+  const written = options.map(({ words }) => words).join("\n");
+  if (select.dataset.written === written) return;
+  select.dataset.written = written;
+  const { value } = select;
+  select.replaceChildren(new Option(texts.choose, ""), ...options.map(({ name, words }) => new Option(words, name)));
+  select.value = options.some(({ name }) => name === value) ? value : "";
+}
+
+async function assign(id, robot, select) {
+  const user = select.value;
+  if (!user) return setText(outcome, texts.chooseFirst(robot));
+  const { ok, detail } = await api.post(`/api/v1/requests/${id}/assign`, { user });
+  setText(outcome, ok ? texts.assigned(robot, user) : texts.failed(robot, detail));
+  if (ok) select.value = "";
+  poller.askNow();
+}
+
+new Presses().watch(window);
+new LoginUse().watch(window);
+tickWhileSeen(() => poller.tick());

@@ -1,0 +1,146 @@
+// The wall: pictures of up to 20 robots under one person's eyes, those that ask for help first. Loaded by wall.html.
+
+import { Feed } from "../client/feed.js";
+import { api, LoginUse } from "../dom/calls.js";
+import { byTestId, Choices, localTimestamp, matches, part, setText, TYPING } from "../dom/page.js";
+import { Presses } from "../dom/presses.js";
+import { offerDrive } from "../fleet/cards.js";
+import { filterOf, fromQuery, inNameOrder, toQuery } from "../fleet/filters.js";
+import { RobotList, throttled } from "../fleet/list.js";
+import { Thumbs } from "../fleet/thumbs.js";
+import { fillTile, keyOfPress, keysFor, MovingHand, newTile, requestsByRobot, wallNames } from "../fleet/wall.js";
+import { Poller, tickWhileSeen } from "../queue/poller.js";
+import { feed as feedTexts } from "../texts/common.js";
+import { data as dataTexts, wall as texts } from "../texts/queue.js";
+
+const SHOW_EVERY_MS = 500;
+const REQUESTS_EVERY_MS = 2000;
+
+const main = /** @type {HTMLElement} */ (document.querySelector("main"));
+const facts = JSON.parse(main.dataset.robots ?? "{}"); // level and camera, which the events do not have
+const choices = new Choices("wall");
+const [feedState, requestState] = [byTestId(main, "wall-feed"), byTestId(main, "wall-requests")];
+const [search, keysBox] = [part(main, "search"), byTestId(main, "wall-keys")];
+const thumbs = new Thumbs();
+const robots = new Map();
+const filter = fromQuery(location.search);
+let byRobot = new Map();
+/** @type {Map<string, string>} */
+let keys = new Map();
+
+const list = new RobotList({
+  container: part(main, "wall"),
+  template: document.getElementById("wall-tile"),
+  make: newTile,
+  fill: (tile, robot) =>
+    fillTile(tile, robot, { request: byRobot.get(robot.name), key: keys.get(robot.name), mayDrive: mayDrive(robot.name) }),
+  onNew: (tile, name) => {
+    tile.dataset.camera = facts[name]?.camera ?? "";
+    thumbs.add(tile, name);
+    if (mayDrive(name)) offerDrive(tile, name);
+  },
+});
+const showSoon = throttled(show, SHOW_EVERY_MS);
+const hand = new MovingHand({ onRest: showSoon });
+
+// A robot that came while the page was open: the drive page finds out.
+function mayDrive(name) {
+  return facts[name]?.level !== "observe";
+}
+
+function show() {
+  if (poller.state === "connecting") return; // who asks for help is not known yet
+  const fits = filterOf(filter);
+  const all = inNameOrder(robots.keys())
+    .map((name) => robots.get(name))
+    .filter(({ state }) => state === "active");
+  const fitting = all.filter(fits);
+  const names = namesToShow(fitting);
+  keys = keysFor(names, keys);
+  const shown = new Set(names);
+  for (const name of list.elements.keys()) if (!shown.has(name)) list.remove(name, false);
+  for (const name of names) list.fill(robots.get(name), true);
+  list.arrange(names, shown);
+  const asking = [...byRobot.keys()].filter((name) => robots.has(name));
+  setText(byTestId(main, "wall-asking"), texts.asking(asking));
+  setText(byTestId(main, "wall-count"), texts.count(names.length, all.length));
+  byTestId(main, "wall-empty").hidden = names.length > 0 || feedState.dataset.feed !== "live";
+}
+
+// While a hand moves over the wall, each robot keeps its place.
+function namesToShow(fitting) {
+  const names = wallNames(fitting, byRobot);
+  if (!hand.moves) return names;
+  const present = [...list.container.children].map(({ dataset }) => dataset.robot);
+  return present.length ? present.filter((name) => fitting.some((robot) => robot.name === name)) : names;
+}
+
+function receiveFleet(all) {
+  robots.clear();
+  for (const robot of all) robots.set(robot.name, robot);
+  showSoon();
+}
+
+function receive(robot) {
+  robots.set(robot.name, robot);
+  showSoon();
+}
+
+const feed = new Feed({
+  onFleet: receiveFleet,
+  onRobot: receive,
+  onRemoved: ({ name }) => {
+    robots.delete(name);
+    showSoon();
+  },
+  onState: (state) => {
+    feedState.dataset.feed = state;
+    main.dataset.feed = state;
+    setText(feedState, feedTexts[state]);
+  },
+});
+
+const poller = new Poller({
+  ask: () => api.get("/api/v1/requests", { state: "open" }),
+  onAnswer: ({ requests }) => {
+    byRobot = requestsByRobot(requests);
+    showSoon();
+  },
+  onState: (state) => {
+    const lost = state.name === "lost";
+    main.dataset.stale = String(lost);
+    setText(requestState, lost ? dataTexts.lost({ ...state, since: state.since && localTimestamp(state.since) }) : "");
+    showSoon();
+  },
+  everyMs: REQUESTS_EVERY_MS,
+});
+
+// One key takes a robot; a person who types, or has switched that off, takes none.
+function takeByKey(event) {
+  if (!keysBox.checked || matches(event.target, TYPING)) return;
+  const key = keyOfPress(event);
+  const name = key && [...keys].find(([, itsKey]) => itsKey === key)?.[0];
+  if (name) part(list.elements.get(name), "drive").click();
+}
+
+function setKeys(on) {
+  choices.keep({ keys: on });
+  main.dataset.keys = String(on);
+}
+
+search.value = filter.words;
+search.addEventListener("input", () => {
+  filter.words = search.value;
+  history.replaceState(null, "", location.pathname + toQuery(filter));
+  show();
+});
+keysBox.checked = choices.all.keys !== false;
+setKeys(keysBox.checked);
+keysBox.addEventListener("change", () => setKeys(keysBox.checked));
+window.addEventListener("keydown", takeByKey);
+window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
+hand.listen(part(main, "wall"));
+new Presses().watch(window);
+new LoginUse().watch(window);
+feed.start();
+tickWhileSeen(() => poller.tick());

@@ -1,0 +1,78 @@
+// Requests for help as rows of a page, whose markup is the server's. All that people and robots wrote is text, never markup.
+
+import { durationText, part, setText } from "../dom/page.js";
+import { queue as queueTexts, requests as texts } from "../texts/queue.js";
+
+// Keeps one element for each item: what stays is only filled in, so that focus, choices and presses keep their place.
+export class KeyedRows {
+  // `template` makes an element, `fill(element, item)` writes into it; `keyOf(item)` is the item's own.
+  /** @param {{container: HTMLElement, template: HTMLTemplateElement, keyOf: (item: any) => string, fill: Function, onNew?: Function}} options */
+  constructor({ container, template, keyOf, fill, onNew = () => {} }) {
+    this.container = container;
+    this.template = template;
+    this.keyOf = keyOf;
+    this.fill = fill;
+    this.onNew = onNew;
+    this.elements = new Map();
+  }
+
+  show(items) {
+    const keys = new Set(items.map(this.keyOf));
+    for (const [key, element] of this.elements) if (!keys.has(key)) this.remove(key, element);
+    let place = this.container.firstElementChild;
+    for (const item of items) {
+      const element = this.elements.get(this.keyOf(item)) ?? this.make(item);
+      if (element === place) place = element.nextElementSibling;
+      else this.container.insertBefore(element, place);
+      this.fill(element, item);
+    }
+  }
+
+  make(item) {
+    const element = /** @type {HTMLElement} */ (this.template.content.firstElementChild?.cloneNode(true));
+    this.elements.set(this.keyOf(item), element);
+    this.onNew(element, item);
+    return element;
+  }
+
+  remove(key, element) {
+    element.remove();
+    this.elements.delete(key);
+  }
+}
+
+export const keyOfRequest = ({ id }) => String(id);
+
+// What is written of a request, by the part that it goes into. Pure. Unknown is "-".
+export function requestFacts({ robot, reason, source, priority, pool, asked_by: asker, age_s: age, state, ...more }) {
+  return {
+    robot,
+    reason: reasonText({ reason, source }),
+    priority: texts.priorities[priority] ?? texts.unknown,
+    pool: pool || texts.anyPool,
+    asker: asker || texts.unknown,
+    age: ageText(age),
+    state: texts.states[state]?.(more) ?? texts.unknown,
+  };
+}
+
+// A rule of the robot names itself; what else asks has words of its own.
+export const reasonText = ({ reason, source }) => reason || texts.sources[source] || texts.noReason;
+
+export const ageText = (seconds) => (Number.isFinite(seconds) ? durationText(seconds * 1000) : texts.unknown);
+
+// Writes the facts into those parts that the element has.
+export function fillRequest(element, request) {
+  for (const [name, words] of Object.entries(requestFacts(request))) setText(part(element, name), words);
+  element.dataset.priority = String(request.priority);
+  element.dataset.state = request.state;
+  const link = part(element, "robot");
+  if (link?.tagName === "A") link.setAttribute("href", `/robots/${encodeURIComponent(request.robot)}`);
+}
+
+// Where this person stands, by the newest QueueView; "" is unknown. Pure.
+export const stateText = (state, view) =>
+  queueTexts.states[state]?.({ ahead: view?.ahead, robot: view?.current?.robot }) ?? queueTexts.stateUnknown;
+
+// Seconds that are left, as `written` has them.
+export const secondsText = (written, seconds) => (Number.isFinite(seconds) ? written(Math.ceil(seconds)) : texts.unknown);

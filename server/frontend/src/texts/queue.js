@@ -1,0 +1,102 @@
+// Sentences of the pages: requests for help, the operator's queue, the supervisor's page, the wall. No logic beyond filling in.
+
+import { sentence } from "./common.js";
+
+const UNKNOWN = "-";
+
+export const requests = {
+  unknown: UNKNOWN,
+  priorities: { 1: "Urgent", 2: "Normal", 3: "Low" },
+  sources: {
+    stop: "The robot was stopped",
+    battery: "Battery low",
+    diagnostics: "Diagnostics error",
+    geofence: "Outside its area",
+    navigation: "Navigation silent",
+  },
+  noReason: "No reason given",
+  anyPool: "Any",
+  asked: (name, duration) => `${name} asked ${duration} ago`,
+  states: {
+    waiting: () => "Waiting",
+    offered: ({ offered_to: name }) => `Offered to ${name ?? UNKNOWN}`,
+    accepted: ({ accepted_by: name }) => `${name ?? UNKNOWN} works on it`,
+    closed: () => "Closed",
+    cancelled: () => "Cancelled",
+  },
+};
+
+// By what is known of the server, as of queue/poller.js.
+export const data = {
+  connecting: () => "Connecting",
+  live: () => "Live",
+  lost: ({ since, detail }) => {
+    const why = detail ? sentence(detail) : "No answer from the server.";
+    return since ? `${why} What is shown is from ${since}.` : why;
+  },
+  login: () => "Your login has ended. Reload to log in.",
+};
+
+export const queue = {
+  unknown: UNKNOWN,
+  states: {
+    available: ({ ahead }) => `You are available.${nextWords(ahead)}`,
+    busy: ({ robot }) => (robot ? `You are busy with ${robot}.` : "You are busy."),
+    wrap_up: () => "Wrap-up: nothing is offered to you yet.",
+    away: () => "You are away. Press Available to get requests.",
+  },
+  stateUnknown: "It is not known whether you are available.",
+  setAway: "You were set to away in another window.",
+  silent: ({ from, to }) => `The server got no word from this page from ${from} to ${to}, so you are away.`,
+  wrapUpLeft: (seconds) => `${seconds} s left`,
+  noOffers: {
+    available: "Nothing is offered to you now.",
+    busy: "While you are busy, nothing is offered to you.",
+    wrap_up: "Nothing is offered to you before the wrap-up ends.",
+    away: "While you are away, nothing is offered to you.",
+  },
+  offered: (robot, reason) => `${robot} asks for help: ${sentence(reason)} Accept or decline.`,
+  offerLeft: (seconds) => `${seconds} s left`,
+  passed: (robot) => `The offer of ${robot} is over.`,
+  declined: (robot) => `You declined ${robot}.`,
+  accepting: (robot) => `Opening ${robot}.`,
+  closed: (robot) => `The request of ${robot} is closed.`,
+  refused: (detail) => (detail ? sentence(detail) : "The server does not answer. Try again."),
+  titleOffer: (robot) => `Offer: ${robot}`,
+  silentSound: "The browser plays sound only after a click or a key on this page.",
+  waitingNone: "No request waits.",
+  more: (count) => `${count} more`,
+};
+
+function nextWords(ahead) {
+  if (ahead === null || ahead === undefined) return "";
+  if (ahead === 0) return " You are next.";
+  return ahead === 1 ? " 1 operator is before you." : ` ${ahead} operators are before you.`;
+}
+
+export const supervise = {
+  operatorStates: { available: "Available", busy: "Busy", wrap_up: "Wrap-up", away: "Away" },
+  worksOn: (robot, reason) => `${robot}: ${reason}`,
+  none: "No request is open.",
+  option: (name, state) => `${name} (${state})`,
+  choose: "Operator",
+  operatorFor: (robot) => `Operator for ${robot}`,
+  assign: (robot) => `Assign ${robot}`,
+  chooseFirst: (robot) => `Choose an operator for ${robot} first.`,
+  assigned: (robot, name) => `${robot} is offered to ${name}.`,
+  failed: (robot, detail) => `${robot}: not assigned. ${detail ? sentence(detail) : "The server does not answer."}`,
+};
+
+export const wall = {
+  asks: (reason, duration) => `Asks for help (${duration}): ${reason}`,
+  urgent: (words) => `Urgent. ${words}`,
+  accepted: (words, name) => `${words}, ${name} works on it`,
+  asking: (names) => {
+    if (names.length === 0) return "";
+    return names.length === 1 ? `${names[0]} asks for help.` : `${names.length} robots ask for help: ${names.join(", ")}.`;
+  },
+  count: (shown, all) => (shown === all ? `${all} robots` : `${shown} of ${all} robots; search to see the others`),
+  stopped: (name) => `Stopped by ${name}`,
+  drive: "Drive",
+  watch: "Watch",
+};

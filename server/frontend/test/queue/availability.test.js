@@ -1,0 +1,54 @@
+import assert from "node:assert/strict";
+import { beforeEach, test } from "node:test";
+
+import { Availability } from "../../src/queue/availability.js";
+
+const START = Date.parse("2026-01-01T12:00:00Z");
+
+let now, availability;
+
+beforeEach(() => {
+  now = START;
+  availability = new Availability({ now: () => now });
+});
+
+// A heartbeat and its answer.
+function beat(view) {
+  const sent = availability.body;
+  availability.receive(view, sent);
+  return sent;
+}
+
+const AVAILABLE = { state: "available", available: true };
+const AWAY = { state: "away", available: false };
+
+test("a choice is sent until the server has it, and other heartbeats change nothing", () => {
+  assert.deepEqual(beat(AWAY), {}, "nobody is available who did not choose it");
+  availability.choose("available");
+  assert.deepEqual(availability.body, { state: "available" });
+  assert.deepEqual(beat(AVAILABLE), { state: "available" });
+  assert.deepEqual(beat(AVAILABLE), {});
+  availability.choose("away");
+  now += 10_001;
+  assert.deepEqual(availability.body, {}, "a press that did not reach the server in 10 s");
+});
+
+test("a page that slept says from when to when, and another window is told apart; Available ends both", () => {
+  beat(AVAILABLE);
+  now += 63_000;
+  beat(AWAY);
+  assert.deepEqual(availability.lapse, { other: false, from: new Date(START), to: new Date(START + 63_000) });
+  availability.choose("available");
+  assert.equal(availability.lapse, null);
+  beat(AVAILABLE);
+  now += 1000;
+  beat(AWAY);
+  assert.equal(availability.lapse.other, true);
+});
+
+test("who chose to be away is told nothing, and is busy without being available", () => {
+  beat({ state: "busy", available: true });
+  availability.choose("away");
+  beat({ state: "busy", available: false });
+  assert.deepEqual([availability.lapse, availability.isAvailable], [null, false]);
+});

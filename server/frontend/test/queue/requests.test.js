@@ -1,0 +1,106 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { KeyedRows, requestFacts, stateText } from "../../src/queue/requestRows.js";
+import { figureTexts, offeredOperators, operatorFacts } from "../../src/queue/supervision.js";
+
+const REQUEST = {
+  id: 7,
+  robot: "sim1",
+  reason: "<b>stuck</b>",
+  source: "page",
+  priority: 1,
+  pool: "hall",
+  asked_by: "ann",
+  age_s: 125.4,
+  state: "offered",
+  offered_to: "ben",
+};
+
+test("a request is written as it is known, and what is not known is -", () => {
+  assert.deepEqual(requestFacts(REQUEST), {
+    robot: "sim1",
+    reason: "<b>stuck</b>",
+    priority: "Urgent",
+    pool: "hall",
+    asker: "ann",
+    age: "2 min 5 s",
+    state: "Offered to ben",
+  });
+  const unknown = { ...REQUEST, reason: "", source: "battery", priority: 9, pool: "", asked_by: null, age_s: null, state: "new" };
+  const { reason, priority, pool, asker, age, state } = requestFacts(unknown);
+  assert.deepEqual([reason, priority, pool, asker, age, state], ["Battery low", "-", "Any", "-", "-", "-"]);
+});
+
+for (const [state, view, words] of [
+  ["available", { ahead: 0 }, "You are available. You are next."],
+  ["available", { ahead: 2 }, "You are available. 2 operators are before you."],
+  ["available", { ahead: null }, "You are available."],
+  ["busy", { current: REQUEST }, "You are busy with sim1."],
+  ["", null, "It is not known whether you are available."],
+]) {
+  test(`an operator reads: ${words}`, () => assert.equal(stateText(state, view), words));
+}
+
+test("figures and operators that are not known are -", () => {
+  const figures = { open: 0, oldest_open_s: null, waiting_p50_s: 10.6, waiting_p95_s: 63, answered: 12 };
+  assert.deepEqual(figureTexts(figures), { open: "0", oldest: "-", p50: "11 s", p95: "1 min 3 s", answered: "12" });
+  const away = { user: "ben", state: "away", since: null, request: null, pools: [] };
+  assert.deepEqual(operatorFacts(away), { user: "ben", "operator-state": "Away", since: "-", request: "-", pools: "-" });
+});
+
+test("a request can be assigned to who is available, then to who wraps up", () => {
+  const operators = ["busy", "wrap_up", "away", "available"].map((state) => ({ user: `is-${state}`, state }));
+  assert.deepEqual(
+    offeredOperators(operators).map(({ words }) => words),
+    ["is-available", "is-wrap_up (Wrap-up)"],
+  );
+});
+
+// A list of elements, as far as KeyedRows needs one.
+class FakeElement {
+  constructor(parent = null) {
+    this.parent = parent;
+    this.children = [];
+    this.moves = 0;
+  }
+
+  get firstElementChild() {
+    return this.children[0] ?? null;
+  }
+
+  get nextElementSibling() {
+    return this.parent.children[this.parent.children.indexOf(this) + 1] ?? null;
+  }
+
+  insertBefore(element, next) {
+    this.moves += 1;
+    element.remove();
+    element.parent = this;
+    this.children.splice(next ? this.children.indexOf(next) : this.children.length, 0, element);
+  }
+
+  remove() {
+    if (this.parent) this.parent.children = this.parent.children.filter((other) => other !== this);
+  }
+}
+
+test("rows that stay are not moved, so that focus and choices stay with them", () => {
+  const container = new FakeElement();
+  const template = { content: { firstElementChild: { cloneNode: () => new FakeElement() } } };
+  const rows = new KeyedRows({ container, template, keyOf: String, fill: (element, item) => (element.text = item) });
+  const show = (...items) => {
+    container.moves = 0;
+    rows.show(items);
+    assert.deepEqual(
+      container.children.map(({ text }) => text),
+      items,
+    );
+    return container.moves;
+  };
+  assert.equal(show("a", "b", "c"), 3);
+  const [, b] = container.children;
+  assert.equal(show("b", "c"), 0);
+  assert.equal(show("urgent", "b", "c", "d"), 2);
+  assert.equal(container.children[1], b);
+});
