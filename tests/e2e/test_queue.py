@@ -9,7 +9,7 @@ from contextlib import closing
 import page_holds
 import pytest
 from page_users import PageUsers
-from pages import expect_armed, expect_mode
+from pages import expect_armed, expect_mode, open_drawer
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -21,10 +21,10 @@ NOTE = "pushed it <i>back</i>"
 
 @pytest.fixture
 def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
-    """Quinn and Rosa, who may drive, and Sven, who manages; nobody has asked for anything."""
+    """Quinn, Rosa and Tess, who may drive, and Sven, who manages; nobody has asked for anything."""
     stack.wait_until_drivable(ROBOT)
     with closing(PageUsers(stack, browser)) as people:
-        for name in ("quinn", "rosa"):
+        for name in ("quinn", "rosa", "tess"):
             people.let(name, "drive", ROBOT)
         people.let("sven", "manage", ROBOT)
         yield people
@@ -66,6 +66,7 @@ def _drive_and_close(page: Page, stack: Stack) -> None:
     page.wait_for_url(f"**/robots/{ROBOT}")
     expect_mode(page, "drive")
     expect_armed(page)
+    expect(page.get_by_test_id("help-badge")).to_be_visible()
     with SimWatch(stack, ROBOT) as watch:
         page_holds.drive(page, watch)
         page.keyboard.up("w")
@@ -101,6 +102,28 @@ def test_a_request_passes_from_one_operator_to_the_next_who_drives(
     expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
     [closed, *_] = stack.admin.ask("GET", f"/requests?state=closed&robot={ROBOT}")["requests"]
     assert (closed["accepted_by"], closed["reason"], closed["note"]) == ("rosa", REASON, NOTE)
+
+
+def test_a_supervisor_assigns_what_the_drive_page_asks_for(
+    page_users: PageUsers, stack: Stack
+) -> None:
+    """Also to somebody who has just declined it; whoever asked can withdraw it."""
+    tess, sven = _be_available(page_users, "tess"), _supervise(page_users)
+    quinn = page_users.open("quinn", ROBOT)
+    open_drawer(quinn)
+    quinn.get_by_test_id("help-ask").click()
+    quinn.get_by_test_id("help-reason").fill(REASON)
+    quinn.keyboard.press("Enter")
+    expect(quinn.get_by_test_id("help-list")).to_contain_text(REASON)
+    expect(quinn.get_by_test_id("help-badge")).to_have_text("Help asked")
+    _press(tess, "offer-decline")
+    sven.get_by_test_id("assign-operator").select_option("tess")
+    sven.get_by_test_id("assign").click()
+    expect(sven.get_by_test_id("assign-outcome")).to_have_text(f"{ROBOT} is offered to tess.")
+    _expect_offer(tess)
+    quinn.get_by_test_id("help-withdraw").click()
+    expect(quinn.get_by_test_id("help-badge")).to_be_hidden()
+    expect(tess.get_by_test_id("offer-robot")).to_be_hidden()
 
 
 def test_the_wall_has_robots_that_ask_first_and_takes_one_by_a_key(

@@ -12,6 +12,8 @@ import { Summary } from "../control/driveSummary.js";
 import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
 import { setUpControls } from "../input/controls.js";
+import { AskForHelp } from "../queue/askForHelp.js";
+import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { Readback, Readings } from "../overlays/readings.js";
 import { SeenAge } from "../overlays/seenAge.js";
 import { RECORDED, watchers } from "../texts/common.js";
@@ -27,6 +29,7 @@ import { driveSettings } from "./settings.js";
 
 const CHECK_MS = 50;
 const SILENCE_CHECK_MS = 250;
+const HELP_EVERY_MS = 5000;
 
 const root = document.body; // the header has a part in it, too
 const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
@@ -100,6 +103,20 @@ new Uplink(part(root, "uplink"), {
 // Drivers have these.
 const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;
 const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
+
+const askForHelp = new AskForHelp(root, {
+  robot,
+  me: user,
+  level,
+  post: (path, body) => api.post(path, body),
+  onAsked: () => helpPoller.askNow(),
+});
+const helpPoller = new Poller({
+  ask: () => api.get("/api/v1/requests", { state: "open", robot }),
+  onAnswer: ({ requests }) => askForHelp.receive(requests),
+  onState: ({ name }) => name !== "live" && askForHelp.receive(null),
+  everyMs: HELP_EVERY_MS,
+});
 
 async function requestUrl(mode) {
   return rosUrl(location.href, robot, await requestTicket(api, robot, mode));
@@ -296,6 +313,7 @@ window.addEventListener("pagehide", () => {
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 setInterval(() => interlock.check(), CHECK_MS);
 setInterval(checkSilence, SILENCE_CHECK_MS);
+tickWhileSeen(() => helpPoller.tick());
 connection.start();
 view.start();
 feed.start();

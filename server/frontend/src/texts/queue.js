@@ -100,3 +100,14 @@ export const wall = {
   drive: "Drive",
   watch: "Watch",
 };
+
+export const help = {
+  open: "Help asked",
+  unknown: "It is not known whether help is asked for.",
+  sent: "The request waits for an operator.",
+  already: (reason) => `Help is asked for already: ${sentence(reason)}`,
+  failed: (detail) => `Not asked for. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
+  withdraw: "Withdraw",
+  cancelled: "The request is withdrawn.",
+  notWithdrawn: (detail) => `Not withdrawn. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
+};

@@ -38,6 +38,13 @@ def test_everybody_is_led_to_the_pages_that_concern_them(visitors, level, has_qu
     assert ("This page is for managers of robots." in supervised.text) is not may_supervise
 
 
+def test_only_who_may_drive_can_ask_for_help(visitors):
+    for level, may_ask in (("observe", False), ("drive", True)):
+        page = visitors[level].ask("GET", "/robots/sim1").text
+        assert ('data-testid="help-ask"' in page) is may_ask
+        assert 'data-testid="help-list"' in page
+
+
 def test_wall_names_only_robots_that_its_user_may_see(visitors):
     """With the level, which decides whether a press drives."""
     for level, robots in (
