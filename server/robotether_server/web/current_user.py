@@ -75,6 +75,6 @@ def source() -> Source:
 def _for_templates() -> dict[str, object]:
     return {
         "user": g.get("user"),
-        "levels": g.get("levels", frozenset()),
+        "own_levels": g.get("levels", frozenset()),
         "waiting_count": g.get("waiting", 0),
     }
