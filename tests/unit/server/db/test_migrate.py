@@ -269,6 +269,14 @@ def fill(tx):
             "INSERT INTO drives (robot, user_name, fence, started_at, ended_at) "
             f"VALUES ('a', 'ann', 1, {at}, {at})"
         )
+        tx.change(
+            "INSERT INTO help_requests (robot_id, reason, source, priority, asked_by, state, closed_at) "
+            f"SELECT id, '', 'api', 2, 'ann', 'closed', {at} FROM robots WHERE name = 'a'"
+        )
+    tx.change(
+        "INSERT INTO help_requests (robot_id, reason, source, priority, asked_by, created_at) "
+        f"SELECT id, '', 'api', 2, 'ann', {old} FROM robots WHERE name = 'a'"
+    )
     tx.change(
         f"INSERT INTO drives (robot, user_name, fence, started_at) VALUES ('a', 'go', 1, {old})"
     )
@@ -280,9 +288,9 @@ def fill(tx):
 
 
 def counts(tx):
-    tables = ("audit_events", "drives", "robot_sessions")
+    tables = ("audit_events", "drives", "robot_sessions", "help_requests")
     rows = [tx.row(f"SELECT COUNT(*) AS rows_ FROM {table}") or {} for table in tables]
-    return rows[0]["rows_"], rows[1]["rows_"], rows[2]["rows_"]
+    return tuple(row["rows_"] for row in rows)
 
 
 def test_old_history_goes_and_what_goes_on_stays(admin_database):
@@ -291,7 +299,7 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database):
         fill(tx)
         migrations.set_audit_days(tx, 365)
         tx.change("CALL prune_history()")
-        assert counts(tx) == (1, 2, 2)
+        assert counts(tx) == (1, 2, 2, 2)
 
 
 def test_zero_days_are_for_ever(admin_database):
@@ -300,7 +308,7 @@ def test_zero_days_are_for_ever(admin_database):
         migrations.set_audit_days(tx, 365)
         migrations.set_audit_days(tx, 0)
         tx.change("CALL prune_history()")
-        assert counts(tx) == (2, 3, 4)
+        assert counts(tx) == (2, 3, 4, 3)
 
 
 def test_database_prunes_by_itself(mariadb):
