@@ -28,8 +28,9 @@ log = logging.getLogger(__name__)
 NS_PER_S = 1_000_000_000
 # Time before a stop that is recorded with it.
 BEFORE_STOP_S = 30.0
-# Maximum size of what waits for a stop in memory.
+# Maximum size of what waits for a stop in memory, of one robot and of all.
 MAX_WAITING_BYTES = 48 * 1024 * 1024
+MAX_ALL_WAITING_BYTES = 512 * 1024 * 1024
 
 
 def path_of(folder: Path, recording_id: int) -> Path:
@@ -60,9 +61,8 @@ class OpenRecording:
 class RecentMessages:
     """The messages of the last seconds, in bounded memory."""
 
-    def __init__(self, kept_s: float = BEFORE_STOP_S, max_bytes: int = MAX_WAITING_BYTES) -> None:
-        self._kept_ns = int(kept_s * NS_PER_S)
-        self._max_bytes = max_bytes
+    def __init__(self) -> None:
+        self.max_bytes = MAX_WAITING_BYTES
         self._messages: deque[RecordedMessage] = deque()
         self._bytes = 0
 
@@ -70,11 +70,11 @@ class RecentMessages:
         """Add the newest."""
         self._messages.append(message)
         self._bytes += len(message.data)
-        oldest_ns = message.log_ns - self._kept_ns
-        while self._messages[0].log_ns < oldest_ns or self._bytes > self._max_bytes:
+        oldest_ns = message.log_ns - int(BEFORE_STOP_S * NS_PER_S)
+        while self._messages and (
+            self._messages[0].log_ns < oldest_ns or self._bytes > self.max_bytes
+        ):
             self._bytes -= len(self._messages.popleft().data)
-            if not self._messages:
-                return
 
     def all(self) -> list[RecordedMessage]:
         """Return all that are kept, the oldest first."""
@@ -126,6 +126,16 @@ class RobotRecorder:
     def is_collecting(self) -> bool:
         """Whether what comes is kept."""
         return bool(self.recordings) or self._recent is not None
+
+    @property
+    def keeps_recent(self) -> bool:
+        """Whether the last seconds are kept in memory."""
+        return self._recent is not None
+
+    def share_memory(self, robots: int) -> None:
+        """Keep no more of the last seconds than this number of robots may together."""
+        if self._recent is not None:
+            self._recent.max_bytes = min(MAX_WAITING_BYTES, MAX_ALL_WAITING_BYTES // robots)
 
     def keep_recent(self, keeps: bool) -> None:
         """Keep the last seconds in memory, or no longer."""

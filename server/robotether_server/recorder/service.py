@@ -134,6 +134,9 @@ class RecorderService:
             await self._handle(row, recordable.get(row.robot_id))
         for robot in robots:
             await self._by_settings(robot)
+        keeping = [recorder for recorder in self._robots.values() if recorder.keeps_recent]
+        for recorder in keeping:
+            recorder.share_memory(len(keeping))
         await self._follow()
         await self._write_progress()
         await self._delete_old()

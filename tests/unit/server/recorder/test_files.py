@@ -17,6 +17,7 @@ from robotether_server.recorder.cdr import EncodingError, encoder_of
 from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
 from robotether_server.recorder.mcap_file import McapFile, RecordedChannel, RecordedMessage, repair
 from robotether_server.recorder.reader import read_messages
+from robotether_server.recorder.robot_recorder import RecentMessages
 from robotether_server.recorder.ros_types import UnknownTypeError, type_of
 from rosbags.highlevel import AnyReader
 from sim_robot.graph import make_graph
@@ -187,6 +188,18 @@ def test_frames_are_read_by_rosbags(tmp_path: Path, codec: str, size: int) -> No
     )
     assert bytes(frame.data) == b"x" * size
     assert frame.format == codec
+
+
+def test_what_waits_for_a_stop_is_bounded() -> None:
+    recent = RecentMessages()
+    for second in range(40):
+        recent.add(count(0)._replace(log_ns=second * 10**9))
+    assert [message.log_ns // 10**9 for message in recent.all()] == list(range(9, 40))
+    recent.max_bytes = 50
+    recent.add(count(0)._replace(log_ns=40 * 10**9, data=bytes(48)))
+    assert [len(message.data) for message in recent.all()] == [48]
+    recent.add(count(0)._replace(log_ns=41 * 10**9, data=bytes(51)))
+    assert recent.all() == []
 
 
 @pytest.mark.parametrize(
