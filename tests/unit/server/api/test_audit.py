@@ -69,6 +69,7 @@ LISTS = {
     "ssh_keys": "/me/ssh-keys",
     "rejected_keys": "/rejected-keys",
     "requests": "/requests",
+    "routes": "/routes",
 }
 
 
@@ -79,6 +80,13 @@ def finger(robot):
 # Every change that the API can make, one after the other: method, path, body, kind of the line that it leaves.
 ZOE = {"name": "zoe", "role": "user", "password": PASSWORD}
 POLICY = {"policy": {"drive": {"call": ["/dock"]}}}
+ROUTE = {
+    "source": "sim9",
+    "source_topic": "/odom",
+    "target": "sim1",
+    "target_topic": "/odom",
+    "type": "nav_msgs/Odometry",
+}
 STEPS = (
     ("POST", "/users", ZOE, "user_added"),
     ("PATCH", "/users/zoe", {"role": "admin"}, "user_role_set"),
@@ -94,6 +102,8 @@ STEPS = (
     ("PATCH", "/robots/sim9", {"mac": "00:1b:44:11:3a:b9"}, "robot_mac_set"),
     ("PATCH", "/robots/sim9", {"state": "disabled"}, "robot_disabled"),
     ("PATCH", "/robots/sim9", {"state": "active"}, "robot_enabled"),
+    ("POST", "/routes", ROUTE, "route_made"),
+    ("DELETE", "/routes/{routes}", None, "route_removed"),
     ("PATCH", "/robots/sim9", {"shell": True}, "robot_shell_set"),
     ("PATCH", "/robots/sim9", {"settings": POLICY}, "robot_settings_set"),
     ("PUT", "/robots/sim9/page", {"fps": 10}, "robot_page_set"),
