@@ -33,7 +33,7 @@ variable "SOURCE" {
 
 # What a site runs.
 variable "PUBLISHED" {
-  default = ["mysql", "sshd", "nginx", "acme", "server", "sim_robot"]
+  default = ["mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot"]
 }
 
 group "default" {
@@ -76,6 +76,11 @@ target "acme" {
   labels  = labels("acme", "Gets and renews the certificate from an ACME authority")
   context = "images/acme"
   tags    = ["${REGISTRY}robotether/acme:${TAG}"]
+}
+target "prometheus" {
+  labels  = labels("prometheus", "Keeps the relay's numbers and works out alerts: Prometheus")
+  context = "images/prometheus"
+  tags    = ["${REGISTRY}robotether/prometheus:${TAG}"]
 }
 target "server" {
   labels     = labels("server", "The pages, the API, the relay and the robotether command")

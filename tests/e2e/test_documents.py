@@ -56,6 +56,7 @@ NOT_RUN = {
         r"tools/(backup|restore) "
     ),
     "needs a timer of systemd: tests/ansible/test_server.py": r"journalctl ",
+    "needs the profile metrics: tests/images/test_prometheus.py": r"docker compose exec prometheus ",
     "is a script of the reader's own": r"#!/|age |trap ",
 }
 MAC = "b8:27:eb:12:34:56"

@@ -80,7 +80,7 @@ def test_our_images_are_pulled_only_if_asked_to(policy: str, pulls: bool) -> Non
         settings = {
             "REGISTRY": f"127.0.0.1:{registry.server_port}/",
             "PULL_POLICY": policy,
-            "COMPOSE_PROFILES": "acme,direct,demo,demo-more",
+            "COMPOSE_PROFILES": "acme,direct,metrics,demo,demo-more",
             "COMPOSE_PROJECT_NAME": "robotether-pull-test",
         }
         for arguments in (["pull"], ["up", "--no-build", "--no-start"]):
@@ -239,7 +239,7 @@ def test_second_start_changes_nothing(stack: Stack) -> None:
 
 def test_no_secret_is_in_an_image() -> None:
     """The images' histories and environments hold no CA bundle and no generated secret."""
-    for name in ("mysql", "sshd", "nginx", "acme", "server", "sim_robot"):
+    for name in ("mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot"):
         done = subprocess.run(
             ["docker", "image", "inspect", image(name), "--format", "{{json .Config}}"],
             capture_output=True, text=True, check=True, cwd=ROOT,

@@ -15,7 +15,7 @@ from image_names import image as name_of
 from stack import ROOT
 
 # What `make images` builds.
-BUILT = ("mysql", "sshd", "nginx", "acme", "server", "sim_robot")
+BUILT = ("mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot")
 OCI = "org.opencontainers.image."
 
 
