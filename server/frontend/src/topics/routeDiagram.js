@@ -4,7 +4,7 @@ import { make, makeButton, part, setText } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
 
 const DRAG_PX = 8;
-const RATE_BELOW_PX = 32;
+const RATE_BELOW_PX = 36;
 const SVG = "http://www.w3.org/2000/svg";
 
 // A line from the right edge of one thing to the left edge of another. Pure.
