@@ -52,6 +52,7 @@ TABLES = {
     "key_id": "user_ssh_keys",
     "recording_id": "recordings",
     "rejected_id": "key_claims",
+    "route_id": "routes",
     "token_id": "api_tokens",
 }
 # Their rows need not exist: the question that such a page asks has the template of all questions.

@@ -122,6 +122,6 @@ def test_a_route_is_removed_by_its_line_or_its_list_and_a_loop_is_refused(page: 
     expect(_topic(page, "target", "sim1")).to_be_visible(timeout=30_000)
     _topic(page, "source", "sim2").click()
     _topic(page, "target", "sim1").click()
-    expect(page.get_by_test_id("route-problem")).to_contain_text("it would close a loop")
+    expect(page.get_by_test_id("route-problem")).to_contain_text("It would close a loop")
     page.locator(".knot").click()
     expect(page.get_by_test_id("routes")).to_have_count(0)
