@@ -41,7 +41,7 @@ OPERATORS, JOB_S, WRAP_UP_S = 10, 60.0, 30.0
 PART_BELOW = 0.95
 # Requests of a simulated queue, by quick and not; instances beside the optimum, and the requests of each.
 REQUESTS, INSTANCES, OF_INSTANCE = {True: 20_000, False: 1_000_000}, {True: 5, False: 100}, 10
-WHOLE = QueueSize(cells=3, calm_s=180.0, seconds=420.0)
+WHOLE = QueueSize(cells=2, calm_s=120.0, seconds=300.0)
 QUICK = QueueSize(cells=2, calm_s=60.0, seconds=60.0)
 MOST_SHOWN = 10
 # Of issue 37.
