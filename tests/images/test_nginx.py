@@ -238,6 +238,16 @@ def test_inside_pages_stay_inside(stack: Stack, path: str) -> None:
     assert "robotether_relay" not in str(body)
 
 
+def test_an_admins_token_reads_the_relays_numbers(stack: Stack) -> None:
+    """The relay never gets the token, and an address may not ask for ever."""
+    headers = {"Authorization": f"Bearer {stack.token('metrics')}"}
+    answers = [stack.request("GET", "/api/v1/metrics", headers=headers) for _ in range(20)]
+    status, text = answers[0]
+    assert status == 200, text
+    assert "\nrobotether_relay_seen_age_seconds_count " in text
+    assert {status for status, _ in answers} == {200, 429}
+
+
 def test_configuration_in_force_is_ours(stack: Stack) -> None:
     """The daemon itself says that no distribution default is included."""
     printed = stack.exec("nginx", "nginx", "-T")
