@@ -8,12 +8,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import page_holds
 import pytest
 from local_network import insecure_tls
 from mcap.reader import make_reader
 from pages import drive_live, expect_mode
 from playwright.sync_api import Page, expect
 from rosbags.highlevel import AnyReader
+from sim_watch import SimWatch
 from stack import Stack
 
 ROBOT = "sim1"
@@ -83,9 +85,10 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
     number = people.start()
     drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
-    page.keyboard.down("ArrowUp")
-    page.wait_for_timeout(2000)
-    page.keyboard.up("ArrowUp")
+    with SimWatch(stack, ROBOT) as watch:
+        page_holds.drive(page, watch)
+        page.wait_for_timeout(1000)
+        page.keyboard.up("w")
     assert people.ask("dora", "POST", f"/recordings/{number}/stop")[0] == 200
     stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
     expect(page.get_by_test_id("recording")).to_be_empty()
