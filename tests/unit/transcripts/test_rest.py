@@ -361,6 +361,13 @@ def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
     assert talk.transcript == recorded
 
 
+def test_metrics(talk: Conversation, recorded: SnapshotAssertion) -> None:
+    """Admins alone are led to the relay's numbers."""
+    talk.ask("root", "GET", "/metrics")
+    talk.ask("ann", "GET", "/metrics")
+    assert talk.transcript == recorded
+
+
 ANN, BEN, BOB, CARL, EVE = (
     RelayUser(n, name) for n, name in enumerate(("ann", "ben", "bob", "carl", "eve"), 1)
 )
