@@ -88,9 +88,7 @@ class RoutesPage {
     this.problem = part(root, "problem");
     this.rows = /** @type {HTMLElement[]} */ ([]);
     this.live = new Map();
-    this.known = ""; // the routes that the relay knew at the last look
     this.refreshedAt = 0;
-    this.isStale = false;
     this.diagram = /** @type {RouteDiagram | null} */ (null);
   }
 
@@ -147,7 +145,6 @@ class RoutesPage {
   // Puts the list in place as the server has it now; without an answer what stands there stays.
   async refresh() {
     this.refreshedAt = performance.now();
-    this.isStale = false;
     const answer = await fetch("/routes", { cache: "no-store" }).catch(() => null);
     const fresh = answer?.ok ? part(new DOMParser().parseFromString(await answer.text(), "text/html"), "list") : null;
     if (!fresh) return;
@@ -163,15 +160,13 @@ class RoutesPage {
     const { ok, body } = await api.get("/api/v1/routes/live");
     const routes = ok ? body.routes : [];
     this.live = new Map(routes.map((route) => [String(route.id), route]));
-    if (ok) this.note([...this.live.keys()].sort().join());
     this.showStates();
-    if (this.isStale && performance.now() - this.refreshedAt > REFRESH_AFTER_MS) await this.refresh();
+    if (ok && this.isOld() && performance.now() - this.refreshedAt > REFRESH_AFTER_MS) await this.refresh();
   }
 
-  // A route came or went: the list has it.
-  note(known) {
-    this.isStale ||= known !== this.known;
-    this.known = known;
+  // Whether a route came or went; the relay knows that before the list does.
+  isOld() {
+    return this.live.size !== this.rows.length || this.rows.some(({ dataset }) => !this.live.has(dataset.route));
   }
 
   showStates() {

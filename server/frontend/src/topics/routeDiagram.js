@@ -139,25 +139,25 @@ export class RouteDiagram {
       ...ends.map(({ row, from, to }) => rateText(row.dataset.rate, middle(from, to))),
       ...(this.drag?.path ? [this.drag.path] : []),
     );
-    if (this.knots.contains(document.activeElement)) this.moveKnots(ends);
-    else this.knots.replaceChildren(...ends.map((end) => this.knot(end)));
+    this.drawKnots(ends);
   }
 
-  knot({ row, from, to }) {
-    const button = makeButton(`remove-${row.dataset.route}`, "×", () => this.remove(row), {
-      class: "knot",
-      "aria-label": texts.remove(row.dataset),
-      title: texts.remove(row.dataset),
+  // Buttons stay as long as their routes: one may have the focus.
+  drawKnots(ends) {
+    const present = new Map([...this.knots.children].map((button) => [button.dataset.route, button]));
+    const buttons = ends.map((end) => {
+      const button = present.get(end.row.dataset.route) ?? this.knot(end.row);
+      place(button, end.from, end.to);
+      return button;
     });
-    place(button, from, to);
-    return button;
+    for (const button of present.values()) if (!buttons.includes(button)) button.remove();
+    this.knots.append(...buttons.filter((button) => !button.isConnected));
   }
 
-  moveKnots(ends) {
-    for (const { row, from, to } of ends) {
-      const button = this.knots.querySelector(`[data-testid="remove-${row.dataset.route}"]`);
-      if (button) place(button, from, to);
-    }
+  knot(row) {
+    const words = texts.remove(row.dataset);
+    const attributes = { class: "knot", "data-route": row.dataset.route, "aria-label": words, title: words };
+    return makeButton(`remove-${row.dataset.route}`, "×", () => this.remove(row), attributes);
   }
 
   endsOf({ source, sourceTopic, target, targetTopic }) {
