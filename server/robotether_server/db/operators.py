@@ -83,6 +83,11 @@ def list_seen_within(tx: Transaction, seconds: float) -> list[OperatorRow]:
     return [_operator(row) for row in rows]
 
 
+def set_away(tx: Transaction, user_id: int) -> None:
+    """Write that the user is away, as if it had been chosen."""
+    tx.change("UPDATE operators SET available = FALSE WHERE user_id = %s", (user_id,))
+
+
 def write_heartbeat(tx: Transaction, user_id: int, *, available: bool, is_idle: bool) -> None:
     """Write that the user is there; `is_idle`: as before, without a break."""
     is_written = tx.change(

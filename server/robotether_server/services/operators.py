@@ -83,7 +83,7 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     """Take a heartbeat of an operator, plan if that is due, and return what the operator sees.
 
     Without a choice an operator stays what it was; but who was gone for too long is away until they choose, unless they
-    drove meanwhile or have a request.
+    drove meanwhile or have a request. So is who let an offer end.
     """
     row = operators.find(tx, user.id)
     was_there = row is not None and row.available
@@ -105,6 +105,7 @@ def plan_if_due(tx: Transaction) -> None:
     if not open_requests:
         return
     requests.set_planned(tx, now)
+    _send_away(tx, open_requests, now)
     rows = operators.list_seen_within(tx, AWAY_AFTER_S)
     holders = {request.accepted_by for request in open_requests if request.accepted_by is not None}
     rights = operators.read_rights(
@@ -115,6 +116,13 @@ def plan_if_due(tx: Transaction) -> None:
     _release_lost(tx, open_requests, rights)
     plan = _plan(tx, now, open_requests, rows, rights)
     _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in rows})
+
+
+def _send_away(tx: Transaction, open_requests: list[OpenRequest], now: dt.datetime) -> None:
+    """Let operators be away who let an offer end: nobody sits there, and the next request must not wait for them."""
+    for request in open_requests:
+        if request.offered_to and request.offer_until and request.offer_until <= now:
+            operators.set_away(tx, request.offered_to)
 
 
 def _release_lost(

@@ -79,8 +79,7 @@ const press = (choice, pressed) => byTestId(main, `be-${choice}`).setAttribute("
 function showLapse() {
   const { lapse } = availability;
   const times = lapse && { from: localTimestamp(lapse.from), to: localTimestamp(lapse.to) };
-  const words = lapse?.other ? texts.setAway : times && texts.silent(times);
-  setText(byTestId(main, "queue-lapse"), words || "");
+  setText(byTestId(main, "queue-lapse"), times ? texts.lapses[lapse.why](times) : "");
 }
 
 function choose(state) {

@@ -9,7 +9,8 @@ export class Availability {
     this.now = now;
     this.state = ""; // unknown yet
     this.isAvailable = false; // what this person chose, also while busy
-    /** @type {{other: boolean, from: Date, to: Date} | null} */
+    this.isOffered = false;
+    /** @type {{why: "silent" | "unanswered" | "other", from: Date, to: Date} | null} */
     this.lapse = null; // why this person is away, where that was not chosen here
     /** @type {{state: string, at: number} | null} */
     this.choice = null;
@@ -30,17 +31,19 @@ export class Availability {
   }
 
   // `sent` is the body of the heartbeat that this QueueView answers.
-  receive({ state, available = state !== "away" }, sent) {
+  receive({ state, available = state !== "away", offer = null }, sent) {
     if (sent.state === this.choice?.state) this.choice = null;
     if (available) this.lapse = null;
     else if (this.isAvailable && sent.state !== "away") this.noteLapse();
     this.state = state;
     this.isAvailable = available;
+    this.isOffered = offer !== null;
     this.heardAt = this.now();
   }
 
   noteLapse() {
-    const silent = this.now() - this.heardAt > SILENT_MS;
-    this.lapse = { other: !silent, from: new Date(this.heardAt), to: new Date(this.now()) };
+    const known = this.isOffered ? "unanswered" : "other";
+    const why = this.now() - this.heardAt > SILENT_MS ? "silent" : known;
+    this.lapse = { why, from: new Date(this.heardAt), to: new Date(this.now()) };
   }
 }

@@ -46,8 +46,11 @@ export const queue = {
     away: () => "You are away. Press Available to get requests.",
   },
   stateUnknown: "It is not known whether you are available.",
-  setAway: "You were set to away in another window.",
-  silent: ({ from, to }) => `The server got no word from this page from ${from} to ${to}, so you are away.`,
+  lapses: {
+    other: () => "You were set to away in another window.",
+    silent: ({ from, to }) => `The server got no word from this page from ${from} to ${to}, so you are away.`,
+    unanswered: () => "You did not answer an offer, so you are away. Press Available when you are back.",
+  },
   wrapUpLeft: (seconds) => `${seconds} s left`,
   noOffers: {
     available: "Nothing is offered to you now.",

@@ -37,13 +37,17 @@ test("a page that slept says from when to when, and another window is told apart
   beat(AVAILABLE);
   now += 63_000;
   beat(AWAY);
-  assert.deepEqual(availability.lapse, { other: false, from: new Date(START), to: new Date(START + 63_000) });
+  assert.deepEqual(availability.lapse, { why: "silent", from: new Date(START), to: new Date(START + 63_000) });
   availability.choose("available");
   assert.equal(availability.lapse, null);
   beat(AVAILABLE);
   now += 1000;
   beat(AWAY);
-  assert.equal(availability.lapse.other, true);
+  assert.equal(availability.lapse.why, "other");
+  availability.choose("available");
+  beat({ ...AVAILABLE, offer: {} });
+  beat(AWAY);
+  assert.equal(availability.lapse.why, "unanswered");
 });
 
 test("who chose to be away is told nothing, and is busy without being available", () => {

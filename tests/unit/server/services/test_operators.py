@@ -22,7 +22,7 @@ def kinds(desk):
 
 
 def test_an_offer_passes_on_when_its_operator_does_not_answer(desk):
-    """The longest idle is asked first, then the next, and again when there is nobody else."""
+    """The longest idle is asked first, then the next. Who lets it end is away, and asked again once back."""
     desk.poll("ann")
     desk.pass_time(3)
     desk.poll("ben")
@@ -41,7 +41,12 @@ def test_an_offer_passes_on_when_its_operator_does_not_answer(desk):
     desk.pass_time(12)
     view = desk.poll("ben")
     assert view.offer.id == request_id
-    desk.pass_time(12)
+    desk.pass_time(9)
+    desk.poll("ben", None)
+    desk.pass_time(3)
+    view = desk.poll("ben", None)
+    assert (view.state, view.offer) == ("away", None)
+    desk.pass_time(1)
     assert desk.poll("ben").offer.id == request_id
     assert kinds(desk) == [
         ("request_made", "sim1"),
