@@ -40,10 +40,10 @@ export function attention({ online, offline_reason: reason, ros, video, battery,
 
 export const healthText = (robot) => attention(robot).join(", ");
 
-// Who drives, or is about to, and who asks for it.
+// Who drives, or for whom the robot is reserved, and who asks for it.
 export function driverText({ control }) {
   const { driver, reserved, waiting } = control ?? {};
-  const name = (driver ?? reserved)?.user ?? "";
+  const name = driver?.user ?? (reserved ? texts.reservedFor(reserved.user) : "");
   return waiting && name ? texts.driverAsked(name, waiting.user) : name;
 }
 

@@ -16,6 +16,7 @@ export const fleet = {
   batteryLow: "battery low",
   drives: (who) => `Driver: ${who}`,
   watching: (count) => `${count} watching`,
+  reservedFor: (user) => `none; reserved for ${user}`,
   driverAsked: (driver, asking) => `${driver}; ${asking} asks for control`,
   stopAll: "Stop all robots",
   stopSite: (site) => `Stop site ${site}`,

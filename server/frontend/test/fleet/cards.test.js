@@ -58,6 +58,6 @@ test("a card tells who drives, who gets the control and who asks for it", () => 
   const ben = { user: "ben", since: "2026-01-01T12:04:00Z" };
   assert.equal(driverText({}), "");
   assert.equal(driverText({ control: { driver: ann } }), "ann");
-  assert.equal(driverText({ control: { driver: null, reserved: ben } }), "ben");
+  assert.equal(driverText({ control: { driver: null, reserved: ben } }), "none; reserved for ben");
   assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for control");
 });
