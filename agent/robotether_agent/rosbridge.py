@@ -27,14 +27,6 @@ CLOSE_WITHIN_S = 0.5
 CALL_ID = "robotether_agent:call"
 # Interval before a rosapi that did not answer is asked again, on a new connection.
 SILENT_S = 120.0
-RAW_IMAGE_TYPE = "sensor_msgs/Image"
-IMAGE_TYPE = "sensor_msgs/CompressedImage"
-# Video that the robot encodes by itself.
-VIDEO_TYPES = ("foxglove_msgs/CompressedVideo", "ffmpeg_image_transport_msgs/FFMPEGPacket")
-COMPRESSED = "/compressed"
-# Endings of what image_transport publishes as CompressedImage and no browser shows.
-NOT_SHOWN = ("/compressedDepth", "/zstd")
-USUAL_CAMERA = "/camera/image_raw"
 # Whatever takes one of these may be another robot.
 DRIVE_TYPES = (
     "geometry_msgs/Twist",
@@ -261,26 +253,6 @@ def own_topic(
     ranked = sorted((_rank(name, home, usual), name) for name in own)
     is_tie = len(ranked) > 1 and ranked[0][0] == ranked[1][0]
     return ranked[0][1] if ranked and not is_tie else None
-
-
-def compressed_images(topics: Mapping[str, str]) -> dict[str, str]:
-    """Return the topics of CompressedImage that can be shown, as far as their names say."""
-    return {
-        name: kind
-        for name, kind in topics.items()
-        if kind == IMAGE_TYPE and not name.endswith(NOT_SHOWN)
-    }
-
-
-def camera_topics(own: Mapping[str, str]) -> list[str]:
-    """Return the cameras among a robot's own topics, the usual one first, as on the drive page (discovery.js)."""
-    raw = {name for name, kind in own.items() if kind == RAW_IMAGE_TYPE}
-    videos = (name for name, kind in own.items() if kind in VIDEO_TYPES)
-    # What lies under a raw image is that image by another transport.
-    encoded = (*compressed_images(own), *videos)
-    alone = (name for name in encoded if name.rpartition("/")[0] not in raw)
-    cameras = raw | {name.removesuffix(COMPRESSED) or name for name in alone}
-    return sorted(cameras, key=lambda name: (name != USUAL_CAMERA, name))
 
 
 def _segments(name: str) -> list[str]:

@@ -1,4 +1,4 @@
-"""Names of ROS, patterns for them, and the members of the messages that drive a robot.
+"""Names of ROS, patterns for them, the members of the messages that drive a robot, and which topics are cameras.
 
 In a pattern `*` matches any text, `/` included; a robot's policy and its drive topics are made of them. The time
 that a look takes grows with the lengths of name and pattern and no faster, whoever chose either; so no regular
@@ -8,7 +8,7 @@ expressions there. Pure.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 
 MAX_NAME_LENGTH = 255
 # A name of ROS without a pattern in it.
@@ -26,6 +26,32 @@ TWIST_STAMPED = frozenset(("header", "twist"))
 ACKERMANN_STAMPED = frozenset(("header", "drive"))
 ACKERMANN_RATES = ("steering_angle_velocity", "acceleration", "jerk")
 ACKERMANN = frozenset(("steering_angle", "speed", *ACKERMANN_RATES))
+
+RAW_IMAGE_TYPE = "sensor_msgs/Image"
+IMAGE_TYPE = "sensor_msgs/CompressedImage"
+# Video that the robot encodes by itself.
+VIDEO_TYPES = ("foxglove_msgs/CompressedVideo", "ffmpeg_image_transport_msgs/FFMPEGPacket")
+COMPRESSED = "/compressed"
+# Endings of what image_transport publishes as CompressedImage and no browser shows.
+NOT_SHOWN = ("/compressedDepth", "/zstd")
+USUAL_CAMERA = "/camera/image_raw"
+
+
+def camera_topics(types: Mapping[str, str]) -> list[str]:
+    """Return the cameras among a robot's topics, the usual one first, as on the drive page (discovery.js).
+
+    `types`: the type of each topic, without the `msg` of ROS 2.
+    """
+    raw = {name for name, kind in types.items() if kind == RAW_IMAGE_TYPE}
+    # What lies under a raw image is that image by another transport.
+    alone = (
+        name
+        for name, kind in types.items()
+        if (kind == IMAGE_TYPE and not name.endswith(NOT_SHOWN)) or kind in VIDEO_TYPES
+        if name.rpartition("/")[0] not in raw
+    )
+    cameras = raw | {name.removesuffix(COMPRESSED) or name for name in alone}
+    return sorted(cameras, key=lambda name: (name != USUAL_CAMERA, name))
 
 
 def full_name(name: object) -> str | None:

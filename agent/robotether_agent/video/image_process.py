@@ -17,15 +17,11 @@ from typing import Any
 import aiohttp
 import av
 from robotether_common.frames import MAX_SIDE
+from robotether_common.ros import VIDEO_TYPES
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject
-from robotether_agent.rosbridge import (
-    CONNECT_WITHIN_S,
-    MAX_IMAGE_MESSAGE_BYTES,
-    VIDEO_TYPES,
-    connected,
-)
+from robotether_agent.rosbridge import CONNECT_WITHIN_S, MAX_IMAGE_MESSAGE_BYTES, connected
 from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,

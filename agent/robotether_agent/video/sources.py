@@ -25,21 +25,19 @@ from urllib.parse import quote
 import aiohttp
 from robotether_common.codecs import H264, JPEG, Codec
 from robotether_common.frames import QOS, Source, no_frames
+from robotether_common.ros import (
+    COMPRESSED,
+    IMAGE_TYPE,
+    RAW_IMAGE_TYPE,
+    VIDEO_TYPES,
+    camera_topics,
+)
 from yarl import URL
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject, printable
 from robotether_agent.problems import DetailError
-from robotether_agent.rosbridge import (
-    COMPRESSED,
-    IMAGE_TYPE,
-    MAX_IMAGE_MESSAGE_BYTES,
-    RAW_IMAGE_TYPE,
-    VIDEO_TYPES,
-    RosGraph,
-    camera_topics,
-    connected,
-)
+from robotether_agent.rosbridge import MAX_IMAGE_MESSAGE_BYTES, RosGraph, connected
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video import av_messages
 from robotether_agent.video.av_messages import FRAME_HEADER

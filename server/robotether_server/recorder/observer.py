@@ -11,7 +11,7 @@ import itertools
 import json
 import logging
 import time
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NoReturn
 
@@ -20,6 +20,7 @@ from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType
 from msgspec import Raw, Struct
 from robotether_common.codecs import CODECS
 from robotether_common.frames import HEADER, MAX_CREDITS
+from robotether_common.ros import camera_topics
 
 from robotether_server.db.recordings import RecordableRobot
 from robotether_server.recorder.cdr import EncodingError, encoder_of
@@ -87,7 +88,6 @@ LAST = frozenset(
         "rosgraph_msgs/Log",
     ]
 )
-NOT_SHOWN = ("/compressedDepth", "/zstd")
 
 
 class ObservedMessage(Struct):
@@ -142,7 +142,7 @@ class RobotObserver:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
 
-    def _observe_cameras(self, cameras: tuple[str, ...]) -> None:
+    def _observe_cameras(self, cameras: Sequence[str]) -> None:
         """Observe these, too; those of the robot's page, if it names any, and no others."""
         for camera in self._robot.cameras or cameras:
             if camera not in self._cameras and len(self._cameras) < MAX_RECORDED_CAMERAS:
@@ -178,7 +178,7 @@ class RosbridgeObserver:
         self,
         socket: ClientWebSocketResponse,
         write: Write,
-        on_cameras: Callable[[tuple[str, ...]], None],
+        on_cameras: Callable[[Sequence[str]], None],
     ) -> None:
         self._socket = socket
         self._write = write
@@ -218,7 +218,8 @@ class RosbridgeObserver:
         while True:
             answer = await self._call("topics")
             topics = dict(_pairs(answer.get("topics"), answer.get("types")))
-            self._on_cameras(cameras_in(topics))
+            types = {topic: short_name(kind) for topic, kind in topics.items()}
+            self._on_cameras(camera_topics(types))
             for topic in sorted(topics, key=lambda name: (_rank(topics[name]), name)):
                 await self._subscribe(topic, topics[topic])
             await asyncio.sleep(DISCOVER_EVERY_S)
@@ -323,19 +324,6 @@ class CameraObserver:
 
     async def _send(self, **message: Any) -> None:
         await self._socket.send_str(json.dumps(message))
-
-
-def cameras_in(topics: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the topics that are cameras, as the drive page finds them."""
-    raw = {topic for topic, kind in topics.items() if short_name(kind) == "sensor_msgs/Image"}
-    compressed = [
-        topic
-        for topic, kind in topics.items()
-        if short_name(kind) == "sensor_msgs/CompressedImage"
-        and not topic.endswith(NOT_SHOWN)
-        and topic.rpartition("/")[0] not in raw
-    ]
-    return tuple(sorted(raw.union(topic.removesuffix("/compressed") for topic in compressed)))
 
 
 def _rank(kind: str) -> int:

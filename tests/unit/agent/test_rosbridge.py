@@ -14,13 +14,13 @@ from fake_cloud import eventually
 from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.rosbridge import (
     RosGraph,
-    camera_topics,
     connected,
     own_topic,
     own_topics,
     same_type,
     topics_in,
 )
+from robotether_common.ros import camera_topics
 
 BYTES_MAX = 100_000
 

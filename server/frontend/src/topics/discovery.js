@@ -66,7 +66,7 @@ const NOT_SHOWN = /\/(?:compressedDepth|zstd)$/;
 // Video that the robot encodes by itself.
 const VIDEO_TYPES = ["foxglove_msgs/CompressedVideo", "ffmpeg_image_transport_msgs/FFMPEGPacket"];
 
-// The names of the robot's own `topics` that are cameras, as camera_topics in robotether_agent/rosbridge.py. What lies under
+// The names of the robot's own `topics` that are cameras, as camera_topics in robotether_common/ros.py. What lies under
 // a raw image is that image by another transport.
 export function cameraTopics(topics) {
   const named = (...plain) => topics.filter(({ type }) => plain.includes(plainType(type))).map(({ name }) => name);
