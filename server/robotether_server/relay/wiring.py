@@ -234,20 +234,7 @@ class Relay:
         topics = CellTopicDialer(media, self.peers, cells)
         topic_links = TopicLinks(topics, limit_bytes, topics_key)
         self.shared_topics = SharedTopics(self.registry, topic_links)
-        self.access = Access(
-            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
-            credentials=self.credentials,
-            snapshot=self.fleet.snapshot,
-            allowed_origins=settings.allowed_origins,
-            clock=utc_now,
-            recorder_signer=TicketSigner(
-                settings.tickets.key, settings.tickets.ttl_s, RECORDER_SALT
-            ),
-            online_s=self.peers.here_for_s,
-        )
-        self.recorder_handler = RecorderHandler(
-            self.access, self.registry, self.fleet_events, self.fleet.snapshot
-        )
+        self._make_access()
         context = VideoContext(
             access=self.access,
             credentials=self.credentials,
@@ -277,6 +264,23 @@ class Relay:
             self.access, self.control, media, self.fleet.snapshot, other_cells
         )
         self._make_routes(context, limit_bytes)
+
+    def _make_access(self) -> None:
+        settings = self._settings
+        self.access = Access(
+            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+            credentials=self.credentials,
+            snapshot=self.fleet.snapshot,
+            allowed_origins=settings.allowed_origins,
+            clock=utc_now,
+            recorder_signer=TicketSigner(
+                settings.tickets.key, settings.tickets.ttl_s, RECORDER_SALT
+            ),
+            online_s=self.peers.here_for_s,
+        )
+        self.recorder_handler = RecorderHandler(
+            self.access, self.registry, self.fleet_events, self.fleet.snapshot
+        )
 
     def _make_routes(self, context: VideoContext, limit_bytes: int) -> None:
         dialer = RobotDialer(context.client, context.tunnel_host, context.registry, limit_bytes)
