@@ -3,6 +3,7 @@
 Who has no login is redirected to the log-in page and back.
 """
 
+from collections.abc import Callable, Collection
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
@@ -120,29 +121,32 @@ def log_out() -> AnyResponse:
 @blueprint.get("/")
 def show_fleet() -> AnyResponse:
     """Show the robots that the user may see; /api/v1/events updates the page."""
-    with context().database.transaction() as tx:
-        user = auth.page_user(tx, request)
-        if user is None:
-            return current_user.to_login()
-        seen = seen_robots.list_seen(tx, user)
-        current_user.remember(tx, user)
-    page = render_template("fleet.html", user=user, robots=[_card(robot) for robot in seen])
-    return make_response(page)
+    return _page_of_robots("fleet.html", lambda seen: [_card(robot) for robot in seen])
 
 
 @blueprint.get("/wall")
 def show_wall() -> AnyResponse:
     """Show pictures of the robots that the user may see, those that ask for help first."""
+    return _page_of_robots("wall.html", _tiles)
+
+
+def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
+    return {
+        robot.robot.name: {"level": robot.level, "camera": _first_camera(robot)} for robot in seen
+    }
+
+
+def _page_of_robots(
+    template: str, describe: Callable[[list[SeenRobot]], Collection[object]]
+) -> AnyResponse:
+    """Show a page of all robots that the user may see, as `describe` says for its template."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
         seen = seen_robots.list_seen(tx, user)
         current_user.remember(tx, user)
-    robots = {
-        robot.robot.name: {"level": robot.level, "camera": _first_camera(robot)} for robot in seen
-    }
-    return make_response(render_template("wall.html", user=user, robots=robots))
+    return make_response(render_template(template, user=user, robots=describe(seen)))
 
 
 @blueprint.get("/robots/<name>")
