@@ -8,8 +8,8 @@ import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
 import { Poller, startTicking } from "../queue/poller.js";
-import { fillRequest, KeyedRows, keyOfRequest, reasonText, secondsText, stateText } from "../queue/requestRows.js";
-import { data as dataTexts, queue as texts } from "../texts/queue.js";
+import { fillRequest, KeyedRows, keyOfRequest, reasonText, secondsText, showDataState, stateText } from "../queue/requestRows.js";
+import { queue as texts } from "../texts/queue.js";
 
 const MAX_ROWS = 50; // Number of requests that wait and are listed
 
@@ -25,7 +25,7 @@ const waiting = new KeyedRows({
   keyOf: keyOfRequest,
   fill: fillRequest,
 });
-const poller = new Poller({ ask: beat, onAnswer: (view) => show(view), onState: showState });
+const poller = new Poller({ ask: sendHeartbeat, onAnswer: (view) => show(view), onState: showState });
 /** @type {any} */
 let view = null; // of the newest answer
 let sent = {}; // with the newest heartbeat
@@ -33,7 +33,7 @@ let sent = {}; // with the newest heartbeat
 let offer = null; // that the panel shows
 let answered = ""; // the key of the offer that this person has answered
 
-function beat() {
+function sendHeartbeat() {
   sent = availability.body;
   return api.put("/api/v1/queue/me", sent);
 }
@@ -56,10 +56,7 @@ function show(newest) {
 }
 
 function showState(state) {
-  const since = state.since && localTimestamp(state.since);
-  feedState.dataset.feed = state.name;
-  main.dataset.stale = String(state.name !== "live");
-  setText(feedState, dataTexts[state.name]({ ...state, since }));
+  showDataState(main, feedState, state);
   showAvailability();
 }
 

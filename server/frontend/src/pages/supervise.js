@@ -1,12 +1,12 @@
 // The supervisor's page: what waits and how long, who does what, and assigning by hand. Loaded by supervise.html.
 
 import { api, LoginUse } from "../dom/calls.js";
-import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
+import { byTestId, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
-import { fillRequest, KeyedRows, keyOfRequest } from "../queue/requestRows.js";
+import { fillRequest, KeyedRows, keyOfRequest, showDataState } from "../queue/requestRows.js";
 import { figureTexts, offeredOperators, operatorFacts } from "../queue/supervision.js";
-import { data as dataTexts, supervise as texts } from "../texts/queue.js";
+import { supervise as texts } from "../texts/queue.js";
 
 const EVERY_MS = 2000; // interval between two questions
 
@@ -37,7 +37,7 @@ const people = new KeyedRows({
     for (const [name, words] of Object.entries(operatorFacts(operator))) setText(part(row, name), words);
   },
 });
-const poller = new Poller({ ask, onAnswer: show, onState: showState, everyMs: EVERY_MS });
+const poller = new Poller({ ask, onAnswer: show, onState: (state) => showDataState(main, feedState, state), everyMs: EVERY_MS });
 
 // All of it, or what failed first: half of a page that is new and half that is old would be taken for one.
 async function ask() {
@@ -57,12 +57,6 @@ function show({ requests: open, operators: staff, figures }) {
   byTestId(main, "open-requests").hidden = open.length === 0;
   setText(part(main, "none"), open.length ? "" : texts.none);
   people.show(staff);
-}
-
-function showState(state) {
-  feedState.dataset.feed = state.name;
-  main.dataset.stale = String(state.name !== "live");
-  setText(feedState, dataTexts[state.name]({ ...state, since: state.since && localTimestamp(state.since) }));
 }
 
 // The list of people is written anew only when it differs: one that is open would close.

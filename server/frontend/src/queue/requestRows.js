@@ -1,7 +1,7 @@
 // Requests for help as rows of a page, whose markup is the server's. All that people and robots wrote is text, never markup.
 
-import { durationText, part, setText } from "../dom/page.js";
-import { queue as queueTexts, requests as texts } from "../texts/queue.js";
+import { durationText, localTimestamp, part, setText } from "../dom/page.js";
+import { data as dataTexts, queue as queueTexts, requests as texts } from "../texts/queue.js";
 
 // Keeps one element for each item: what stays is only filled in, so that focus, choices and presses keep their place.
 export class KeyedRows {
@@ -76,3 +76,10 @@ export const stateText = (state, view) =>
 
 // Seconds that are left, as `written` has them.
 export const secondsText = (written, seconds) => (Number.isFinite(seconds) ? written(Math.ceil(seconds)) : texts.unknown);
+
+// Says on its line how old what a page shows is; `state` as of Poller.
+export function showDataState(main, line, state) {
+  line.dataset.feed = state.name;
+  main.dataset.stale = String(state.name !== "live");
+  setText(line, dataTexts[state.name]({ ...state, since: state.since && localTimestamp(state.since) }));
+}

@@ -13,7 +13,7 @@ beforeEach(() => {
 });
 
 // A heartbeat and its answer.
-function beat(view) {
+function heartbeat(view) {
   const sent = availability.body;
   availability.receive(view, sent);
   return sent;
@@ -23,36 +23,36 @@ const AVAILABLE = { state: "available", available: true };
 const AWAY = { state: "away", available: false };
 
 test("a choice is sent until the server has it, and other heartbeats change nothing", () => {
-  assert.deepEqual(beat(AWAY), {}, "nobody is available who did not choose it");
+  assert.deepEqual(heartbeat(AWAY), {}, "nobody is available who did not choose it");
   availability.choose("available");
   assert.deepEqual(availability.body, { state: "available" });
-  assert.deepEqual(beat(AVAILABLE), { state: "available" });
-  assert.deepEqual(beat(AVAILABLE), {});
+  assert.deepEqual(heartbeat(AVAILABLE), { state: "available" });
+  assert.deepEqual(heartbeat(AVAILABLE), {});
   availability.choose("away");
   now += 10_001;
   assert.deepEqual(availability.body, {}, "a press that did not reach the server in 10 s");
 });
 
 test("a page that slept says from when to when, and another window is told apart; Available ends both", () => {
-  beat(AVAILABLE);
+  heartbeat(AVAILABLE);
   now += 63_000;
-  beat(AWAY);
+  heartbeat(AWAY);
   assert.deepEqual(availability.lapse, { why: "silent", from: new Date(START), to: new Date(START + 63_000) });
   availability.choose("available");
   assert.equal(availability.lapse, null);
-  beat(AVAILABLE);
+  heartbeat(AVAILABLE);
   now += 1000;
-  beat(AWAY);
+  heartbeat(AWAY);
   assert.equal(availability.lapse.why, "other");
   availability.choose("available");
-  beat({ ...AVAILABLE, offer: {} });
-  beat(AWAY);
+  heartbeat({ ...AVAILABLE, offer: {} });
+  heartbeat(AWAY);
   assert.equal(availability.lapse.why, "unanswered");
 });
 
 test("who chose to be away is told nothing, and is busy without being available", () => {
-  beat({ state: "busy", available: true });
+  heartbeat({ state: "busy", available: true });
   availability.choose("away");
-  beat({ state: "busy", available: false });
+  heartbeat({ state: "busy", available: false });
   assert.deepEqual([availability.lapse, availability.isAvailable], [null, false]);
 });
