@@ -13,10 +13,10 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
+from recorded_messages import read_messages
 from robotether_server.recorder.cdr import EncodingError, encoder_of
 from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
 from robotether_server.recorder.mcap_file import McapFile, RecordedChannel, RecordedMessage, repair
-from robotether_server.recorder.reader import read_messages
 from robotether_server.recorder.robot_recorder import RecentMessages
 from robotether_server.recorder.ros_types import UnknownTypeError, type_of
 from rosbags.highlevel import AnyReader

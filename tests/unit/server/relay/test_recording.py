@@ -17,6 +17,7 @@ import aiohttp
 import pytest
 import pytest_asyncio
 from fake_operator import FakeOperator
+from recorded_messages import RecordedTopicMessage, read_messages
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_server.db.recordings import (
     Progress,
@@ -26,7 +27,6 @@ from robotether_server.db.recordings import (
 )
 from robotether_server.recorder import relay_client, service
 from robotether_server.recorder.mcap_file import McapFile, repair
-from robotether_server.recorder.reader import RecordedTopicMessage, read_messages
 from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecordingEnd
