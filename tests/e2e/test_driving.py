@@ -106,6 +106,10 @@ def _is_zero(twist: dict[str, Any]) -> bool:
 def _falls_silent(watch: SimWatch) -> None:
     """The robot stands, nothing but zero comes any more, and soon not even that."""
     watch.wait_pose("standing", _standing)
+    # A robot that stands all the time says nothing of what is under way.
+    watch.wait_pose(
+        "told to stop", lambda _: all(_is_zero(seen.msg) for seen in watch.commands()[-1:])
+    )
     since = time.monotonic()
     watch.wait_pose(
         "silent",
