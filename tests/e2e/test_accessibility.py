@@ -92,15 +92,6 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
         release_all(stack, [ROBOT])
 
 
-def test_each_slider_has_its_name(page: Page, stack: Stack) -> None:
-    open_robot(page, stack, ROBOT)
-    open_drawer(page)
-    page.get_by_test_id("gamepad-open").click()
-    page.locator("[data-part=pad-settings]").evaluate("e => (e.hidden = false)")
-    for name in ("Forward limit", "Turn limit", "Dead zone", "Turbo limit"):
-        expect(page.get_by_role("slider", name=name, exact=True)).to_have_count(1)
-
-
 @pytest.mark.release
 def test_documents_are_accessible(page: Page, stack: Stack) -> None:
     """The page of drivers with its pictures and tables, and one with code."""

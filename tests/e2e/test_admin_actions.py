@@ -109,19 +109,6 @@ async def _opens(program: Program, name: str) -> bool:
         return False
 
 
-async def test_moved_ports_are_in_use_at_once(program: Program, stack: Stack) -> None:
-    """A robot that gets other ports connects again and is drivable on them."""
-    before = await asyncio.to_thread(robot, program)
-    async with program.connect(ROBOT) as socket:
-        await open_echo(socket)
-        await asyncio.to_thread(change, program, "POST", f"/api/v1/robots/{ROBOT}/move-ports")
-        assert await closed(socket) == 4505
-    after = await asyncio.to_thread(robot, program)
-    assert after["ros_port"] != before["ros_port"]
-    await open_by(program, ROBOT)
-    assert audited(stack, "robot_ports_moved") == "admin"
-
-
 async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) -> None:
     """A robot makes itself a new key on request while it is driven; restarted, it comes in with that key."""
     before = await asyncio.to_thread(robot, program)

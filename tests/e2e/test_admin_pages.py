@@ -1,11 +1,12 @@
-"""An admin in a real browser lets robots and people in, over the whole stack."""
+"""An admin in a real browser lets robots and people in and gives rights, over the whole stack."""
 
 from __future__ import annotations
 
 import datetime as dt
 import shlex
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing
+from http import HTTPStatus
 from pathlib import Path
 
 import pytest
@@ -34,10 +35,6 @@ def _records(stack: Stack) -> set[tuple[str, str]]:
     return {(kind, item["name"]) for kind, found in listed.items() for item in found}
 
 
-def _state(stack: Stack, name: str) -> list[list[str]]:
-    return stack.sql(f"SELECT state, fingerprint FROM robots WHERE name = '{name}'")
-
-
 def _done(page: Page, message: str) -> None:
     expect(page.get_by_test_id("done")).to_have_text(message)
 
@@ -56,43 +53,8 @@ def _remove(page: Page, stack: Stack, name: str) -> None:
     _do(page, stack, f"/admin/robots/{name}/remove", f"Robot {name} is removed.")
 
 
-def test_a_robot_that_waits_is_approved_under_another_name(
-    page: Page, stack: Stack, tmp_path: Path
-) -> None:
-    """Its key stands there to be compared; from then on the robot is told that it is in."""
-    mac, key = "00:00:5e:00:53:11", RobotKey(stack, tmp_path, "turtle")
-    assert key.join(mac)[0] == 202
-
-    page.goto(f"{stack.url}/admin/robots")
-    page.get_by_test_id("waiting-count").click()
-    card = page.get_by_test_id("waiting-robot-005311")
-    expect(card.get_by_test_id("fingerprint")).to_have_text(key.fingerprint)
-    expect(card).to_contain_text("turtle")
-    card.get_by_label("Name").fill("turtle")
-    card.get_by_test_id("approve-robot-005311").click()
-    _done(page, "Robot turtle is approved. It connects by itself within a minute.")
-    expect(page.get_by_test_id("arrived-turtle")).to_contain_text("It has joined")
-    assert _state(stack, "turtle") == [["active", key.fingerprint]]
-    status, answer = key.join(mac)
-    assert (status, answer["robot"]) == (200, "turtle")
-    _remove(page, stack, "turtle")
-
-
-def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
-    """A name that is taken comes back in the form, and a page that is open leads to the new name."""
-    page.goto(f"{stack.url}/admin/robots")
-    page.get_by_test_id("add-robot").click()
-    page.get_by_test_id("advanced").locator("> summary").click()
-    page.get_by_label("Name of the robot").fill("lift")
-    page.get_by_label("MAC address", exact=True).fill("00-00-5E-00-53-13")
-    page.get_by_test_id("add-submit").click()
-    expect(page.get_by_test_id("robot-name")).to_have_text("lift")
-    page.goto(f"{stack.url}/admin/robots/lift")
-    page.get_by_test_id("rename").click()
-    page.get_by_label("New name").fill("sim1")
-    page.get_by_test_id("deed-do").click()
-    expect(page.get_by_test_id("form-problem")).to_contain_text("Another robot has it.")
-    expect(page.get_by_label("New name")).to_have_value("sim1")
+def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, stack: Stack) -> None:
+    stack.robotether("robot", "add", "lift", "--mac", "00:00:5e:00:53:13")
     open_before = page.context.new_page()
     open_page(open_before, stack, "/robots/lift")
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
@@ -104,41 +66,47 @@ def test_a_robot_is_announced_and_renamed(page: Page, stack: Stack) -> None:
     _remove(page, stack, "crane")
 
 
-@contextmanager
-def _somebody_else(page: Page) -> Iterator[Page]:
-    """A page of another person's browser."""
+@pytest.fixture
+def password(stack: Stack) -> Iterator[str]:
+    """That of ida, who is gone afterwards, as group and site are."""
+    yield stack.admin.add_user("ida")
+    for kind, name in (("users", "ida"), ("groups", "e2e-crew"), ("sites", "e2e-lab")):
+        # A test that failed early has not made all of them.
+        status, answer = stack.admin.try_to("DELETE", f"/{kind}/{name}")
+        assert status in {HTTPStatus.NO_CONTENT, HTTPStatus.NOT_FOUND}, answer
+
+
+def test_member_of_a_group_sees_the_robots_of_a_site(
+    page: Page, stack: Stack, password: str
+) -> None:
+    page.goto(f"{stack.url}/admin/groups")
+    page.get_by_label("Name").fill("e2e-crew")
+    page.get_by_test_id("group-add").click()
+    page.get_by_label("User", exact=True).select_option("ida")
+    page.get_by_test_id("member-add").click()
+    _done(page, "User ida is a member of group e2e-crew.")
+    page.goto(f"{stack.url}/admin/sites")
+    page.get_by_label("Name").fill("e2e-lab")
+    page.get_by_test_id("site-add").click()
+    page.get_by_label("Who", exact=True).select_option("group:e2e-crew")
+    page.get_by_label("May", exact=True).select_option("observe")
+    page.get_by_test_id("grant-submit").click()
+    _done(page, "Group e2e-crew may observe site e2e-lab.")
     browser = page.context.browser
     assert browser is not None
-    context = browser.new_context(ignore_https_errors=True)
-    try:
-        yield context.new_page()
-    finally:
-        context.close()
-
-
-def test_a_new_user_sees_a_robot_with_the_grant(page: Page, stack: Stack) -> None:
-    """The password that the page made lets the user in; the grant opens the robot, and its end closes it."""
-    page.goto(f"{stack.url}/admin/users")
-    page.get_by_label("Name").fill("petra")
-    page.get_by_test_id("user-add").click()
-    expect(page.get_by_test_id("secret")).to_be_visible()
-    password = page.get_by_test_id("secret").text_content()
-    with _somebody_else(page) as petra:
-        log_in(petra, stack, "petra", password)
-        expect(petra.get_by_test_id("fleet-empty")).to_be_visible()
-        page.goto(f"{stack.url}/admin/users/petra")
-        page.get_by_label("What", exact=True).select_option("robot:sim2")
-        page.get_by_label("May", exact=True).select_option("observe")
-        page.get_by_test_id("grant-submit").click()
-        _done(page, "User petra may observe robot sim2.")
-        expect(petra.get_by_test_id("robot-card-sim2")).to_be_visible(timeout=10_000)
-        gone = "The user petra no longer has a grant for robot sim2."
-        open_page(page, stack, "/admin/users/petra")
-        page.get_by_test_id("grant-sim2").get_by_role("link", name="Remove").click()
+    with closing(browser.new_context(ignore_https_errors=True)) as context:
+        ida = context.new_page()
+        log_in(ida, stack, "ida", password)
+        expect(ida.get_by_test_id("fleet-empty")).to_be_visible()
+        page.goto(f"{stack.url}/admin/robots/sim3")
+        page.get_by_label("Robot's site").select_option("e2e-lab")
+        page.get_by_test_id("site-save").click()
+        _done(page, "Robot sim3 is at site e2e-lab.")
+        expect(ida.get_by_test_id("robot-card-sim3")).to_be_visible(timeout=10_000)
+        page.goto(f"{stack.url}/admin/groups/e2e-crew/members/ida/remove")
         page.get_by_test_id("deed-do").click()
-        _done(page, gone)
-        expect(petra.get_by_test_id("robot-card-sim2")).to_have_count(0, timeout=10_000)
-    _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
+        _done(page, "User ida is no longer a member of group e2e-crew.")
+        expect(ida.get_by_test_id("robot-card-sim3")).to_have_count(0, timeout=10_000)
 
 
 @pytest.mark.parametrize(

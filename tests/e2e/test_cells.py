@@ -9,7 +9,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from contextlib import AsyncExitStack, contextmanager
+from contextlib import contextmanager
 from http import HTTPStatus
 from pathlib import Path
 from typing import Any
@@ -45,31 +45,6 @@ def second(first: Stack) -> Iterator[Stack]:
     """The other cell."""
     with second_cell(first) as cell:
         yield cell
-
-
-def cells_by(cell: Stack) -> dict[str, dict[str, Any]]:
-    """The cells of the site, as this one lists them."""
-    return {row["name"]: row for row in json.loads(cell.robotether("cell", "list", "--json"))}
-
-
-def test_both_cells_are_listed_and_serve_pages(first: Stack, second: Stack) -> None:
-    for cell in (first, second):
-        cell.wait(
-            "both cells alive",
-            lambda cell=cell: (
-                [item["is_alive"] for item in cells_by(cell).values()] == [True, True]
-            ),
-            "relay",
-        )
-        listed = cells_by(cell)
-        assert {name: row["host"] for name, row in listed.items()} == dict.fromkeys(
-            ("a", "b"), first.settings["PUBLIC_HOST"]
-        )
-        assert [listed[name]["https_port"] for name in ("a", "b")] == [
-            first.https_port,
-            second.https_port,
-        ]
-        assert cell.request("GET", "/login")[0] == HTTPStatus.OK
 
 
 def host_key(cell: Stack) -> str:
@@ -252,16 +227,6 @@ def control(cell: Stack, robot: str) -> dict[str, object]:
 
 async def test_robot_of_another_cell_is_driven(program: Program) -> None:
     assert await drive_forward(program, "sim1") > 0.4
-
-
-async def test_observers_get_its_topics(program: Program) -> None:
-    """The asked cell shares one copy among them."""
-    async with AsyncExitStack() as stack:
-        for _ in range(2):
-            socket = await stack.enter_async_context(program.connect("sim1", "observe"))
-            await socket.send_json({"op": "subscribe", "topic": "/odom"})
-            answer = await socket.receive_json(timeout=20)
-            assert (answer["op"], answer["topic"]) == ("publish", "/odom")
 
 
 async def test_its_video_is_seen(program: Program) -> None:

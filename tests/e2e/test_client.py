@@ -19,22 +19,11 @@ from sim_watch import SimWatch
 from stack import LAB, ROOT, Stack
 
 ROBOT = "sim1"
-ROBOTS = (ROBOT, "sim2")
 EXAMPLE = (ROOT / "docs" / "tutorial" / "robotether_client.html").read_text()
 FIRST_LINES = re.search(
     r"```js\n(.*?)```", (ROOT / "docs" / "reference" / "client.md").read_text(), re.DOTALL
 )
 EMPTY = '<!doctype html><meta charset="utf-8"><title>Lab</title><img id="picture"><p>Lab'
-# Makes `robot` with tickets of the lab's backend, and connects it.
-CONNECT = """async ([server, name, mode]) => {
-  const { Robot } = await import(`${server}/static/dist/robotether-client.js`);
-  window.robot = new Robot({ server, robot: name, getTicket: (wish) => window.backendTicket(wish) });
-  window.states = [];
-  robot.on("state", ({ name, driving }) => states.push([name, driving]));
-  robot.on("control", (control) => (window.control = control));
-  await robot.connect({ mode });
-  return robot.driving;
-}"""
 
 # How many colours the page's canvas has: 1 when nothing was drawn.
 COUNT_COLOURS = """() => {
@@ -52,9 +41,8 @@ def token(stack: Stack) -> str:
 
 @pytest.fixture(autouse=True)
 def _drivable(stack: Stack) -> None:
-    """The robots are there, and nobody else drives them, or the page would only watch."""
-    for robot in ROBOTS:
-        stack.wait_until_drivable(robot)
+    """The robot is there, and nobody else drives it, or the page would only watch."""
+    stack.wait_until_drivable(ROBOT)
 
 
 @contextmanager
@@ -138,27 +126,6 @@ def _stopped(stack: Stack, token: str) -> bool:
     headers = {"Authorization": f"Bearer {token}"}
     _, control = stack.request("GET", f"/api/v1/robots/{ROBOT}/control", None, headers)
     return bool(control["stopped"])
-
-
-def test_a_lab_page_gets_tickets_from_its_backend(lab: Page, stack: Stack) -> None:
-    """With tickets alone it watches: topics, services, news of the control, and video in an <img>."""
-    assert lab.evaluate(CONNECT, [stack.url, ROBOT, "observe"]) is False
-    topics = lab.evaluate("robot.call('/rosapi/topics').then(({ topics }) => topics)")
-    assert "/odom" in topics
-    # `void`: of a function that comes back, as the end of this subscription, Playwright makes a call.
-    lab.evaluate("void robot.subscribe('/odom', ({ twist }) => (window.heard = twist.twist))")
-    _expect_value(lab, "Boolean(window.heard)", bool)
-    _expect_value(lab, "window.control?.guard", lambda guard: guard == "ready")
-    lab.evaluate("window.video = robot.showVideo(document.querySelector('#picture'))")
-    _expect_value(
-        lab, "document.querySelector('#picture').naturalWidth", lambda width: width >= 160
-    )
-    # The <img> has a size a moment before the stream hears that it shows something.
-    _expect_value(lab, "video.ageMs", lambda age: age is not None)
-    assert 0 <= lab.evaluate("video.ageMs") < 5000
-    assert lab.evaluate("robot.drive({ forward: 0.2 })") is False
-    with pytest.raises(Exception, match="cannot call /dock"):
-        lab.evaluate("robot.call('/dock')")
 
 
 def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> None:

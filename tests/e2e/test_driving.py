@@ -10,11 +10,10 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from typing import Any
 
 import page_holds
-import processes
 import pytest
 from gamepad_double import LB, LEFT_X, LEFT_Y, RB, B, GamepadDouble
 from page_users import PageUsers, release_all
@@ -427,18 +426,10 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         release_all(stack, [ROBOT])
 
 
-@contextmanager
-def _holonomic(stack: Stack) -> Iterator[None]:
-    stack.admin.set_robot(ROBOT, {"page.kind": "holonomic"})
-    try:
-        yield
-    finally:
-        stack.admin.set_robot(ROBOT, {"page.kind": None})
-
-
 def test_keys_go_sideways_on_a_robot_that_can(page: Page, stack: Stack, watch: SimWatch) -> None:
     """Q is left, with two sticks at hand from the beginning."""
-    with _holonomic(stack):
+    stack.admin.set_robot(ROBOT, {"page.kind": "holonomic"})
+    try:
         drive_live(page, stack, ROBOT)
         expect(page.get_by_test_id("joystick-turn")).to_be_visible()
         expect_armed(page)
@@ -450,6 +441,8 @@ def test_keys_go_sideways_on_a_robot_that_can(page: Page, stack: Stack, watch: S
         )
         page.keyboard.up("q")
         _falls_silent(watch)
+    finally:
+        stack.admin.set_robot(ROBOT, {"page.kind": None})
 
 
 def test_a_driver_without_network_reads_that_and_nothing_drives_on(
@@ -475,28 +468,6 @@ def test_a_driver_without_network_reads_that_and_nothing_drives_on(
         expect(bar).to_have_attribute("data-stop", "stopped", timeout=10_000)
     finally:
         release_all(stack, [ROBOT])
-
-
-@contextmanager
-def _frozen_ros(stack: Stack) -> Iterator[None]:
-    """While this lasts the robot's rosbridge answers nobody; its agent does."""
-    found = processes.with_words(stack.container(ROBOT), "-m sim_robot")
-    assert found, f"{ROBOT} runs no simulator"
-    _send(found, signal.SIGSTOP)
-    try:
-        yield
-    finally:
-        _send(found, signal.SIGCONT)
-
-
-def test_a_rosbridge_that_does_not_answer_is_told(page: Page, stack: Stack) -> None:
-    """The robot is online and its rosbridge silent: the page says which, and what to do."""
-    drive_live(page, stack, ROBOT)
-    state = page.get_by_test_id("state")
-    with _frozen_ros(stack):
-        expect(state).to_have_attribute("data-shown", "rosbridge_down", timeout=40_000)
-        expect(state).to_contain_text("Start rosbridge there")
-    expect_live(page, seconds=30)
 
 
 def test_an_observer_sees_and_cannot_drive(stack: Stack, browser: Browser, watch: SimWatch) -> None:

@@ -143,23 +143,3 @@ def test_the_wall_has_robots_that_ask_first_and_takes_one_by_a_key(
     page.keyboard.press(key)
     page.wait_for_url("**/robots/sim2")
     expect_mode(page, "drive")
-
-
-def test_a_page_that_gets_no_answers_shows_no_old_state_as_new(
-    page_users: PageUsers, stack: Stack
-) -> None:
-    """The server counts its operator as away, and the page says since when, and until when."""
-
-    def is_away() -> bool:
-        operators = stack.admin.ask("GET", "/operators")["operators"]
-        return any((who["user"], who["state"]) == ("quinn", "away") for who in operators)
-
-    page = _be_available(page_users, "quinn")
-    page.route("**/api/v1/queue/me", lambda route: route.abort())
-    expect(page.get_by_test_id("queue-feed")).to_have_attribute("data-feed", "lost")
-    expect(page.get_by_test_id("queue-feed")).to_contain_text("What is shown is from")
-    expect(page.get_by_test_id("queue-state")).to_contain_text("It is not known")
-    stack.wait("quinn away", is_away, "web")
-    page.unroute("**/api/v1/queue/me")
-    expect(page.get_by_test_id("queue-state")).to_contain_text("You are away.")
-    expect(page.get_by_test_id("queue-lapse")).to_contain_text("The server got no word")

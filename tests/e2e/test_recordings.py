@@ -123,18 +123,6 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
     )
 
 
-def test_a_recording_ends_with_the_right_of_who_asked(stack: Stack, people: People) -> None:
-    number = people.start()
-    stack.admin.grant("dora", ROBOT, "observe")
-
-    def code() -> str | None:
-        recording = people.ask("mark", "GET", f"/recordings/{number}")[1]
-        return str(recording["end_code"]) if recording["ended_at"] else None
-
-    assert stack.wait("it ended", code, "recorder", seconds=10) == "right_ended"
-    assert people.ask("dora", "POST", f"/robots/{ROBOT}/recordings")[0] == 403
-
-
 def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
     page: Page, stack: Stack, people: People, tmp_path: Path
 ) -> None:

@@ -18,7 +18,6 @@ from pages import (
     expect_armed,
     expect_live,
     open_drawer,
-    open_live,
     wait_until,
 )
 from playwright.sync_api import Locator, Page, WebSocket, expect
@@ -252,24 +251,3 @@ def test_a_picture_is_saved_turned_and_of_the_chosen_quality(robot: Page) -> Non
         expect(_tile(robot, FRONT).get_by_test_id("tile-facts")).to_contain_text("30 %")
         _wait_size(robot.get_by_test_id("video"), 480, 640)
         robot.reload()
-
-
-def test_a_camera_that_nothing_publishes_is_named(page: Page, stack: Stack) -> None:
-    nowhere, rear = {"topic": "/camera/nowhere", "name": "Lost"}, {"topic": REAR, "name": "Rear"}
-    why = "No frames from /camera/nowhere: the topic does not exist or nothing publishes it."
-    stack.wait_until_drivable(ROBOT)
-    stack.admin.set_robot(ROBOT, {"page.cameras": [nowhere, rear]})
-    try:
-        open_live(page, stack, ROBOT)
-        expect(_tile(page, "/camera/nowhere").get_by_test_id("tile-words")).to_have_text(why)
-        open_drawer(page)
-        page.get_by_test_id("still").click()
-        expect(page.get_by_test_id("sight-note")).to_have_text(f"Picture not saved. {why}")
-        page.keyboard.press("c")
-        _expect_picture(_tile(page, REAR), "live")
-        page.goto(stack.url)
-        thumb = page.get_by_test_id(f"robot-card-{ROBOT}").get_by_test_id("card-thumb")
-        expect(thumb).to_have_text(why)
-    finally:
-        stack.admin.set_robot(ROBOT, {"page.cameras": None})
-        stack.wait_for_changes(ROBOT)

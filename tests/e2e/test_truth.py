@@ -99,21 +99,6 @@ def test_the_numbers_tell_how_good_they_are_and_where_the_round_trip_goes(
     expect(page.get_by_test_id("rtt-parts")).to_have_text(words, timeout=15_000)
 
 
-def test_the_driver_reads_how_old_is_what_they_see(page: Page, stack: Stack) -> None:
-    """The page shows the age that the robot's guard measured, and its parts, while the driver drives."""
-    stack.wait_until_drivable(ROBOT)
-    drive_live(page, stack, ROBOT)
-    age = page.get_by_test_id("seen-age")
-    expect(age).to_be_hidden()
-    page.keyboard.down("w")
-    try:
-        expect(age).to_contain_text(re.compile(r"seen \d+ ms ago"))
-        expect(age).to_have_attribute("title", re.compile(r"about \d+ ms until it is shown"))
-    finally:
-        page.keyboard.up("w")
-    expect(age).to_be_hidden()
-
-
 def test_who_is_logged_out_or_whose_robot_is_disabled_reads_that_and_nothing_else(
     page: Page, stack: Stack
 ) -> None:
