@@ -46,7 +46,6 @@ class Packaged:
         return self.host.run(INSTALL)
 
     def invite(self) -> dict[str, str]:
-        """A new join token, and the line with it."""
         body = {"name": self.name, "uses": 1, "hours": 1}
         headers = {
             "Authorization": f"Bearer {self.site.token}",

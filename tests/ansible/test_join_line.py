@@ -37,7 +37,6 @@ class Robot:
         host.put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
 
     def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
-        """Run the line with more options; whether it succeeded, and what it printed."""
         # `sh` must get nothing when curl fails, and its end is what counts, as for a person at the prompt.
         wanted = ("bash", "-c", f"{line} {options}")
         done = run_inside(self.host.container, *wanted, merged=True, limit_s=300)
@@ -61,7 +60,6 @@ class Robot:
         return listed + self.host.run("systemctl show robotether-agent -p ExecMainPID,NRestarts")
 
     def key(self) -> str:
-        """The fingerprint of the robot's key."""
         public = "/var/lib/robotether-agent/id_ed25519.pub"
         return self.host.run(f"ssh-keygen -lf {public}").split()[1]
 
@@ -106,7 +104,6 @@ def without_token(line: str) -> str:
 
 
 def rows(stack: Stack) -> dict[str, dict[str, Any]]:
-    """The server's robots by MAC."""
     return {row["mac"]: row for row in stack.admin.ask("GET", "/robots")["robots"]}
 
 

@@ -33,14 +33,12 @@ class Server:
     controller: Controller
 
     def play(self, *arguments: str) -> tuple[int, str]:
-        """Run server.yml; how much it changed, and what it printed."""
         return self.controller.play("server.yml", *arguments)
 
     def compose(self, arguments: str) -> str:
         return compose(self.host, arguments)
 
     def healthy(self) -> bool:
-        """Tell whether Docker calls all services healthy."""
         return are_healthy(self.host, SERVICES)
 
     def secrets(self) -> str:

@@ -42,7 +42,6 @@ class Person:
         return {**os.environ, **own, "SSH_AUTH_SOCK": ""}
 
     def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> object:
-        """One request to the API."""
         headers = {"Authorization": f"Bearer {self.token}"}
         status, answer = self.stack.request(method, path, body, headers)
         assert status in (200, 201), answer
@@ -60,7 +59,6 @@ class Person:
         self.config.write_text(f"{entries}{own}")
 
     def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
-        """Run a program of her machine."""
         words = [str(word) for word in command]
         return subprocess.run(
             words, env=self.environment, capture_output=True, text=True, timeout=60, check=False,
@@ -68,7 +66,6 @@ class Person:
         )  # fmt: skip
 
     def run_well(self, *command: str | Path) -> str:
-        """Run a program that must succeed."""
         done = self.run(*command)
         assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
         return done.stdout

@@ -33,11 +33,9 @@ class Site:
     controller: Controller
 
     def play(self, *arguments: str) -> tuple[int, str]:
-        """Run site.yml; how much it changed, and what it printed."""
         return self.controller.play("site.yml", *arguments)
 
     def healthy(self) -> bool:
-        """Tell whether all machines have what they should have."""
         first, *others = self.machines
         return are_healthy(first, SERVICES | {"mysql"}) and all(
             are_healthy(item, SERVICES) for item in others
@@ -48,7 +46,6 @@ class Site:
         return self.sql("SELECT name FROM cells WHERE heartbeat_at > NOW() - INTERVAL 5 SECOND")
 
     def sql(self, query: str) -> set[str]:
-        """Ask the database for one column."""
         asked = f'mariadb --batch --skip-column-names robotether -e "{query}"'
         return set(compose(self.machines[0], f"exec -T --user root mysql {asked}").split())
 

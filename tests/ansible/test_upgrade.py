@@ -17,7 +17,6 @@ BROKEN = '\n\ndef run(settings, environ):\n    raise RuntimeError("broken on pur
 
 @pytest.fixture(scope="module")
 def robots(site: Site, hosts: RobotHosts) -> list[RobotHost]:
-    """Two enrolled robots."""
     booted = hosts.boot_all("first", "second")
     site.play_well("enroll.yml", *booted)
     return booted

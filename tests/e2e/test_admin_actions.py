@@ -31,14 +31,12 @@ async def drivable(program: Program) -> None:
 
 
 def robot(program: Program, name: str = ROBOT) -> dict[str, object]:
-    """The robot as the API shows it to an admin."""
     status, body = program.stack.request("GET", f"/api/v1/robots/{name}", headers=program.headers)
     assert status == 200, body
     return dict(body)
 
 
 def change(program: Program, method: str, path: str, body: dict[str, object] | None = None) -> None:
-    """Change something over the API."""
     status, answer = program.stack.request(method, path, body, program.headers)
     assert status in (200, 204), answer
 
@@ -52,7 +50,6 @@ def audited(stack: Stack, kind: str, name: str = ROBOT) -> str:
 
 
 async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
-    """Wait for the connection's end; its close code."""
     async with asyncio.timeout(HANGS_S):
         async for _ in socket:
             pass
@@ -60,7 +57,6 @@ async def closed(socket: aiohttp.ClientWebSocketResponse) -> int | None:
 
 
 async def until(what: str, condition: Callable[[], bool]) -> None:
-    """Wait until it is so."""
     end = time.monotonic() + HANGS_S
     while not await asyncio.to_thread(condition):
         assert time.monotonic() < end, f"still not {what}"
@@ -85,7 +81,6 @@ async def test_renaming_keeps_the_tunnel(program: Program, stack: Stack) -> None
 
 
 def sessions(program: Program, name: str) -> list[dict[str, object]]:
-    """The robot's sessions, the newest first."""
     path = f"/api/v1/robots/{name}/sessions"
     status, body = program.stack.request("GET", path, headers=program.headers)
     assert status == 200, body

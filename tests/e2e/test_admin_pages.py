@@ -49,7 +49,6 @@ def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> Non
 
 
 def _remove(page: Page, stack: Stack, name: str) -> None:
-    """Take a robot of these tests away through its page."""
     _do(page, stack, f"/admin/robots/{name}/remove", f"Robot {name} is removed.")
 
 

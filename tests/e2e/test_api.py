@@ -38,14 +38,12 @@ class Api:
     token: str
 
     def ask(self, method: str, path: str) -> Any:
-        """The answer's JSON."""
         headers = {"Authorization": f"Bearer {self.token}"}
         status, answer = self.stack.request(method, f"/api/v1{path}", headers=headers)
         assert status in {200, 204}, answer
         return answer
 
     def names(self, path: str, key: str, member: str = "name") -> set[str]:
-        """What a list holds."""
         return {str(item[member]) for item in self.ask("GET", path)[key]}
 
     def records(self) -> dict[str, set[str]]:

@@ -42,7 +42,6 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 @pytest.fixture(scope="module")
 def second(first: Stack) -> Iterator[Stack]:
-    """The other cell."""
     with second_cell(first) as cell:
         yield cell
 

@@ -35,7 +35,6 @@ COUNT_COLOURS = """() => {
 
 @pytest.fixture(scope="module")
 def token(stack: Stack) -> str:
-    """An API token of the admin."""
     return stack.token("client")
 
 
@@ -88,7 +87,6 @@ def _standing(pose: dict[str, float]) -> bool:
 def _expect_value(
     page: Page, expression: str, condition: Callable[[Any], bool], seconds: float = 10
 ) -> None:
-    """Wait for a value in the page."""
     end = time.monotonic() + seconds
     while not condition(value := page.evaluate(expression)):
         assert time.monotonic() < end, f"{expression} is {value}"

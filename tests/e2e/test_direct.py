@@ -44,7 +44,6 @@ def open_to(stack: Stack) -> Iterator[OpenTo]:
 
 
 def ros_port(stack: Stack) -> int:
-    """The port of sim1's rosbridge."""
     [[port]] = stack.sql("SELECT ros_port FROM robots WHERE name = 'sim1'")
     return int(port)
 

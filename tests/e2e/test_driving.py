@@ -60,7 +60,6 @@ class TouchScreen:
         return point
 
     def tap(self, point: tuple[float, float]) -> None:
-        """Press a point for a moment."""
         self._send("touchStart", {"tap": point})
         self._send("touchEnd", {"tap": point})
 
@@ -77,7 +76,6 @@ def _drivable(stack: Stack) -> None:
 
 @pytest.fixture
 def watch(stack: Stack) -> Iterator[SimWatch]:
-    """What the robot does."""
     with SimWatch(stack, ROBOT) as watching:
         yield watching
 

@@ -139,7 +139,6 @@ class Looks:
         self._questions = 0
 
     def look(self, path: str) -> int:
-        """Open the page, note what is wrong with it, and return its status."""
         self._path = path
         self._be(DESKTOP, color_scheme="light")
         response = self.page.goto(self.url + path)

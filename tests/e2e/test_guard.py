@@ -27,7 +27,6 @@ DRIVES_WITHIN_S = 20.0
 
 @pytest.fixture(scope="module")
 def program(stack: Stack) -> Program:
-    """A program with an API token of the admin."""
     return Program(stack, stack.token("guard tests"))
 
 

@@ -62,7 +62,6 @@ def _buttons(stack: Stack) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def token(stack: Stack) -> str:
-    """An API token of the admin."""
     return stack.token("panel tests")
 
 

@@ -31,7 +31,6 @@ def token(stack: Stack) -> str:
 
 @pytest.fixture(scope="module")
 def program(stack: Stack, token: str) -> Program:
-    """A program with that token."""
     return Program(stack, token)
 
 

@@ -47,7 +47,6 @@ def _supervise(people: PageUsers) -> Page:
 
 
 def _ask(stack: Stack) -> None:
-    """Ask for help with the robot, as a program."""
     stack.admin.ask("POST", f"/robots/{ROBOT}/requests", {"reason": REASON, "priority": 1})
 
 

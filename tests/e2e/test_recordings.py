@@ -35,7 +35,6 @@ class People:
         self._tokens = {name: stack.token("recordings", name) for name in ("dora", "mark")}
 
     def ask(self, name: str, method: str, path: str) -> tuple[int, Any]:
-        """One request of a person; status and answer."""
         bearer = {"Authorization": f"Bearer {self._tokens[name]}"}
         return self._stack.request(method, f"/api/v1{path}", headers=bearer)
 
@@ -51,11 +50,9 @@ class People:
             return answer.status, answer.read()
 
     def state(self, number: int) -> str:
-        """How far a recording is."""
         return str(self.ask("dora", "GET", f"/recordings/{number}")[1]["state"])
 
     def start(self) -> int:
-        """Begin a recording as dora."""
         status, recording = self.ask("dora", "POST", f"/robots/{ROBOT}/recordings")
         assert status == 201, recording
         number = int(recording["id"])

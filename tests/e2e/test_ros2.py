@@ -49,7 +49,6 @@ def robot(stack: Stack) -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def program(stack: Stack) -> Program:
-    """A program with an API token of the admin's."""
     return Program(stack, stack.token("ros2"))
 
 

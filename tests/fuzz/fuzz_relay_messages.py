@@ -130,7 +130,6 @@ def mutate(data: bytes, max_size: int, seed: int) -> bytes:
 
 
 def main() -> None:
-    """Let the fuzzer change messages until something is wrong or its time is over."""
     atheris.Setup(sys.argv, fuzz_one, custom_mutator=mutate)
     atheris.Fuzz()
 

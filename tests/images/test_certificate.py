@@ -29,7 +29,6 @@ class Pairs:
         return self.folder / name
 
     def self_signed(self, name: str, *options: str, key: tuple[str, ...] = EC) -> None:
-        """Write NAME.pem and NAME.key."""
         openssl(
             *("req", "-x509", *key, "-noenc", "-subj", f"/CN={HOST}", *options),
             *("-keyout", str(self[f"{name}.key"]), "-out", str(self[f"{name}.pem"])),

@@ -59,12 +59,10 @@ class RecordingRegistry(BaseHTTPRequestHandler):
     requested: ClassVar[list[str]] = []
 
     def do_GET(self) -> None:
-        """Refuse one request."""
         self.requested.append(self.path)
         self.send_error(HTTPStatus.NOT_FOUND)
 
     def do_HEAD(self) -> None:
-        """Refuse one question whether an image is there."""
         self.do_GET()
 
     def log_message(self, *_: object) -> None:

@@ -15,7 +15,6 @@ REGISTER = "/run/robotether/jump"
 
 
 def registered(stack: Stack) -> list[str]:
-    """The files of the register."""
     return stack.exec("sshd", "ls", "-A", REGISTER, user="jump:jumpwatch").split()
 
 

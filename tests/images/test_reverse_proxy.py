@@ -98,22 +98,18 @@ class Site:
 
     @property
     def visitor(self) -> str:
-        """This machine's own address among people."""
         [config] = self.people.attrs["IPAM"]["Config"]
         return str(config["Gateway"])
 
     def address(self, container: Container) -> str:
-        """Where people reach a container."""
         return address_in(self.people, container)
 
     def file(self, name: str, text: str) -> Path:
-        """A file for a container."""
         made = self.folder / name
         made.write_text(text)
         return made
 
     def start_nginx(self) -> Container:
-        """The page's nginx."""
         openssl(
             *("req", "-x509", "-newkey", "rsa:2048", "-noenc", "-subj", f"/CN={HOST}"),
             *("-keyout", str(self.folder / "key"), "-out", str(self.folder / "cert")),
@@ -151,7 +147,6 @@ class Site:
     def proxy(
         self, name: str, files: dict[Path, str], entrypoint: list[str], user: str = ""
     ) -> Container:
-        """A proxy between people and the stack."""
         mounts = {str(file): {"bind": place, "mode": "ro"} for file, place in files.items()}
         made = self.containers.start(
             self.inside, name, volumes=mounts, entrypoint=entrypoint, user=user
@@ -202,7 +197,6 @@ def asked(address: str, path: str, port: int = 443) -> Iterator[http.client.HTTP
 
 
 def status(address: str, path: str) -> int:
-    """The answer's status."""
     with asked(address, path) as answer:
         return answer.status
 

@@ -70,7 +70,6 @@ class Site:
         return text
 
     def set(self, machine: Stack, block: str) -> None:
-        """Put a block's lines into a machine's .env."""
         machine.settings |= dict(line.split("=", 1) for line in self._here(block).splitlines())
         machine.write_settings()
 
@@ -82,7 +81,6 @@ class Site:
 
     @cached_property
     def secrets(self) -> Path:
-        """Where those of the site are."""
         folder = self._folder / "b" / "secrets"
         self.a.tool("tools/site_secrets", str(folder))
         return folder
@@ -182,7 +180,6 @@ class Numbers(threading.Thread):
         self.confirmed = 0
 
     def run(self) -> None:
-        """Write."""
         with self._connection as cursor:
             try:
                 while True:
@@ -193,7 +190,6 @@ class Numbers(threading.Thread):
 
 
 def numbers_at(site: Site, machine: Stack) -> list[int]:
-    """The rows that a database has."""
     with site.connection(machine) as cursor:
         cursor.execute("SELECT number FROM numbers ORDER BY number")
         return [int(number) for (number,) in cursor.fetchall()]

@@ -70,7 +70,6 @@ def ask(swarm: Swarm, cell: str, path: str, token: str) -> bytes:
 
 
 def is_online(swarm: Swarm, cell: str, token: str) -> bool:
-    """Whether a cell says that the robot is online."""
     answer = ask(swarm, cell, "/api/v1/robots/sim1", token)
     return bool(answer) and bool(json.loads(answer)["online"])
 

@@ -46,7 +46,6 @@ def run(*command: str | Path, cwd: Path = ROOT) -> str:
 
 
 def answers(url: str) -> bool:
-    """Whether somebody speaks HTTP there."""
     try:
         urlopen(url, timeout=1).close()
     except (URLError, ConnectionError):

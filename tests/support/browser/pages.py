@@ -38,8 +38,7 @@ class Site(Protocol):
         """The site's address, without a slash at the end."""
 
     @property
-    def admin_password(self) -> str:
-        """The password of the user admin."""
+    def admin_password(self) -> str: ...
 
 
 def chromium(playwright: Playwright) -> Browser:

@@ -70,7 +70,6 @@ class Camera:
     look: str
 
     def shoot(self, name: str, *, whole: bool = False) -> None:
-        """Take a picture of what is on the screen, or of the whole page."""
         path = FOLDER / f"{name}-{self.look}.png"
         self.page.screenshot(path=path, full_page=whole)
         Image.open(path).convert("RGB").quantize(COLOURS, Image.Quantize.MAXCOVERAGE).save(
@@ -125,7 +124,6 @@ def an_observer(demo: Demo) -> Iterator[str]:
 
 
 def new_context(browser: Browser, size: str, scheme: str) -> BrowserContext:
-    """A browser of its own at one size and colour scheme."""
     width, height = SIZES[size]
     return browser.new_context(
         ignore_https_errors=True,

@@ -35,7 +35,6 @@ class Browser:
         return self.csrf_of("/login")
 
     def csrf_of(self, path: str) -> str:
-        """The token that a page gives to its script."""
         page = self.ask("GET", path, follow_redirects=True).text
         found = re.search(r'name="csrf-token" content="([^"]+)"', page)
         assert found, page

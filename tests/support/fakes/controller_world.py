@@ -64,8 +64,6 @@ class FakeSource:
 
 
 class MemoryMotionFile(MotionFile):
-    """The mark in memory."""
-
     def __init__(self) -> None:
         super().__init__(Path("/nowhere"))
         self.driven: list[Driven] | None = None
@@ -81,8 +79,6 @@ class MemoryMotionFile(MotionFile):
 
 
 class World:
-    """A drive controller, and what stands around it."""
-
     def __init__(self, motion_file: MotionFile | None = None) -> None:
         self.now = 1000.0
         self.authorizer = Authorizer(self.now)

@@ -84,12 +84,10 @@ class FakeFrames:
             await socket.send_str(json.dumps(message))
 
     async def send_bytes(self, data: bytes) -> None:
-        """Send a binary message to all, whatever they asked for."""
         for socket in list(self.connections):
             await socket.send_bytes(data)
 
     async def wait_for(self, op: str, **members: object) -> dict[str, Any]:
-        """Wait for a text with these members; return it."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 for text in self.texts:

@@ -48,15 +48,12 @@ def births(place: Path) -> list[dict[str, Any]]:
 
 
 class FakeGuard:
-    """One start."""
-
     def __init__(self, place: Path, modes: list[str]) -> None:
         self._place = place
         self._mode = modes[min(len(births(place)), len(modes) - 1)]
         self._door = socket.create_server(("127.0.0.1", 0))
 
     def run(self) -> int:
-        """Do as the mode says, and return the exit status."""
         port = self._door.getsockname()[1]
         self._note({"type": "born", "pid": os.getpid(), "parent": os.getppid(), "port": port})
         if self._mode == "dies":

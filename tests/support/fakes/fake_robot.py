@@ -238,7 +238,6 @@ class FakeRobot:
             session.send(type="hello", guard="off", **hello)
 
     async def send_to_clients(self, data: bytes) -> None:
-        """Send a text message to everybody who is connected to rosbridge."""
         for client in list(self.clients):
             with contextlib.suppress(ConnectionError):
                 await client.send_frame(data, WSMsgType.TEXT)
@@ -394,7 +393,6 @@ class FakeRobot:
         return response
 
     async def _raw(self, request: web.Request) -> web.Response:
-        """Answer with the test's own bytes, in place of those of a web server."""
         self._note(request)
         assert request.transport is not None
         for part in self.raw_answer:

@@ -18,8 +18,6 @@ Mode = Literal["good", "slow_reader", "refuses"]
 
 
 class FakeRosbridge(WebService):
-    """One that listens on a port of its own."""
-
     scheme = "ws"
 
     def __init__(self, mode: Mode = "good") -> None:

@@ -18,8 +18,6 @@ WAIT_S = 30.0
 
 @dataclass(frozen=True)
 class Seen:
-    """A picture as it came."""
-
     codec: int
     flags: int
     quality: int

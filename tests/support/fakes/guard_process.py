@@ -63,16 +63,13 @@ class GuardEnd(ABC):
         await self._end()
 
     @abstractmethod
-    async def _start(self) -> None:
-        """Run it; each line that it writes goes to `lines`."""
+    async def _start(self) -> None: ...
 
     @abstractmethod
-    async def _end(self) -> None:
-        """End it at once."""
+    async def _end(self) -> None: ...
 
     @abstractmethod
-    def write(self, data: bytes) -> None:
-        """Write to its input."""
+    def write(self, data: bytes) -> None: ...
 
     def tell(self, **line: Any) -> None:
         self.write(json.dumps(line).encode() + b"\n")
@@ -185,7 +182,6 @@ class GuardProcess(GuardEnd):
         self.process.stdin.close()
 
     async def ended(self) -> int:
-        """Wait for its end; the exit code."""
         return await asyncio.wait_for(self.process.wait(), WAIT_S)
 
     async def _read(self) -> None:
@@ -213,11 +209,9 @@ class GuardClient(SocketClient):
         await self.send(op="publish", **({"msg": message} | fields))
 
     async def closed(self) -> int:
-        """Wait until the guard closes it; the code."""
         return (await self.close_reason())[0]
 
     async def close_reason(self) -> tuple[int, str]:
-        """Wait until the guard closes it; the code and the reason."""
         reason = ""
         while not self.socket.closed:
             message = await self.socket.receive(timeout=WAIT_S)

@@ -61,8 +61,6 @@ FIRST = 100_000
 
 
 class World:
-    """A receiver, its socket, its source, and the clock of all."""
-
     def __init__(self, *, steps_quality: bool = True, encoders: EncoderPool | None = None) -> None:
         self.now_s = FIRST / 1000
         self.sent: list[tuple[str, int, float]] = []

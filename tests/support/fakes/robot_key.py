@@ -34,7 +34,6 @@ class RobotKey:
         return done.stdout.split()[1]
 
     def join_body(self, mac: str, **fields: object) -> dict[str, object]:
-        """The body of a join, with the proof of the key."""
         words = ["ssh-keygen", "-q", "-Y", "sign", "-n", JOIN_NAMESPACE, "-f", str(self.file)]
         token = str(fields["token"]) if "token" in fields else None
         message = join_message(token, mac, " ".join(self.public.split()[:2]))
@@ -43,12 +42,10 @@ class RobotKey:
         return {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}
 
     def join(self, mac: str, **fields: object) -> tuple[int, dict[str, object]]:
-        """Ask to join; status and answer."""
         status, answer = self.stack.request("POST", "/api/v1/join", self.join_body(mac, **fields))
         return status, answer
 
     def ports(self) -> tuple[int, int]:
-        """The robot's rosbridge and video port on the server."""
         [[ros, video]] = self.stack.sql(
             f"SELECT ros_port, video_port FROM robots WHERE name = '{self.name}'"
         )

@@ -13,7 +13,6 @@ SETTINGS = SimSettings(name="test", bind_address="127.0.0.1", rosbridge_port=0, 
 
 
 async def until(what: str, condition: Callable[[], bool], seconds: float = WAIT_S) -> None:
-    """Wait until the condition holds, or fail and say what was awaited."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"after {seconds} s still not: {what}"

@@ -22,8 +22,7 @@ from loop_thread import LoopThread
 class Containers(Protocol):
     """Where the simulated robots run: a test's stack, or the demo."""
 
-    def container(self, service: str) -> Container:
-        """The container of a service."""
+    def container(self, service: str) -> Container: ...
 
 
 @dataclass(frozen=True)

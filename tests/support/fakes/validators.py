@@ -68,8 +68,6 @@ MANAGING = [
 
 
 class Clock:
-    """A clock that stands until the test moves it."""
-
     def __init__(self) -> None:
         self.now = 1000.0
 

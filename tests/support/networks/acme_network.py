@@ -103,7 +103,6 @@ class AcmeNetwork:
         )
 
     def stop(self, container: Container) -> None:
-        """Remove a container before the end of the block."""
         self._containers.remove(container)
         container.remove(force=True, v=True)
 
@@ -172,8 +171,6 @@ class AcmeNetwork:
     def wait(
         self, what: str, condition: Callable[[], bool], *containers: Container, seconds: float = 30
     ) -> None:
-        """Wait until the condition holds; on a time-out show the containers' logs."""
-
         def report() -> str:
             logs = (each.logs(tail=30, timestamps=True).decode() for each in containers)
             return "\n".join([what, *logs])

@@ -130,7 +130,6 @@ class OpenSshServer:
         wait_until(self._listens, lambda: f"sshd listens; its log:\n{self.log_text()}")
 
     def stop(self) -> None:
-        """Stop sshd and every connection, without a word to the clients."""
         if self._process is not None:
             stop_sshd(self._process)
             self._process = None
@@ -205,7 +204,6 @@ def start_sshd(folder: Path, config: str) -> subprocess.Popen[bytes]:
 
 
 def stop_sshd(process: subprocess.Popen[bytes]) -> None:
-    """Stop sshd and every connection, without a word to the clients."""
     # Held first, so that a client that comes back at once starts no process that is not in the list.
     process.send_signal(signal.SIGSTOP)
     connections = descendants(process.pid)
@@ -217,7 +215,6 @@ def stop_sshd(process: subprocess.Popen[bytes]) -> None:
 
 
 def listens(port: int, address: str = "127.0.0.1") -> bool:
-    """Tell whether something accepts at `port` of this machine."""
     with socket.socket() as probe:
         probe.settimeout(1)
         return probe.connect_ex((address, port)) == 0
@@ -259,7 +256,6 @@ def is_alive(pid: int) -> bool:
 
 
 def kill(pid: int) -> None:
-    """Kill one process that may have ended already."""
     try:
         os.kill(pid, signal.SIGKILL)
     except ProcessLookupError:
@@ -267,7 +263,6 @@ def kill(pid: int) -> None:
 
 
 def command_line(pid: int) -> str:
-    """Return the command line of a process, for failures."""
     try:
         return Path(f"/proc/{pid}/cmdline").read_text().replace("\0", " ")
     except OSError:

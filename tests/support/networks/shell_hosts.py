@@ -109,7 +109,6 @@ class ShellNetwork:
         self.write_config()
 
     def let_through(self, *names: str) -> None:
-        """Let the person through the jump host to these robots alone."""
         opens = "".join(f',permitopen="127.0.0.1:{self.robots[name].port}"' for name in names)
         self.jump.authorized.write_text(f"restrict,port-forwarding{opens} {self.public_key}\n")
 

@@ -56,7 +56,6 @@ def compose(host: RobotHost, arguments: str) -> str:
 
 
 def are_healthy(host: RobotHost, services: set[str]) -> bool:
-    """Tell whether Docker there calls these services healthy, and no others."""
     if not host.succeeds("docker info"):
         return False
     listed = compose(host, "ps --format '{{.Service}} {{.Health}}'").split("\n")

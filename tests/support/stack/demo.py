@@ -34,7 +34,6 @@ class Demo:
         self.engine = docker.from_env()
 
     def compose(self, *arguments: str) -> str:
-        """Run tools/compose with the simulated robots and return what it printed."""
         return _run_compose("--profile", "*", *arguments)
 
     def robotether(self, *arguments: str) -> str:
@@ -62,7 +61,6 @@ class Demo:
 
     @property
     def url(self) -> str:
-        """The site's address from outside, without a slash at the end."""
         return f"https://{self.address}"
 
     @cached_property
@@ -73,7 +71,6 @@ class Demo:
 
     @cached_property
     def token(self) -> str:
-        """An API token of the admin for this run."""
         name = f"{TOKEN_NAME}-{int(time.time())}"
         return self.robotether(
             "token", "create", "--user", "admin", "--name", name, "--days", "1"

@@ -59,7 +59,6 @@ class HelpDesk:
     def ask(
         self, robot: str = "sim1", source: str = "robot", priority: int = 2, pool: str = ""
     ) -> int:
-        """Ask as a robot; return the request's id."""
         with self.relay_database.transaction() as tx:
             request_id, _ = fleet.ask_for_help(
                 tx,
@@ -73,26 +72,22 @@ class HelpDesk:
         return request_id
 
     def poll(self, name: str, choice: Choice | None = "available") -> QueueView:
-        """Poll as an operator's page."""
         with self.database.transaction() as tx:
             return operator_service.poll(tx, users.get(tx, name), choice)
 
     def act(self, action: str, name: str, *values: Any) -> HelpRequest:
-        """Accept, decline, assign, close or cancel as a user."""
         with self.database.transaction() as tx:
             act = getattr(request_service, action)
             request: HelpRequest = act(tx, Source(name), users.get(tx, name), *values)
             return request
 
     def pass_time(self, seconds: float) -> None:
-        """Let time pass, as the database sees it."""
         with self.database.transaction() as tx:
             for table, columns in CLOCKS.items():
                 changes = ", ".join(f"{name} = {name} - INTERVAL %(s)s SECOND" for name in columns)
                 tx.change(f"UPDATE {table} SET {changes}", {"s": seconds})
 
     def drive(self, name: str, robot: str) -> None:
-        """Begin to drive, as the relay writes it."""
         with self.relay_database.transaction() as tx:
             next_fence(tx, NewLease(self.robots[robot], self.users[name], name, utc_now()))
 
@@ -101,7 +96,6 @@ class HelpDesk:
             return requests.get(tx, self.users["mona"], request_id).request
 
     def events(self, kind: str | None = None) -> list[AuditEvent]:
-        """The audit log's events, the oldest first."""
         with self.database.transaction() as tx:
             return audit.find(tx, audit.AuditSearch(kind=kind))[::-1]
 

@@ -80,7 +80,6 @@ class Insider:
         return self.send(host, port, request.encode()).split("\r\n", 1)[0]
 
     def upgrade(self, host: str, port: int, **headers: str) -> str:
-        """Ask for a WebSocket; the status line of the answer."""
         asked = {
             "Connection": "Upgrade",
             "Upgrade": "websocket",

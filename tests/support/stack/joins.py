@@ -95,7 +95,6 @@ class Site:
             return join_tokens.create(tx, "lab", uses, ends_at, "root")
 
     def used(self) -> int:
-        """How many robots the newest join token has admitted."""
         with self.database.transaction() as tx:
             return join_tokens.list_all(tx)[0].used
 
@@ -108,7 +107,6 @@ class Site:
             return [seen.robot.name for seen in seen_robots.list_all(tx)]
 
     def events(self, kind: str | None = None) -> list[AuditEvent]:
-        """The audit log's events, or those of one kind, the oldest first."""
         with self.database.transaction() as tx:
             return audit.find(tx, audit.AuditSearch(kind=kind))[::-1]
 

@@ -178,7 +178,6 @@ def end(running: subprocess.Popen[str]) -> str:
 
 
 def ended(running: subprocess.Popen[Any], seconds: float = ENDED_WITHIN_S) -> bool:
-    """Whether the client's connection ends in this time."""
     try:
         running.wait(timeout=seconds)
     except subprocess.TimeoutExpired:

@@ -139,7 +139,6 @@ def start(
 
 
 def wait_healthy(container: Container) -> None:
-    """Wait until the image's own health check passes; on a time-out tell the container's log."""
     end = time.monotonic() + HEALTHY_WITHIN_S
     while True:
         container.reload()

@@ -78,7 +78,6 @@ class PlainCompose:
         ).stdout
 
     def compose(self, *arguments: str) -> str:
-        """Run what must succeed; what it printed."""
         done = self.run(*arguments)
         if done.returncode != 0:
             raise AssertionError(
@@ -106,7 +105,6 @@ class PlainCompose:
     def wait(
         self, what: str, condition: Callable[[], object], *services: str, seconds: float = 60
     ) -> None:
-        """Wait until the condition holds; on a time-out show the services' logs."""
         wait_until(
             condition, lambda: f"{what}\n{self.compose('logs', *services)}", seconds, every_s=0.5
         )

@@ -82,8 +82,6 @@ class Recap:
 
 @dataclass(frozen=True)
 class Played:
-    """One run of a playbook."""
-
     code: int
     printed: str
     took_s: float

@@ -92,7 +92,6 @@ class MemoryDatabase(RelayDatabase):
         return robot
 
     def add_credential(self, kind: CredentialKind, user: RelayUser) -> str:
-        """Add a login or token, and return its text."""
         text = secrets.token_urlsafe()
         self.credentials[credential_of(kind, text)] = user
         return text
@@ -206,7 +205,6 @@ class RelayServer:
         user: RelayUser | None = None,
         credential: Credential | None = None,
     ) -> str:
-        """An address that opens one WebSocket to the robot."""
         ticket = self.ticket(robot, mode, user, credential)
         return f"{self.url}/robots/{robot.name}/ros?ticket={ticket}"
 
@@ -267,7 +265,6 @@ async def running_relay(
 
 
 async def until(condition: Callable[[], object], what: str, within_s: float = WAIT_S) -> None:
-    """Wait until the condition holds; fail with `what` when it does not come to."""
     deadline = asyncio.get_running_loop().time() + within_s
     while not condition():
         assert asyncio.get_running_loop().time() < deadline, f"not in {within_s:g} s: {what}"

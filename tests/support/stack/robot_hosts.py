@@ -93,7 +93,6 @@ class RobotHost:
         return done.stdout
 
     def succeeds(self, command: str) -> bool:
-        """Tell whether a shell command, run as root, exits with 0."""
         return self._exec(command).returncode == 0
 
     def _exec(self, command: str, stdin: str | None = None) -> subprocess.CompletedProcess[str]:
@@ -103,7 +102,6 @@ class RobotHost:
         )
 
     def put(self, content: bytes, path: str, mode: int = 0o644) -> None:
-        """Write a file of root's."""
         buffer = io.BytesIO()
         with tarfile.open(fileobj=buffer, mode="w") as archive:
             entry = tarfile.TarInfo(path.lstrip("/"))
@@ -150,8 +148,6 @@ class RobotHost:
         self.wait("SSH answers", self.greets, BOOTS_WITHIN_S)
 
     def wait(self, what: str, condition: Callable[[], T], seconds: float = 30) -> T:
-        """Wait until the condition gives something true; on a time-out show the host's journal."""
-
         def report() -> str:
             journal = self.run("journalctl --no-pager -n 60; systemctl --failed", check=False)
             return f"{what} on {self.name}\n{journal}"

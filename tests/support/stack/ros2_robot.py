@@ -20,15 +20,12 @@ class Server(Protocol):
     engine: docker.DockerClient
 
     @property
-    def project(self) -> str:
-        """The compose project's name."""
+    def project(self) -> str: ...
 
     @property
-    def https_port(self) -> int:
-        """The published port of https."""
+    def https_port(self) -> int: ...
 
-    def robotether(self, *arguments: str) -> str:
-        """The admin's command."""
+    def robotether(self, *arguments: str) -> str: ...
 
 
 @contextmanager

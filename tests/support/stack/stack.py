@@ -58,7 +58,6 @@ class Stack:
 
     @property
     def url(self) -> str:
-        """The stack's own address, without a slash at the end."""
         return f"https://localhost:{self.https_port}"
 
     @property
@@ -81,7 +80,6 @@ class Stack:
         self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
 
     def write_settings(self) -> None:
-        """Write the project's .env, from the example and its own settings."""
         self.folder.mkdir(parents=True, exist_ok=True)
         example = (self.root / "compose" / ".env.example").read_text()
         ours = {
@@ -155,11 +153,9 @@ class Stack:
         return [line.split("\t") for line in printed.splitlines()]
 
     def container(self, service: str) -> Container:
-        """The container of a service, to stop, pause or kill."""
         return container_of(self.engine, self.project, service)
 
     def logs(self, *services: str, lines: int = 40) -> str:
-        """The end of the services' logs, for a test that fails."""
         return self.compose("--profile", "*", "logs", "--no-color", "--tail", str(lines), *services)
 
     def wait(self, what: str, condition: Callable[[], T], *services: str, seconds: float = 30) -> T:
@@ -213,7 +209,6 @@ class Stack:
         return control if is_free else {}
 
     def wait_healthy(self, service: str, seconds: float = 60) -> None:
-        """Wait until the engine calls the service's container healthy."""
         self.wait(
             f"{service} healthy",
             lambda: (
@@ -250,7 +245,6 @@ class Stack:
         return str(self._login.create("/tokens", token)["token"])
 
     def online(self, robot: str) -> bool:
-        """Whether the server says that the robot's tunnel is up."""
         try:
             status, answer = self.admin.try_to("GET", f"/robots/{robot}")
         except OSError:

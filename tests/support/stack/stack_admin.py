@@ -19,8 +19,7 @@ class Request(Protocol):
 
     def __call__(
         self, method: str, path: str, body: dict[str, Any] | None, headers: dict[str, str]
-    ) -> tuple[int, Any]:
-        """Return the status and the parsed answer."""
+    ) -> tuple[int, Any]: ...
 
 
 class Admin:
@@ -32,7 +31,6 @@ class Admin:
         self._token: str | None = None
 
     def try_to(self, method: str, path: str, body: dict[str, Any] | None = None) -> tuple[int, Any]:
-        """Send one request to a path below /api/v1; status and answer."""
         return self._try_to(method, f"/api/v1{path}", body)
 
     def sees(self, path: str) -> bool:

@@ -28,8 +28,6 @@ T = TypeVar("T")
 
 @dataclass
 class Node:
-    """One machine of the swarm."""
-
     name: str
     container: Container
 
@@ -120,14 +118,12 @@ class Swarm:
         return dict(line.split(maxsplit=1) for line in listed.splitlines())
 
     def is_up(self, stack: str) -> bool:
-        """Tell whether all services of a stack run and are healthy."""
         states = self.states(stack)
         return bool(states) and all(
             state.startswith(("1/1", "0/1 (1/1 completed)")) for state in states.values()
         )
 
     def wait(self, what: str, condition: Callable[[], T], seconds: float = 60) -> T:
-        """Wait until the condition gives something true; on a time-out show what the manager knows."""
         return wait_until(condition, lambda: f"{what}\n{self._report()}", seconds, every_s=0.5)
 
     def _report(self) -> str:

@@ -30,7 +30,6 @@ class TlsWeb:
     _programs: dict[str, Program] = field(default_factory=dict)
 
     def program(self, user: str) -> Program:
-        """A program of a user, which asks the application itself."""
         if user not in self._programs:
             visitor = Browser(self.app.test_client(use_cookies=False))
             self._programs[user] = program_of(visitor, self.database, user)

@@ -49,7 +49,6 @@ BROKEN = [
 
 
 def header_of(message: bytes) -> dict[str, Any]:
-    """A frame's header, decoded."""
     names = ("codec", "flags", "quality", "sequence", "timestamp_ms")
     return dict(zip(names, HEADER.unpack_from(message), strict=True))
 

@@ -63,13 +63,11 @@ class Conversation:
         return answer.json
 
     def note(self, who: str, method: str, path: str, body: Any = None) -> None:
-        """Write a request down."""
         if body and "signature" in body:
             self.transcript.name(body["signature"], "signature")
         self.transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
 
     def answered(self, status: int, kind: str | None, headers: dict[str, str], text: str) -> None:
-        """Write an answer down."""
         body: list[Any] = [text.rstrip()] if text else []
         if "Allow" in headers:  # a set, in any order
             headers["Allow"] = ", ".join(sorted(headers["Allow"].split(", ")))
@@ -87,7 +85,6 @@ class Conversation:
 
 @pytest.fixture
 def front(tmp_path: Path) -> Iterator[tls_front.TlsFront]:
-    """A certificate at the site's address."""
     with tls_front.running(tmp_path) as running:
         yield running
 

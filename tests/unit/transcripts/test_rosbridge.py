@@ -65,13 +65,11 @@ class World:
         return made
 
     async def change(self, **settings: Any) -> None:
-        """Change sim1's settings, also to what no admin may set."""
         row = replace(self.sim1, settings=structs.replace(self.sim1.settings, **settings))
         self.database.robots = {7: row}
         await self.relay.relay.fleet.poll()
 
     def connect(self, mode: str = "drive", user: RelayUser = ANN, **options: Any) -> Any:
-        """Open a connection to sim1."""
         url = self.relay.ros_url(self.sim1, mode, user)
         return self.http.ws_connect(url, max_msg_size=0, **options)
 
@@ -359,11 +357,9 @@ class Ends:
             await self.add_end(case, socket)
 
     async def add_end(self, case: str, socket: aiohttp.ClientWebSocketResponse) -> None:
-        """Wait for the end."""
         self.transcript.add(f"{case}:", await ending_of(socket))
 
     async def online(self) -> FakeRobot:
-        """Bring the robot online, to be reached by each connection."""
         self.robot = await self.world.robot()
         return self.robot
 

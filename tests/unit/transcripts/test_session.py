@@ -78,7 +78,6 @@ class Session:
         self._from = len(self.server.said)
 
     async def change(self, **changes: Any) -> None:
-        """Change the robot's row."""
         robots = self.database.robots
         self.database.robots = {7: replace(robots[7], **changes)}
         await self.relay.relay.fleet.poll()
