@@ -96,7 +96,6 @@ class Devices:
         graph.bus.advertise(DIAGNOSTICS, "diagnostic_msgs/DiagnosticArray", NODE)
         graph.bus.subscribe(LIGHTS, "std_msgs/Bool", NODE, self._on_lights)
         self._offer("/dock", "std_srvs/Trigger", _NOTHING, self._dock)
-        self._offer("/go_home", "std_srvs/Trigger", _NOTHING, self._go_home)
         graph.bus.advertise(HELP, "std_msgs/String", NODE)
         self._offer("/call_for_help", "std_srvs/Trigger", _NOTHING, self._call_for_help)
         self._offer("/set_lights", "std_srvs/SetBool", _SWITCH, self._set_lights)
@@ -130,10 +129,6 @@ class Devices:
             return _answer("cannot dock: the robot drives; let it stand first", success=False)
         self.battery.charging = True
         return _answer("docked, the battery charges")
-
-    def _go_home(self, _request: Values) -> Values:
-        self._robot.go_home()
-        return _answer("at home")
 
     def _call_for_help(self, _request: Values) -> Values:
         if not self._graph.bus.has_subscribers(HELP):

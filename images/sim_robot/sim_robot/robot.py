@@ -72,10 +72,6 @@ class RobotNode:
         pose, start = self.turtle.pose, self.turtle.start
         return Pose(pose.x - start.x, pose.y - start.y, pose.theta - start.theta)
 
-    def go_home(self) -> None:
-        """Stand at the start at once; the path so far stays."""
-        self.turtle.reset()
-
     def _on_cmd_vel(self, message: TopicMessage) -> None:
         velocity = self._drivetrain.velocity(message.values)
         parts = (velocity.linear_x, velocity.linear_y, velocity.angular_z)

@@ -6,7 +6,6 @@ stream within half a second, and one that is not heard, by its QoS, keeps it wit
 """
 
 import asyncio
-import html
 import logging
 import socket
 from collections.abc import Container, Mapping
@@ -43,20 +42,12 @@ class VideoServer:
         self._best_effort = best_effort
         self.app = app = web.Application()
         app.router.add_get("/", self._list)
-        app.router.add_get("/stream_viewer", self._viewer)
         app.router.add_get("/stream", self._stream, allow_head=False)
         app.router.add_get("/snapshot", self._snapshot, allow_head=False)
 
     async def _list(self, _request: web.Request) -> web.Response:
         body = "".join(map(_links, self._feeds))
         return _page("ROS Image Topic List", f"<h1>Available ROS Image Topics:</h1><ul>{body}</ul>")
-
-    async def _viewer(self, request: web.Request) -> web.Response:
-        query = _query_of(request)
-        _check_type(query)
-        title = html.escape(query.get("topic", ""))
-        source = html.escape("/stream?" + request.rel_url.raw_query_string)
-        return _page(title, f'<h1>{title}</h1><img src="{source}">')
 
     async def _snapshot(self, request: web.Request) -> web.StreamResponse:
         query = _query_of(request)
@@ -123,8 +114,7 @@ async def _send_frames(
 
 def _links(name: str) -> str:
     return (
-        f'<li><a href="/stream_viewer?topic={name}">{name}</a>'
-        f' (<a href="/stream?topic={name}">Stream</a>)'
+        f'<li>{name} (<a href="/stream?topic={name}">Stream</a>)'
         f' (<a href="/snapshot?topic={name}">Snapshot</a>)</li>'
     )
 

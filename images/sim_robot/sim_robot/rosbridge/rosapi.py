@@ -1,6 +1,6 @@
 """The services under /rosapi that tell a client what there is on the robot.
 
-Those of the real rosapi that clients in the field use; parameters are not among them.
+Those of the real rosapi that agent, relay, recorder and pages use.
 """
 
 import time
@@ -16,8 +16,6 @@ DISTROS = {ROS_1: "noetic", ROS_2: "iron"}
 _NOTHING: Fields = ()
 _TOPIC: Fields = (("topic", "string"),)
 _TYPE: Fields = (("type", "string"),)
-_SERVICE: Fields = (("service", "string"),)
-_NODE: Fields = (("node", "string"),)
 
 Answer = Callable[[Graph, Values], Values]
 
@@ -41,53 +39,12 @@ def _topic_type(graph: Graph, request: Values) -> Values:
     return {"type": graph.types.name_of(key) if key else ""}
 
 
-def _topics_for_type(graph: Graph, request: Values) -> Values:
-    try:
-        key_of_type = graph.types.key_of(request["type"])
-    except TypeUnknownError:
-        return {"topics": []}
-    return {"topics": [name for name, key in graph.bus.topics().items() if key == key_of_type]}
-
-
 def _publishers(graph: Graph, request: Values) -> Values:
     return {"publishers": graph.bus.publisher_names(request["topic"])}
 
 
 def _subscribers(graph: Graph, request: Values) -> Values:
     return {"subscribers": graph.bus.subscriber_names(request["topic"])}
-
-
-def _services(graph: Graph, _request: Values) -> Values:
-    return {"services": [service.name for service in graph.services.all()]}
-
-
-def _service_type(graph: Graph, request: Values) -> Values:
-    for service in graph.services.all():
-        if service.name == request["service"]:
-            return {"type": graph.types.name_of(service.key, "srv")}
-    return {"type": ""}
-
-
-def _services_for_type(graph: Graph, request: Values) -> Values:
-    name_of = partial(graph.types.name_of, kind="srv")
-    names = [s.name for s in graph.services.all() if name_of(s.key) == request["type"]]
-    return {"services": names}
-
-
-def _nodes(graph: Graph, _request: Values) -> Values:
-    names = {service.node for service in graph.services.all()}
-    for topic in graph.bus.topics():
-        names.update(graph.bus.publisher_names(topic), graph.bus.subscriber_names(topic))
-    return {"nodes": sorted(names)}
-
-
-def _node_details(graph: Graph, request: Values) -> Values:
-    node, topics = request["node"], graph.bus.topics()
-    return {
-        "subscribing": [t for t in topics if node in graph.bus.subscriber_names(t)],
-        "publishing": [t for t in topics if node in graph.bus.publisher_names(t)],
-        "services": [s.name for s in graph.services.all() if s.node == node],
-    }
 
 
 def _message_details(graph: Graph, request: Values) -> Values:
@@ -137,14 +94,8 @@ def _get_ros_version(graph: Graph, _request: Values) -> Values:
 _SERVICES: tuple[tuple[str, str, Fields, Answer], ...] = (
     ("topics", "Topics", _NOTHING, _topics),
     ("topic_type", "TopicType", _TOPIC, _topic_type),
-    ("topics_for_type", "TopicsForType", _TYPE, _topics_for_type),
     ("publishers", "Publishers", _TOPIC, _publishers),
     ("subscribers", "Subscribers", _TOPIC, _subscribers),
-    ("services", "Services", _NOTHING, _services),
-    ("service_type", "ServiceType", _SERVICE, _service_type),
-    ("services_for_type", "ServicesForType", _TYPE, _services_for_type),
-    ("nodes", "Nodes", _NOTHING, _nodes),
-    ("node_details", "NodeDetails", _NODE, _node_details),
     ("message_details", "MessageDetails", _TYPE, _message_details),
     ("get_time", "GetTime", _NOTHING, _get_time),
     ("get_ros_version", "GetROSVersion", _NOTHING, _get_ros_version),
