@@ -1,9 +1,8 @@
-"""What is wrong with an enrolment is said in a sentence with what to do, leaves nothing behind, and can be mended.
+"""What is wrong with an enrolment is said in a sentence with what to do, and leaves nothing behind.
 
 All cases are played at once, as a site with many robots would meet them, each on a machine of its own, or, where it
-ends before a look at the machine or with no more than that, on one that the inventory has under all their names; then
-what was wrong is mended and some are played again. One case of each kind is played with every change, and all with a
-release.
+ends before a look at the machine or with no more than that, on one that the inventory has under all their names. One
+case of each kind is played with every change, and all with a release.
 """
 
 from __future__ import annotations
@@ -89,15 +88,10 @@ ALWAYS = ["no-token", "other-tls", "wrong-token", "wrong-join"]
 NAMES = [
     name if name in ALWAYS else pytest.param(name, marks=pytest.mark.release) for name in CASES
 ]
-# Played again after mending, on behalf of all: the others failed at the very same place.
-MENDED = ["wrong-join", "mac-in-use", "no-ssh", "full-disk", "old-python"]
 
 
 @dataclass
 class Bad:
-    """The cases after they were played."""
-
-    machines: dict[str, RobotHost]
     left_behind: dict[str, set[str]]
     rows: list[str]
     played: Played
@@ -132,19 +126,15 @@ def bad(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Bad:
         }
     left = {name: changed[id(machine.container)] for name, machine in by_name.items()}
     for machine in machines:
-        # Each takes its share of the processor, whether or not anybody plays with it.
-        if machine.name not in MENDED:
-            hosts.remove(machine)
+        hosts.remove(machine)
     rows = [row[0] for row in site.stack.sql("SELECT name FROM robots")]
-    return Bad(by_name, left, rows, played)
+    return Bad(left, rows, played)
 
 
 def _names(items: list[pytest.Item]) -> list[str]:
     """Of the cases that somebody asked for, in their order."""
     asked = {item.callspec.params.get("name") for item in items if hasattr(item, "callspec")}
-    # What is mended afterwards has to be wrong first.
-    mended = MENDED if any(item.name == "test_the_right_run_finishes" for item in items) else []
-    return [name for name in CASES if name in asked or name in mended]
+    return [name for name in CASES if name in asked]
 
 
 def _boot(hosts: RobotHosts, cases: dict[str, Case]) -> dict[str, RobotHost]:
@@ -191,7 +181,6 @@ def _add_others(
 
 @pytest.mark.parametrize("name", NAMES)
 def test_says_what_is_wrong(bad: Bad, name: str) -> None:
-    """The sentence about this machine says what is wrong and what to do, and that nothing of it is left."""
     said = bad.said(name)
     for part in (*CASES[name].says, CASES[name].ends):
         assert part in said, said
@@ -199,26 +188,17 @@ def test_says_what_is_wrong(bad: Bad, name: str) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_leaves_nothing_behind(bad: Bad, name: str) -> None:
-    """The machine is as it was before, and the server has no row of it."""
     assert bad.left_behind[name] == set()
     assert name not in bad.rows
 
 
 @pytest.mark.release
-def test_the_right_run_finishes(bad: Bad, site: Site) -> None:
-    """The same machines are robots after one more run with what was wrong mended."""
-    machines = [bad.machines[name] for name in MENDED]
-    played = site.play_well("enroll.yml", *machines)
-    assert {recap.failed for recap in played.recaps.values()} == {0}
-    for machine in machines:
-        # The relay writes down that a robot came a moment after its tunnel stands.
-        machine.wait("online", lambda name=machine.name: site.stack.online(name))
-
-
-@pytest.mark.release
-def test_failed_change_keeps_a_robot_as_it_was(bad: Bad, site: Site) -> None:
+def test_failed_change_keeps_a_robot_as_it_was(site: Site, hosts: RobotHosts) -> None:
     """A setting that cuts an enrolled robot off is taken back, and the robot is online as before."""
-    robot = bad.machines["no-ssh"]
+    robot = hosts.boot("kept")
+    site.play_well("enroll.yml", robot)
+    # The relay writes down that a robot came a moment after its tunnel stands.
+    robot.wait("online", lambda: site.stack.online(robot.name))
     before = robot.footprint()
     played = site.play("enroll.yml", robot, **NO_WAY)
     assert played.code != 0

@@ -130,7 +130,6 @@ async def _answers(site: Site, robot: str) -> bool:
 
 
 def test_no_answer_retires_nothing(enrolled: Enrolled, site: Site) -> None:
-    """Without a terminal and without retire_confirm nothing happens."""
     played = site.play("retire.yml", enrolled.robot)
     assert played.code != 0
     played.must_say("nothing changed: the answer was not yes")

@@ -101,7 +101,6 @@ def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenT
 
 
 def test_ports_are_closed_by_default(stack: Stack) -> None:
-    """Nothing of this machine leads to a robot's port."""
     with socket.socket() as probe:
         probe.settimeout(2)
         assert probe.connect_ex(("127.0.0.1", ros_port(stack))) != 0

@@ -94,8 +94,6 @@ def test_tutorial_prints_why_it_is_refused(
 
 
 def test_topics_and_services_answer_over_http(stack: Stack, program: Program) -> None:
-    """The odometry with its age, then a newer one; a service, and one that the robot does not have."""
-
     def ask(method: str, path: str) -> Any:
         path = f"/api/v1/robots/sim2/{path}"
         status, answer = stack.request(method, path, headers=program.headers)
@@ -115,8 +113,6 @@ def test_topics_and_services_answer_over_http(stack: Stack, program: Program) ->
 
 
 def test_robot_asks_for_help_by_its_topic(stack: Stack, program: Program) -> None:
-    """What a program on the robot publishes is a request for an operator."""
-
     def ask(method: str, path: str) -> Any:
         status, answer = stack.request(method, f"/api/v1/{path}", headers=program.headers)
         assert status == 200, answer

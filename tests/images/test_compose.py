@@ -12,6 +12,7 @@ from typing import ClassVar
 
 import pytest
 from image_names import image
+from secret_files import SECRETS_OF
 from stack import ROOT, Stack
 
 SERVICES = ("nginx", "web", "relay", "recorder", "sshd", "mysql")
@@ -22,35 +23,7 @@ CAPABILITIES = {
     "sshd": {"CAP_SETUID", "CAP_SETGID", "CAP_SYS_CHROOT", "CAP_KILL"},
     "secrets": {"CAP_CHOWN", "CAP_DAC_OVERRIDE"},
 }
-SECRETS = {
-    "web": {
-        "admin_password",
-        "database_ca.pem",
-        "mysql_web_password",
-        "ticket_key",
-        "web_secret_key",
-    },
-    "relay": {
-        "database_ca.pem",
-        "mysql_relay_password",
-        "peer_cert.pem",
-        "peer_key.pem",
-        "session_key",
-        "ticket_key",
-    },
-    "recorder": {"database_ca.pem", "mysql_recorder_password", "ticket_key"},
-    "sshd": {"database_ca.pem", "mysql_keylookup_password", "session_key"},
-    "mysql": {
-        "database_ca.pem",
-        "database_cert.pem",
-        "database_key.pem",
-        "mysql_keylookup_password",
-        "mysql_migrate_password",
-        "mysql_recorder_password",
-        "mysql_relay_password",
-        "mysql_web_password",
-    },
-}
+SECRETS = {name: SECRETS_OF[name] for name in ("web", "relay", "recorder", "sshd", "mysql")}
 
 
 class RecordingRegistry(BaseHTTPRequestHandler):

@@ -111,7 +111,6 @@ def test_person_reaches_runs_and_opens_nothing_else(
 def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(
     manager: Person, robot: ShellRobot
 ) -> None:
-    """Each key is good for its own account."""
     assert "Permission denied" in manager.key.ssh("tunnel@127.0.0.1", "session").stderr
     done = robot.key.ssh("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
     assert "Permission denied" in done.stderr

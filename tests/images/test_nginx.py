@@ -126,7 +126,6 @@ def test_inner_address_of_a_problem_is_closed(stack: Stack) -> None:
 
 
 def test_ssh_answers_on_443(stack: Stack) -> None:
-    """A client that does not speak TLS meets OpenSSH on the same port."""
     with socket.create_connection(("localhost", stack.https_port), timeout=5) as plain:
         plain.sendall(b"SSH-2.0-test\r\n")
         assert plain.recv(64).startswith(b"SSH-2.0-OpenSSH")
@@ -225,7 +224,6 @@ def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: st
 
 
 def test_log_keeps_no_tickets(stack: Stack) -> None:
-    """A ticket in a query never reaches the access log."""
     stack.request("GET", "/robots/sim1/ros?ticket=SECRET-TICKET")
     stack.wait("the request in nginx's log", lambda: "/robots/sim1/ros 4" in stack.logs("nginx"))
     assert "SECRET-TICKET" not in stack.logs("nginx", "relay", "web", lines=400)
@@ -249,7 +247,6 @@ def test_an_admins_token_reads_the_relays_numbers(stack: Stack) -> None:
 
 
 def test_configuration_in_force_is_ours(stack: Stack) -> None:
-    """The daemon itself says that no distribution default is included."""
     printed = stack.exec("nginx", "nginx", "-T")
     assert "sites-enabled" not in printed
     assert "ssl_protocols TLSv1.2 TLSv1.3;" in printed

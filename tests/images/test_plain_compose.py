@@ -225,7 +225,6 @@ def test_backup_alone_makes_the_server_on_another_machine(
 
 
 def test_up_runs_the_sources_that_are_there(site: PlainCompose) -> None:
-    """After `git pull`, which changes files, `up` builds and runs them."""
     healthy = site.compose_folder.parent / "images" / "mysql" / "healthy"
     healthy.write_text(healthy.read_text() + "# of the next release\n")
     site.compose("up", "--detach", "--wait")

@@ -95,7 +95,6 @@ def listed(file: Path) -> set[tuple[str, str]]:
 
 @pytest.mark.release
 def test_sbom_lists_what_is_in_the_image(tmp_path: Path) -> None:
-    """Each Debian package and each Python package that the image itself tells of."""
     bake("sbom_server", "--set", f"*.output=type=local,dest={tmp_path}")
     packages = in_image(
         "server", "dpkg-query", "--show", "--showformat", "${Package} ${Version}\\n"

@@ -235,7 +235,6 @@ def test_stream_is_passed_on_at_once(proxy: str) -> None:
 
 
 def test_websocket_comes_through(proxy: str) -> None:
-    """The upgrade reaches the relay, whose bytes come back."""
     with connect(proxy) as browser:
         browser.sendall(
             f"GET /robots/sim1/ros HTTP/1.1\r\nHost: {HOST}\r\nConnection: Upgrade\r\n"

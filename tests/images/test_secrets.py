@@ -22,41 +22,10 @@ from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
 from image_names import ensure_built, image
+from secret_files import SECRETS_OF
 from tls_front import openssl
 
 ROOT = Path(__file__).resolve().parents[2]
-FOLDERS: dict[str, set[str]] = {
-    "mysql": {
-        "mysql_web_password",
-        "mysql_relay_password",
-        "mysql_recorder_password",
-        "mysql_keylookup_password",
-        "mysql_migrate_password",
-        "database_ca.pem",
-        "database_cert.pem",
-        "database_key.pem",
-    },
-    "migrate": {"mysql_migrate_password", "database_ca.pem", "admin_password"},
-    "web": {
-        "mysql_web_password",
-        "ticket_key",
-        "web_secret_key",
-        "admin_password",
-        "database_ca.pem",
-    },
-    "relay": {
-        "mysql_relay_password",
-        "ticket_key",
-        "session_key",
-        "peer_cert.pem",
-        "peer_key.pem",
-        "database_ca.pem",
-    },
-    "recorder": {"mysql_recorder_password", "ticket_key", "database_ca.pem"},
-    "sshd": {"mysql_keylookup_password", "session_key", "database_ca.pem"},
-    "demo": {"mysql_web_password", "database_ca.pem"},
-    "nginx": {"peer_cert.pem", "peer_key.pem"},
-}
 
 
 # Prints the volume: folder, then file, then owner, mode and text.
@@ -116,35 +85,23 @@ class Site:
         return {
             folder: {name: text for name, (_, _, text) in files.items()}
             for folder, files in self.files().items()
-            if folder in FOLDERS
+            if folder in SECRETS_OF
         }
 
     def _run(
         self, command: list[str], *mounts: str, environment: dict[str, str] | None = None
     ) -> subprocess.CompletedProcess[str]:
         given = ["docker", "run", "--interactive", "--rm", "--read-only", "--network", "none"]
-        given += [
-            "--user",
-            "0:0",
-            "--cap-drop",
-            "ALL",
-            "--cap-add",
-            "CHOWN",
-            "--cap-add",
-            "DAC_OVERRIDE",
-        ]
+        given += ["--user", "0:0", "--cap-drop", "ALL"]
+        given += ["--cap-add", "CHOWN", "--cap-add", "DAC_OVERRIDE"]
         for mount in (f"{self.volume}:/secrets", *mounts):
             given += ["--volume", mount]
         for name, value in (environment or {}).items():
             given += ["--env", f"{name}={value}"]
         return subprocess.run(
             [*given, image("server"), *command],
-            input=LOOK,
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=60,
-        )
+            input=LOOK, check=False, capture_output=True, text=True, timeout=60,
+        )  # fmt: skip
 
 
 @contextmanager
@@ -170,7 +127,7 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
     assert status == 0, said
     files = site.files()
     made = files.pop("made")
-    assert {folder: set(found) for folder, found in files.items()} == FOLDERS
+    assert {folder: set(found) for folder, found in files.items()} == SECRETS_OF
     for folder in ("web", "migrate"):
         assert files[folder].pop("admin_password")[2] == ""
     assert len({text for _, _, text in made.values()}) == len(made)
@@ -263,7 +220,7 @@ def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
     assert made[0] == made[1]
     assert all(made[0].values())
     more = {"database_ca_key.pem", "ssh_host_ed25519_key"}
-    assert set(made[0]) == set().union(*FOLDERS.values()) | more
+    assert set(made[0]) == set().union(*SECRETS_OF.values()) | more
     assert {file.stat().st_mode & 0o777 for file in folder.iterdir()} == {0o600}
 
 

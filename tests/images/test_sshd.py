@@ -75,7 +75,6 @@ def in_force(stack: Stack) -> list[str]:
 def test_sshd_runs_for_tunnel_with_the_setting(
     in_force: list[str], setting: str, value: str
 ) -> None:
-    """Sshd itself says that the setting is in force for robots."""
     assert f"{setting} {value}" in in_force
 
 
@@ -167,7 +166,6 @@ def test_programs_of_a_log_in_load_no_library(stack: Stack) -> None:
 
 
 def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
-    """On a network that lets only 443 out the same key gets the same session."""
     running = key.start(USER, "session", port=key.stack.https_port)
     try:
         assert session_line(running)["robot"] == "thief"
@@ -224,7 +222,6 @@ def test_key_opens_no_other_account(key: RobotKey) -> None:
 
 
 def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
-    """The second session of a robot gets its port although the first one never let go."""
     ros = _free_port(key)
     running: list[subprocess.Popen[str]] = []
     try:
