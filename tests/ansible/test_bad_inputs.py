@@ -76,7 +76,6 @@ LOOKED = {
 UNDO = {
     "wrong-join": _wrong("token", "rj_wrong", "[token_invalid]", "set ROBOTETHER_TOKEN", ends=UNDONE),
     "expired": _wrong("token", "(made in the test)", "[token_expired]", "make a new token", ends=UNDONE),
-    "no-mac": _wrong("mac", "rubbish", "is not a MAC address", ends=UNDONE),
     "no-interface": _wrong("interface", "wlan7", "it has no interface wlan7", ends=UNDONE),
     "mac-in-use": Case(("[mac_in_use]", "robotether robot rekey"), ends=UNDONE),
     "name-in-use": Case(("choose another robotether_agent_name",), ends=UNDONE),
@@ -110,7 +109,7 @@ def bad(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Bad:
     cases = {name: CASES[name] for name in _names(request.session.items)}
     by_name = _boot(hosts, cases)
     machines = list(hosts.booted)
-    variables = {name: _variables(case) for name, case in cases.items()}
+    variables = {name: dict(case.variables) for name, case in cases.items()}
     with ExitStack() as mending:
         if "expired" in cases:
             variables["expired"] |= _expired_token(site)
@@ -146,12 +145,6 @@ def _boot(hosts: RobotHosts, cases: dict[str, Case]) -> dict[str, RobotHost]:
         machine.wait("SSH answers", machine.greets, 60)
     by_name = {machine.name: machine for machine in alone}
     return {name: by_name.get(name) or replace(shared, name=name) for name in cases}
-
-
-def _variables(case: Case) -> dict[str, Any]:
-    # The inventory names eth0 for all, which a MAC of its own excludes.
-    mac = {"robotether_agent_interface": ""} if "robotether_agent_mac" in case.variables else {}
-    return {**mac, **case.variables}
 
 
 def _expired_token(site: Site) -> dict[str, Any]:
