@@ -19,6 +19,13 @@ from typing import Any
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 
 LINE = 100  # characters; a longer JSON value is written on several lines
+# Headers of a WebSocket's handshake, the same in every run.
+UPGRADE = {
+    "Upgrade": "websocket",
+    "Connection": "Upgrade",
+    "Sec-WebSocket-Version": "13",
+    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+}
 
 TIME = re.compile(
     r"\b20\d\d-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?|\b20\d\d-\d\d-\d\d\b|\b\d\d:\d\d UTC\b"

@@ -17,6 +17,7 @@ from fake_cameras import FakeVideoServer
 from fake_frames import FakeFrames
 from fake_robot import FakeRobot
 from local_network import free_port
+from relay_clients import closing
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import receiver
@@ -25,16 +26,10 @@ from robotether_agent.video.sources import SourceSettings
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.wiring import Timing
 from syrupy.assertion import SnapshotAssertion
-from transcripts import Transcript
+from transcripts import UPGRADE, Transcript
 
 WAIT_S = 60.0
 HEADER = struct.Struct("!BBHId")
-UPGRADE = {
-    "Upgrade": "websocket",
-    "Connection": "Upgrade",
-    "Sec-WebSocket-Version": "13",
-    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-}
 BROKEN = [
     "no json",
     '{"op":7}',
@@ -59,11 +54,8 @@ def digest(message: bytes) -> str:
 
 
 async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
-    """Read on until the other side closes; return the code and its reason."""
-    async with asyncio.timeout(WAIT_S):
-        while (message := await socket.receive()).type is not aiohttp.WSMsgType.CLOSE:
-            assert message.type is not aiohttp.WSMsgType.CLOSED, "closed without a code"
-    return f"{message.data} {message.extra}".rstrip()
+    code, reason = await closing(socket)
+    return f"{code} {reason}".rstrip()
 
 
 class RawViewer:

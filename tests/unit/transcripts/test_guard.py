@@ -21,17 +21,11 @@ from robotether_agent.guard import child_process, fork_server
 from robotether_agent.guard.supervisor import GuardSupervisor
 from sim_client import until
 from syrupy.assertion import SnapshotAssertion
-from transcripts import Transcript
+from transcripts import UPGRADE, Transcript
 
 WAIT_S = 60.0
 PATIENCE_S = 60.0
 PATIENCE_MS = 60_000
-UPGRADE = {
-    "Upgrade": "websocket",
-    "Connection": "Upgrade",
-    "Sec-WebSocket-Version": "13",
-    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-}
 
 
 class PatientGuard(GuardProcess):

@@ -16,6 +16,7 @@ import pytest
 from aiohttp import WSMsgType
 from fake_robot import FakeRobot, Mode
 from msgspec import structs
+from relay_clients import closing
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.channels.rosbridge import message_validator
@@ -23,18 +24,12 @@ from robotether_server.relay.wiring import Timing
 from robotether_server.settings.robot import Limits
 from syrupy.assertion import SnapshotAssertion
 from timed_websocket import timed_session
-from transcripts import Transcript
+from transcripts import UPGRADE, Transcript
 from validators import DRIVING, MANAGING, OBSERVING
 
 ANN, BOB, CARL = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(3, "carl")
 WAIT_S = 60.0
 MEASURED = ("t_ms", "relay_ms")
-UPGRADE = {
-    "Upgrade": "websocket",
-    "Connection": "Upgrade",
-    "Sec-WebSocket-Version": "13",
-    "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-}
 # A connection gets ten refusals at once.
 ANSWERS = 8
 
@@ -365,11 +360,8 @@ class Ends:
 
 
 async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
-    """Read on until the relay closes; return the code and its reason."""
-    async with asyncio.timeout(WAIT_S):
-        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
-            assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
-    return f"{message.data} {message.extra}"
+    code, reason = await closing(socket)
+    return f"{code} {reason}"
 
 
 def announced(size: int) -> Callable[[aiohttp.ClientWebSocketResponse], None]:

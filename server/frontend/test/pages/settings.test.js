@@ -3,19 +3,6 @@ import { test } from "node:test";
 
 import { driveSettings } from "../../src/pages/settings.js";
 
-test("a robot without settings drives on /cmd_vel with usual limits", () => {
-  assert.deepEqual(driveSettings({}), {
-    driveTopic: "/cmd_vel",
-    driveType: null,
-    kind: "differential",
-    wheelbase: null,
-    limits: { maxLinear: 1, maxAngular: 1.5 },
-    holdAfterMs: 1000,
-    maxAgeMs: 500,
-    isLimitedByAge: false,
-  });
-});
-
 const GUARD = { drive_topics: ["*/cmd_vel", "/base/move", "/other"] };
 const fits = (...drive_topics) => ({ guard: { drive_topics } });
 
