@@ -18,6 +18,7 @@ import page_holds
 import pytest
 from page_users import PageUsers, release_all
 from pages import (
+    hide,
     open_drawer,
     open_live,
     wait_until,
@@ -38,10 +39,6 @@ BUTTONS = [
 ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock"]}
 CAMERA = "/camera/image_raw"
 PLOTTED = re.compile(r"^Now .+; in the last minute 0 to (1|0\.\d+)\.$")
-HIDE = (
-    "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
-    "document.dispatchEvent(new Event('visibilitychange'))"
-)
 
 
 def _set(stack: Stack, **settings: Any) -> None:
@@ -185,7 +182,7 @@ def test_an_observer_follows_a_topic_that_nothing_asked_for_before(
     look.get_by_test_id("topic-close").click()
     expect(looks).to_have_count(1)
     expect(page.get_by_test_id("topic-list").get_by_role("button").first).to_be_focused()
-    page.evaluate(HIDE)
+    hide(page)
     expect(page.get_by_test_id("topic-notice")).to_have_text(
         "Not connected. This page reconnects by itself."
     )

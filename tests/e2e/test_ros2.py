@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import aiohttp
 import page_holds
 import pytest
+from map_pixels import SCAN, wait_pixels
 from pages import drive_live
 from playwright.sync_api import Page, expect
 from programs import Program, echo, open_echo
@@ -22,15 +23,6 @@ FORWARD = {"linear": {"x": 0.4, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 
 # More than the action counts in a test that hangs.
 ENDLESS = 10_000
 ANSWER_S = 20
-# As in mapTile.js.
-SCAN = (255, 107, 107)
-SCAN_POINTS = """([canvas, [red, green, blue]]) => {
-  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-  let count = 0;
-  for (let i = 0; i < data.length; i += 4)
-    if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24) count += 1;
-  return count >= 50;
-}"""
 Result = TypeVar("Result")
 
 
@@ -84,8 +76,7 @@ def test_page_drives_it_and_shows_its_sensors(page: Page, stack: Stack) -> None:
     page.keyboard.up("w")
     expect(speed).to_contain_text("0.00 m/s")
     page.get_by_test_id("view-2").click()
-    canvas = page.get_by_test_id("video")
-    page.wait_for_function(SCAN_POINTS, arg=[canvas.element_handle(), list(SCAN)])
+    wait_pixels(page.get_by_test_id("video"), SCAN, 50)
     # An agent that was there before its rosbridge asks for a battery again after 30 s.
     expect(page.get_by_test_id("battery")).to_contain_text("50 %", timeout=40_000)
 

@@ -13,10 +13,12 @@ from statistics import median
 import page_holds
 import pytest
 from frame_stamp import READ_STAMP, read_stamp
+from map_pixels import PATH, SCAN, WALL, find_pixels, wait_pixels
 from pages import (
     drive_live,
     expect_armed,
     expect_live,
+    hide,
     open_drawer,
     wait_until,
 )
@@ -29,29 +31,6 @@ ROBOT = "sim1"
 FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"
 # Of driving, as the machine may make the page let go on its way.
 STRETCHES = 5
-# As in mapTile.js and world.js.
-SCAN, PATH, WALL = (255, 107, 107), (90, 169, 255), (236, 240, 246)
-
-HIDE = (
-    "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
-    "document.dispatchEvent(new Event('visibilitychange'))"
-)
-COUNT_PIXELS = """(canvas, [red, green, blue]) => {
-  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-  let count = 0;
-  for (let i = 0; i < data.length; i += 4)
-    if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24) count += 1;
-  return count;
-}"""
-
-FIND_PIXELS = """(canvas, [red, green, blue]) => {
-  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
-  const found = [];
-  for (let i = 0; i < data.length; i += 4)
-    if (Math.abs(data[i] - red) + Math.abs(data[i + 1] - green) + Math.abs(data[i + 2] - blue) < 24)
-      found.push([(i / 4) % canvas.width, Math.floor(i / 4 / canvas.width)]);
-  return found;
-}"""
 
 
 @pytest.fixture
@@ -81,15 +60,6 @@ def _expect_picture(tile: Locator, state: str, seconds: float = 10) -> None:
 
 def _expect_main(page: Page, topic: str) -> None:
     expect(_tile(page, topic)).to_have_attribute("data-main", "true")
-
-
-def _wait_pixels(canvas: Locator, colour: tuple[int, int, int], least: int) -> None:
-    """Wait until the canvas has so many pixels of about this colour."""
-    canvas.page.wait_for_function(
-        f"([canvas, colour, least]) => ({COUNT_PIXELS})(canvas, colour) >= least",
-        arg=[canvas.element_handle(), list(colour), least],
-        timeout=10_000,
-    )
 
 
 def _wait_size(canvas: Locator, width: int, height: int) -> None:
@@ -151,7 +121,7 @@ def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> N
     _view(robot, FRONT).click()
     expect(_tile(robot, MAP)).to_have_count(0)
     expect_armed(robot)
-    robot.evaluate(HIDE)
+    hide(robot)
     wait_until(robot, "closed all", lambda: all(_are_closed(sockets)))
 
 
@@ -169,23 +139,19 @@ def test_the_map_shows_walls_scan_and_the_way(robot: Page, stack: Stack) -> None
     _view(robot, MAP).click()
     canvas = robot.get_by_test_id("video")
     robot.get_by_test_id("zoom-out").click()
-    _wait_pixels(canvas, SCAN, 50)
-    _wait_pixels(canvas, WALL, 50)
+    wait_pixels(canvas, SCAN, 50)
+    wait_pixels(canvas, WALL, 50)
     robot.get_by_test_id("map-map").uncheck()
     robot.get_by_test_id("map-scan").uncheck()
-    robot.wait_for_function(
-        f"([canvas, colour]) => ({COUNT_PIXELS})(canvas, colour) === 0",
-        arg=[canvas.element_handle(), list(SCAN)],
-        timeout=5000,
-    )
-    assert canvas.evaluate(COUNT_PIXELS, list(PATH)) == 0
+    wait_pixels(canvas, SCAN, 0, most=0)
+    assert find_pixels(canvas, PATH) == set()
     _view(robot, FRONT).click()
     _expect_picture(_tile(robot, FRONT), "live")
     _drive_ahead(robot, stack, metres=2)
     _view(robot, MAP).click()
     expect(robot.get_by_test_id("map-scan")).not_to_be_checked()
     # Two metres of 16 pixels, two pixels wide, less what the robot hides.
-    _wait_pixels(robot.get_by_test_id("video"), PATH, 30)
+    wait_pixels(robot.get_by_test_id("video"), PATH, 30)
     _expect_scan_on_walls(robot)
     call_sim(stack, ROBOT, "/reset")
 
@@ -197,8 +163,8 @@ def _expect_scan_on_walls(page: Page) -> None:
     pixels: dict[str, set[tuple[int, int]]] = {}
     for part, colour in shown.items():
         page.get_by_test_id(f"map-{part}").check()
-        _wait_pixels(canvas, colour, 50)
-        pixels[part] = {(x, y) for x, y in canvas.evaluate(FIND_PIXELS, list(colour))}
+        wait_pixels(canvas, colour, 50)
+        pixels[part] = find_pixels(canvas, colour)
         page.get_by_test_id(f"map-{part}").uncheck()
     reach = range(-4, 5)
     near = {(x + a, y + b) for x, y in pixels["map"] for a in reach for b in reach}

@@ -147,6 +147,14 @@ def resize(page: Page, width: int, height: int) -> None:
     page.evaluate(NEXT_FRAMES)
 
 
+def hide(page: Page) -> None:
+    """Have the page believe that nobody sees it any more."""
+    page.evaluate(
+        "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
+        "document.dispatchEvent(new Event('visibilitychange'))"
+    )
+
+
 def expect_armed(page: Page) -> None:
     """Wait until what is pressed counts: since the page was live a late picture may have held driving for a moment."""
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
