@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import BY_LOOK, RULES, violations
 from page_users import release_all
 from pages import open_drawer, open_page, open_robot, take_control
 from playwright.sync_api import Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
-RULES = {"runOnly": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]}
-# Of those, what a colour scheme or a size may break.
-BY_LOOK = {
-    "runOnly": {
-        "type": "rule",
-        "values": ["color-contrast", "link-in-text-block", "scrollable-region-focusable"],
-    }
-}
-# Of the violations what a person needs to find them.
-RUN_AXE = """async (options) => {
-  const found = await axe.run({ ...options, resultTypes: ['violations'] });
-  const words = (node) => `${node.html.slice(0, 120)} ${node.failureSummary}`;
-  return {
-    violations: found.violations.map(({ id, nodes }) => [id, ...nodes.map(words)]), passes: found.passes.length,
-  };
-}"""
 ROBOT = "sim1"
 DESKTOP = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"}
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "color_scheme": "dark"}
@@ -44,19 +26,12 @@ BOTH = pytest.mark.parametrize(
 
 def _assert_accessible(page: Page, what: str) -> None:
     """By all rules as the page is, and in the other colour scheme by those that this may break."""
-    _assert_no_violation(page, what, RULES)
+    found = violations(page, RULES)
     is_dark = page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
     page.emulate_media(color_scheme="light" if is_dark else "dark")
-    _assert_no_violation(page, f"{what}, {'light' if is_dark else 'dark'}", BY_LOOK)
+    found += violations(page, BY_LOOK)
     page.emulate_media(color_scheme="dark" if is_dark else "light")
-
-
-def _assert_no_violation(page: Page, what: str, rules: dict[str, Any]) -> None:
-    if not page.evaluate("'axe' in window"):
-        page.evaluate(Axe().axe_script)
-    found = page.evaluate(RUN_AXE, rules)
-    assert found["violations"] == [], f"{what}: {found['violations']}"
-    assert found["passes"], f"{what}: axe has looked at nothing"
+    assert found == [], f"{what}: {found}"
 
 
 @BOTH

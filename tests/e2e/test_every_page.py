@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import BY_LOOK, RULES, violations
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
 from playwright.sync_api import Browser, BrowserContext, Page, expect
@@ -26,9 +26,6 @@ from robotether_server.settings.server import (
 from robotether_server.web import create_app
 from stack import Stack
 
-RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
-# Of those, what a colour scheme or a size may break.
-BY_LOOK = ["color-contrast", "link-in-text-block", "scrollable-region-focusable", "target-size"]
 DESKTOP, PHONE, ZOOMED = (1280, 800), (390, 844), (640, 400)
 # They answer a program, or are a site of its own.
 NO_PAGES = re.compile(
@@ -156,7 +153,6 @@ class Looks:
 
     def _look_closely(self) -> None:
         self.page.evaluate(UNFOLD)
-        self.page.evaluate(Axe().axe_script)
         self._axe("", RULES)
         self._questions += self.page.locator(".confirm").count()
         if self.page.locator(".confirm").count() and self._questions > 2:
@@ -190,16 +186,8 @@ class Looks:
         resize(self.page, *size)
 
     def _axe(self, look: str, rules: list[str]) -> None:
-        only = {"type": "tag" if rules is RULES else "rule", "values": rules}
-        violations = self.page.evaluate(
-            """async (only) => {
-              const found = await axe.run({ runOnly: only, resultTypes: ['violations'] });
-              const words = (node) => `${node.html.slice(0, 120)} ${node.failureSummary}`;
-              return found.violations.map(({ id, nodes }) => [id, ...nodes.map(words)]);
-            }""",
-            only,
-        )
-        self.found += [f"{self._path} {look}: {violation}" for violation in violations]
+        found = violations(self.page, rules)
+        self.found += [f"{self._path} {look}: {violation}" for violation in found]
 
     def _expect_none(self, what: str, script: str) -> None:
         found = self.page.evaluate(script)
