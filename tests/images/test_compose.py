@@ -160,13 +160,6 @@ def test_robot_reaches_the_published_ports_alone(stack: Stack) -> None:
     assert reached(stack, "sim1", *published, *inside, seconds=2) == published
 
 
-def test_password_is_kept_from_other_people(stack: Stack) -> None:
-    """The folder that tools/up makes is its owner's alone, and so is the admin's password."""
-    secrets = stack.folder / "secrets"
-    assert secrets.stat().st_mode & 0o777 == 0o700
-    assert (secrets / "admin_password").stat().st_mode & 0o777 == 0o600
-
-
 def secrets_of(stack: Stack, service: str) -> dict[str, str]:
     """Name and hash of each secret that a service's container holds."""
     # The only root among them is in sshd, where it may not read what belongs to others.
