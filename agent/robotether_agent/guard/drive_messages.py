@@ -386,6 +386,7 @@ def limited(
             step_s,
         ),
         steering=_limited_scalar(command.steering, limits.max_steering_rad),
+        rates=_limited_rates(command.rates, limits.max_acceleration_m_s2),
     )
 
 
@@ -416,6 +417,12 @@ def _along(before: Vector, command: Vector, length: float) -> float:
 def _scaled(vector: Vector, factor: float) -> Vector:
     x, y, z = vector
     return (x * factor, y * factor, z * factor)
+
+
+def _limited_rates(rates: Vector, acceleration: float | None) -> Vector:
+    """Return the Ackermann rates with at most this acceleration; 0 says as quickly as possible, as no rate does."""
+    steering, wanted, jerk = rates
+    return (steering, _limited_scalar(wanted, acceleration), jerk)
 
 
 def _limited_scalar(value: float, most: float | None) -> float:

@@ -30,7 +30,7 @@ from robotether_agent.video.newest_jpegs import (
     serve,
 )
 from robotether_agent.video.raw_images import FrameMaker, RawImage
-from robotether_agent.video.timestamps import FrameClock, FramesLateError, now
+from robotether_agent.video.timestamps import MAX_LAG_S, FrameClock, FramesLateError, now, stamp_of
 from robotether_agent.video.video_packets import NotShownError, h264_of
 
 
@@ -48,14 +48,14 @@ def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
 
 async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Put each image with its times."""
-    kind, clock = request["type"], FrameClock()
+    kind, clock = request["type"], FrameClock(MAX_LAG_S)
     frames_of = H264Frames().frames_of if kind in VIDEO_TYPES else RawFrames().frames_of
     async with connected(request["url"], max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
         await rosbridge.subscribe(request["topic"], kind, **request["how"])
         while True:
             message = await rosbridge.message()
             arrived = now()
-            timestamp_s, is_stamped = clock.timestamp(message, arrived)
+            timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
             for frame in frames_of(message):
                 newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
 

@@ -55,11 +55,11 @@ from robotether_agent.video.multipart import (
     boundary_of,
 )
 from robotether_agent.video.timestamps import (
+    MAX_LAG_S,
     FrameClock,
     FramesLateError,
     now,
     stamp_of,
-    timestamp_of,
 )
 from robotether_agent.video.video_packets import NotShownError, h264_of
 
@@ -376,22 +376,23 @@ async def run_mjpeg(
             if answer.status != 200:  # noqa: PLR2004
                 raise SourceDownError(f"{what} answers with HTTP status {answer.status}")
             parts = MultipartParser(boundary_of(answer.headers.get("Content-Type", "")))
+            clock = FrameClock()
             async for data in answer.content.iter_any():
                 for part in parts.feed(data):
-                    _pass_part(part, on_frame)
+                    _pass_part(part, clock, on_frame)
     except (aiohttp.ClientConnectorError, aiohttp.ConnectionTimeoutError) as error:
         reason = describe_error(error, CONNECT_WITHIN_S)
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
         raise SourceDownError(end or f"{what} sent no frame for {stall_s:g} s") from error
-    except MultipartBrokenError as error:
+    except (FramesLateError, MultipartBrokenError) as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
         raise SourceDownError(f"{what} ended: {describe_error(error, stall_s)}") from error
     raise SourceDownError(end or f"{what} ended the stream")
 
 
-def _pass_part(part: Part, on_frame: OnFrame) -> None:
+def _pass_part(part: Part, clock: FrameClock, on_frame: OnFrame) -> None:
     if not part.body.startswith(JPEG_START):
         kind = part.headers.get("content-type", "")
         if kind.startswith("image/") and not kind.startswith("image/jp"):
@@ -401,7 +402,7 @@ def _pass_part(part: Part, on_frame: OnFrame) -> None:
     stamp: float | None = None
     with suppress(ValueError):
         stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
-    timestamp_s, is_stamped = timestamp_of(stamp, arrived)
+    timestamp_s, is_stamped = clock.timestamp(stamp, arrived)
     on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
@@ -467,14 +468,16 @@ async def run_rosbridge(
     graph: RosGraph, topic: str, kind: str, fps: float, on_frame: OnFrame
 ) -> NoReturn:
     """Give the frames of a topic of compressed images, or of H.264, as they are."""
-    frame_of = VideoFrames().frame if kind in VIDEO_TYPES else _image_frame
+    is_video = kind in VIDEO_TYPES
+    frame_of = _video_frame if is_video else _image_frame
+    clock = FrameClock(MAX_LAG_S) if is_video else FrameClock()
     try:
         async with connected(graph.url, max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
             await rosbridge.subscribe(topic, kind, **_how(kind, fps))
             while True:
                 # A topic slower than one frame in STALL_S is requested again, and that is all.
                 message = await within(max(STALL_S, 3 / fps), rosbridge.message())
-                frame = frame_of(message, topic)
+                frame = frame_of(message, topic, clock)
                 if frame is not None:
                     on_frame(frame)
     except asyncio.TimeoutError as error:
@@ -538,7 +541,7 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
     return None
 
 
-def _image_frame(message: JsonObject, topic: str) -> CameraFrame:
+def _image_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFrame:
     data = message.get("data")
     try:
         jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
@@ -548,25 +551,26 @@ def _image_frame(message: JsonObject, topic: str) -> CameraFrame:
         excerpt = printable(str(message.get("format", "")), 40)
         raise NotJpegError(f"{topic} has images of format {excerpt!r}, not JPEG")
     arrived = now()
-    timestamp_s, is_stamped = timestamp_of(stamp_of(message), arrived)
+    try:
+        timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
+    except FramesLateError as error:
+        raise _not_shown(topic, error) from error
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
-class VideoFrames:
-    """A robot's own H.264."""
+def _video_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFrame | None:
+    """Return the frame of a message of a robot's own H.264, nothing for one without."""
+    arrived = now()
+    try:
+        packet = h264_of(message)
+        timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
+    except (FramesLateError, NotShownError) as error:
+        raise _not_shown(topic, error) from error
+    if packet is None:
+        return None
+    data, unit = packet
+    return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)
 
-    def __init__(self) -> None:
-        self._clock = FrameClock()
 
-    def frame(self, message: JsonObject, topic: str) -> CameraFrame | None:
-        """Return the frame of a message, nothing for one without; SourceDownError for what cannot be shown."""
-        arrived = now()
-        try:
-            packet = h264_of(message)
-            timestamp_s, is_stamped = self._clock.timestamp(message, arrived)
-        except (FramesLateError, NotShownError) as error:
-            raise SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}") from error
-        if packet is None:
-            return None
-        data, unit = packet
-        return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)
+def _not_shown(topic: str, error: Exception) -> SourceDownError:
+    return SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}")

@@ -11,7 +11,7 @@ from robotether_agent.problems import DetailError
 
 # Maximum age of a frame's timestamp; an older one is of another clock than this robot's.
 NEAR_S = 10.0
-# Time limit by which frames may come later than the quickest did: more is a queue on the way.
+# Time limit by which frames that must all come may come later than the quickest did: more is a queue on the way.
 MAX_LAG_S = 1.0
 
 
@@ -61,24 +61,25 @@ def stamp_of(message: JsonObject) -> float | None:
 
 
 class FrameClock:
-    """When the frames of a topic were taken, of which each must come; notices when they queue on the way."""
+    """When a source's frames were taken; notices when they queue on the way."""
 
-    def __init__(self) -> None:
+    def __init__(self, max_lag_s: float = NEAR_S) -> None:
+        """`max_lag_s` is by how much frames may come later than the quickest did."""
+        self._max_lag_s = max_lag_s
         self._least_age_s: float | None = None
 
-    def timestamp(self, message: JsonObject, arrived: ClockReadings) -> tuple[float, bool]:
+    def timestamp(self, stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
         """Return what `timestamp_of` does; FramesLateError before what is old could look new."""
-        stamp_s = stamp_of(message)
         timestamp_s, is_stamped = timestamp_of(stamp_s, arrived)
         if is_stamped:
             age_s = arrived.robot_s - timestamp_s
             if self._least_age_s is None or age_s < self._least_age_s:
                 self._least_age_s = age_s
-            is_late = age_s - self._least_age_s > MAX_LAG_S
+            is_late = age_s - self._least_age_s > self._max_lag_s
         else:
             # After stamps of this robot's clock it is no other clock's.
             was_stamped = self._least_age_s is not None
             is_late = was_stamped and stamp_s is not None and stamp_s < arrived.wall_s
         if is_late:
-            raise FramesLateError(f"its frames come over {MAX_LAG_S:g} s later than they did")
+            raise FramesLateError(f"its frames come over {self._max_lag_s:g} s later than they did")
         return timestamp_s, is_stamped

@@ -31,6 +31,7 @@ from robotether_agent.video.sources import (
     stream_url,
 )
 from robotether_agent.video.timestamps import (
+    MAX_LAG_S,
     NEAR_S,
     ClockReadings,
     FrameClock,
@@ -65,26 +66,23 @@ def test_what_a_cameras_stamp_says(stamp_s, age_s, is_stamped):
     assert timestamp_of(stamp_s, ARRIVED) == (ARRIVED.robot_s - age_s, is_stamped)
 
 
-def stamped(stamp_s: float) -> dict[str, object]:
-    sec = int(stamp_s)
-    return {"header": {"stamp": {"sec": sec, "nanosec": int((stamp_s - sec) * 1e9)}}}
-
-
-@pytest.mark.parametrize("late_s", [1.6, 9.0, NEAR_S + 1])
-def test_frames_that_queue_on_the_way_are_given_up_before_they_look_new(late_s):
+@pytest.mark.parametrize(
+    ("max_lag_s", "late_s"), [(MAX_LAG_S, 1.6), (MAX_LAG_S, 9.0), (NEAR_S, NEAR_S + 1)]
+)
+def test_frames_that_queue_on_the_way_are_given_up_before_they_look_new(max_lag_s, late_s):
     """Without that, a frame that is older than stamps may be would count as one of now."""
-    clock = FrameClock()
+    clock = FrameClock(max_lag_s)
     for age_s in (0.6, 0.5, 1.4):
-        assert clock.timestamp(stamped(ARRIVED.wall_s - age_s), ARRIVED)[1]
+        assert clock.timestamp(ARRIVED.wall_s - age_s, ARRIVED)[1]
     with pytest.raises(FramesLateError):
-        clock.timestamp(stamped(ARRIVED.wall_s - late_s), ARRIVED)
+        clock.timestamp(ARRIVED.wall_s - late_s, ARRIVED)
 
 
 def test_stamps_of_another_clock_are_never_late():
     """A simulation's time runs at a speed of its own."""
     clock = FrameClock()
     for stamp_s in (5.0, 5.1, 2.0):
-        assert clock.timestamp(stamped(stamp_s), ARRIVED) == (ARRIVED.robot_s, False)
+        assert clock.timestamp(stamp_s, ARRIVED) == (ARRIVED.robot_s, False)
 
 
 @dataclass
@@ -155,7 +153,7 @@ async def test_frames_of_web_video_server(run, names_length):
     async with FakeVideoServer() as server:
         server.names_length = names_length
         server.stamp = lambda: time.time() - 0.5
-        _, taken = run(source_settings(server.url))
+        running, taken = run(source_settings(server.url))
         await eventually(taken.some(), taken.told)
         numbers = [number_of(frame.data) for frame in taken.pictures]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
@@ -164,6 +162,8 @@ async def test_frames_of_web_video_server(run, names_length):
         assert newest.arrived_s - newest.timestamp_s == pytest.approx(0.5, abs=0.1)
         assert newest.arrived_s <= robot_time()
         assert (taken.kinds, server.asked[0]["quality"]) == (["web_video_server"], "70")
+        server.stamp = lambda: time.time() - NEAR_S - 1
+        await fails(running, "later than they did")
 
 
 def test_quality_and_size_stand_in_the_url():
@@ -227,7 +227,7 @@ async def test_an_error_tells_no_password(run):
 async def test_frames_of_rosbridge(run):
     """The compressed topic of a camera, the newest message only, with its stamp as ROS writes it."""
     async with TopicRosbridge(IMAGES) as rosbridge:
-        _, taken = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
+        running, taken = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
         topic = "/camera/image_raw/compressed"
         await eventually(lambda: bool(rosbridge.subscribed(topic)), lambda: str(rosbridge.got))
         source_request = rosbridge.subscribed(topic)[0]
@@ -242,6 +242,9 @@ async def test_frames_of_rosbridge(run):
         assert number_of(taken.pictures[0].data) == 7
         assert taken.pictures[0].is_stamped
         assert robot_time() - taken.pictures[0].timestamp_s == pytest.approx(0.25, abs=0.2)
+        stamp["sec"] -= int(NEAR_S) + 1
+        await rosbridge.publish(topic, image(8, header={"stamp": stamp}))
+        await fails(running, "later than they did")
 
 
 @pytest.mark.parametrize(
