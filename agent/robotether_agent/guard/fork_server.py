@@ -37,6 +37,8 @@ SERVER_NAME, GUARD_NAME = "guard-forks", "robot-guard"
 # Time limit for a program's first answer; a small computer that boots needs seconds to load Python.
 START_S = 20.0
 ANSWER_S = 1.0
+# They end a guard, and not the server.
+END_SIGNALS = (signal.SIGTERM, signal.SIGINT)
 
 RunGuard = Callable[[], int]
 
@@ -54,7 +56,8 @@ def serve(control: socket.socket, run_guard: RunGuard) -> NoReturn:
     status = 1
     try:
         _set_name(SERVER_NAME)
-        _on_signals(signal.SIG_IGN)
+        # Not ignored: a guard would lose what it is sent before it is one.
+        signal.pthread_sigmask(signal.SIG_BLOCK, END_SIGNALS)
         while True:
             packet, pipes, _, _ = socket.recv_fds(control, MAX_PACKET_BYTES, 2)
             if not packet:
@@ -93,7 +96,9 @@ def _answer(
 def _be_guard(pipes: Sequence[int], run_guard: RunGuard) -> NoReturn:
     status = 1
     try:
-        _on_signals(signal.SIG_DFL)
+        for end_signal in END_SIGNALS:
+            signal.signal(end_signal, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, END_SIGNALS)
         _set_name(GUARD_NAME)
         for number, pipe in enumerate(pipes):
             os.dup2(pipe, number)
@@ -103,11 +108,6 @@ def _be_guard(pipes: Sequence[int], run_guard: RunGuard) -> NoReturn:
         log.exception("stopped by an error in the guard itself")
     finally:
         os._exit(status)
-
-
-def _on_signals(action: signal.Handlers) -> None:
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, action)
 
 
 def _set_name(name: str) -> None:

@@ -110,6 +110,18 @@ async def test_frames_alone_never_kill_a_guard(start):
     assert await serving == "the guard was ended by SIGTERM"
 
 
+async def test_a_guard_that_has_just_begun_can_be_ended(place):
+    """A signal that comes before its process has set itself up is not lost."""
+    server = ForkServer.start(fake_guard_command(place, "serves"))
+    await server.check()
+    for _ in range(20):
+        guard = await GuardProcess.start(server)
+        os.kill(guard.pid, signal.SIGTERM)
+        assert await served(guard) == "the guard was ended by SIGTERM"
+        await guard.kill()
+    server.close()
+
+
 async def test_is_asked_to_end_and_waited_for(start, place):
     """The orderly end says exit, so that the robot is stopped by then."""
     guard = await start("serves")
