@@ -419,10 +419,10 @@ def _scaled(vector: Vector, factor: float) -> Vector:
     return (x * factor, y * factor, z * factor)
 
 
-def _limited_rates(rates: Vector, acceleration: float | None) -> Vector:
-    """Return the Ackermann rates with at most this acceleration; 0 says as quickly as possible, as no rate does."""
-    steering, wanted, jerk = rates
-    return (steering, _limited_scalar(wanted, acceleration), jerk)
+def _limited_rates(rates: Vector, most: float | None) -> Vector:
+    """Return an Ackermann message's rates with at most `most` m/s² of acceleration."""
+    steering, acceleration, jerk = rates
+    return (steering, _limited_scalar(acceleration, most), jerk)
 
 
 def _limited_scalar(value: float, most: float | None) -> float:
