@@ -106,7 +106,7 @@ def test_a_request_passes_from_one_operator_to_the_next_who_drives(
 def test_a_supervisor_assigns_what_the_drive_page_asks_for(
     page_users: PageUsers, stack: Stack
 ) -> None:
-    """Also to somebody who has just declined it; whoever asked can withdraw it."""
+    """Also to somebody who has just declined it; whoever asked can withdraw it, and the supervisor close it."""
     tess, sven = _be_available(page_users, "tess"), _supervise(page_users)
     quinn = page_users.open("quinn", ROBOT)
     open_drawer(quinn)
@@ -123,6 +123,10 @@ def test_a_supervisor_assigns_what_the_drive_page_asks_for(
     quinn.get_by_test_id("help-withdraw").click()
     expect(quinn.get_by_test_id("help-badge")).to_be_hidden()
     expect(tess.get_by_test_id("offer-robot")).to_be_hidden()
+    stack.admin.ask("POST", f"/robots/{ROBOT}/requests", {"reason": REASON})
+    sven.get_by_test_id("close").click()
+    expect(sven.get_by_test_id("assign-outcome")).to_have_text(f"The request of {ROBOT} is closed.")
+    expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
 
 
 def test_the_wall_has_robots_that_ask_first_and_takes_one_by_a_key(

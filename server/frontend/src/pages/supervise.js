@@ -1,4 +1,4 @@
-// The supervisor's page: what waits and how long, who does what, and assigning by hand. Loaded by supervise.html.
+// The supervisor's page: what waits and how long, who does what, assigning by hand and closing. Loaded by supervise.html.
 
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, part, setText } from "../dom/page.js";
@@ -27,6 +27,8 @@ const requests = new KeyedRows({
     part(row, "operator").setAttribute("aria-label", texts.operatorFor(robot));
     part(row, "assign").setAttribute("aria-label", texts.assign(robot));
     part(row, "assign").addEventListener("click", () => assign(id, robot, part(row, "operator")));
+    part(row, "close").setAttribute("aria-label", texts.close(robot));
+    part(row, "close").addEventListener("click", () => close(id, robot, row.dataset.state));
   },
 });
 const people = new KeyedRows({
@@ -78,6 +80,13 @@ async function assign(id, robot, select) {
   const { ok, detail } = await api.post(`/api/v1/requests/${id}/assign`, { user });
   setText(outcome, ok ? texts.assigned(robot, user) : texts.failed(robot, detail));
   if (ok) select.value = "";
+  poller.askNow();
+}
+
+// What nobody has accepted is cancelled: it was not answered.
+async function close(id, robot, state) {
+  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${state === "accepted" ? "close" : "cancel"}`, {});
+  setText(outcome, ok ? texts.closed(robot) : texts.notClosed(robot, detail));
   poller.askNow();
 }
 

@@ -87,6 +87,9 @@ export const supervise = {
   assign: (robot) => `Assign ${robot}`,
   chooseFirst: (robot) => `Choose an operator for ${robot} first.`,
   assigned: (robot, name) => `${robot} is offered to ${name}.`,
+  close: (robot) => `Close the request of ${robot}`,
+  closed: (robot) => `The request of ${robot} is closed.`,
+  notClosed: (robot, detail) => `${robot}: not closed. ${detail ? sentence(detail) : "The server does not answer."}`,
   failed: (robot, detail) => `${robot}: not assigned. ${detail ? sentence(detail) : "The server does not answer."}`,
 };
 
