@@ -51,6 +51,9 @@ from robotether_server.tickets import CredentialKind, Mode, Ticket, TicketSigner
 SESSION_KEY = "the session key of the tests, long enough"
 TICKET_KEY = "the ticket key of the tests, long enough"
 MESSAGE_LIMIT = 10 * 1024 * 1024
+ANN, BOB, BEN, CARL, EVE = (
+    RelayUser(number, name) for number, name in enumerate(("ann", "bob", "ben", "carl", "eve"), 1)
+)
 
 # Short enough for tests, and longer than a shared machine stands still.
 FAST = Timing(
@@ -95,6 +98,10 @@ class MemoryDatabase(RelayDatabase):
         text = secrets.token_urlsafe()
         self.credentials[credential_of(kind, text)] = user
         return text
+
+    def bearer(self, user: RelayUser) -> dict[str, str]:
+        """Add a token, and return the header with which a program shows it."""
+        return {"Authorization": f"Bearer {self.add_credential('token', user)}"}
 
     def sessions(self) -> list[SessionEntry]:
         return [entry for entry in self.written if isinstance(entry, SessionEntry)]

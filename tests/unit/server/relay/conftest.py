@@ -9,15 +9,16 @@ import aiohttp
 import pytest
 import pytest_asyncio
 import uvloop
+from fake_operator import FakeOperator
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from local_network import free_ports
-from relay_server import FAST, SESSION_KEY, MemoryDatabase, running_relay, until
-from robotether_server.db.fleet import RelayUser
+from relay_server import ANN, FAST, SESSION_KEY, MemoryDatabase, running_relay, until
 from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.robots import port_checks, robot_dialer
 from robotether_server.settings import robot as robot_settings
 from timed_websocket import timed_session
+from yarl import URL
 
 
 class StrictLoop(uvloop.Loop):
@@ -91,18 +92,57 @@ async def relay(memory_database, timing):
 
 
 @pytest_asyncio.fixture
-async def robot(relay, sim1):
-    robot = FakeRobot(sim1.id, SESSION_KEY)
-    await robot.start(relay.relay.session_port)
+async def start_robot(sim1):
+    robots = []
+
+    async def start(relay, mode="guard_off", robot_id=sim1.id):
+        robots.append(FakeRobot(robot_id, SESSION_KEY, mode))
+        await robots[-1].start(relay.relay.session_port)
+        return robots[-1]
+
+    yield start
+    for robot in robots:
+        await robot.stop()
+
+
+@pytest_asyncio.fixture
+async def robot(relay, sim1, start_robot):
+    robot = await start_robot(relay)
     await until(lambda: relay.relay.registry.presence(sim1.id).ros == "ok", "sim1 is well")
-    yield robot
-    await robot.stop()
+    return robot
 
 
 @pytest.fixture
 def login(memory_database):
-    text = memory_database.add_credential("login", RelayUser(1, "ann"))
+    text = memory_database.add_credential("login", ANN)
     return {"Cookie": f"session=abc; __Host-robotether_login={text}"}
+
+
+@pytest.fixture
+def ros(relay, sim1, http):
+    """Connect to sim1's rosbridge, to drive it as ann unless a test says otherwise."""
+
+    def connect(mode="drive", user=ANN, credential=None, **options):
+        return http.ws_connect(relay.ros_url(sim1, mode, user, credential), **options)
+
+    return connect
+
+
+@pytest.fixture
+def program(relay, sim1, http):
+    """Connect a program that sends clock syncs."""
+    return lambda mode="drive", user=ANN: FakeOperator(http, relay.ros_url(sim1, mode, user))
+
+
+@pytest.fixture
+def video(relay, sim1, http, login):
+    """Ask for a path of sim1's video, as ann who is logged in unless a test says otherwise."""
+
+    def ask(path, headers=login, method="GET"):
+        url = URL(f"{relay.url}/robots/sim1/video/{path}", encoded=True)
+        return http.request(method, url, headers=headers)
+
+    return ask
 
 
 @pytest_asyncio.fixture
@@ -130,20 +170,16 @@ async def watch(relay, sim1, http):
 
 @pytest_asyncio.fixture
 async def viewer(camera, watch):
-    """Watch one of sim1's cameras, from which the robot has credit."""
     viewer = await watch()
     await camera.wait_for("credit")
     return viewer
 
 
 @pytest_asyncio.fixture
-async def guarded(relay, sim1):
-    """Have robot sim1 online with a guard in front of its rosbridge."""
-    robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
-    await robot.start(relay.relay.session_port)
+async def guarded(relay, sim1, start_robot):
+    robot = await start_robot(relay, "guarded")
     await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is ready")
-    yield robot
-    await robot.stop()
+    return robot
 
 
 @pytest_asyncio.fixture
