@@ -1,12 +1,5 @@
 """The control object, and who is notified of changes."""
 
-from robotether_server.contract.control import NO_CONTROL
-
-
-async def test_a_robot_that_nobody_drives_has_nothing_in_it(relay, sim1):
-    """All members are there; of an offline robot nobody knows its guard."""
-    assert relay.relay.control.describe(sim1.id) == NO_CONTROL
-
 
 async def test_describing_a_robot_keeps_nothing_of_it(relay, sim1):
     """A fleet page that lists thousands of offline robots costs the relay no memory."""

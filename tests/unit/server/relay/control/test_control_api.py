@@ -2,16 +2,9 @@
 
 import pytest
 import pytest_asyncio
-from relay_clients import audit_lines, closing
-from relay_server import until
-from robotether_server.db.fleet import RelayUser
+from relay_clients import audit_lines
+from relay_server import ANN, BEN, BOB, CARL, EVE, until
 
-ANN, BEN, CARL, EVE = (
-    RelayUser(1, "ann"),
-    RelayUser(3, "ben"),
-    RelayUser(4, "carl"),
-    RelayUser(5, "eve"),
-)
 SIM1 = "/api/v1/robots/sim1"
 
 
@@ -21,10 +14,7 @@ async def people(relay, memory_database, sim1):
     memory_database.grants[BEN.id, sim1.id] = "drive"
     memory_database.grants[CARL.id, sim1.id] = "manage"
     await relay.relay.fleet.poll()
-    return {
-        user.name: {"Authorization": f"Bearer {memory_database.add_credential('token', user)}"}
-        for user in (ANN, BEN, CARL, EVE, RelayUser(2, "bob"))
-    }
+    return {user.name: memory_database.bearer(user) for user in (ANN, BEN, CARL, EVE, BOB)}
 
 
 @pytest.fixture
@@ -37,67 +27,30 @@ def ask(relay, http, people):
     return send
 
 
-async def test_everybody_who_sees_a_robot_may_stop_it_and_drivers_release_it(relay, guarded, ask):
-    """Each request is answered with the control object; a release of a robot that is free is none."""
-    assert (await ask("POST", f"{SIM1}/stop", "eve"))[0] == 404
-    status, body = await ask("POST", f"{SIM1}/stop", "bob", {"reason": "smoke"})
-    assert status == 200
-    assert (body["stopped"]["by"], body["stopped"]["confirmed"]) == ("bob", True)
-    assert body["guard"] == "ready"
-    assert (await ask("GET", f"{SIM1}/control", "ann"))[1] == body
-    status, body = await ask("POST", f"{SIM1}/release", "bob")
-    assert (status, body["code"]) == (403, "grant_missing")
-    for _ in range(2):
-        status, body = await ask("POST", f"{SIM1}/release", "ann")
-        assert (status, body["stopped"]) == (200, None)
-
-
-async def test_a_release_may_name_the_stop_that_it_ends(relay, guarded, sim1, ask):
-    """Another one by then is 409; half a name is none, and nor is null."""
-    first = (await ask("POST", f"{SIM1}/stop", "ann"))[1]["stopped"]
-    second = (await ask("POST", f"{SIM1}/stop", "bob"))[1]["stopped"]
-    del first["confirmed"], second["confirmed"]
-    status, body = await ask("POST", f"{SIM1}/release", "ann", first)
-    assert (status, body["code"]) == (409, "not_possible")
-    assert body["detail"].startswith("bob stopped sim1 at ")
-    for half in ({"by": "bob"}, {"at": second["at"]}, {"by": None, "at": None}, {"by": 7, "at": 7}):
-        status, body = await ask("POST", f"{SIM1}/release", "ann", half)
-        assert (status, body["code"]) == (422, "field_invalid")
-    assert (await ask("GET", f"{SIM1}/control", "ann"))[1]["stopped"]["by"] == "bob"
-    status, body = await ask("POST", f"{SIM1}/release", "ann", second)
-    assert (status, body["stopped"]) == (200, None)
-
-
-async def test_control_is_asked_for_and_handed_over(relay, guarded, sim1, http, ask):
-    """The whole way over HTTP, and what is refused on it."""
-    lease = f"{SIM1}/lease"
-    assert (await ask("POST", lease, "ben", {"action": "ask"}))[1]["code"] == "lease_free"
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        assert (await ask("POST", lease, "bob", {"action": "ask"}))[1]["code"] == "grant_missing"
-        assert (await ask("POST", lease, "ben", {"action": "take"}))[1]["code"] == "grant_missing"
-        status, body = await ask("POST", lease, "ben", {"action": "ask"})
-        assert (status, body["waiting"]["user"]) == (200, "ben")
-        assert (await ask("POST", lease, "carl", {"action": "ask"}))[1]["code"] == "already_asked"
-        code = (await ask("POST", lease, "ben", {"action": "hand_over"}))[1]["code"]
-        assert code == "lease_not_yours"
-        assert (await ask("POST", lease, "ann", {"action": "refuse"}))[1]["waiting"] is None
-        assert (await ask("POST", lease, "ann", {"action": "refuse"}))[1]["code"] == "nobody_asks"
-        await ask("POST", lease, "ben", {"action": "ask"})
-        assert (await ask("POST", lease, "ben", {"action": "withdraw"}))[1]["waiting"] is None
-        await ask("POST", lease, "ben", {"action": "ask"})
-        to_carl = {"action": "hand_over", "to": "carl"}
-        assert (await ask("POST", lease, "ann", to_carl))[1]["code"] == "nobody_asks"
-        status, body = await ask("POST", lease, "ann", {"action": "hand_over", "to": "ben"})
-        assert (status, body["reserved"]["user"]) == (200, "ben")
-        assert (await closing(socket))[0] == 4010
+@pytest.mark.parametrize(
+    ("by", "path", "body", "code"),
+    [
+        ("eve", f"{SIM1}/stop", None, "robot_unknown"),
+        ("bob", f"{SIM1}/release", None, "grant_missing"),
+        ("bob", f"{SIM1}/lease", {"action": "ask"}, "grant_missing"),
+        ("ben", f"{SIM1}/lease", {"action": "take"}, "grant_missing"),
+        ("ann", "/api/v1/stop", None, "grant_missing"),
+        ("carl", "/api/v1/stop", {"site": "nowhere"}, "grant_missing"),
+    ],
+)
+async def test_without_the_right_nothing_changes(
+    *, relay, guarded, sim1, ask, by, path, body, code
+):
+    relay.relay.control.stops.stop(sim1, "ben")
+    assert (await ask("POST", path, by, body))[1]["code"] == code
+    assert relay.relay.control.describe(sim1.id).stopped.by == "ben"
 
 
 async def test_who_asks_in_a_loop_is_told_to_wait(
-    *, relay, guarded, sim1, http, people, ask, memory_database
+    *, relay, guarded, sim1, http, people, ask, memory_database, ros
 ):
     lease = f"{SIM1}/lease"
-    async with http.ws_connect(relay.ros_url(sim1)):
+    async with ros():
         await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
         for _ in range(5):
             await ask("POST", lease, "ben", {"action": "ask"})
@@ -119,32 +72,36 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
     robots = [{"name": "sim1", "stopped": True, "confirmed": True}]
     assert body == {"robots": robots, "cells_unreached": []}
     assert relay.relay.control.stops.of(8) is None
-    assert (await ask("POST", "/api/v1/stop", "ann"))[1]["code"] == "grant_missing"
-    status, body = await ask("POST", "/api/v1/stop", "carl", {"site": "nowhere"})
-    assert (status, body["code"]) == (403, "grant_missing")
 
 
 @pytest.mark.parametrize(
-    ("body", "status", "code"),
+    ("path", "body", "status"),
     [
-        ({"action": "dance"}, 422, "field_invalid"),
-        ({"action": 7}, 422, "field_invalid"),
-        ({}, 422, "field_invalid"),
-        ({"action": "ask", "x": 1}, 422, "field_invalid"),
-        ({"action": "refuse", "to": "ben"}, 422, "field_invalid"),
-        ({"action": "hand_over", "to": None}, 422, "field_invalid"),
-        (["ask"], 422, "field_invalid"),
-        ({"action": "a" * 5000}, 413, "request_entity_too_large"),
+        ("lease", {"action": "dance"}, 422),
+        ("lease", {"action": 7}, 422),
+        ("lease", {}, 422),
+        ("lease", {"action": "ask", "x": 1}, 422),
+        ("lease", {"action": "refuse", "to": "ben"}, 422),
+        ("lease", {"action": "hand_over", "to": None}, 422),
+        ("lease", ["ask"], 422),
+        ("lease", {"action": "a" * 5000}, 413),
+        # Half the name of a stop, or null, ends none.
+        ("release", {"by": "ben"}, 422),
+        ("release", {"at": "2026-01-01T12:00:00Z"}, 422),
+        ("release", {"by": None, "at": None}, 422),
+        ("release", {"by": 7, "at": 7}, 422),
     ],
 )
-async def test_bad_bodies_are_named(relay, ask, body, status, code):
-    answer = await ask("POST", f"{SIM1}/lease", "ann", body)
+async def test_bad_bodies_are_named(*, relay, sim1, ask, path, body, status):
+    relay.relay.control.stops.stop(sim1, "ben")
+    answer = await ask("POST", f"{SIM1}/{path}", "ann", body)
+    code = {422: "field_invalid", 413: "request_entity_too_large"}[status]
     assert (answer[0], answer[1]["code"]) == (status, code)
+    assert relay.relay.control.stops.of(sim1.id)
 
 
 @pytest.mark.parametrize("body", [None, {}, {"reason": None}, {"reason": ""}, {"reason": " "}])
 async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask, body):
-    """One robot and all of them stop without a reason, with an empty one, and with null."""
     for path, by in ((f"{SIM1}/stop", "bob"), ("/api/v1/stop", "carl")):
         assert (await ask("POST", path, by, body))[0] == 200
     assert relay.relay.control.stops.of(sim1.id) is not None
@@ -160,7 +117,6 @@ async def test_a_body_is_json(relay, http, people):
 
 
 async def test_a_login_needs_a_page_of_this_site(relay, guarded, sim1, memory_database, ask):
-    """Without Origin and header a login changes nothing; another site's page is refused as such."""
     cookie = {"Cookie": f"__Host-robotether_login={memory_database.add_credential('login', ANN)}"}
     path = f"{SIM1}/stop"
     assert (await ask("POST", path, **cookie))[1]["code"] == "csrf_refused"

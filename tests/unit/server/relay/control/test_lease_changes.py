@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 from fake_robot import WAIT_S
 from relay_clients import SlowFences
-from relay_server import until, utc
+from relay_server import ANN, BEN, CARL, until, utc
 from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
-from robotether_server.db.fleet import AuditEntry, RelayRequest, RelayUser, Snapshot
+from robotether_server.db.fleet import AuditEntry, RelayRequest, Snapshot
 from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreUnavailableError
 from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
@@ -20,7 +20,6 @@ from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
 
-ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 NOON = utc(2026, 1, 1, 12, 0)
 
 

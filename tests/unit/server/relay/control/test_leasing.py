@@ -4,22 +4,18 @@ from contextlib import AsyncExitStack
 from dataclasses import replace
 
 import pytest
-from fake_robot import WAIT_S, FakeRobot
+from fake_robot import WAIT_S
 from msgspec import structs
 from relay_clients import SlowFences, closing
-from relay_server import SESSION_KEY, until
+from relay_server import ANN, BEN, CARL, until
 from robotether_common.session import MAX_FENCE
 from robotether_server.db.control import LeaseEnd, LeaseStart
-from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.control import leasing
 from robotether_server.relay.robots import lease as lease_module
-
-ANN, BEN, CARL = RelayUser(1, "ann"), RelayUser(3, "ben"), RelayUser(4, "carl")
 
 
 @pytest.fixture(autouse=True)
 def rights(memory_database, sim1):
-    """Let ben drive and carl manage sim1, beside ann who drives."""
     memory_database.grants[BEN.id, sim1.id] = "drive"
     memory_database.grants[CARL.id, sim1.id] = "manage"
 
@@ -44,38 +40,16 @@ async def driven(relay, sim1, user=ANN):
     await until(lambda: relay.relay.control.driver(sim1.id) == user.name, f"{user.name} drives")
 
 
-async def test_a_second_driver_is_told_who_drives(relay, guarded, sim1, http):
-    """The first goes on; the second's reason has name and time."""
-    async with http.ws_connect(relay.ros_url(sim1)) as first:
-        await guarded.connections(1)
-        async with http.ws_connect(relay.ros_url(sim1, "drive", BEN)) as second:
-            code, reason = await closing(second)
-        assert code == 4009
-        assert reason.startswith("ann has been driving sim1 since ")
-        assert control(relay, sim1).driver.user == "ann"
-        await first.ping()
-        assert guarded.clients_ever == 1
-
-
-async def test_the_robot_hears_of_each_lease(relay, guarded, sim1, http):
-    assert guarded.session.leases[0] == {"type": "lease", "fence": 0, "held": False}
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await guarded.connections(1)
-        assert guarded.session.leases[-1] == {"type": "lease", "fence": 1, "held": True}
-    await until(lambda: not guarded.session.leases[-1]["held"], "the robot hears of the end")
-    assert guarded.session.leases[-1]["fence"] == 1
-
-
 @pytest.mark.parametrize("lie", [2**53 - 1, MAX_FENCE])
 async def test_a_robot_that_lied_of_its_fence_can_be_driven_when_it_is_mended(
-    relay, guarded, sim1, http, lie
+    relay, guarded, sim1, lie, ros
 ):
     """There are numbers above any that a robot can report, and its guard may report those."""
     presence = relay.relay.registry.presence
     guarded.session.send_guard_status(fence=lie)
     await until(lambda: presence(sim1.id).report.fence, "it is known")
     for handshakes in (1, 2):
-        async with http.ws_connect(relay.ros_url(sim1)):
+        async with ros():
             fence = int((await guarded.connections(handshakes))[-1]["Robotether-Fence"])
             assert 2**53 <= fence < MAX_FENCE
             guarded.session.send_guard_status(fence=fence, held=handshakes)
@@ -85,33 +59,27 @@ async def test_a_robot_that_lied_of_its_fence_can_be_driven_when_it_is_mended(
             )
 
 
-async def test_a_new_lease_waits_for_the_guards_first_report(relay, sim1, http):
+async def test_a_new_lease_waits_for_the_guards_first_report(relay, start_robot, sim1, ros):
     """Who is faster than that drives at the first attempt, too."""
-    robot = FakeRobot(sim1.id, SESSION_KEY, "guard_quiet")
-    await robot.start(relay.relay.session_port)
-    try:
-        async with http.ws_connect(relay.ros_url(sim1)):
-            await until(
-                lambda: relay.relay.registry.robot(sim1.id).usage.exists, "the driver is there"
-            )
-            assert not robot.handshakes
-            robot.session.send_guard_status(fence=500)
-            (handshake,) = await robot.connections(1)
-        assert handshake["Robotether-Fence"] == "501"
-    finally:
-        await robot.stop()
+    robot = await start_robot(relay, "guard_quiet")
+    async with ros():
+        await until(lambda: relay.relay.registry.robot(sim1.id).usage.exists, "the driver is there")
+        assert not robot.handshakes
+        robot.session.send_guard_status(fence=500)
+        (handshake,) = await robot.connections(1)
+    assert handshake["Robotether-Fence"] == "501"
 
 
-async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, http, monkeypatch):
+async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, monkeypatch, ros):
     """Its agent has said that no report will come."""
     monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", WAIT_S * 10)
-    async with http.ws_connect(relay.ros_url(sim1)):
+    async with ros():
         await driven(relay, sim1)
 
 
-async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, http):
+async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, ros):
     """Only messages on a drive topic show that the driver is there."""
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    async with ros() as socket:
         await driven(relay, sim1)
         relay.relay.control.leasing.ask(sim1, asker(BEN))
         lease = relay.relay.control.leasing.of(sim1.id)
@@ -123,10 +91,10 @@ async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1,
         await until(lambda: lease.passes_at().s > before, "the command is noted")
 
 
-async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, monkeypatch):
+async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, monkeypatch, ros):
     """Who asked and does not come keeps nobody out for long, and those who watch are told."""
     monkeypatch.setattr(lease_module, "RESERVED_FOR_S", 0.2)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    async with ros() as socket:
         await driven(relay, sim1)
         relay.relay.control.leasing.take(sim1, asker(CARL))
         assert (await closing(socket))[0] == 4010
@@ -136,15 +104,15 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, http, m
 
 
 async def test_without_a_database_who_drove_lately_drives_again(
-    relay, guarded, sim1, http, memory_database
+    relay, guarded, sim1, memory_database, ros
 ):
-    async with http.ws_connect(relay.ros_url(sim1)):
+    async with ros():
         await driven(relay, sim1)
     await until(lambda: memory_database.fences == {sim1.id: 1}, "the first has its number")
     memory_database.down = True
     guarded.session.send_guard_status(fence=7)
     await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 7, "it is known")
-    async with http.ws_connect(relay.ros_url(sim1)):
+    async with ros():
         handshakes = await guarded.connections(2)
     await until(lambda: control(relay, sim1).driver is None, "nobody drives")
     assert handshakes[-1]["Robotether-Fence"] == "8"
@@ -152,18 +120,6 @@ async def test_without_a_database_who_drove_lately_drives_again(
     memory_database.down = False
     await until(lambda: leases_written(memory_database)[-1:] == [(LeaseEnd, 8)], "it is written")
     assert leases_written(memory_database)[-2:] == [(LeaseStart, 8), (LeaseEnd, 8)]
-
-
-async def test_without_a_database_nobody_drives_a_robot_without_a_guard(
-    relay, robot, sim1, http, memory_database
-):
-    """4510: it would take commands of a driver who has lost control."""
-    async with http.ws_connect(relay.ros_url(sim1)):
-        await driven(relay, sim1)
-        memory_database.down = True
-        async with http.ws_connect(relay.ros_url(sim1)) as second:
-            assert (await closing(second))[0] == 4510
-        assert control(relay, sim1).driver.fence == 1
 
 
 def leases_written(memory_database):
@@ -175,16 +131,16 @@ def leases_written(memory_database):
 
 @pytest.mark.parametrize("has_older", [False, True])
 async def test_a_stop_while_the_number_is_on_its_way_wins(
-    *, relay, guarded, sim1, http, memory_database, monkeypatch, has_older
+    *, relay, guarded, sim1, memory_database, monkeypatch, has_older, ros
 ):
     """The connection that drives and the one that waits for its number both end with the stop."""
     slow, older = SlowFences(memory_database), None
     async with AsyncExitStack() as stack:
         if has_older:
-            older = await stack.enter_async_context(http.ws_connect(relay.ros_url(sim1)))
+            older = await stack.enter_async_context(ros())
             await guarded.connections(1)
         monkeypatch.setattr(memory_database, "next_fence", slow.next_fence)
-        newer = await stack.enter_async_context(http.ws_connect(relay.ros_url(sim1)))
+        newer = await stack.enter_async_context(ros())
         await slow.asked.wait()
         relay.relay.control.stops.stop(sim1, "ben")
         if older is not None:
@@ -196,19 +152,8 @@ async def test_a_stop_while_the_number_is_on_its_way_wins(
     assert guarded.clients_ever == has_older
 
 
-async def test_a_lost_link_ends_the_lease(relay, guarded, sim1, http, memory_database):
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await driven(relay, sim1)
-        await guarded.session.close()
-        assert (await closing(socket))[0] == 4505
-    assert control(relay, sim1).driver is None
-    await until(
-        lambda: any(isinstance(e, LeaseEnd) for e in memory_database.written), "it is written"
-    )
-
-
-async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, http, memory_database):
-    async with http.ws_connect(relay.ros_url(sim1)):
+async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, memory_database, ros):
+    async with ros():
         await driven(relay, sim1)
         relay.relay.control.leasing.ask(sim1, asker(BEN))
         del memory_database.grants[BEN.id, sim1.id]

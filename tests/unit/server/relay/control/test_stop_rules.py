@@ -6,7 +6,7 @@ import asyncio
 import itertools
 import json
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import timedelta
 from typing import Any
 from unittest.mock import ANY
@@ -74,7 +74,6 @@ class World:
         self.written.append(entry)
 
     def online(self, guard="on"):
-        """SIM1 connects and says whether it has a guard."""
         link = FakeLink()
         self.registry.make_current(link)
         self.registry.established(link)
@@ -125,7 +124,6 @@ async def test_a_release_without_a_guard_is_written(world):
 
 
 async def test_an_offline_robot_stays_stopped(world):
-    """The problem says since when it is offline."""
     world.registry.remember([(SIM1.id, NOON, None)])
     # A relay that starts finds many in the database.
     world.stops.learn(Stop(SIM1.id, NOON, "ben"), is_written=True)
@@ -135,14 +133,16 @@ async def test_an_offline_robot_stays_stopped(world):
     assert world.written == []
 
 
-async def test_a_stop_at_the_robot_is_written_as_the_robots(world):
-    """The name is a claim, and the log says who told it."""
+@pytest.mark.parametrize("by", ["ben", "b" * 63, "somebody at the robot (ben)"])
+async def test_a_stop_at_the_robot_is_written_as_the_robots(world, by):
+    """Its name is a claim; one that went to the robot and came back stays as it was."""
     link = world.online()
-    world.registry.on_guard_status(link, STOPPED, None)
-    name = "somebody at the robot (ben)"
-    stop = Stop(SIM1.id, ANY, name)
+    world.registry.on_guard_status(link, replace(STOPPED, by=by), None)
+    name = world.stops.of(SIM1.id).by
+    assert name.startswith("somebody at the robot (b")
+    assert (name.count("("), len(name) <= 63) == (1, True)
     audit = AuditEntry(ANY, name, "robot_stopped", "sim1", None, {"told_by": "robot"})
-    assert world.written == [StopEntry(SIM1.id, stop), audit]
+    assert world.written == [StopEntry(SIM1.id, Stop(SIM1.id, ANY, name)), audit]
 
 
 async def test_a_robot_that_connects_is_greeted_with_its_stop(world):
@@ -239,6 +239,17 @@ async def test_only_the_answer_to_a_release_ends_it(world):
     assert not release.done()
     world.registry.on_guard_status(link, GuardReport("ready"), link.sent[-1]["id"])
     await release
+    assert world.stops.of(SIM1.id) is None
+
+
+async def test_two_may_release_a_robot_at_once(world):
+    link = world.online()
+    world.stops.stop(SIM1, "ben")
+    releases = [asyncio.create_task(world.stops.release(SIM1, by)) for by in ("ann", "carl")]
+    await until(lambda: link.kinds.count("release") == 2, "both are on their way")
+    for line in link.sent[1:]:
+        world.registry.on_guard_status(link, GuardReport("ready"), line["id"])
+    await asyncio.gather(*releases)
     assert world.stops.of(SIM1.id) is None
 
 

@@ -139,12 +139,6 @@ async def test_a_host_that_is_away_holds_no_port():
     assert await wait_released("no-such-host.invalid", 20000, within_s=10)
 
 
-async def test_only_a_port_that_nobody_holds_is_released(serve):
-    port = await serve(SSH, 0)
-    assert not await wait_released(HOST, port, within_s=0.1)
-    assert await wait_released(HOST, free_port(), within_s=10)
-
-
 async def test_a_port_whose_holder_is_slow_is_not_released():
     """A connection that is not refused may still be accepted, however long that takes."""
     with socket.create_server((HOST, 0), backlog=0) as holder, ExitStack() as waiting:

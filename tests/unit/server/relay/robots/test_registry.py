@@ -113,7 +113,6 @@ def test_the_same_health_again_is_no_change(registry, changes):
 
 
 def test_leaving_forgets_what_holds_only_while_online(registry):
-    """Afterwards the robot is offline since now, with the version and epoch that it had."""
     link = online(registry)
     registry.on_hello(link, "0.1.0", "on", epoch=8)
     registry.on_heartbeat(link, 12.345)
@@ -127,7 +126,6 @@ def test_leaving_forgets_what_holds_only_while_online(registry):
 
 
 def test_the_database_tell_since_when_but_never_overrule(registry):
-    """What the records remember counts for robots of which nothing newer is known."""
     online(registry)
     before = utc(2025, 12, 31)
     registry.remember([(7, before, None), (8, before, "timeout")])

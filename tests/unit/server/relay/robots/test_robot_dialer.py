@@ -1,7 +1,7 @@
 """How a robot's rosbridge is reached, and what its guard is told."""
 
 import pytest
-from relay_clients import closing, misbehaving
+from relay_clients import closing
 from relay_server import utc
 from robotether_server.relay.robots import robot_dialer
 from robotether_server.relay.robots.robot import Presence
@@ -19,19 +19,18 @@ from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, c
     ],
 )
 async def test_who_is_refused_by_the_guard_hears_why(
-    *, relay, sim1, http, monkeypatch, mode, forward_within_s, says
+    *, relay, start_robot, sim1, monkeypatch, mode, forward_within_s, says, ros
 ):
     """No lease is left; where retrying does not help, nobody retries."""
     if forward_within_s is not None:
         monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", forward_within_s)
-    robot = await misbehaving(relay, sim1, mode)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    robot = await start_robot(relay, mode)
+    async with ros() as socket:
         code, reason = await closing(socket)
     assert code == 4504
     assert says in reason
     assert relay.relay.control.driver(sim1.id) is None
     assert (len(robot.handshakes) == 1) == (mode == "disk_full")
-    await robot.stop()
 
 
 def test_patience_grows_with_the_distance_and_is_bounded(monkeypatch):

@@ -8,19 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.guard import MAX_SLOWED_S
 from robotether_common.session import MAX_HELP_REASON, Battery, HelpCall
-from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.session_messages import (
     MAX_DETAIL,
     Preface,
     WrongKeyError,
-    bye_line,
-    checked_line,
-    config_line,
     parse_line,
     parse_preface,
-    pong_line,
 )
 
 PREFACE = {
@@ -167,7 +162,6 @@ def test_a_wrong_field_of_a_line_is_named(line, field, value):
 
 
 def test_what_a_robot_writes_does_not_fill_the_log():
-    """Its own words stand in the text, up to a length."""
     with pytest.raises(ProtocolError) as refusal:
         parse(HEALTH, ros="x" * 10_000)
     assert len(str(refusal.value)) == MAX_DETAIL
@@ -192,27 +186,6 @@ def test_half_a_character_is_not_read(text):
 def test_a_line_of_an_unknown_type_is_none():
     """A newer agent may have more to tell."""
     assert parse({"type": "weather", "seq": "x"}) is None
-
-
-def test_a_pong_carries_the_agents_clock_back():
-    assert json.loads(pong_line(parse(PING))) == {"type": "pong", "seq": 17, "t_ms": 123456.7}
-
-
-def test_lines_end_where_they_should():
-    robot = RelayRobot(7, "a\nb", "active", 1, 2)
-    config = config_line(
-        robot,
-        heartbeat_s=1,
-        idle_heartbeat_s=None,
-        timeout_s=5,
-        guard_key="k",
-        direct=False,
-        media=True,
-    )
-    checked = checked_line(ros="ok", video="down", shell="unknown")
-    for line in (config, checked, bye_line("timeout", "x\ny")):
-        assert line.count(b"\n") == 1
-        assert line.endswith(b"\n")
 
 
 @given(st.binary(max_size=200))

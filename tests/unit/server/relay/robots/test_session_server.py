@@ -26,7 +26,6 @@ async def test_rubbish_instead_of_a_preface_gets_no_answer(relay, line):
 
 
 async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):
-    """A robot that was approved a moment ago is looked up again instead of being rejected."""
     async with running_relay(memory_database, Timing(poll_every_s=3600)) as relay:
         memory_database.add_robot(8, "sim8")
         session = RobotSession(8, kind="session", session_key=SESSION_KEY)
@@ -35,23 +34,9 @@ async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):
         await session.close()
 
 
-@pytest.mark.parametrize(
-    ("change", "code"), [({"state": "disabled"}, "robot_disabled"), (None, "robot_unknown")]
-)
-async def test_a_robot_that_is_disabled_or_removed_ends_its_links(
-    *, relay, sim1, memory_database, connect, change, code
-):
-    session, media = await configured(await connect()), await connect("media")
-    memory_database.robots = {} if change is None else {sim1.id: replace(sim1, **change)}
-    assert await ended(session) == await ended(media) == code
-    assert not relay.relay.registry.presence(sim1.id).online
-
-
 async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
     relay, sim1, memory_database, connect
 ):
-    """A link lives on through one rotation; another key in the row ends it."""
-
     async def rotate(to, previous=None):
         keys = {"fingerprint": f"SHA256:{to}", "previous_fingerprint": previous}
         memory_database.robots = {sim1.id: replace(sim1, **keys)}

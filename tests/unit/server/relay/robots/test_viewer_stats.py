@@ -1,6 +1,6 @@
 """The counts of frames that users got."""
 
-from robotether_server.relay.robots.viewer_stats import ViewerCounts, ViewerStats
+from robotether_server.relay.robots.viewer_stats import ViewerStats
 
 
 class _Clock:
@@ -9,19 +9,6 @@ class _Clock:
 
     def __call__(self):
         return self.now
-
-
-def test_tells_what_came_since_an_earlier_count():
-    clock = _Clock()
-    viewer_stats = ViewerStats(clock)
-    viewer_stats.count(3, 1000)
-    with viewer_stats.viewing(3):
-        clock.now += 2
-        begun = viewer_stats.of(3)
-        viewer_stats.count(3, 400)
-        clock.now += 3
-        since = viewer_stats.of(3).since(begun)
-    assert since == ViewerCounts(frames=1, bytes=400, viewed_s=3.0)
 
 
 def test_two_cameras_at_once_are_watched_for_one_time():
