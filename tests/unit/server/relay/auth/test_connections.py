@@ -6,7 +6,6 @@ from dataclasses import replace
 import pytest
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.connection import Connection, permits
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import NEVER_SEEN, Change
@@ -67,27 +66,10 @@ def snapshot(memory_database):
     ],
 )
 def test_a_grant_permits_its_uses_and_no_more(level, uses):
-    """Video is to observe; to manage includes to drive."""
     assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
 
 
-def test_connections_are_counted_by_use(live, sim1, sim2):
-    """Another robot's connections do not count among its observers."""
-    for user_id, robot, use in [
-        (1, sim1, "drive"),
-        (1, sim1, "drive"),
-        (2, sim1, "observe"),
-        (2, sim1, "observe"),
-        (2, sim1, "video"),
-        (2, sim2, "drive"),
-    ]:
-        live.add(user_id, robot, use)
-    assert live.connections.observers(sim1.id) == 2
-    assert [live.connections.count(use) for use in ("drive", "observe", "video")] == [3, 2, 1]
-
-
 def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
-    """A waiting connection is told to nobody, until it reaches the robot."""
     waiting = live.add(1, sim1, "drive", connected=False)
     assert (live.connections.count("drive"), live.changed) == (0, [])
     live.connections.connected(waiting)
@@ -95,7 +77,6 @@ def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
 
 
 def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
-    """Only the robot whose connection had reached it has one driver less."""
     live.add(1, sim1, "drive", connected=True)
     live.add(1, sim2, "drive", connected=False)
     live.leave()
@@ -104,23 +85,13 @@ def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
 
 
 def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
-    """All uses of that robot end with link_lost, waiting ones too; other robots' go on."""
     through = [live.add(1, sim1, "drive", connected=False), live.add(2, sim1, "video")]
     other = live.add(1, sim2, "drive")
     live.connections.on_robot_change(Change("disconnected", sim1.id, NEVER_SEEN, "timeout"))
     assert live.how(*through, other) == [["link_lost"], ["link_lost"], []]
 
 
-@pytest.mark.parametrize("what", ["connected", "updated", "heartbeat"])
-def test_nothing_else_of_a_robot_ends_anything(live, sim1, what):
-    """A robot's health or heartbeat leaves its operators alone."""
-    connection = live.add(1, sim1, "drive")
-    live.connections.on_robot_change(Change(what, sim1.id, NEVER_SEEN))
-    assert live.how(connection) == [[]]
-
-
 def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
-    """A grant lowered to observe ends the driving of that user, and not the watching."""
     drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
     other = live.add(2, sim1, "observe")
     live.connections.on_snapshot(snapshot(memory_database))
@@ -142,7 +113,6 @@ def test_a_robot_that_is_gone_or_another_now_ends_its_connections(
 
 
 def test_a_user_has_room_for_so_many(live, sim1, sim2):
-    """A user's rosbridge connections to all robots count together, and without the video."""
     live.connections.caps = Caps(per_user=2, per_robot=9)
     first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", connected=False)
     assert "you already have 2 connections" in (live.connections.no_room(first) or "")
@@ -153,7 +123,6 @@ def test_a_user_has_room_for_so_many(live, sim1, sim2):
 
 
 def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
-    """Observers and viewers fill up their own places, and keep no driver out."""
     live.connections.caps = Caps(per_user=9, per_robot=2)
     observer, _ = live.add(2, sim1, "observe"), live.add(1, sim1, "observe")
     assert "robot sim1 already has 2" in (live.connections.no_room(observer) or "")
@@ -172,7 +141,6 @@ def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1):
 
 
 def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
-    """One more is refused, one that is open already is not, and a driver's are not counted."""
     live.connections.caps = Caps(cameras_of_observers=2)
     for camera, may_drive in (("/a", False), ("/b", False), ("/c", True)):
         viewer = live.add(2, sim1, "video")
@@ -182,13 +150,6 @@ def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
     assert live.connections.no_room(replace(more, camera="/b")) is None
     assert live.connections.no_room(replace(more, may_drive=True)) is None
     assert live.connections.no_room(replace(more, robot=sim2)) is None
-
-
-def test_stopping_ends_all(live, sim1, sim2):
-    """Every connection to every robot hears why."""
-    each = [live.add(1, sim1, "drive"), live.add(2, sim1, "observe"), live.add(1, sim2, "video")]
-    live.connections.end_all(close_reasons.relay_stopping())
-    assert live.how(*each) == [["relay_stopping"]] * 3
 
 
 POLICY = {"policy": {"drive": {"call": ["/dock"]}}}

@@ -3,13 +3,10 @@
 import asyncio
 
 import pytest
-from relay_server import MemoryDatabase
-from robotether_server.db.fleet import RelayUser
+from relay_server import ANN, MemoryDatabase
 from robotether_server.problems import StoreUnavailableError, ThrottledError
 from robotether_server.relay.auth import credentials as module
 from robotether_server.relay.auth.credentials import Credentials, credential_of
-
-ANN = RelayUser(1, "ann")
 
 
 @pytest.fixture
@@ -17,9 +14,13 @@ def credentials(memory_database):
     return Credentials(memory_database)
 
 
+def of_ann(database, kind="login"):
+    return credential_of(kind, database.add_credential(kind, ANN))
+
+
 @pytest.fixture
 def login(memory_database):
-    return credential_of("login", memory_database.add_credential("login", ANN))
+    return of_ann(memory_database)
 
 
 async def unanswered(question):
@@ -28,8 +29,7 @@ async def unanswered(question):
 
 
 async def test_an_answer_is_kept_also_when_it_is_no(credentials, memory_database):
-    """The database is asked once for the same text, known or not."""
-    good = credential_of("login", memory_database.add_credential("login", ANN))
+    good = of_ann(memory_database)
     bad = credential_of("login", "rubbish")
     for _ in range(3):
         assert await credentials.user_of(good) == ANN
@@ -38,7 +38,6 @@ async def test_an_answer_is_kept_also_when_it_is_no(credentials, memory_database
 
 
 async def test_what_is_kept_is_bounded(credentials, monkeypatch):
-    """Many unknown texts push each other out."""
     monkeypatch.setattr(module, "MAX_KEPT", 10)
     for number in range(50):
         await credentials.user_of(credential_of("token", str(number)))
@@ -46,8 +45,6 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
 
 
 class BusyDatabase(MemoryDatabase):
-    """Answers about credentials when the test says so, and remembers what was asked at once."""
-
     def __init__(self):
         super().__init__()
         self.questions = []
@@ -67,7 +64,7 @@ async def test_strangers_have_one_question_at_a_time():
     """Whatever their number; the next question is about all who came meanwhile. A stop waits for none of them."""
     database = BusyDatabase()
     credentials = Credentials(database)
-    ann = credential_of("token", database.add_credential("token", ANN))
+    ann = of_ann(database, "token")
     # Of five addresses, as one has fewer places.
     asking = [
         asyncio.create_task(credentials.user_of(item, address))
@@ -110,7 +107,6 @@ async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
 
 
 async def test_all_addresses_together_have_a_bound(monkeypatch):
-    """A stranger with many addresses cannot fill the memory."""
     monkeypatch.setattr(module, "MAX_WAITING", 3)
     database = BusyDatabase()
     credentials = Credentials(database)
@@ -142,8 +138,8 @@ async def test_an_outage_is_told_and_not_kept(credentials, memory_database, logi
 
 
 async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
-    gone = credential_of("login", memory_database.add_credential("login", ANN))
-    stays = credential_of("token", memory_database.add_credential("token", ANN))
+    gone = of_ann(memory_database)
+    stays = of_ann(memory_database, "token")
     ended = []
     with (
         credentials.held(gone, lambda: ended.append("first")),
@@ -160,7 +156,7 @@ async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_databa
 async def test_what_ended_before_it_was_held_ends_too(credentials, memory_database):
     """The way from a ticket to its connection is long; what is new is asked for once."""
     gone = credential_of("login", "the login of somebody who has logged out")
-    stays = credential_of("login", memory_database.add_credential("login", ANN))
+    stays = of_ann(memory_database)
     ended = []
     with (
         credentials.held(gone, lambda: ended.append("gone")),
@@ -187,16 +183,19 @@ async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
     assert ended == ["gone"]
 
 
-async def test_who_drove_lately_may_again_while_the_database_is_away(
+async def test_who_drove_lately_may_drive_and_stop_while_the_database_is_away(
     credentials, memory_database, monkeypatch
 ):
-    login, other = (
-        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
-    )
+    login, other, ended = (of_ann(memory_database) for _ in range(3))
     assert await credentials.holds(login)
+    assert await credentials.holds(ended)
+    del memory_database.credentials[ended]
+    assert await credentials.user_of(ended) is None
     memory_database.down = True
     assert await credentials.holds(login)
-    await unanswered(credentials.holds(other))
+    assert await credentials.user_of(login) == ANN
+    for unknown_now in (other, ended):
+        await unanswered(credentials.holds(unknown_now))
     monkeypatch.setattr(module, "RECENT_S", 0.0)
     await unanswered(credentials.holds(login))
 
@@ -220,9 +219,7 @@ async def test_who_is_live_is_known_while_the_database_is_away(
 
 async def test_what_ended_before_the_database_went_does_not_come_back(credentials, memory_database):
     """Though nothing hangs on it, the relay asks for it when credentials change."""
-    login, stays = (
-        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
-    )
+    login, stays = of_ann(memory_database), of_ann(memory_database)
     assert await credentials.holds(login)
     assert await credentials.holds(stays)
     del memory_database.credentials[login]
@@ -259,21 +256,6 @@ async def test_what_ended_by_any_answer_does_not_come_back(
                 await credentials.check_new()
         memory_database.down = True
         await unanswered(credentials.holds(login))
-
-
-async def test_who_drove_lately_may_stop_a_robot_while_the_database_is_away(
-    credentials, memory_database
-):
-    stays, ended = (
-        credential_of("token", memory_database.add_credential("token", ANN)) for _ in range(2)
-    )
-    assert await credentials.holds(stays)
-    assert await credentials.holds(ended)
-    del memory_database.credentials[ended]
-    assert await credentials.user_of(ended) is None
-    memory_database.down = True
-    assert await credentials.user_of(stays) == ANN
-    await unanswered(credentials.holds(ended))
 
 
 @pytest.mark.parametrize(("age_s", "is_believed"), [(0.0, True), (3.9, True), (4.1, False)])
@@ -319,8 +301,7 @@ async def test_no_ticket_of_before_an_answer_is_believed(credentials, memory_dat
 async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
     credentials, memory_database
 ):
-    """The relay asks for credentials of tickets as for those of recent drivers."""
-    stays = credential_of("login", memory_database.add_credential("login", ANN))
+    stays = of_ann(memory_database)
     ended = credential_of("login", "the login of somebody who has logged out")
     await credentials.check_new()
     credentials._answered_at -= 3600
@@ -334,10 +315,9 @@ async def test_who_a_ticket_made_known_is_asked_for_when_the_database_is_back(
 
 @pytest.mark.parametrize("asks", ["holds", "user_of"])
 async def test_an_answer_of_before_a_change_is_not_kept(asks):
-    """A login that ends while it is looked up is looked up again the next time."""
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
-    login = credential_of("login", memory_database.add_credential("login", ANN))
+    login = of_ann(memory_database)
     asking = asyncio.create_task(getattr(credentials, asks)(login))
     await memory_database.asked.wait()
     memory_database.credentials.clear()
@@ -353,9 +333,7 @@ async def test_who_may_drive_without_the_database_is_bounded(
 ):
     """Who drove longest ago goes first; and who did too long ago is not asked for again."""
     monkeypatch.setattr(module, "MAX_RECENT", 2)
-    logins = [
-        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(3)
-    ]
+    logins = [of_ann(memory_database) for _ in range(3)]
     for login in (*logins[:2], logins[0], logins[2]):
         assert await credentials.holds(login)
     memory_database.down = True
@@ -370,8 +348,6 @@ async def test_who_may_drive_without_the_database_is_bounded(
 
 
 class SlowDatabase(MemoryDatabase):
-    """Records whose next answer waits until the test lets it go."""
-
     def __init__(self):
         super().__init__()
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
@@ -388,7 +364,6 @@ class SlowDatabase(MemoryDatabase):
 async def test_what_ended_is_known_no_more_though_somebody_holds_it(
     credentials, memory_database, login
 ):
-    """The answer of before the end does not count, and nor does one that comes when nobody holds it."""
     with credentials.held(login, lambda: None):
         await credentials.check_new()
         del memory_database.credentials[login]
@@ -401,9 +376,7 @@ async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     """The answer tells nothing of a credential that was not in the question, and who begins to drive is known."""
     memory_database = SlowDatabase()
     credentials = Credentials(memory_database)
-    login, late = (
-        credential_of("login", memory_database.add_credential("login", ANN)) for _ in range(2)
-    )
+    login, late = of_ann(memory_database), of_ann(memory_database)
     with credentials.held(login, lambda: pytest.fail("it holds")):
         recheck = asyncio.create_task(credentials.recheck())
         await memory_database.asked.wait()
@@ -414,12 +387,3 @@ async def test_who_comes_during_a_recheck_is_not_ended_by_it():
             await recheck
     memory_database.down = True
     assert await credentials.holds(late)
-
-
-async def test_who_is_no_longer_live_is_not_told(credentials, memory_database):
-    login = credential_of("login", "rubbish")
-    with credentials.held(login, lambda: pytest.fail("not live any more")):
-        pass
-    await credentials.recheck()
-    await credentials.check_new()
-    assert memory_database.lookups == 0
