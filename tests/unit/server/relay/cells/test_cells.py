@@ -41,7 +41,6 @@ def cells(memory_database, count):
 
 
 async def test_it_writes_its_own_and_knows_the_others(cells, memory_database):
-    """Peers are the others; robots of this cell stay here while it is in service."""
     await cells.poll()
     assert (memory_database.cells["a"].robots, cells.name) == (2, "a")
     assert cells.peers() == [OTHER]
@@ -92,40 +91,31 @@ async def test_listeners_hear_of_changes_but_not_of_counts(cells, memory_databas
     assert count.times == 2
 
 
-async def test_without_the_database_all_stays_as_it_was(cells, memory_database, count):
-    """The others could not write their heartbeats either, and get a while for it."""
-    await cells.poll()
-    memory_database.down = True
-    await cells.poll()
-    memory_database.down = False
-    memory_database.cells["b"] = replace(OTHER, is_alive=False)
-    await cells.poll()
-    assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
-    assert count.times == 1
-
-
-async def test_a_cell_that_does_not_come_back_with_the_database_is_dead(
-    cells, memory_database, monkeypatch
+@pytest.mark.parametrize(
+    ("alive_s", "hosts"),
+    [(relay_cells.ALIVE_S, ["a.example", "b.example"]), (0.0, ["a.example"])],
+    ids=["in time", "too late"],
+)
+async def test_other_cells_get_a_while_to_come_back_with_the_database(
+    *, cells, memory_database, monkeypatch, alive_s, hosts
 ):
-    monkeypatch.setattr(relay_cells, "ALIVE_S", 0.0)
+    """They could not write their heartbeats either."""
+    monkeypatch.setattr(relay_cells, "ALIVE_S", alive_s)
     await cells.poll()
     memory_database.down = True
     await cells.poll()
     memory_database.down = False
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     await cells.poll()
-    assert [address.host for address in cells.addresses(7)] == ["a.example"]
+    assert [address.host for address in cells.addresses(7)] == hosts
 
 
 class Taken(MemoryDatabase):
-    """Records in which another relay has this cell's name."""
-
     async def heartbeat(self, *_):
         raise RecordExistsError("cannot take part as cell a: another relay has this name")
 
 
 async def test_a_name_that_another_relay_has_is_reported_once(caplog):
-    """Whoever set up two machines with the same name finds it in the log."""
     cells = Cells(cell_settings("a"), Taken(), lambda: 0)
     for _ in range(3):
         await cells.poll()

@@ -28,7 +28,7 @@ async def test_a_cell_that_is_back_is_connected_within_a_second(site, cell_a, ce
     assert stopwatch.s < 1.5
 
 
-async def test_a_cell_that_moves_is_found(site, cell_a, cell_b, keys_dir, peer_keys):
+async def test_a_cell_that_moves_is_found(cell_a, cell_b, keys_dir, peer_keys):
     listener = PeerListener(keys_dir, peer_keys.proof)
     await listener.start()
     listener.relay_port = cell_b.relay.peer_port
@@ -44,20 +44,20 @@ async def test_a_cell_that_moves_is_found(site, cell_a, cell_b, keys_dir, peer_k
     await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
 
 
-async def test_another_cell_at_the_address_is_none(site, cell_a, cell_b, caplog):
+async def test_another_cell_at_the_address_is_none(cell_a, cell_b, caplog):
     move(cell_a, cell_b, f"{HOST}:{cell_a.listener.port}")
     await until(lambda: "a answers there; check PEER_ADDRESS" in caplog.text, "the log says so")
     await until(lambda: cell_a.relay.peers.count() == 0, "nobody is followed")
 
 
-async def test_a_name_without_an_address_is_reported(site, cell_a, cell_b, caplog):
+async def test_a_name_without_an_address_is_reported(cell_a, cell_b, caplog):
     """The cell is tried again, and the others are not held up."""
     move(cell_a, cell_b, "no-such-host.invalid:8444")
     await until(lambda: "cannot reach cell b at no-such-host.invalid" in caplog.text, "it says so")
 
 
 @pytest.mark.parametrize("side", ["listener", "dialer"])
-async def test_only_the_sites_own_certificate_is_accepted(site, cell_a, cell_b, tmp_path, side):
+async def test_only_the_sites_own_certificate_is_accepted(cell_a, cell_b, tmp_path, side):
     folder = make_peer_keys(tmp_path)
     foreign = read_peer_keys(folder)
     if side == "listener":

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 import pytest
 from fake_robot import HOST, WAIT_S
 from relay_server import running_relay, until
-from robotether_server.contract.robots import LiveState
 from robotether_server.relay.cells import feed as feed_module
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.cells.messages import PeerRobot
@@ -35,22 +34,6 @@ async def read(connection, kind):
             message = await connection.receive_json()
             if message["type"] == kind:
                 return message
-
-
-async def test_robots_are_reported_as_they_are_and_as_they_change(follow, cell_a, sim1):
-    robot = await cell_a.robot(sim1, epoch=1000)
-    connection = await follow()
-    assert await connection.receive_json() == {"type": "hello", "cell": "a"}
-    first = await read(connection, "robot")
-    assert (first["robot_id"], first["epoch"], first["online"]) == (7, 1000, True)
-    assert first["object"].keys() == set(LiveState.__struct_fields__)
-    robot.session.send(type="vitals", battery={"percent": 50, "charging": False})
-    while (await read(connection, "robot"))["object"]["battery"] is None:
-        pass
-    await robot.stop()
-    while (last := await read(connection, "robot"))["online"]:
-        pass
-    assert (last["robot_id"], last["epoch"]) == (7, 1000)
 
 
 async def test_stops_go_before_robots_and_come_from_everywhere(follow, cell_a, cell_b, sim1):

@@ -4,13 +4,12 @@ import time
 
 import pytest
 from fake_robot import HOST
-from relay_server import until
-from robotether_server.db.fleet import RelayUser
+from relay_server import ANN, until
 from robotether_server.relay.cells.keys import PROOF_HEADER
 
 
 @pytest.fixture
-async def at_b(site, cell_a, cell_b, sim1):
+async def at_b(cell_a, cell_b, sim1):
     robot = await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
     return robot
@@ -18,10 +17,10 @@ async def at_b(site, cell_a, cell_b, sim1):
 
 @pytest.fixture
 def ann(memory_database, cell_a, cell_b):
-    token = memory_database.add_credential("token", RelayUser(1, "ann"))
+    headers = memory_database.bearer(ANN)
     for database in (cell_a.database, cell_b.database):
         database.credentials.update(memory_database.credentials)
-    return {"Authorization": f"Bearer {token}"}
+    return headers
 
 
 @pytest.mark.parametrize(
@@ -109,23 +108,12 @@ async def test_nothing_is_forwarded_twice(at_b, cell_a, http, peer_keys):
         assert answer.status == 401
 
 
-async def test_a_robot_of_a_cell_that_is_gone_is_answered_here(at_b, cell_a, cell_b, sim1, http):
-    """It is offline, as far as this cell knows."""
-    async with cell_b.listener.cut():
-        await until(lambda: cell_a.owner(sim1) is None, "b is gone")
-        async with http.ws_connect(cell_a.server.ros_url(sim1)) as socket:
-            message = await socket.receive()
-            assert message.data == 4503
-
-
 async def test_stopping_all_stops_those_of_other_cells(
     *, at_b, cell_a, cell_b, sim1, http, memory_database
 ):
-    """The answer says whose guard has it, and which cells could not be reached."""
     for database in (memory_database, cell_a.database, cell_b.database):
         database.grants[1, sim1.id] = "manage"
-    token = memory_database.add_credential("token", RelayUser(1, "ann"))
-    headers = {"Authorization": f"Bearer {token}"}
+    headers = memory_database.bearer(ANN)
     await until(
         lambda: cell_a.relay.fleet.state().level(1, sim1.id) == "manage", "a knows the right"
     )

@@ -35,7 +35,6 @@ def test_messages_are_read_as_they_were_written(text):
 
 
 def test_members_that_an_older_cell_does_not_send_have_defaults():
-    """A cell whose version has fewer members, and the report of a robot that left, are read."""
     text = '{"type":"robot","robot_id":7,"epoch":12,"online":true,"object":{"ros":"ok"}}'
     robot = PeerRobot(7, 12, online=True, object=LiveState(ros="ok"))
     assert parse(text) == robot

@@ -13,7 +13,7 @@ from robotether_server.relay.cells.messages import PeerRobot
 from robotether_server.times import utc_now
 
 
-async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_a, cell_b, sim1):
+async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(cell_a, cell_b, sim1):
     robot = await cell_b.robot(sim1)
     await until(lambda: cell_a.shown(sim1).ros == "ok", "a shows its health")
     await until(lambda: cell_a.shown(sim1) == cell_b.shown(sim1), "and all else")
@@ -26,10 +26,7 @@ async def test_a_robot_of_another_cell_is_shown_as_that_cell_sees_it(site, cell_
     assert cell_a.owner(sim1) is None
 
 
-async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
-    site, cell_a, cell_b, sim1
-):
-    """The robot belongs to the cell with the higher epoch at once; the older one is superseded."""
+async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(cell_a, cell_b, sim1):
     older = await cell_a.session(sim1, 1000)
     await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
     await cell_b.session(sim1, 1001)
@@ -38,7 +35,7 @@ async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(
     await until(lambda: cell_b.owner(sim1) is None, "as b knows")
 
 
-async def test_a_session_that_comes_late_ends_itself(site, cell_a, cell_b, sim1):
+async def test_a_session_that_comes_late_ends_itself(cell_a, cell_b, sim1):
     """Its hello says that it is older than the one at another cell, which goes on."""
     newer = await cell_b.session(sim1, 1001)
     await until(lambda: cell_a.relay.peers.robot_count() == 1, "a knows of it")
@@ -49,7 +46,7 @@ async def test_a_session_that_comes_late_ends_itself(site, cell_a, cell_b, sim1)
     assert cell_a.owner(sim1) == "b"
 
 
-async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b, sim1):
+async def test_a_session_without_an_epoch_is_nobodys_older(cell_a, cell_b, sim1):
     """An agent of before cells may have been restarted; the dead session times out by itself."""
     dead = await cell_a.session(sim1, 1000)
     await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
@@ -62,7 +59,7 @@ async def test_a_session_without_an_epoch_is_nobodys_older(site, cell_a, cell_b,
 
 
 @pytest.mark.parametrize("how", ["cut", "frozen"])
-async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, sim1, how):
+async def test_robots_of_a_cell_that_is_gone_are_offline(cell_a, cell_b, sim1, how):
     cell_b.relay.control.stops.stop(sim1, "ben")
     await cell_b.robot(sim1)
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
@@ -78,9 +75,8 @@ async def test_robots_of_a_cell_that_is_gone_are_offline(site, cell_a, cell_b, s
 
 
 async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
-    site, cell_a, cell_b, sim1
+    cell_a, cell_b, sim1
 ):
-    """The stop holds even while the database is away."""
     cell_a.database.down = cell_b.database.down = True
     cell_a.relay.control.stops.stop(sim1, "ben", reason="smoke")
     await until(lambda: cell_b.relay.control.stops.of(sim1.id), "b knows of it")
@@ -90,20 +86,7 @@ async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
     cell_a.database.down = cell_b.database.down = False
 
 
-async def test_a_stop_reaches_a_robot_of_another_cell_and_is_confirmed(site, cell_a, cell_b, sim1):
-    """The cell where it began waits for the guard's word as the robot's own cell reports it."""
-    robot = await cell_b.robot(sim1)
-    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
-    cell_a.relay.control.stops.stop(sim1, "ben")
-    waiting = cell_a.relay.peers.confirmation(sim1.id)
-    assert waiting is not None
-    assert await waiting
-    assert robot.session.stopped_by == "ben"
-    assert cell_a.shown(sim1).control.stopped.by == "ben"
-    assert cell_b.relay.peers.confirmation(sim1.id) is None
-
-
-async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, cell_a, sim1):
+async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(cell_a, sim1):
     """After a stop of a whole fleet all wait, and each robot is reported."""
     peers = cell_a.relay.peers
     peer = peers.connected("c", "c.example:8444")
@@ -125,7 +108,7 @@ async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(site, c
 
 
 async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
-    *, site, cell_a, cell_b, sim1, monkeypatch
+    cell_a, cell_b, sim1, monkeypatch
 ):
     asked = []
 
@@ -143,23 +126,7 @@ async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(
         await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
 
 
-async def test_a_release_ends_a_stop_at_all_cells(site, cell_a, cell_b, sim1):
-    robot = await cell_b.robot(sim1)
-    cell_a.relay.control.stops.stop(sim1, "ben")
-    await until(lambda: robot.session.stopped, "the robot is stopped")
-    await cell_b.relay.control.stops.release(sim1, "ann")
-    await until(lambda: cell_a.relay.control.stops.of(sim1.id) is None, "a knows")
-    # A connection that is new reports all stops again.
-    async with cell_a.listener.cut(), cell_b.listener.cut():
-        await until(lambda: cell_a.relay.peers.count() == 0, "they are apart")
-    await site.connected()
-    await asyncio.sleep(0.1)
-    assert cell_a.relay.control.stops.of(sim1.id) is None
-    assert cell_b.relay.control.stops.of(sim1.id) is None
-    assert not robot.session.stopped
-
-
-async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell_a, cell_b, sim1):
+async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(cell_a, cell_b, sim1):
     """While the cells are apart, one stops the robot and the other releases it from the stop before."""
     robot = await cell_b.robot(sim1)
     cell_b.relay.control.stops.stop(sim1, "ann")
@@ -177,9 +144,7 @@ async def test_a_stop_that_a_release_did_not_see_outlives_a_partition(site, cell
     assert [[stop.by for stop in each.in_force.values()] for each in stops] == [["ben"], ["ben"]]
 
 
-async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
-    site, cell_a, cell_b, sim1
-):
+async def test_a_stop_that_only_the_database_has_is_read_with_the_session(cell_a, cell_b, sim1):
     """The cells cannot reach each other, and the robot goes from one to the other."""
     async with cell_a.listener.cut(), cell_b.listener.cut():
         await until(lambda: cell_b.relay.peers.count() == 0, "they are apart")
@@ -191,7 +156,7 @@ async def test_a_stop_that_only_the_database_has_is_read_with_the_session(
         assert robot.session.stopped_by == "ben"
 
 
-async def test_a_stop_before_the_robots_row_is_read_is_kept(site, cell_b, sim1):
+async def test_a_stop_before_the_robots_row_is_read_is_kept(cell_b):
     """Rows are read once a second, and stops come at once."""
     stop = Stop(99, cell_b.relay.registry._clock(), "ben")
     cell_b.relay.control.stops.learn(stop)
