@@ -57,7 +57,7 @@ async def test_a_recorders_ticket_opens_one_robot_once_and_never_drives(
     assert not [text for text in robot.received if b"cmd_vel" in text.encode()]
 
 
-async def test_the_recorder_takes_nobodys_place(relay, robot, sim1, http):
+async def test_the_recorder_takes_nobodys_place(relay, robot, sim1, http, ros):
     relay.relay.connections.caps = Caps(per_user=1, per_robot=1)
     recording = [
         await http.ws_connect(f"{relay.url}/robots/sim1/ros?ticket={recorder_ticket(sim1)}")
@@ -65,7 +65,7 @@ async def test_the_recorder_takes_nobodys_place(relay, robot, sim1, http):
     ]
     streams = await relay.relay.registry.robot(7).uplink.measured(RECORDER.id)
     assert not any(stream.people for stream in streams)
-    async with http.ws_connect(relay.ros_url(sim1, "observe", RelayUser(2, "olga"))) as olga:
+    async with ros("observe", RelayUser(2, "olga")) as olga:
         await until(lambda: relay.relay.connections.observers(7) == 1, "olga observes, alone")
         assert not olga.closed
     for socket in recording:

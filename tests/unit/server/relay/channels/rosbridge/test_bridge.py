@@ -3,21 +3,16 @@
 import asyncio
 import contextlib
 import struct
-import time
 
 import pytest
 from aiohttp import WSMsgType
-from fake_operator import FakeOperator
-from relay_clients import PUBLISH, audit_lines, closing, counted_turns, misbehaving
-from relay_server import MESSAGE_LIMIT, until
-from robotether_server.db.fleet import RelayUser
+from relay_clients import PUBLISH, audit_lines, closing, counted_turns
+from relay_server import BOB, MESSAGE_LIMIT, until
 from robotether_server.relay.channels.rosbridge import bridge
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
 from robotether_server.relay.http import event_loop
 from robotether_server.relay.http.sockets import RobotSocket
 from stopwatch import Stopwatch
-
-BOB = RelayUser(2, "bob")
 
 
 async def _flood(socket, data, kind=WSMsgType.TEXT):
@@ -33,12 +28,12 @@ def large(size):
     return begin + "x" * (size - len(begin) - len(end)) + end
 
 
-async def test_a_message_as_large_as_the_limit_passes(wide, relay, robot, http):
+async def test_a_message_as_large_as_the_limit_passes(wide, robot, ros):
     """10 MB to the byte is allowed, in both directions; an observer's small limit is for what it says."""
     message = large(MESSAGE_LIMIT)
     async with (
-        http.ws_connect(relay.ros_url(wide), max_msg_size=0) as socket,
-        http.ws_connect(relay.ros_url(wide, "observe", BOB), max_msg_size=0) as observer,
+        ros(max_msg_size=0) as socket,
+        ros("observe", BOB, max_msg_size=0) as observer,
     ):
         # To mask 10 MB takes the loop that the handshake with rosbridge needs, too.
         await robot.connections(2)
@@ -50,45 +45,24 @@ async def test_a_message_as_large_as_the_limit_passes(wide, relay, robot, http):
         assert await observed == message
 
 
-async def test_a_driver_does_not_wait_for_what_observers_take(
-    relay, robot, sim1, http, monkeypatch
-):
+async def test_a_driver_does_not_wait_for_what_observers_take(robot, monkeypatch, ros):
     """A large message to observers goes in pieces, and a driver's messages between these."""
     monkeypatch.setattr(event_loop, "LARGE_BYTES_PER_S", MESSAGE_LIMIT)
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB), max_msg_size=0) as observer:
+    async with ros("observe", BOB, max_msg_size=0) as observer:
         await robot.connections(1)
         observed = asyncio.create_task(observer.receive_str(timeout=20))
         await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
-        async with http.ws_connect(relay.ros_url(sim1)) as socket:
+        async with ros() as socket:
             await socket.send_str(PUBLISH)
             assert await socket.receive_str(timeout=5) == PUBLISH
         assert not observed.done()
         assert len(await observed) == MESSAGE_LIMIT
 
 
-@pytest.mark.parametrize("rubbish", [b"{", b"[" * 100_000, bytes(range(256))])
-async def test_broken_json_is_answered_and_the_robot_not_bothered(
-    relay, robot, sim1, http, rubbish
-):
-    """Rosbridge's status error is the answer, and the connection goes on; a binary frame is read as text is."""
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
-        await socket.send_bytes(rubbish)
-        status = await socket.receive_json(timeout=5)
-        assert (status["op"], status["level"]) == ("status", "error")
-        assert status["msg"].startswith("cannot read message: not JSON")
-        assert relay.relay.traffic.refused == {"json": 1}
-        await socket.send_bytes(PUBLISH.encode())
-        assert await socket.receive_str(timeout=5) == PUBLISH
-    assert robot.received == [PUBLISH]
-
-
-async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
-    *, relay, robot, sim1, http, monkeypatch
-):
-    """Rosbridge's connection breaks a moment before the session: that is 4505, not 4504."""
+async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(robot, monkeypatch, ros):
     # The moment below may be longer on a machine that stands still in it.
     monkeypatch.setattr(bridge, "LINK_GRACE_S", 3.0)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    async with ros() as socket:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         for client in list(robot.clients):
             client._req.transport.abort()
@@ -98,10 +72,10 @@ async def test_a_tunnel_whose_port_dies_first_is_still_a_lost_link(
         assert (await closing(socket))[0] == 4505
 
 
-async def test_a_stop_overtakes_what_waits_for_the_robot(wide, relay, sim1, http):
+async def test_a_stop_overtakes_what_waits_for_the_robot(wide, relay, start_robot, ros):
     """What its sender sent before it can take seconds on a full line."""
-    robot = await misbehaving(relay, sim1, "slow_reader")
-    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+    robot = await start_robot(relay, "slow_reader")
+    async with ros(max_msg_size=0) as socket:
         await robot.connections(1)
         await socket.send_str(large(MESSAGE_LIMIT))
         await socket.send_str(PUBLISH)
@@ -109,12 +83,11 @@ async def test_a_stop_overtakes_what_waits_for_the_robot(wide, relay, sim1, http
             await socket.send_str('{"op": "robotether.stop"}')
             assert (await closing(socket))[0] == 4003
         assert stopwatch.s < 2
-    await robot.stop()
 
 
-async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1, http):
+async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1, ros):
     """Neither refusals nor pongs hold it up; these have over 64 KB."""
-    async with http.ws_connect(relay.ros_url(sim1), max_msg_size=0) as socket:
+    async with ros(max_msg_size=0) as socket:
         await robot.connections(1)
         transport = socket._response.connection.transport
         transport.pause_reading()
@@ -132,11 +105,10 @@ async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1
         transport.abort()
 
 
-async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
-    """All else arrives in the order in which it was sent, however much of it waited."""
-    robot = await misbehaving(relay, sim1, "slow_reader")
+async def test_what_overtakes_is_a_stop_alone(wide, relay, start_robot, ros):
+    robot = await start_robot(relay, "slow_reader")
     named = [f'{{"op":"advertise","topic":"/{n}","type":"{STOP}"}}' for n in range(1500)]
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    async with ros() as socket:
         await robot.connections(1)
         sending = asyncio.create_task(_send_all(socket, [large(MESSAGE_LIMIT), *named]))
         await until(lambda: relay.relay.traffic.bytes_to_robot, "the line is full")
@@ -145,7 +117,6 @@ async def test_what_overtakes_is_a_stop_alone(wide, relay, sim1, http):
         received = [await client.receive_str(timeout=20) for _ in range(1 + len(named))]
         await sending
     assert received[1:] == named
-    await robot.stop()
 
 
 async def _send_all(socket, messages):
@@ -155,22 +126,20 @@ async def _send_all(socket, messages):
 
 
 @pytest.mark.parametrize("kind", [WSMsgType.PING, WSMsgType.PONG])
-async def test_a_flood_of_pings_or_pongs_ends_it(*, relay, robot, sim1, http, monkeypatch, kind):
+async def test_a_flood_of_pings_or_pongs_ends_it(robot, monkeypatch, kind, ros):
     """They reach no check of messages, and answering them costs the others time, too."""
     monkeypatch.setattr(bridge, "FLOOD_AFTER_S", 0.3)
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as bob:
+    async with ros("observe", BOB) as bob:
         flood = asyncio.create_task(_flood(bob, b"", kind))
         assert (await closing(bob))[0] == 1008
         await flood
 
 
 @pytest.mark.parametrize("sender", ["client", "robot"])
-async def test_others_have_a_turn_between_what_comes_at_once(
-    *, relay, robot, sim1, http, monkeypatch, sender
-):
+async def test_others_have_a_turn_between_what_comes_at_once(robot, monkeypatch, sender, ros):
     """Else who sends thousands of small messages holds up the commands of every driver."""
     seen = []
-    async with http.ws_connect(relay.ros_url(sim1)) as socket, counted_turns() as turns:
+    async with ros() as socket, counted_turns() as turns:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         (client,) = robot.clients
         if sender == "client":
@@ -187,12 +156,12 @@ async def test_others_have_a_turn_between_what_comes_at_once(
     assert len(set(seen)) > 10
 
 
-async def test_a_robots_ping_is_answered(relay, robot, sim1, http, monkeypatch):
+async def test_a_robots_ping_is_answered(robot, monkeypatch, ros):
     pongs, pong = [], RobotSocket.pong
     monkeypatch.setattr(
         RobotSocket, "pong", lambda socket, payload: pongs.append(payload) or pong(socket, payload)
     )
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+    async with ros("observe", BOB) as socket:
         await until(lambda: robot.clients, "the operator has reached rosbridge")
         for client in robot.clients:
             await client.ping(b"hello")
@@ -202,22 +171,20 @@ async def test_a_robots_ping_is_answered(relay, robot, sim1, http, monkeypatch):
     assert pongs == [b"hello"]
 
 
-async def test_a_clients_own_ping_is_answered(relay, robot, sim1, http):
-    async with http.ws_connect(relay.ros_url(sim1), autoping=False) as socket:
+async def test_a_clients_own_ping_is_answered(robot, ros):
+    async with ros(autoping=False) as socket:
         await socket.ping(b"hello")
         while (message := await socket.receive(timeout=5)).type is WSMsgType.PING:
             pass
         assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
 
 
-async def test_a_client_that_never_reads_is_bounded_and_ends(relay, robot, sim1, http):
-    """A flood to it stops at the robot."""
-
+async def test_a_client_that_never_reads_is_bounded_and_ends(relay, robot, ros):
     async def flood():
         while robot.clients:
             await robot.send_to_clients(b"x" * 65536)
 
-    async with http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as socket:
+    async with ros("observe", BOB) as socket:
         await until(lambda: robot.clients, "the observer has reached rosbridge")
         socket._response.connection.transport.pause_reading()
         flooding = asyncio.create_task(flood())
@@ -232,14 +199,14 @@ async def test_a_client_that_never_reads_is_bounded_and_ends(relay, robot, sim1,
 
 
 async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
-    relay, robot, sim1, http, monkeypatch
+    relay, robot, sim1, monkeypatch, ros
 ):
     """Else large messages to slow observers of many robots take all the memory; a driver's do not count."""
     monkeypatch.setattr(bridge, "MAX_OBSERVERS_BYTES", int(1.5 * MESSAGE_LIMIT))
     async with (
-        http.ws_connect(relay.ros_url(sim1)) as ann,
-        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as first,
-        http.ws_connect(relay.ros_url(sim1, "observe", BOB)) as second,
+        ros() as ann,
+        ros("observe", BOB) as first,
+        ros("observe", BOB) as second,
     ):
         await robot.connections(3)
         transports = [socket._response.connection.transport for socket in (ann, first, second)]
@@ -256,9 +223,8 @@ async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
 
 
 @pytest.mark.parametrize("is_reset", [False, True])
-async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http, is_reset):
-    """Closing the operator's side closes rosbridge's connection at once, and so does a reset of its TCP."""
-    socket = await http.ws_connect(relay.ros_url(sim1))
+async def test_the_robot_learns_that_the_operator_left(relay, robot, is_reset, ros):
+    socket = await ros()
     await until(lambda: robot.clients, "the operator has reached rosbridge")
     if is_reset:
         socket._response.connection.transport.abort()
@@ -280,11 +246,9 @@ async def test_the_robot_learns_that_the_operator_left(relay, robot, sim1, http,
         ([], "client_vanished"),
     ],
 )
-async def test_a_client_that_closes_and_cuts_has_left(
-    *, relay, robot, sim1, http, memory_database, frames, name
-):
+async def test_a_client_that_closes_and_cuts_has_left(robot, memory_database, frames, name, ros):
     """Who says goodbye and does not wait for the answer has not vanished."""
-    socket = await http.ws_connect(relay.ros_url(sim1))
+    socket = await ros()
     await until(lambda: robot.clients, "the operator has reached rosbridge")
     for frame in frames:
         await socket.send_frame(frame, WSMsgType.CLOSE)
@@ -293,43 +257,20 @@ async def test_a_client_that_closes_and_cuts_has_left(
     assert audit_lines(memory_database)[1].details["end_code"] == name
 
 
-async def test_a_clock_sync_is_answered_with_the_relays_clock_and_its_key(
-    relay, guarded, sim1, http
-):
-    """Relay shows the key in all that it says itself: a client tells it from a robot that says the same."""
-    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
-        before_ms = time.monotonic() * 1000
-        await bob.send(op="robotether.clock_sync", t_ms=81.25)
-        answer = await bob.until("robotether.clock_sync")
-        # Rounded to microseconds.
-        assert before_ms - 0.001 <= answer.pop("relay_ms") <= time.monotonic() * 1000 + 0.001
-        assert answer == {"op": "robotether.clock_sync", "t_ms": 81.25}
-        assert "key" not in await bob.until("robotether.control")
-        for key in ("of the first", "of the second"):
-            await bob.send(op="robotether.clock_sync", t_ms=1, key=key)
-            assert (await bob.until("robotether.clock_sync"))["key"] == key
-        relay.relay.control.stops.stop(sim1, "carl")
-        while (told := await bob.until("robotether.control"))["control"]["stopped"] is None:
-            pass
-        assert told["key"] == "of the second"
-    assert guarded.received == []
-
-
-async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, http):
-    """An ordinary rosbridge client gets nothing that rosbridge would not send."""
-    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
-        async with http.ws_connect(relay.ros_url(sim1)):
+async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, ros, program):
+    async with program("observe", BOB) as bob:
+        async with ros():
             await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
         await bob.send(op="subscribe", topic="/a")
         assert (await bob.until("subscribe"))["topic"] == "/a"
         assert bob.messages == []
 
 
-async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, http):
+async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, program):
     """The greatest age of a report on this drive; unknown is greater, and nobody else reads it."""
     async with (
-        FakeOperator(http, relay.ros_url(sim1)) as ann,
-        FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob,
+        program() as ann,
+        program("observe", BOB) as bob,
     ):
         for operator in (ann, bob):
             await operator.send(op="robotether.clock_sync", t_ms=1, key="k")
@@ -350,9 +291,9 @@ async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, h
         assert all(message["op"] != "robotether.seen" for message in bob.messages)
 
 
-async def test_who_repeats_a_stop_is_answered_too(relay, guarded, sim1, http):
+async def test_who_repeats_a_stop_is_answered_too(guarded, program):
     """A program that has no other word of it would stop the robot again and again."""
-    async with FakeOperator(http, relay.ros_url(sim1, "observe", BOB)) as bob:
+    async with program("observe", BOB) as bob:
         await bob.send(op="robotether.clock_sync", t_ms=1)
         await bob.send(op="robotether.stop")
         stopped = None

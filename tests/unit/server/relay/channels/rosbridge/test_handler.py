@@ -6,17 +6,12 @@ from dataclasses import replace
 from datetime import timedelta
 
 import pytest
-from fake_robot import FakeRobot
-from relay_clients import audit_lines, closing, misbehaving
-from relay_server import FAST, SESSION_KEY, running_relay, until
+from relay_clients import audit_lines, closing
+from relay_server import ANN, FAST, running_relay, until
 from robotether_server.db.cells import Cell
-from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.times import utc_now
-from stopwatch import Stopwatch
-
-ANN = RelayUser(1, "ann")
 
 
 async def refusal(http, url, **headers):
@@ -59,7 +54,7 @@ async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_dat
 
 @pytest.mark.parametrize("is_older", [True, False])
 async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
-    relay, sim1, http, memory_database, is_older
+    *, relay, start_robot, sim1, http, memory_database, is_older, ros
 ):
     """The other cell may have used it; a clock that was set back makes no new ticket one of before."""
     memory_database.cells["b"] = Cell(
@@ -71,45 +66,41 @@ async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
         registry._monotonic = lambda: time.monotonic() + 5
     else:
         registry._clock = lambda: utc_now() + timedelta(hours=1)
-    robot = FakeRobot(sim1.id, SESSION_KEY)
-    await robot.start(relay.relay.session_port)
+    robot = await start_robot(relay)
     if is_older:
         assert await refusal(http, relay.ros_url(sim1)) == (401, "ticket_expired")
     else:
-        async with http.ws_connect(relay.ros_url(sim1)):
+        async with ros():
             await until(lambda: robot.clients, "the operator has reached rosbridge")
-    await robot.stop()
 
 
 async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connected(
-    relay, guarded, sim1, http
+    relay, guarded, sim1, ros
 ):
     told = guarded.session.lines
     idle = [FAST.idle_heartbeat_s]
     assert [line["idle_heartbeat_s"] for line in told if line["type"] == "config"] == idle
-    async with http.ws_connect(relay.ros_url(sim1)) as driver:
+    async with ros() as driver:
         await until(lambda: guarded.session.leases[-1]["held"], "the lease is there")
         relevant = [line for line in told if line["type"] in {"config", "lease"}]
         assert [line.get("idle_heartbeat_s") for line in relevant[-2:]] == [None, None]
         assert [line["type"] for line in relevant] == ["config", "lease", "config", "lease"]
-        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+        async with ros("observe"):
             await driver.close()
             assert relay.relay.registry.robot(sim1.id).usage.exists
     assert len(guarded.session.configs) == 2
 
 
-async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick(
-    relay, guarded, sim1, http
-):
+async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick(guarded, ros):
     """An earlier ping's answer does not show that. Who observes need not wait."""
     session = guarded.session
     session.silent, answered = True, session.pings
     await until(lambda: session.pings > answered, "a ping is not answered")
     earlier = session.pings
-    async with http.ws_connect(relay.ros_url(sim1)):
+    async with ros():
         await until(lambda: len(session.configs) == 2, "the agent is told")
         session.send(type="pong", seq=earlier)
-        async with http.ws_connect(relay.ros_url(sim1, "observe")):
+        async with ros("observe"):
             await until(lambda: guarded.clients_ever, "the observer is there")
         await asyncio.sleep(0.2)
         assert guarded.clients_ever == 1
@@ -117,30 +108,9 @@ async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick
         await until(lambda: guarded.clients_ever == 2, "the driver is there")
 
 
-async def test_pages_of_other_sites_are_refused(relay, robot, sim1, http):
-    """Only this site's own pages and listed origins may connect; the ticket is not used up."""
-    url = relay.ros_url(sim1)
-    for origin in ("https://evil.example", "null", "https://127.0.0.1:1", "https://[", relay.url):
-        assert await refusal(http, url, Origin=origin) == (403, "origin_refused")
-    async with http.ws_connect(url, origin="https://lab.example"):
-        pass
-    own = relay.url.replace("http:", "https:")
-    async with http.ws_connect(relay.ros_url(sim1), origin=own):
-        pass
-
-
-async def test_a_tunnel_without_its_port_is_told_within_a_second(relay, robot, sim1, http):
-    await robot._close_ports()
-    with Stopwatch() as stopwatch:
-        async with http.ws_connect(relay.ros_url(sim1)) as socket:
-            assert (await closing(socket))[0] == 4504
-    assert stopwatch.clock_s > 0.5
-    assert stopwatch.s < 1
-
-
-async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
+async def test_a_ticket_outlives_its_login_by_nothing(robot, ros):
     gone = credential_of("login", "a login that ended before the ticket was shown")
-    async with http.ws_connect(relay.ros_url(sim1, "drive", ANN, gone)) as socket:
+    async with ros("drive", ANN, gone) as socket:
         assert (await closing(socket))[0] == 4001
 
 
@@ -152,14 +122,14 @@ async def test_a_ticket_outlives_its_login_by_nothing(relay, robot, sim1, http):
     ],
 )
 async def test_a_drive_begins_only_with_a_credential_that_holds_now(
-    *, memory_database, sim1, http, down, code, reason
+    *, memory_database, start_robot, sim1, http, down, code, reason
 ):
     """The relay has not yet read that the token is gone, and asks before the lease begins."""
     seldom = replace(FAST, poll_every_s=60)
     async with running_relay(memory_database, seldom) as relay:
-        robot = await misbehaving(relay, sim1, "guarded")
+        await start_robot(relay, "guarded")
         await until(lambda: relay.relay.registry.presence(sim1.id).guard == "ready", "it is well")
-        token = credential_of("token", memory_database.add_credential("token", RelayUser(1, "ann")))
+        token = credential_of("token", memory_database.add_credential("token", ANN))
         url = relay.ros_url(sim1, credential=token)
         del memory_database.credentials[token]
         memory_database.down = down
@@ -167,11 +137,10 @@ async def test_a_drive_begins_only_with_a_credential_that_holds_now(
             assert await closing(socket) == (code, reason)
         assert memory_database.fences == {}
         memory_database.down = False
-        await robot.stop()
 
 
 async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
-    *, relay, robot, sim1, http, memory_database, monkeypatch
+    *, relay, robot, sim1, memory_database, monkeypatch, ros
 ):
     """Nothing may slip in between the check of the grant and the watch on it."""
     really_open = OperatorSocket.open
@@ -182,17 +151,16 @@ async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
         await really_open(self, request)
 
     monkeypatch.setattr(OperatorSocket, "open", open_late)
-    async with http.ws_connect(relay.ros_url(sim1)) as socket:
+    async with ros() as socket:
         assert (await closing(socket))[0] == 4001
     assert robot.clients_ever == 0
 
 
-async def test_waiting_for_an_offline_robot_is_no_driving(relay, sim1, http, memory_database):
-    """A page that tries again and again uses no number, leaves no audit lines, and is shown to nobody."""
+async def test_waiting_for_an_offline_robot_is_no_driving(relay, memory_database, ros):
     with relay.relay.fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         for _ in range(3):
-            async with http.ws_connect(relay.ros_url(sim1)) as socket:
+            async with ros() as socket:
                 assert (await closing(socket))[0] == 4503
         assert subscriber.pop_events() == []
     await relay.relay.event_writer.flush(5)

@@ -99,7 +99,6 @@ def test_no_operation_hides_in_what_a_robot_cannot_parse(message, unclear):
 
 @pytest.mark.parametrize("unclear", UNCLEAR)
 def test_no_command_hides_in_what_a_driver_publishes(unclear):
-    """A message whose inside a robot could not parse does not go on at all."""
     text = '{"op": "publish", "topic": "/a", "msg": {"a": UNCLEAR, "b": HIDDEN}}'
     text = text.replace("UNCLEAR", unclear).replace("HIDDEN", HIDDEN)
     with pytest.raises(MessageRefusedError):
@@ -187,7 +186,6 @@ def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
 @settings(max_examples=2 * settings.default.max_examples)
 @given(messages())
 def test_what_is_written_passes_again_as_it_is(message):
-    """It is read as the same operation with the same fields."""
     everything = {right: Globs(["*"]) for right in ("subscribe", "publish", "call", "serve")}
     at = validator_with("manage", **everything)
     try:

@@ -76,7 +76,6 @@ STOP = b'{"op":"robotether.stop"}'
 
 
 def floods(at, data):
-    """Send a message; tell whether it is one too many."""
     try:
         at.check(data)
     except MessageRefusedError as refusal:
@@ -105,7 +104,6 @@ def test_who_goes_on_sending_too_much_is_closed(data, per_s):
 
 @pytest.mark.parametrize(("data", "per_s"), [(SMALL, 190), (SMALL, 300), (STOP, 2000), (LARGE, 1)])
 def test_who_sends_a_little_too_much_or_stops_is_not(data, per_s):
-    """Such messages are refused one by one; a stop is not even that."""
     assert seconds_until_closed(data, per_s) is None
 
 
@@ -133,13 +131,6 @@ def test_answers_have_a_limit():
     assert answers() == ANSWERS_PER_S
     clock.now += 1.0
     assert answers() == ANSWERS_PER_S
-
-
-def test_each_id_of_a_topic_counts_once():
-    mine = Subscriptions(2)
-    assert [mine.add("/a", 1), mine.add("/a", 1), mine.add("/a", None)] == [True, True, True]
-    assert [mine.add("/b", 1), mine.add("/a", 2), mine.add("/a", 1)] == [False, False, True]
-    assert len(mine) == 2
 
 
 def test_one_is_given_up_by_its_id_and_without_one_all_of_the_topic():

@@ -199,6 +199,5 @@ def test_each_shape_has_its_speeds(msg, speed, turn):
     ],
 )
 def test_what_is_no_command_is_refused(msg):
-    """A command has one shape, known members, and finite numbers that a robot may have."""
     with pytest.raises(FieldRefusedError):
         operations.speeds(msg)

@@ -24,11 +24,11 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
 @pytest_asyncio.fixture
-async def observe(relay, sim1, http, robot):
+async def observe(robot, ros):
     opened = []
 
     async def open_one(*messages):
-        socket = await http.ws_connect(relay.ros_url(sim1, "observe"), max_msg_size=0)
+        socket = await ros("observe", max_msg_size=0)
         opened.append(socket)
         for message in messages:
             await socket.send_json(message)
@@ -45,7 +45,6 @@ def subscribed(robot):
 
 
 async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
-    """The robot has one subscription, and each message goes to all; the last one's leaving ends it."""
     sockets = [await observe({**ODOM, "id": number}) for number in range(3)]
     shared = relay.relay.shared_topics
     await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
@@ -64,12 +63,6 @@ async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
     await until(lambda: not robot.topics, "the subscription ends")
 
 
-async def test_what_differs_is_not_shared(robot, observe):
-    await observe(ODOM)
-    await observe({**ODOM, "throttle_rate": 100})
-    await until(lambda: len(robot.topics) == 2, "each has its own")
-
-
 def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     both = combined(
         [
@@ -80,28 +73,7 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     assert both == TopicRequest("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
 
 
-async def test_a_newcomer_gets_what_rosbridge_repeats(relay, robot, observe):
-    first = await observe(ODOM)
-    await first.receive_str(timeout=5)
-    await robot.send_to_topics(b"the map")
-    assert await first.receive_str(timeout=5) == "the map"
-    robot.repeats = True
-    second = await observe(ODOM)
-    while await second.receive_str(timeout=5) != "the map":
-        pass
-    robot.repeats = False
-    third = await observe(ODOM)
-    [topic] = relay.relay.shared_topics._tasks
-    await until(lambda: len(topic.users) == 3, "the third shares it")
-    await until(lambda: len(relay.relay.shared_topics._all) == 1, "the robot has answered")
-    await robot.send_to_topics(b"news")
-    assert await third.receive_str(timeout=5) == "news"
-    assert len(subscribed(robot)) == 1
-
-
 class AskedConnector:
-    """Counts the questions what a robot repeats, and answers when a test says so."""
-
     def __init__(self):
         self.questions = 0
         self.answers = asyncio.Semaphore(0)
@@ -142,8 +114,6 @@ async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, 
 
 
 class RepeatingSocket:
-    """A robot's end that names one message that it repeats, without end."""
-
     def __init__(self):
         self.read = 0
 
@@ -192,15 +162,6 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     assert len(numbers) < count
 
 
-async def test_a_right_that_ends_ends_its_copy(memory_database, relay, robot, sim1, observe):
-    socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
-    memory_database.grants.clear()
-    await relay.relay.fleet.poll()
-    assert (await socket.receive(timeout=5)).data == 4001
-    await until(lambda: not robot.topics, "the robot sends it no more")
-
-
 async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     await breaks_and_returns(observe, robot)
@@ -217,9 +178,7 @@ async def test_an_agent_without_the_service_is_told(robot, observe):
     assert (await socket.receive_json(timeout=5))["op"] == "call_service"
 
 
-async def test_observers_leave_the_driver_half_of_a_robots_topics(
-    relay, robot, sim1, http, observe
-):
+async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, sim1, observe, ros):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_OBSERVED_TOPICS):
         topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
@@ -230,19 +189,9 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(
         answer["msg"]
         == f"cannot subscribe to /odom: sim1 sends {MAX_OBSERVED_TOPICS} topics already"
     )
-    async with http.ws_connect(relay.ros_url(sim1)) as driver:
+    async with ros() as driver:
         await driver.send_json(ODOM)
         assert await driver.receive_json(timeout=5) == ODOM
-
-
-async def test_topics_end_with_the_robots_session(relay, robot, sim1, observe):
-    socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
-    await robot.session.close()
-    await until(lambda: relay.relay.shared_topics.count() == 0, "nothing is shared")
-    while (message := await socket.receive(timeout=5)).type is not aiohttp.WSMsgType.CLOSE:
-        pass
-    assert message.data == 4505
 
 
 class Client:
@@ -256,10 +205,10 @@ class Client:
     def on_topic_failed(self, topic, why): ...
 
 
-async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, relay, robot, http):
+async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, robot, ros):
     echo = {"op": "publish", "topic": "/echo"}
     drive = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}
-    async with http.ws_connect(relay.ros_url(wide)) as driver:
+    async with ros() as driver:
         for topic in ("/echo", "/cmd_vel"):
             await driver.send_json({"op": "subscribe", "topic": topic})
         for message in ({**echo, "msg": {"data": "1"}}, {**echo, "msg": {"data": "2"}}, drive):
@@ -280,19 +229,17 @@ async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, rela
     assert others == [("publish", "/cmd_vel"), ("publish", "/other")]
 
 
-async def test_what_waits_for_a_subscription_that_fails_goes_on(wide, relay, robot, http):
+async def test_what_waits_for_a_subscription_that_fails_goes_on(wide, robot, ros):
     robot.has_topics = False
-    async with http.ws_connect(relay.ros_url(wide)) as driver:
+    async with ros() as driver:
         await driver.send_json(ODOM)
         await driver.send_json({"op": "publish", "topic": "/odom", "msg": {}})
         await until(lambda: len(robot.received) == 1, "the message reaches the robot")
 
 
-async def test_a_client_keeps_no_more_at_the_relay_than_it_may(
-    wide, relay, robot, http, monkeypatch
-):
+async def test_a_client_keeps_no_more_at_the_relay_than_it_may(wide, robot, monkeypatch, ros):
     monkeypatch.setattr(held_messages, "MAX_HELD_BYTES", 100)
-    async with http.ws_connect(relay.ros_url(wide)) as driver:
+    async with ros() as driver:
         await driver.send_json(ODOM)
         for text in ("x", "x" * 100):
             await driver.send_json({"op": "publish", "topic": "/odom", "msg": {"data": text}})
@@ -320,7 +267,7 @@ async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
     assert not held.add("/echo", b"2")
 
 
-async def test_what_the_robot_does_not_take_is_not_read(wide, relay, robot, http, monkeypatch):
+async def test_what_the_robot_does_not_take_is_not_read(wide, robot, monkeypatch, ros):
     """Also behind what waited for a subscription; a stop is read all the same."""
     opened = []
 
@@ -331,7 +278,7 @@ async def test_what_the_robot_does_not_take_is_not_read(wide, relay, robot, http
 
     monkeypatch.setattr(held_messages, "MAX_HELD_BYTES", 1000)
     monkeypatch.setattr(HeldMessages, "next", next_never)
-    async with http.ws_connect(relay.ros_url(wide)) as driver:
+    async with ros() as driver:
         await driver.send_json(ODOM)
         for _ in range(20):
             message = {"op": "publish", "topic": "/odom", "msg": {"data": "x" * 500}}

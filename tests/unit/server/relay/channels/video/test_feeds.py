@@ -45,14 +45,12 @@ class Eye:
 
 
 def clock() -> SenderClock:
-    """A robot's clock that is the relay's."""
     clock = SenderClock()
     clock.on_answer(time.monotonic(), 0.0, 0.0)
     return clock
 
 
 def come(feed: Feed, sequence: int, *, codec: int = 1, is_key: bool = False) -> None:
-    """Have the robot's frame of this number come."""
     now_s = time.monotonic()
     header = struct.pack("!BBHId", codec, 2 * is_key, 70, sequence, now_s * 1000)
     feed.on_frame(header + JPEG, now_s, clock())
@@ -67,16 +65,6 @@ async def feed(sim1) -> Feed:
     return feed
 
 
-async def test_two_credits_are_open_and_no_more(feed):
-    come(feed, 1)
-    assert feed.credit() is None
-    come(feed, 2)
-    assert feed.credit() is None
-    feed.taken(1)
-    assert feed.credit() == (1, 1)
-    assert feed.credit() is None
-
-
 async def test_who_has_the_newest_has_those_before_it(feed):
     """A frame that was skipped is given back with the one after it, and once."""
     come(feed, 1)
@@ -89,7 +77,6 @@ async def test_who_has_the_newest_has_those_before_it(feed):
 
 
 async def test_more_frames_than_credits_break_the_protocol(feed):
-    """A robot cannot fill the relay."""
     come(feed, 1)
     come(feed, 2)
     with pytest.raises(ProtocolError, match="more frames"):
@@ -110,49 +97,6 @@ async def test_a_new_connection_begins_with_new_credits_and_numbers_that_go_on(f
     assert feed.credit() == (2, 8)
 
 
-async def test_what_nobody_can_show_is_given_back(feed):
-    """A codec that the relay does not know, and a frame before the robot's clock is known."""
-    eye = Eye()
-    feed.join(eye)
-    come(feed, 1, codec=9)
-    header = struct.pack("!BBHId", 1, 0, 70, 2, 5.0)
-    feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
-    assert (feed.newest, eye.on_status) == (None, 0)
-    assert feed.credit() == (2, 2)
-
-
-async def test_a_frame_without_those_before_it_is_given_back(feed):
-    """The robot is asked for a key frame, and has the credit to send it."""
-    eye = Eye()
-    feed.join(eye)
-    come(feed, 1, codec=2)
-    assert (feed.newest, eye.on_status) == (None, 0)
-    assert feed.needs_key_frame
-    assert feed.credit() == (1, 1)
-    come(feed, 2, codec=2, is_key=True)
-    assert (feed.newest.sequence, eye.on_status) == (2, 1)
-    assert not feed.needs_key_frame
-
-
-@pytest.mark.parametrize("breaks", ["reconnect", "codec", "timestamp"])
-async def test_a_chain_that_broke_begins_with_a_key_frame(feed, breaks):
-    come(feed, 1, codec=2, is_key=True)
-    feed.taken(1)
-    feed.credit()
-    if breaks == "reconnect":
-        feed.on_connected()
-        feed.credit()
-        come(feed, 2, codec=2)
-    elif breaks == "codec":
-        come(feed, 2, codec=3)
-    else:
-        header = struct.pack("!BBHId", 2, 0, 70, 2, 5.0)
-        feed.on_frame(header + JPEG, time.monotonic(), SenderClock())
-    come(feed, 3, codec=2)
-    assert feed.newest.sequence == 1
-    assert feed.needs_key_frame
-
-
 async def test_one_viewers_defect_is_its_own(feed, caplog):
     broken, sound = Eye(breaks=True), Eye()
     feed.join(broken)
@@ -161,15 +105,6 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
     assert sound.on_status == 1
     assert broken.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of this viewer" in caplog.text
-
-
-async def test_requests_of_all_are_one(feed):
-    assert feed.stream_request() is None
-    feed.join(Eye())
-    assert feed.stream_request() is None
-    feed.join(Eye(StreamRequest(fps=5, quality_max=90)))
-    feed.join(Eye(StreamRequest(fps=10, quality_max=60)))
-    assert feed.stream_request() == StreamRequest(fps=10, quality_max=90)
 
 
 async def _for_ever() -> CloseReason:
@@ -181,7 +116,6 @@ def feeds_that(work) -> Feeds:
 
 
 async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):
-    """A viewer that comes while it lingers keeps it."""
     monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 0.05)
     feeds = feeds_that(_for_ever)
     with feeds.followed(sim1, "/a", Eye()) as feed:
@@ -211,7 +145,6 @@ async def test_few_feeds_linger(sim1, monkeypatch):
 
 
 async def test_the_end_of_a_link_reaches_the_viewers(sim1):
-    """The viewers' connections end, and the next viewer gets a new feed."""
     close_reason = close_reasons.video_down("sim1", "the test says so")
 
     async def ends() -> CloseReason:

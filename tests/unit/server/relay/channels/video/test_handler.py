@@ -8,35 +8,24 @@ from collections.abc import AsyncIterator
 import aiohttp
 import pytest
 from fake_robot import HOST, JPEG
-from relay_server import RelayServer, until
+from relay_server import ANN, until
 from robotether_common.frames import QOS
-from robotether_server.db.fleet import RelayRobot, RelayUser
+from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.video.handler import path_for_robot
-from yarl import URL
 
-ANN = RelayUser(1, "ann")
 STREAM_HEAD = (
     b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace;boundary=b\r\n\r\n--b\r\n"
 )
 
 
-def video_url(relay: RelayServer, robot: RelayRobot, rest: str) -> str:
-    return f"{relay.url}/robots/{robot.name}/video/{rest}"
-
-
 async def test_the_robot_learns_nothing_of_who_asks(
-    *, relay, robot, sim1, http, memory_database, login
+    *, relay, robot, sim1, memory_database, login, video
 ):
-    """Cookie, token, ticket and address stay at the relay; path and query pass as they are."""
-    token = memory_database.add_credential("token", ANN)
-    url = video_url(relay, sim1, f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50")
-    headers = login | {
-        "Authorization": f"Bearer {token}",
-        "X-Forwarded-For": "203.0.113.9",
-        "Accept": "image/jpeg",
-    }
-    async with http.get(URL(url, encoded=True), headers=headers) as answer:
+    path = f"snapshot?topic=/a%2Fb&ticket={relay.ticket(sim1)}&q=50"
+    headers = login | memory_database.bearer(ANN)
+    headers |= {"X-Forwarded-For": "203.0.113.9", "Accept": "image/jpeg"}
+    async with video(path, headers) as answer:
         assert answer.status == 200
     seen = robot.video_requests[0]
     assert seen["path"] == "/snapshot?topic=/a/b&q=50&qos_profile=sensor_data"
@@ -48,12 +37,10 @@ async def test_the_robot_learns_nothing_of_who_asks(
 @pytest.mark.parametrize(
     "name", [b"ETag", b"Content-Type", b"Content-Disposition", b"X-Timestamp", b"X-Other"]
 )
-async def test_robot_with_broken_headers_still_shows_its_picture(
-    *, relay, robot, sim1, http, login, caplog, name, value
-):
+async def test_robot_with_broken_headers_still_shows_its_picture(robot, caplog, name, value, video):
     head = b"HTTP/1.1 200 OK\r\n%b: %b\r\nContent-Length: 3\r\n\r\n" % (name, value)
     robot.raw_answer = [head + b"abc"]
-    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+    async with video("raw") as answer:
         assert (answer.status, await answer.read()) == (200, b"abc")
         assert name.decode() not in answer.headers or name.startswith(b"Content-")
     assert [record for record in caplog.records if record.levelname == "ERROR"] == []
@@ -62,7 +49,7 @@ async def test_robot_with_broken_headers_still_shows_its_picture(
 async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, memory_database, login):
     memory_database.add_robot(8, "sim2")
     stranger = memory_database.add_credential("token", RelayUser(9, "eve"))
-    url = video_url(relay, sim1, "snapshot")
+    url = f"{relay.url}/robots/sim1/video/snapshot"
     for headers, target, expected in [
         ({}, url, (401, "login_missing")),
         ({"Cookie": "__Host-robotether_login=rubbish"}, url, (401, "login_missing")),
@@ -78,24 +65,23 @@ async def test_who_may_not_see_gets_a_code(*, relay, robot, sim1, http, memory_d
     assert robot.video_requests == []
 
 
-async def test_video_can_only_be_read(relay, robot, sim1, http, login):
-    url = video_url(relay, sim1, "snapshot")
+async def test_video_can_only_be_read(robot, video):
     for method in ("POST", "DELETE", "PUT"):
-        async with http.request(method, url, headers=login) as answer:
+        async with video("snapshot", method=method) as answer:
             assert (answer.status, (await answer.json())["code"]) == (405, "method_not_allowed")
-    async with http.head(url, headers=login) as answer:
+    async with video("snapshot", method="HEAD") as answer:
         assert answer.status == 200
     assert [request["method"] for request in robot.video_requests] == ["HEAD"]
 
 
-async def test_an_offline_robot_has_no_video(relay, sim1, http, login):
-    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+async def test_an_offline_robot_has_no_video(video):
+    async with video("snapshot") as answer:
         assert (answer.status, (await answer.json())["code"]) == (503, "robot_offline")
 
 
-async def test_a_robot_without_web_video_server(relay, robot, sim1, http, login):
+async def test_a_robot_without_web_video_server(robot, video):
     await robot._close_ports()
-    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+    async with video("snapshot") as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
 
 
@@ -122,39 +108,32 @@ async def silent_server(robot, sim1) -> AsyncIterator[dict[str, int]]:
 
 @pytest.mark.parametrize("how", [CLOSES, STAYS_SILENT])
 async def test_a_still_of_a_topic_without_frames_names_it(
-    *, relay, silent_server, sim1, http, login, monkeypatch, how
+    *, relay, silent_server, sim1, monkeypatch, how, video
 ):
     """web_video_server closes the connection where it knows no such topic, and waits where nothing publishes it."""
     monkeypatch.setattr("robotether_server.relay.channels.video.handler.HEADERS_WITHIN_S", 0.3)
     silent_server["how"] = how
-    url = video_url(relay, sim1, "snapshot?topic=/camera/x")
-    async with http.get(url, headers=login) as answer:
+    async with video("snapshot?topic=/camera/x") as answer:
         problem = await answer.json()
     assert (answer.status, problem["code"]) == (502, "no_frames")
     why = "no frames from /camera/x: the topic does not exist or nothing publishes it"
     assert problem["detail"] == f"cannot show video of robot sim1: {why}"
 
 
-async def test_a_server_that_is_down_is_no_missing_topic(
-    *, relay, robot, silent_server, sim1, http, login
-):
+async def test_a_server_that_is_down_is_no_missing_topic(relay, robot, silent_server, sim1, video):
     """The robot's own report tells one from the other: its end of the tunnel answers either way."""
     robot.session.send(type="health", ros="ok", video="down", detail="", ros_exposed=False)
     presence = relay.relay.registry.presence
     await until(lambda: presence(sim1.id).video == "down", "it is down")
-    async with http.get(video_url(relay, sim1, "snapshot?topic=/a"), headers=login) as answer:
+    async with video("snapshot?topic=/a") as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
 
 
-async def test_a_stream_that_stays_silent_ends(
-    *, relay, silent_server, sim1, http, login, monkeypatch
-):
+async def test_a_stream_that_stays_silent_ends(relay, silent_server, monkeypatch, video):
     """One that is passed through; web_video_server itself would keep it for ever."""
     monkeypatch.setattr("robotether_server.relay.channels.video.handler.SILENT_AFTER_S", 0.3)
     silent_server["how"] = BEGINS_A_STREAM
-    async with http.get(
-        video_url(relay, sim1, "stream?topic=/a&type=png"), headers=login
-    ) as answer:
+    async with video("stream?topic=/a&type=png") as answer:
         assert answer.status == 200
         with pytest.raises(aiohttp.ClientError):
             await asyncio.wait_for(answer.read(), 5)
@@ -162,13 +141,13 @@ async def test_a_stream_that_stays_silent_ends(
 
 
 @pytest.mark.parametrize("status", [b"101 Switching Protocols", b"600 Whatever", b"999 No"])
-async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http, login, status):
+async def test_an_answer_that_is_none_is_video_down(robot, login, status, video):
     """A robot that switches protocols opens no pipe to the viewer, nor to nginx."""
     robot.raw_answer = [
         b"HTTP/1.1 " + status + b"\r\nConnection: Upgrade\r\nUpgrade: websocket\r\n\r\nraw bytes"
     ]
     headers = login | {"Connection": "Upgrade", "Upgrade": "websocket"}
-    async with http.get(video_url(relay, sim1, "raw"), headers=headers) as answer:
+    async with video("raw", headers) as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
         assert "Upgrade" not in answer.headers
     seen = robot.video_requests[0]["headers"]
@@ -176,23 +155,19 @@ async def test_an_answer_that_is_none_is_video_down(*, relay, robot, sim1, http,
     assert seen.get("Connection", "close") == "close"
 
 
-async def test_a_robots_answer_is_never_a_part_of_a_page(*, relay, robot, sim1, http, login):
-    url = video_url(relay, sim1, "snapshot")
-    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "script"}) as answer:
+async def test_a_robots_answer_is_never_a_part_of_a_page(robot, login, video):
+    async with video("snapshot", login | {"Sec-Fetch-Dest": "script"}) as answer:
         assert (answer.status, (await answer.json())["code"]) == (403, "destination_refused")
     assert robot.video_requests == []
-    async with http.get(url, headers=login | {"Sec-Fetch-Dest": "image"}) as answer:
+    async with video("snapshot", login | {"Sec-Fetch-Dest": "image"}) as answer:
         assert answer.status == 200
 
 
-async def test_an_answer_that_breaks_off_is_cut_and_logged(
-    *, relay, robot, sim1, http, login, caplog
-):
-    """The viewer does not take half a frame for whole, and the log names the robot."""
+async def test_an_answer_that_breaks_off_is_cut_and_logged(robot, sim1, caplog, video):
     caplog.set_level("INFO")
     head = b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\nContent-Length: 9\r\n\r\n"
     robot.raw_answer = [head + b"half"]
-    async with http.get(video_url(relay, sim1, "raw"), headers=login) as answer:
+    async with video("raw") as answer:
         await _read_until_cut(answer)
     (line,) = [message for message in caplog.messages if "video ended" in message]
     assert line.startswith("robot sim1: ")
@@ -208,12 +183,12 @@ ENDS = {
 @pytest.mark.parametrize("by_ticket", [False, True])
 @pytest.mark.parametrize("end", ENDS)
 async def test_a_stream_ends_with_what_it_hangs_on(
-    *, relay, robot, sim1, http, login, memory_database, end, by_ticket
+    *, relay, robot, sim1, login, memory_database, end, by_ticket, video
 ):
     """It is cut, and not left hanging; a ticket's stream hangs on the login that asked for the ticket."""
     robot.mode = "port_taken"
     query, headers = (f"?ticket={relay.ticket(sim1)}", {}) if by_ticket else ("", login)
-    async with http.get(video_url(relay, sim1, f"stream{query}"), headers=headers) as answer:
+    async with video(f"stream{query}", headers) as answer:
         assert answer.headers["Content-Type"] == "multipart/x-mixed-replace;boundary=frame"
         for _ in range(3):
             await answer.content.readuntil(JPEG)
@@ -226,15 +201,14 @@ async def test_a_stream_ends_with_what_it_hangs_on(
     await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
 
 
-async def test_too_many_streams_are_refused(*, relay, robot, sim1, http, login):
+async def test_too_many_streams_are_refused(relay, robot, video):
     relay.relay.connections.caps = Caps(per_user=1)
-    url = video_url(relay, sim1, "stream")
-    async with http.get(url, headers=login) as answer:
+    async with video("stream") as answer:
         await answer.content.readuntil(JPEG)
-        async with http.get(url, headers=login) as second:
+        async with video("stream") as second:
             assert (second.status, (await second.json())["code"]) == (429, "too_many_connections")
     await until(lambda: relay.relay.connections.count("video") == 0, "the stream has ended")
-    async with http.get(url, headers=login) as answer:
+    async with video("stream") as answer:
         assert answer.status == 200
 
 
@@ -244,28 +218,22 @@ async def _read_until_cut(answer: aiohttp.ClientResponse) -> None:
             await answer.read()
 
 
-async def test_a_viewer_that_does_not_read_is_bounded_and_ends(
-    *, relay, robot, sim1, http, login, monkeypatch
-):
-    """The robot is not read on for a viewer that takes nothing, who is cut after a while."""
+async def test_a_viewer_that_does_not_read_is_bounded_and_ends(relay, robot, monkeypatch, video):
     monkeypatch.setattr("robotether_server.relay.channels.video.handler.VIEWER_SLOW_AFTER_S", 0.5)
-    async with http.get(video_url(relay, sim1, "huge"), headers=login) as answer:
+    async with video("huge") as answer:
         answer.connection.transport.pause_reading()
         await until(lambda: relay.relay.connections.count("video") == 0, "the viewer is cut")
         assert robot.huge_sent < 40 * 1024 * 1024
         answer.close()
 
 
-async def test_login_video_without_a_database_says_so(
-    *, relay, robot, sim1, http, login, memory_database
-):
-    """A login that cannot be looked up gets 503 store_unavailable; a ticket still works."""
+async def test_login_video_without_a_database_says_so(relay, robot, sim1, memory_database, video):
     memory_database.down = True
-    async with http.get(video_url(relay, sim1, "snapshot"), headers=login) as answer:
+    async with video("snapshot") as answer:
         assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
-    url = video_url(relay, sim1, f"snapshot?ticket={relay.ticket(sim1)}")
+    path = f"snapshot?ticket={relay.ticket(sim1)}"
     for _ in range(2):
-        async with http.get(url) as answer:
+        async with video(path, {}) as answer:
             assert answer.status == 200
 
 

@@ -57,7 +57,6 @@ class Demuxer:
         self.payloads[pid][-1] += packet[begin:]
 
     def frames(self) -> list[tuple[int, bytes]]:
-        """The timestamp and what else is in each packet of the video."""
         return [(self._timestamp(pes), pes[14:]) for pes in self.payloads[VIDEO_PID]]
 
     @staticmethod

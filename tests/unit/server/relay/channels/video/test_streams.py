@@ -11,15 +11,8 @@ import av
 import pytest
 from fake_robot import JPEG
 from h264_frames import encoded_frames
-from relay_server import until
+from relay_server import ANN, BOB, until
 from robotether_common.frames import ENCODER_STARTS, QOS
-from robotether_server.db.fleet import RelayUser
-
-ANN = RelayUser(1, "ann")
-
-
-def video_url(relay, robot, rest: str) -> str:
-    return f"{relay.url}/robots/{robot.name}/video/{rest}"
 
 
 async def head_and_frame(
@@ -37,7 +30,6 @@ async def head_and_frame(
 
 
 async def showing(camera) -> None:
-    """Show frames as fast as credit comes."""
     while True:
         await camera.show(JPEG)
         await asyncio.sleep(0.01)
@@ -51,9 +43,9 @@ async def on_air(camera):
     await asyncio.gather(task, return_exceptions=True)
 
 
-async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_air, robot):
+async def test_a_stream_comes_out_of_the_feed(relay, on_air, robot, video):
     """Parts with timestamp and sequence, from the frames service and not from web_video_server."""
-    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+    async with video("stream?topic=/a") as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
         assert answer.headers["Cache-Control"] == "no-store"
@@ -75,21 +67,9 @@ async def test_a_stream_comes_out_of_the_feed(*, relay, sim1, http, login, on_ai
     assert viewer_counts.bytes == viewer_counts.frames * len(JPEG)
 
 
-async def test_streams_and_frames_share_a_feed(*, relay, sim1, http, login, on_air, watch):
-    viewer = await watch()
-    url = video_url(relay, sim1, "stream?topic=/a&quality=35&width=320&height=240")
-    async with http.get(url, headers=login) as answer:
-        await answer.content.readuntil(b"\r\n")
-        await head_and_frame(answer)
-        await viewer.credit()
-        assert (await viewer.frame()).jpeg == JPEG
-    assert on_air.topics == ["/a"]
-
-
-async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login, on_air):
+async def test_a_quality_is_the_best_that_is_wanted(on_air, video):
     """The robot may go below it on a narrow link, and not above."""
-    url = video_url(relay, sim1, "stream?topic=/a&quality=15&width=320&height=240")
-    async with http.get(url, headers=login) as answer:
+    async with video("stream?topic=/a&quality=15&width=320&height=240") as answer:
         assert answer.status == 200
     await on_air.wait_for("stream_request", quality_min=15, quality_max=15, width=320, height=240)
 
@@ -99,53 +79,48 @@ async def test_a_quality_is_the_best_that_is_wanted(*, relay, sim1, http, login,
     ["quality=0", "quality=high", "width=320", "width=5000&height=1", "quality=1e2", "codec=vp9",
      "codec=h264&invert=1", "codec=h264&type=mjpeg"],
 )  # fmt: skip
-async def test_an_invalid_request_is_refused(*, relay, sim1, http, login, on_air, query):
-    async with http.get(
-        video_url(relay, sim1, f"stream?topic=/a&{query}"), headers=login
-    ) as answer:
+async def test_an_invalid_request_is_refused(on_air, query, video):
+    async with video(f"stream?topic=/a&{query}") as answer:
         assert (answer.status, (await answer.json())["code"]) == (422, "field_invalid")
     assert on_air.topics == []
 
 
 @pytest.mark.parametrize("more", ["&type=vp8", "&invert=1", "&default_transport=theora"])
-async def test_what_no_feed_can_is_passed_through(*, relay, sim1, http, login, on_air, robot, more):
-    async with http.get(video_url(relay, sim1, f"stream?topic=/a{more}"), headers=login) as answer:
+async def test_what_no_feed_can_is_passed_through(on_air, robot, more, video):
+    async with video(f"stream?topic=/a{more}") as answer:
         await asyncio.wait_for(answer.content.readuntil(JPEG), 5)
     asked = f"/stream?topic=/a{more}&{QOS}"
     assert [request["path"] for request in robot.video_requests] == [asked]
     assert on_air.topics == []
 
 
-async def test_a_ticket_lets_pages_of_others_show_it(*, relay, sim1, http, on_air):
-    """The answer says that it may be embedded, and so does a still."""
+async def test_a_ticket_lets_pages_of_others_show_it(relay, sim1, on_air, video):
     ticket = relay.ticket(sim1)
     for path in ("stream?topic=/a", "snapshot?topic=/a"):
-        async with http.get(video_url(relay, sim1, f"{path}&ticket={ticket}")) as answer:
+        async with video(f"{path}&ticket={ticket}", {}) as answer:
             assert answer.headers["Cross-Origin-Resource-Policy"] == "cross-origin"
 
 
-async def test_a_page_that_is_allowed_may_read_it(*, relay, sim1, http, on_air):
-    """CORS for ALLOWED_ORIGINS, while others are refused."""
-    url = video_url(relay, sim1, f"stream?topic=/a&ticket={relay.ticket(sim1)}")
-    async with http.get(url, headers={"Origin": "https://lab.example"}) as answer:
+async def test_a_page_that_is_allowed_may_read_it(relay, sim1, on_air, video):
+    path = f"stream?topic=/a&ticket={relay.ticket(sim1)}"
+    async with video(path, {"Origin": "https://lab.example"}) as answer:
         assert answer.headers["Access-Control-Allow-Origin"] == "https://lab.example"
         assert "Access-Control-Allow-Credentials" not in answer.headers
-    async with http.get(url, headers={"Origin": "https://evil.example"}) as answer:
+    async with video(path, {"Origin": "https://evil.example"}) as answer:
         assert answer.status == 403
         assert "Access-Control-Allow-Origin" not in answer.headers
 
 
 async def show_each(camera, frames, codec: int) -> None:
-    """Show each frame when the robot may send it."""
     for frame, is_key in frames:
         await until(lambda: all(camera.credits.values()), "the robot has credit")
         await camera.show(frame, codec=codec, is_key=is_key)
 
 
-async def test_a_player_gets_h264(*, relay, sim1, http, camera):
+async def test_a_player_gets_h264(relay, sim1, camera, video):
     """A ticket opens it; it begins with a key frame and ends when the robot sends JPEG."""
-    url = video_url(relay, sim1, f"stream?topic=/a&codec=h264&ticket={relay.ticket(sim1)}")
-    asking = asyncio.create_task(http.get(url))
+    path = f"stream?topic=/a&codec=h264&ticket={relay.ticket(sim1)}"
+    asking = asyncio.create_task(video(path, {}))
     await camera.wait_for("stream_request", codecs=["h264", "jpeg"])
     await camera.wait_for("credit")
     # An encoder takes some time to begin.
@@ -168,9 +143,8 @@ async def test_a_player_gets_h264(*, relay, sim1, http, camera):
     assert relay.relay.registry.robot(7).viewer_stats.of(ANN.id).frames == len(frames)
 
 
-async def ask_in_vain(http, url: str, login) -> tuple[int, str, str]:
-    """Ask for a stream that is refused; return status, code and reason."""
-    async with http.get(url, headers=login) as answer:
+async def ask_in_vain(video) -> tuple[int, str, str]:
+    async with video("stream?topic=/a&codec=h264") as answer:
         problem = await answer.json()
     return answer.status, problem["code"], problem["detail"].partition(": ")[2]
 
@@ -181,46 +155,38 @@ async def ask_in_vain(http, url: str, login) -> tuple[int, str, str]:
     ids=["says why", "is older"],
 )
 async def test_a_robot_that_sends_jpeg_has_no_h264(
-    *, relay, sim1, http, login, on_air, monkeypatch, no_encoder, why
+    *, relay, on_air, monkeypatch, no_encoder, why, video
 ):
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 1.0)
-    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
-    asking = asyncio.create_task(ask_in_vain(http, url, login))
+    asking = asyncio.create_task(ask_in_vain(video))
     await on_air.wait_for("credit")
     await on_air.send_status(state="live", no_encoder=no_encoder)
     assert await asking == (409, "no_encoder", why)
 
 
-async def test_nobody_gets_h264_while_somebody_decodes_only_jpeg(
-    *, relay, sim1, http, login, on_air, watch
-):
+async def test_nobody_gets_h264_while_somebody_decodes_only_jpeg(on_air, watch, video):
     await watch()
-    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
-    status, code, why = await ask_in_vain(http, url, login)
+    status, code, why = await ask_in_vain(video)
     assert (status, code) == (409, "no_encoder")
     assert "decodes only JPEG" in why
 
 
-async def test_an_agent_without_frames_has_no_h264(*, relay, sim1, http, login, robot):
+async def test_an_agent_without_frames_has_no_h264(robot, video):
     """It is not asked for what it would answer with MJPEG."""
-    url = video_url(relay, sim1, "stream?topic=/a&codec=h264")
-    assert (await ask_in_vain(http, url, login))[:2] == (409, "no_encoder")
+    assert (await ask_in_vain(video))[:2] == (409, "no_encoder")
     assert robot.video_requests == []
 
 
-async def test_head_tells_what_get_would(*, relay, sim1, http, login, on_air):
-    async with http.head(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+async def test_head_tells_what_get_would(on_air, video):
+    async with video("stream?topic=/a", method="HEAD") as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
         assert await answer.read() == b""
 
 
-async def test_a_camera_without_a_frame_is_no_frames(
-    *, relay, sim1, http, login, camera, monkeypatch
-):
+async def test_a_camera_without_a_frame_is_no_frames(relay, camera, monkeypatch, video):
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
-    url = video_url(relay, sim1, "stream?topic=/a")
-    asking = asyncio.create_task(http.get(url, headers=login))
+    asking = asyncio.create_task(video("stream?topic=/a"))
     await camera.wait_for("stream_request")
     await camera.send_status(state="down", detail="nobody publishes /a")
     async with await asking as answer:
@@ -229,15 +195,15 @@ async def test_a_camera_without_a_frame_is_no_frames(
     assert "nobody publishes /a" in problem["detail"]
 
 
-async def test_a_robot_that_refuses_is_video_down(*, relay, sim1, http, login, camera, monkeypatch):
+async def test_a_robot_that_refuses_is_video_down(relay, camera, monkeypatch, video):
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.OPENS_WITHIN_S", 0.1)
     camera.mode = "full"
-    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+    async with video("stream?topic=/a") as answer:
         assert (answer.status, (await answer.json())["code"]) == (502, "video_down")
 
 
-async def test_a_lost_link_cuts_the_stream(*, relay, sim1, http, login, on_air, robot):
-    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+async def test_a_lost_link_cuts_the_stream(on_air, robot, video):
+    async with video("stream?topic=/a") as answer:
         await answer.content.readuntil(JPEG)
         await robot.session.close()
         async with asyncio.timeout(5):
@@ -245,18 +211,16 @@ async def test_a_lost_link_cuts_the_stream(*, relay, sim1, http, login, on_air, 
                 await answer.read()
 
 
-async def test_who_takes_nothing_skips_and_is_cut(
-    *, relay, sim1, http, login, camera, watch, monkeypatch
-):
+async def test_who_takes_nothing_skips_and_is_cut(relay, camera, watch, monkeypatch, video):
     """Little waits for it, and another viewer sees each frame meanwhile."""
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.VIEWER_SLOW_AFTER_S", 0.5)
     # Under what aiohttp waits for by itself.
-    viewer, large = await watch(RelayUser(2, "bob")), b"x" * 60_000
+    viewer, large = await watch(BOB), b"x" * 60_000
     await camera.wait_for("credit")
     await camera.show(large)
     await viewer.credit()
     await viewer.frame()
-    async with http.get(video_url(relay, sim1, "stream?topic=/a"), headers=login) as answer:
+    async with video("stream?topic=/a") as answer:
         answer.connection.transport.pause_reading()
         for _ in range(100):
             await viewer.credit()

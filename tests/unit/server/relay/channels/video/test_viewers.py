@@ -14,12 +14,7 @@ from robotether_common.codecs import H264, JPEG, NAMES, VP8, Codec, decoded_by
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS, StreamRequest
 from robotether_server.relay.channels.video.feeds import Feed, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
-from robotether_server.relay.channels.video.held_frames import (
-    HELD_S,
-    MAX_HELD,
-    MAX_HELD_BYTES,
-    HeldFrames,
-)
+from robotether_server.relay.channels.video.held_frames import MAX_HELD, MAX_HELD_BYTES, HeldFrames
 from robotether_server.relay.channels.video.viewers import Cursor
 
 EYE = SimpleNamespace(stream_request=StreamRequest(codecs=NAMES))
@@ -55,27 +50,7 @@ async def feed(sim1) -> Books:
     return Books(sim1)
 
 
-@pytest.mark.parametrize(("codec", "flags"), [(JPEG, 0), (H264, KEY)])
-async def test_the_newest_comes_next_and_once(feed, codec, flags):
-    """Of JPEG, and where a robot says of each frame that it is a key frame."""
-    cursor = Cursor(feed, EYE, 0.0)
-    assert cursor.next() is None
-    first = feed.show(0, 0.0, codec, flags)
-    assert cursor.next() is first
-    cursor.sent(first)
-    assert cursor.next() is None
-    feed.show(1, 0.0, codec, flags)
-    feed.show(2, 0.0, codec, flags)
-    last = feed.show(3, 0.0, codec, flags)
-    assert cursor.next() is last
-    cursor.sent(last)
-    assert cursor.next() is None
-    assert feed.skipped == 2
-    assert len(feed.held) == 1
-
-
 async def test_a_fresh_frame_is_shown_to_who_comes(feed):
-    """At once, and nothing was skipped."""
     frame = feed.show(7, received_s=10.0)
     cursor = Cursor(feed, EYE, 10.9)
     assert cursor.next() is frame
@@ -96,16 +71,6 @@ async def test_an_old_frame_is_given_back(feed):
     assert feed.skipped == 0
 
 
-async def test_who_comes_before_a_frame_skips_what_it_did_not_take(feed):
-    feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, EYE, 10.5)
-    feed.show(8)
-    last = feed.show(9)
-    assert cursor.next() is last
-    cursor.sent(last)
-    assert feed.skipped == 2
-
-
 async def test_who_is_a_little_late_misses_nothing(feed):
     """A viewer gets each frame in turn; a newcomer begins with the key frame."""
     first = Cursor(feed, EYE, 0.0)
@@ -117,47 +82,6 @@ async def test_who_is_a_little_late_misses_nothing(feed):
             cursor.sent(frame)
         assert cursor.next() is None
     assert (feed.skipped, feed.needs_key_frame) == (0, False)
-
-
-async def test_who_is_too_late_waits_for_a_key_frame(feed):
-    """The frames are given back meanwhile: without credit the key frame could not come."""
-    cursor = Cursor(feed, EYE, 0.0)
-    key = feed.show(0, codec=H264, flags=KEY)
-    cursor.sent(key)
-    for position in range(1, 5):
-        feed.show(position, position * HELD_S, H264)
-    assert cursor.next() is None
-    assert (feed.needs_key_frame, feed.was_taken) == (True, [4])
-    key = feed.show(5, 5 * HELD_S, H264, KEY)
-    assert cursor.next() is key
-    cursor.sent(key)
-    assert feed.skipped == 4
-
-
-@pytest.mark.parametrize("codec", [JPEG, H264])
-async def test_who_cannot_decode_gets_nothing_before_the_next_key_frame(feed, codec):
-    """Not the one that it has had; of JPEG each frame is one, and none is requested."""
-    cursor = Cursor(feed, EYE, 0.0)
-    cursor.restart()
-    cursor.sent(feed.show(0, codec=codec, flags=KEY))
-    cursor.restart()
-    assert feed.needs_key_frame is codec.depends_on_earlier
-    assert cursor.next() is None
-    following = feed.show(1, codec=codec)
-    assert cursor.next() is (None if codec is H264 else following)
-    key = feed.show(2, codec=codec, flags=KEY)
-    assert cursor.next() is key
-
-
-async def test_nobody_gets_a_codec_that_it_does_not_decode(feed):
-    """Frames of it are given back, and no key frame is requested for them."""
-    cursor = Cursor(feed, SimpleNamespace(stream_request=StreamRequest()), 0.0)
-    feed.show(0, codec=H264, flags=KEY)
-    assert cursor.next() is None
-    cursor.restart()
-    assert (feed.was_taken, feed.needs_key_frame) == ([0], False)
-    jpeg = feed.show(1)
-    assert cursor.next() is jpeg
 
 
 class Watcher:
@@ -318,8 +242,6 @@ def test_each_viewer_can_decode_what_it_gets_and_none_waits_for_ever(acts, codec
 
 
 def test_what_is_held_is_bounded():
-    """In number, in bytes, and in time; the newest two stay however old they are."""
-
     def add(position: int, size: int, received_s: float, flags: int = 0) -> None:
         data = HEADER.pack(H264.number, flags, 70, 0, 0) + b"x" * size
         frame = Frame(
