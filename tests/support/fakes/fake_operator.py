@@ -2,7 +2,6 @@
 
     silent_cut    its network is gone: nothing comes from it, and nothing tells so
     late_sender   stamps its commands with a moment that is long over
-    floods        sends as many commands as it can
     frozen_page   its tab sleeps: pings are answered, and no clock sync and no command comes
 
 Unit tests of the relay start it, beside robots of `fake_robot`.
@@ -28,9 +27,7 @@ class FakeOperator:
         self._http = http
         self._url = url
         self.messages: list[dict[str, Any]] = []
-        self.controls: list[dict[str, Any]] = []
         self.closed: tuple[int | None, str] | None = None
-        self._ended = asyncio.Event()
         self._ahead_ms: list[float] = []
         self._socket: aiohttp.ClientWebSocketResponse
         self._reader: asyncio.Task[None]
@@ -77,11 +74,6 @@ class FakeOperator:
     async def late_sender(self, speed: float) -> None:
         await self.drive(speed, age_ms=2000)
 
-    async def floods(self, count: int) -> None:
-        """Send many commands at once, the last of which is 9."""
-        for place in range(count):
-            await self.drive(9.0 if place == count - 1 else 0.1)
-
     def silent_cut(self) -> None:
         """Neither read nor write any more, with the connection still open."""
         self._reader.cancel()
@@ -99,12 +91,6 @@ class FakeOperator:
                         return message
                 await asyncio.sleep(0.005)
 
-    async def close_reason(self) -> tuple[int | None, str]:
-        async with asyncio.timeout(WAIT_S):
-            await self._ended.wait()
-        assert self.closed is not None
-        return self.closed
-
     async def _read(self) -> None:
         while True:
             message = await self._socket.receive()
@@ -114,12 +100,9 @@ class FakeOperator:
                 self._handle(json.loads(message.data))
             elif message.type is not WSMsgType.PONG:
                 self.closed = (self._socket.close_code, message.extra or "")
-                self._ended.set()
                 return
 
     def _handle(self, message: dict[str, Any]) -> None:
         if message["op"] == "robotether.clock_sync":
             self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
-        if message["op"] == "robotether.control":
-            self.controls.append(message["control"])
         self.messages.append(message)

@@ -8,10 +8,10 @@ from contextlib import asynccontextmanager
 
 import aiohttp
 from aiohttp import WSMsgType
-from fake_robot import WAIT_S, FakeRobot, Mode, RobotSession
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer
+from fake_robot import WAIT_S, FakeRobot, RobotSession
+from relay_server import MemoryDatabase
 from robotether_server.db.control import NewLease
-from robotether_server.db.fleet import AuditEntry, RelayRobot
+from robotether_server.db.fleet import AuditEntry
 
 # As the relay writes it anew.
 PUBLISH = '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}'
@@ -50,20 +50,6 @@ async def configured(session: RobotSession) -> RobotSession:
     """Wait until the relay has told the session its configuration."""
     await session.wait_configured()
     return session
-
-
-async def session_of(relay: RelayServer, robot_id: int, kind: str = "session") -> RobotSession:
-    """Open a connection of a robot, and wait for its configuration; the test closes it."""
-    session = RobotSession(robot_id, kind=kind, session_key=SESSION_KEY)
-    await session.connect(relay.relay.session_port)
-    return await configured(session)
-
-
-async def misbehaving(relay: RelayServer, robot: RelayRobot, mode: Mode) -> FakeRobot:
-    """Connect a robot that does not behave; the test stops it."""
-    fake = FakeRobot(robot.id, SESSION_KEY, mode)
-    await fake.start(relay.relay.session_port)
-    return fake
 
 
 def audit_lines(memory_database: MemoryDatabase) -> list[AuditEntry]:

@@ -13,7 +13,6 @@ from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, supp
 from pathlib import Path
 
 from fake_robot import HOST, FakeRobot, RobotSession
-from relay_clients import session_of
 from relay_server import (
     FAST,
     SESSION_KEY,
@@ -152,8 +151,10 @@ class SiteCell:
 
     async def session(self, robot: RelayRobot, epoch: int) -> RobotSession:
         """Open a bare session that says its epoch; the site's end closes it."""
-        session = await session_of(self.server, robot.id)
+        session = RobotSession(robot.id, kind="session", session_key=SESSION_KEY)
         self.sessions.append(session)
+        await session.connect(self.relay.session_port)
+        await session.wait_configured()
         session.send(type="hello", hostname="x", agent_version="0.2.0", guard="on", epoch=epoch)
         return session
 

@@ -16,17 +16,11 @@ from typing import Any
 import aiohttp
 import pytest
 import pytest_asyncio
-from fake_operator import FakeOperator
 from recorded_messages import RecordedTopicMessage, read_messages
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
-from robotether_server.db.recordings import (
-    Progress,
-    RecordableRobot,
-    RecordingCause,
-    RecordingRow,
-)
+from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
 from robotether_server.recorder import relay_client, service
-from robotether_server.recorder.mcap_file import McapFile, repair
+from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecordingEnd
@@ -72,20 +66,8 @@ class MemoryStore:
         self, robot: RecordableRobot, cause: RecordingCause, started_at: dt.datetime
     ) -> int:
         number = len(self.rows) + 1
-        self.rows[number] = RecordingRow(
-            number,
-            robot.id,
-            robot.name,
-            cause,
-            None,
-            started_at,
-            False,
-            False,
-            started_at,
-            None,
-            True,
-            "main",
-        )
+        self.ask(number)
+        self.change(number, cause=cause, asked_by=None, started_at=started_at, cell="main")
         return number
 
     async def write_progress(self, progress: dict[int, Progress]) -> None:
@@ -174,7 +156,7 @@ def topics_of(settings: RecorderSettings, number: int = 1) -> set[str]:
 
 
 async def test_a_recording_has_topics_frames_and_what_the_driver_did(
-    *, recorder, relay, robot, sim1, store, settings, http
+    *, recorder, relay, robot, sim1, store, settings, program
 ):
     store.ask()
     await answer_rosapi(
@@ -187,15 +169,17 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     await robot.send_to_topics(b'{"op":"publish","topic":"/speed","msg":{"value":"fast"}}')
     await robot.frames.wait_for("credit")
     await robot.frames.show(b"a picture")
-    async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+    async with program() as driver:
         await driver.clock_sync()
         await driver.drive(0.25, seen=[{"camera": "/camera", "frame": 3}])
         await driver.late_sender(0.75)
         wanted = {"/camera/compressed", "/robotether/commands", "/robotether/control"}
         await until(lambda: wanted <= topics_of(settings), "all is in the file")
+    describe = relay.relay.fleet_events.describe
+    assert (describe(sim1).recording, describe(sim1).observers) == (True, 0)
     store.change(1, is_stop_requested=True)
     await until(lambda: store.code() == "stopped", "it ended")
-    await until(lambda: not relay.relay.fleet_events.describe(sim1).recording, "nobody records")
+    await until(lambda: not describe(sim1).recording, "nobody records")
     messages = messages_of(settings)
     [speed] = [each for each in messages if each.topic == "/speed"]
     assert speed.data == b"\0\1\0\0" + struct.pack("<f", 0.5)
@@ -208,14 +192,6 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
         names = {each.topic: each.msgtype for each in bag.connections}
         assert names["/speed"] == "demo/msg/Speed"
         assert sum(1 for _ in bag.messages()) == len(messages)
-
-
-async def test_drivers_are_shown_that_they_are_recorded(recorder, relay, sim1, store):
-    describe = relay.relay.fleet_events.describe
-    assert not describe(sim1).recording
-    store.ask()
-    await until(lambda: describe(sim1).recording, "it is shown")
-    assert describe(sim1).observers == 0
 
 
 @pytest.mark.parametrize(
@@ -259,7 +235,7 @@ async def test_what_may_not_begin_does_not(recorder, store, settings, changes, c
 
 @pytest.mark.parametrize("when", ["always", "driven", "on_stop"])
 async def test_a_robot_is_recorded_by_its_setting(
-    *, recorder, relay, robot, sim1, store, settings, http, when
+    *, recorder, relay, robot, sim1, store, settings, when, program
 ):
     store.robots = [replace(store.robots[0], recording_when=when)]
     await until(lambda: relay.relay.registry.robot(7).recorders, "the recorder follows")
@@ -270,7 +246,7 @@ async def test_a_robot_is_recorded_by_its_setting(
         relay.relay.control.stops.stop(sim1, "ann")
     if when == "driven":
         assert not store.rows
-        async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+        async with program() as driver:
             await driver.clock_sync()
             await until(lambda: store.rows, "the drive is recorded")
     await until(lambda: "/robotether/control" in topics_of(settings), "it is in a file")
@@ -282,9 +258,9 @@ async def test_a_robot_is_recorded_by_its_setting(
 
 
 async def test_a_full_disk_ends_the_recording_and_not_the_drive(
-    *, recorder, relay, sim1, store, settings, http, monkeypatch
+    *, recorder, relay, store, settings, monkeypatch, program
 ):
-    async with FakeOperator(http, relay.ros_url(sim1)) as driver:
+    async with program() as driver:
         await driver.clock_sync()
         store.ask()
         await until(lambda: "/robotether/control" in topics_of(settings), "it records")
@@ -309,9 +285,7 @@ async def test_a_quota_that_is_reached_ends_the_recording(recorder, store, setti
     await until(lambda: store.code(2) == "quota_reached", "no other begins")
 
 
-async def test_a_recording_goes_on_while_the_database_is_away(
-    recorder, relay, robot, store, settings
-):
+async def test_a_recording_goes_on_while_the_database_is_away(recorder, robot, store, settings):
     store.ask()
     await until(lambda: "/robotether/control" in topics_of(settings), "it records")
     store.down = True
@@ -319,22 +293,3 @@ async def test_a_recording_goes_on_while_the_database_is_away(
     await robot.frames.show(b"a picture")
     await until(lambda: "/camera/compressed" in topics_of(settings), "it goes on")
     assert not store.endings
-
-
-async def test_the_next_recorder_makes_the_file_of_a_killed_one_whole(
-    recorder, relay, store, settings
-):
-    store.ask()
-    await until(lambda: "/robotether/control" in topics_of(settings), "it records")
-    # As a killed recorder leaves it, with a piece of a chunk at its end.
-    left = file_of(settings).read_bytes() + b"\x06\0\0"
-    store.change(1, is_stop_requested=True)
-    await until(lambda: store.code() == "stopped", "it ended")
-    store.rows.clear()
-    store.ask(2)
-    store.change(2, started_at=utc_now(), cell="main", may_go_on=True)
-    file_of(settings, 2).write_bytes(left)
-    await until(lambda: store.code(2) == "recorder_restarted", "it ended")
-    with AnyReader([file_of(settings, 2)]) as bag:
-        assert "/robotether/control" in bag.topics
-    assert repair(file_of(settings, 2)) is not None

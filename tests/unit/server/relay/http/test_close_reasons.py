@@ -8,14 +8,12 @@ from robotether_server.relay.http.close_reasons import CloseReason, offline_sent
 
 @pytest.mark.parametrize("letter", ["a", "ä", "日", "🤖"])
 def test_a_reason_fits_a_close_frame_and_stays_utf8(letter):
-    """A long reason is cut to 123 bytes, between characters."""
     raw = CloseReason("robot_offline", letter * 200).reason_bytes
     assert 119 < len(raw) <= 123
     assert set(raw.decode()) == {letter}
 
 
 def test_all_reasons_fit_with_the_longest_name():
-    """With a name of 63 letters, the longest that the database has, every reason is whole."""
     name = "r" * 63
     timestamp = utc(2026, 1, 1, 12, 3)
     for close_reason in (

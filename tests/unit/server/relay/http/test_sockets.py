@@ -69,12 +69,6 @@ def transport_of(client):
     return transport
 
 
-async def test_the_reason_arrives(operator):
-    async with operator(lambda socket: socket.finish(OFFLINE)) as client:
-        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
-        await client.close()
-
-
 async def test_nobody_but_finish_says_goodbye(operator):
     """What aiohttp closes by itself is no close frame: it would have the wrong reason."""
 
@@ -133,7 +127,6 @@ async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monk
 
 
 async def test_what_the_client_has_not_taken_is_known(operator):
-    """Bytes wait while the client does not read, and none once it is gone."""
     opened = []
 
     async def talk(socket):
@@ -214,7 +207,6 @@ async def test_a_robot_that_does_not_answer_is_left_in_time(monkeypatch):
 
 
 async def test_a_broken_socket_gives_its_connection_back():
-    """With room for one connection, the next robot is reached after a drop."""
     async with serving(unresponsive) as url, robot_session(limit=1) as session:
         for _ in range(2):
             async with asyncio.timeout(WAIT_S):
@@ -300,7 +292,6 @@ async def test_the_reason_arrives_behind_a_large_message_that_is_cut_short(opera
 
 @pytest.mark.parametrize("status", [301, 302, 303, 307, 308])
 async def test_a_redirect_is_not_followed(status):
-    """Neither a request nor a WebSocket that opens goes where the robot sends it."""
     visits = []
 
     async def elsewhere(request):

@@ -29,20 +29,6 @@ def test_a_limiter_fills_again_with_time():
     assert taken(limiter, 60.0, 100) == 5
 
 
-def test_trying_in_vain_costs_nothing():
-    """Refusals do not delay the next success."""
-    limiter = RateLimiter(0.0, per_s=1, at_once=1)
-    assert taken(limiter, 0.0, 1000) == 1
-    assert limiter.allow(1.0)
-
-
-def test_something_may_count_more_than_once():
-    limiter = RateLimiter(0.0, per_s=1, at_once=10)
-    assert limiter.allow(0.0, 7)
-    assert not limiter.allow(0.0, 4)
-    assert limiter.allow(0.0, 3)
-
-
 def test_a_limiter_says_when_it_may_be_used_again():
     limiter = RateLimiter(0.0, per_s=0.5, at_once=2)
     assert limiter.free_in_s(0.0) == 0
@@ -62,15 +48,10 @@ def verdicts(looks):
     ]
 
 
-def test_who_is_heard_is_alive():
-    assert verdicts([(t, t - 1, (0, 0), (0, 0)) for t in (2.0, 20.0, 200.0)]) == ["ok"] * 3
-
-
 def test_silence_counts_from_the_last_sign():
-    assert verdicts([(5.9, 0.0, (0, 0), (0, 0)), (6.1, 0.0, (0, 0), (0, 0))]) == [
-        "ok",
-        "client_silent",
-    ]
+    nothing = (0, 0), (0, 0)
+    looks = [(200.0, 199.0, *nothing), (204.9, 199.0, *nothing), (205.1, 199.0, *nothing)]
+    assert verdicts(looks) == ["ok", "ok", "client_silent"]
 
 
 def test_a_full_buffer_that_does_not_move_is_slow():
@@ -144,7 +125,6 @@ def test_memory_of_the_window_is_bounded():
     st.lists(st.tuples(timestamps, st.floats(0, 3)), min_size=1, max_size=20), st.floats(-1e9, 1e9)
 )
 def test_the_robots_clock_is_never_told_too_late(pings, ahead_s):
-    """Whatever the delays of the pings, the result is no later than what the clock really showed."""
     clock = RobotClock()
     for sent_at, delay in sorted(pings):
         clock.on_ping(sent_at + delay, (sent_at + ahead_s) * 1000)

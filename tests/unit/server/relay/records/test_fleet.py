@@ -3,7 +3,6 @@
 import pytest
 from relay_server import utc
 from robotether_server.db.fleet import RelayRequest, RelayUser
-from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.records.fleet import Fleet
 
 
@@ -81,17 +80,7 @@ async def test_new_credentials_are_looked_at_when_nothing_changed(fleet, heard):
     assert (heard.rechecks, heard.checks_of_new) == (1, 2)
 
 
-async def test_without_a_first_answer_there_is_no_snapshot(fleet, memory_database):
-    """Asking for rights says that the records are unavailable."""
-    memory_database.down = True
-    await fleet.poll()
-    with pytest.raises(StoreUnavailableError):
-        fleet.snapshot()
-    assert fleet.state().robots == {}
-
-
 async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):
-    """However long the database is away, the log has a line for its going and its coming."""
     await fleet.poll()
     memory_database.down = True
     for _ in range(3):

@@ -94,7 +94,6 @@ def test_a_drive_that_lasted_ended_when_it_was_last_written(path):
     [b'{"at":"2026-01-01T', b'{"at":"2026-01-01T12:00:00Z","kind":"Later","entry":{}}', b"\xff"],
 )
 def test_what_cannot_be_read_costs_itself_alone(path, caplog, torn):
-    """A line that was cut short, or of another version, and what follows it; the log says so once."""
     keep(path, START)
     path.write_bytes(path.read_bytes() + b"\n" + torn + b"\n" + torn)
     keep(path, END)
