@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import aiohttp
 from aiohttp import WSMsgType
-from fake_robot import WAIT_S, FakeRobot, RobotSession
+from fake_robot import WAIT_S, RobotSession
 from relay_server import MemoryDatabase
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import AuditEntry
@@ -24,20 +24,6 @@ async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, 
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
             assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
     return message.data, message.extra or ""
-
-
-async def breaks_and_returns(
-    observe: Callable[..., Awaitable[aiohttp.ClientWebSocketResponse]], robot: FakeRobot
-) -> None:
-    """Break the robot's connection of a topic: its observer is told once, keeps its own, and gets the topic again."""
-    subscription = {"op": "subscribe", "topic": "/odom"}
-    socket = await observe({**subscription, "id": "s"})
-    await socket.receive_str(timeout=5)
-    await robot.topics[0].close()
-    answer = await socket.receive_json(timeout=5)
-    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
-    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
-    assert await socket.receive_json(timeout=5) == subscription
 
 
 async def ended(session: RobotSession) -> str | None:

@@ -172,6 +172,11 @@ async def test_other_paths_are_for_no_other_page(relay, http, path):
         assert "Access-Control-Allow-Origin" not in answer.headers
 
 
+async def test_options_that_is_no_preflight_is_answered_as_ever(relay, http):
+    async with http.options(relay.url + CORS_PATHS[0], headers=ALLOWED) as answer:
+        assert answer.status == 405
+
+
 @pytest.mark.parametrize(
     ("origin", "allowed"), [({}, None), (ALLOWED, "https://lab.example")], ids=["program", "page"]
 )

@@ -124,24 +124,6 @@ def test_health_and_heartbeats_are_not_written(observer, event_writer):
     assert len(event_writer.notes) == 1
 
 
-def test_robots_are_logged_by_name_and_their_close_reasons_counted(
-    observer, memory_database, metrics, caplog
-):
-    """Every line names the robot; one whose row is gone, its id."""
-    observer.on_robot_change(Change("connected", 7, ONLINE))
-    memory_database.robots = {}
-    observer.on_robot_change(
-        Change("disconnected", 7, Presence(since=DISCONNECTED), "robot_unknown")
-    )
-    observer.session_refused("preface")
-    assert caplog.messages == [
-        "robot sim1 is online from 198.51.100.7",
-        "robot 7 is offline: robot_unknown",
-    ]
-    assert b'sessions_closed_total{code="robot_unknown"} 1.0' in metrics.render()
-    assert b'session_refusals_total{code="preface"} 1.0' in metrics.render()
-
-
 def test_a_drive_is_two_audit_lines_and_one_record(observer, event_writer, sim1, metrics):
     connection, drive = driving(sim1), a_drive()
     observer.connection(ConnectionReport(connection, "203.0.113.9", drive=drive))

@@ -69,21 +69,6 @@ def test_a_grant_permits_its_uses_and_no_more(level, uses):
     assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
 
 
-def test_who_has_not_reached_the_robot_drives_nothing(live, sim1):
-    waiting = live.add(1, sim1, "drive", connected=False)
-    assert (live.connections.count("drive"), live.changed) == (0, [])
-    live.connections.connected(waiting)
-    assert (live.connections.count("drive"), live.changed) == (1, [sim1.id])
-
-
-def test_leaving_is_told_if_it_changes_what_is_shown(live, sim1, sim2):
-    live.add(1, sim1, "drive", connected=True)
-    live.add(1, sim2, "drive", connected=False)
-    live.leave()
-    assert live.changed == [sim1.id]
-    assert live.connections.count("drive") == 0
-
-
 def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
     through = [live.add(1, sim1, "drive", connected=False), live.add(2, sim1, "video")]
     other = live.add(1, sim2, "drive")

@@ -130,13 +130,6 @@ async def test_who_leaves_takes_nobodys_answer(credentials, memory_database, log
     assert memory_database.lookups == 1
 
 
-async def test_an_outage_is_told_and_not_kept(credentials, memory_database, login):
-    memory_database.down = True
-    await unanswered(credentials.user_of(login))
-    memory_database.down = False
-    assert await credentials.user_of(login) == ANN
-
-
 async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_database):
     gone = of_ann(memory_database)
     stays = of_ann(memory_database, "token")

@@ -8,7 +8,6 @@ import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
 from fake_robot import HOST
-from relay_clients import breaks_and_returns
 from relay_server import BOB, until
 from robotether_server.relay.cells import cell_client, cell_topics
 from robotether_server.relay.cells.keys import PROOF_HEADER
@@ -191,8 +190,15 @@ async def test_a_copy_stays_whether_messages_come_or_not(
 
 
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
+    """They are notified once, and get the topic again over the connections that they have."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
-    await breaks_and_returns(observe, at_b)
+    socket = await observe({**ODOM, "id": "s"})
+    await socket.receive_str(timeout=5)
+    await at_b.topics[0].close()
+    answer = await socket.receive_json(timeout=5)
+    assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
+    assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
+    assert await socket.receive_json(timeout=5) == ODOM
 
 
 async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(

@@ -6,43 +6,27 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 
 import pytest
+import pytest_asyncio
 from jsonschema import Draft202012Validator
 from relay_server import ANN, BOB, EVE, until
 from robotether_server.api.description import document
-from robotether_server.contract.control import NO_CONTROL
-from robotether_server.db.fleet import Snapshot
-from robotether_server.relay.auth.connections import Caps, Connections
+from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels import events as module
-from robotether_server.relay.channels.events import FleetEvents
-from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Presence
 
 
-class NoControl:
-    def driver(self, _robot_id):
-        return None
-
-    def describe(self, _robot_id):
-        return NO_CONTROL
+@pytest.fixture
+def robots(relay):
+    return relay.relay.registry
 
 
 @pytest.fixture
-def robots():
-    return SessionRegistry()
+def fleet_events(relay):
+    return relay.relay.fleet_events
 
 
-@pytest.fixture
-def fleet_events(memory_database, robots):
-    return FleetEvents(
-        lambda: Snapshot(dict(memory_database.robots), dict(memory_database.grants)),
-        robots,
-        Connections(robots),
-        NoControl(),
-    )
-
-
-@pytest.fixture
-def subscriber(fleet_events):
+@pytest_asyncio.fixture
+async def subscriber(fleet_events):
     """A subscriber of user 1 that has its first event."""
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
@@ -65,8 +49,9 @@ async def test_a_change_back_is_no_event(fleet_events, subscriber, robots):
     assert subscriber.pop_events() == []
 
 
-async def test_a_subscriber_remembers_only_robots_of_its_user(fleet_events, memory_database):
+async def test_a_subscriber_remembers_only_robots_of_its_user(relay, fleet_events, memory_database):
     memory_database.add_robot(8, "sim2")
+    await relay.relay.fleet.poll()
     with fleet_events.subscribed(1) as subscriber:
         subscriber.first_event()
         fleet_events.changed(8)
@@ -84,7 +69,7 @@ async def test_round_trips_are_told_seldom(fleet_events, subscriber, robots, mon
     assert [event[1].rtt_ms for event in subscriber.pop_events()] == [3.0]
 
 
-def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):
+async def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):
     """An offline robot shows what the records know; a session that told its own wins."""
     row = replace(sim1, agent_version="0.1.0")
     assert fleet_events.describe(row).agent_version == "0.1.0"

@@ -200,20 +200,6 @@ async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
     event_writer.close()
 
 
-async def test_the_journal_is_empty_when_all_is_written(path, memory_database, drive, caplog):
-    memory_database.down = True
-    event_writer = EventWriter(memory_database, journal=_Settled(path))
-    async with _at_work(event_writer):
-        event_writer.add(drive)
-        await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
-        event_writer.add(END)
-        assert _kept(path) == [DriveEntry, LeaseEnd]
-        memory_database.down = False
-        await event_writer.flush(5)
-        assert memory_database.written == [drive, END]
-    assert path.read_bytes() == b""
-
-
 async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path, drive):
     """The database may yet not accept it."""
     silent = Silent()

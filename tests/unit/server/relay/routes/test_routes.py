@@ -254,14 +254,6 @@ async def test_routes_of_one_user_into_a_robot_share_its_lease(world):
     assert world.relay.relay.control.describe(TARGET).driver.fence == 1
 
 
-async def test_without_routes_the_robot_is_free(world):
-    await world.start(FOLLOW)
-    world.database.routes = []
-    await until(lambda: world.driver() is None, "it is free")
-    await until(lambda: world.relay.relay.shared_topics.count() == 0, "nothing is subscribed")
-    assert world.ends() == []
-
-
 async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
     await world.start(FOLLOW)
     url, headers = f"{world.relay.url}/api/v1/routes/live", world.database.bearer(EVE)

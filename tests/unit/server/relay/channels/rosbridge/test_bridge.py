@@ -294,11 +294,12 @@ async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, p
 async def test_who_repeats_a_stop_is_answered_too(guarded, program):
     """A program that has no other word of it would stop the robot again and again."""
     async with program("observe", BOB) as bob:
-        await bob.send(op="robotether.clock_sync", t_ms=1)
+        for key in ("first", "second"):
+            await bob.send(op="robotether.clock_sync", t_ms=1, key=key)
         await bob.send(op="robotether.stop")
         stopped = None
         while not stopped or not stopped["confirmed"]:
             stopped = (await bob.until("robotether.control"))["control"]["stopped"]
         await bob.send(op="robotether.stop")
         answer = await bob.until("robotether.control")
-        assert answer["control"]["stopped"]["by"] == "bob"
+        assert (answer["control"]["stopped"]["by"], answer["key"]) == ("bob", "second")

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import aiohttp
 import pytest_asyncio
-from relay_clients import breaks_and_returns, closing
+from relay_clients import closing
 from relay_server import until
-from robotether_server.relay.channels.rosbridge import held_messages, topic_link
+from robotether_server.relay.channels.rosbridge import held_messages
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_LARGE_BYTES,
@@ -160,11 +160,6 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
         numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
     assert numbers == sorted(numbers)
     assert len(numbers) < count
-
-
-async def test_a_broken_connection_is_made_anew(robot, observe, monkeypatch):
-    monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
-    await breaks_and_returns(observe, robot)
 
 
 async def test_an_agent_without_the_service_is_told(robot, observe):

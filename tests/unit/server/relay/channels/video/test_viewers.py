@@ -84,6 +84,21 @@ async def test_who_is_a_little_late_misses_nothing(feed):
     assert (feed.skipped, feed.needs_key_frame) == (0, False)
 
 
+@pytest.mark.parametrize("codec", [JPEG, H264])
+async def test_who_cannot_decode_gets_nothing_before_the_next_key_frame(feed, codec):
+    """Not the one that it has had; of JPEG each frame is one, and none is requested."""
+    cursor = Cursor(feed, EYE, 0.0)
+    cursor.restart()
+    cursor.sent(feed.show(0, codec=codec, flags=KEY))
+    cursor.restart()
+    assert feed.needs_key_frame is codec.depends_on_earlier
+    assert cursor.next() is None
+    following = feed.show(1, codec=codec)
+    assert cursor.next() is (None if codec is H264 else following)
+    key = feed.show(2, codec=codec, flags=KEY)
+    assert cursor.next() is key
+
+
 class Watcher:
     """A viewer that decodes what it gets, and fails when it cannot."""
 
