@@ -20,6 +20,7 @@ from tcp_service import WebService
 Mode = Literal["streams", "silent", "ends", "refuses", "lists"]
 BYTES_A_QUALITY = 400
 TOPICS_SERVICE = "/rosapi/topics"
+WAIT_S = 30.0
 
 
 def fake_jpeg(number: int, *, size: tuple[int, int] = (640, 480), length: int = 2000) -> bytes:
@@ -156,6 +157,14 @@ class TopicRosbridge(WebService):
 
     def subscribed(self, topic: str) -> list[dict[str, Any]]:
         return [m for m in self.got if m["op"] == "subscribe" and m["topic"] == topic]
+
+    async def subscription(self, topic: str, number: int = 1) -> dict[str, Any]:
+        """Wait for the subscription `number` to a topic, counted from 1."""
+        deadline = time.monotonic() + WAIT_S
+        while len(self.subscribed(topic)) < number:
+            assert time.monotonic() < deadline, f"not {number} subscriptions to {topic}: {self.got}"
+            await asyncio.sleep(0.02)
+        return self.subscribed(topic)[number - 1]
 
     async def publish(self, topic: str, message: dict[str, Any]) -> None:
         for socket in tuple(self._sockets):

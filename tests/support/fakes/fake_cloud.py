@@ -4,6 +4,7 @@ serves         as the relay does
 pending        the join waits for an approval until approve() is called
 refuses_key    the join says active, and sshd does not let the key in
 hangs          never a word
+drops_mid_line ends the connection within its configuration
 loses_answers  takes a robot's new key in exchange for the old one, and its answer to that is lost
 """
 
@@ -74,8 +75,11 @@ class Link:
         self._writer = writer
 
     def send(self, message: dict[str, Any]) -> None:
+        self.send_raw(json.dumps(message).encode() + b"\n")
+
+    def send_raw(self, data: bytes) -> None:
         if not self._writer.is_closing():
-            self._writer.write(json.dumps(message).encode() + b"\n")
+            self._writer.write(data)
 
     def drop(self) -> None:
         self._writer.close()
@@ -252,6 +256,9 @@ class FakeCloud:
     async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
         if self.mode == "hangs":
             await reader.read()
+            return
+        if self.mode == "drops_mid_line":
+            link.send_raw(b'{"type": "conf')
             return
         link.send(self._config(self.ports))
         pings = asyncio.ensure_future(self._send_pings(link))

@@ -9,8 +9,8 @@ import shutil
 import socket
 import sys
 import tempfile
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import suppress
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -20,14 +20,13 @@ from aiohttp import WSMsgType, web
 from fake_cloud import FakeCloud, agent_environ, eventually
 from openssh_server import command_line, descendants, wait_until
 from robotether_agent.daemon import Agent
+from robotether_agent.rosbridge import RosGraph
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status, read_status
 from robotether_agent.systemd import Notifier
 
 
 class Hasty(Random):
-    """Draws no long pauses, so that a test sees the next try at once."""
-
     def uniform(self, a: float, b: float) -> float:
         return 0.05 + 0 * (a + b)
 
@@ -68,7 +67,6 @@ def no_tasks_left(request: pytest.FixtureRequest) -> None:
 
 @pytest.fixture
 async def tasks_that_end() -> AsyncIterator[None]:
-    """Waits at the end for the tasks that have begun meanwhile."""
     before = asyncio.all_tasks()
     yield
 
@@ -77,6 +75,34 @@ async def tasks_that_end() -> AsyncIterator[None]:
 
     # A server of the test's may still learn that its client is gone.
     await eventually(lambda: not left(), lambda: f"left behind: {left()}", 5)
+
+
+@pytest.fixture
+async def spawn() -> AsyncIterator[Callable[[Awaitable[Any]], asyncio.Future[Any]]]:
+    """Starts tasks, and ends them with the test."""
+    tasks: list[asyncio.Future[Any]] = []
+
+    def start(work: Awaitable[Any]) -> asyncio.Future[Any]:
+        tasks.append(asyncio.ensure_future(work))
+        return tasks[-1]
+
+    yield start
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
+
+
+@pytest.fixture
+async def make_graph() -> AsyncIterator[Callable[[str], RosGraph]]:
+    """Makes connections to rosapi; a fixture that uses them in tasks names `spawn` after this one."""
+    async with AsyncExitStack() as graphs:
+
+        def make(url: str) -> RosGraph:
+            graph = RosGraph(url)
+            graphs.push_async_callback(graph.close)
+            return graph
+
+        yield make
 
 
 @pytest.fixture
@@ -89,7 +115,6 @@ def place() -> Iterator[Path]:
 
 @pytest.fixture
 async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
-    """Makes started fake clouds by mode, and closes them."""
     made: list[FakeCloud] = []
 
     async def make(mode: str = "serves") -> FakeCloud:
@@ -105,13 +130,11 @@ async def make_cloud() -> AsyncIterator[Callable[[str], Any]]:
 
 @pytest.fixture
 async def cloud(make_cloud: Callable[[], Any]) -> FakeCloud:
-    """A server that lets the robot in."""
     return await make_cloud()
 
 
 @pytest.fixture
 def pair() -> Iterator[tuple[socket.socket, socket.socket]]:
-    """Two ends of a TCP connection."""
     with socket.create_server(("127.0.0.1", 0)) as listening:
         here = socket.create_connection(listening.getsockname())
         there, _ = listening.accept()
@@ -167,7 +190,6 @@ class RobotServices:
 
 @pytest.fixture
 async def services() -> AsyncIterator[RobotServices]:
-    """The robot's own services, running."""
     running = RobotServices()
     await running.start()
     yield running
@@ -175,8 +197,6 @@ async def services() -> AsyncIterator[RobotServices]:
 
 
 class RunningAgent:
-    """An agent as a task, and what it shows of itself."""
-
     def __init__(self, settings: Settings) -> None:
         self.settings = settings
         self.task = asyncio.ensure_future(Agent(settings, Notifier(None), Hasty(1)).run())
@@ -227,7 +247,6 @@ async def start_agent(
 
 @pytest.fixture
 async def agent(cloud: FakeCloud, start_agent: Callable[..., RunningAgent]) -> RunningAgent:
-    """An agent that is connected to the cloud."""
     started = start_agent(cloud)
     await started.until_connected()
     return started

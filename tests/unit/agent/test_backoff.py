@@ -34,8 +34,6 @@ from robotether_agent.problems import (
 
 
 class Longest(Random):
-    """Always draws the ceiling."""
-
     def uniform(self, a: float, b: float) -> float:
         return b
 
@@ -45,7 +43,6 @@ def test_ceilings_double_up_to_15_s():
 
 
 def test_delays_are_spread_from_half_a_second():
-    """Each pause is anywhere from 0.5 s to the ceiling, so that a fleet does not come back as one."""
     drawn = list(islice(delays(Random(1)), 1000))
     assert min(drawn) >= 0.5
     assert max(drawn) <= 15
@@ -70,39 +67,30 @@ def test_each_problem_has_its_pause(problem, low, high):
     assert all(low <= wait <= high for wait in waits)
 
 
-def test_starts_anew_after_a_connection_that_stood():
-    """Pauses grow while none comes up, and are short again after one that stood 10 s."""
+LOST, MOVED = LinkLostError("x"), NetworkChangedError("x")
+BUSY, SILENT = ServerBusyError("x"), ServerSilentError("x")
+SENT_AWAY = SessionEndedError("x", code="cell_draining", retry=Retry.AT_ONCE)
+
+
+@pytest.mark.parametrize(
+    ("ends", "pauses_s"),
+    [
+        # They grow while none comes up, and are short again after one that stood.
+        ([(LOST, 0)] * 4 + [(LOST, STABLE_S)], [1, 2, 4, 8, 1]),
+        # Who has waited for one machine of a server does not wait longer for the next.
+        ([(LOST, 0)] * 4 + [(LOST, 1)] * 2 + [(LOST, 0)], [1, 2, 4, 8, 2, 2, 4]),
+        # It has room as soon as one log-in ends.
+        ([(BUSY, 0)] * 5, [1, 2, 4, 4, 4]),
+        # Silence on a connection that stood is the network's; a login that stalls is not.
+        ([(SILENT, STABLE_S)] + [(SILENT, 0)] * 3, [0.7, 1, 2, 4]),
+        ([(MOVED, STABLE_S), (MOVED, 1)], [0, 0.2]),
+        # Machines that are all taken out of service are not logged in at all the time.
+        ([(SENT_AWAY, STABLE_S)] + [(SENT_AWAY, 1)] * 3, [0.2, 1, 2, 4]),
+    ],
+)
+def test_pauses_depend_on_how_long_connections_stood(ends, pauses_s):
     backoff = Backoff(Longest())
-    assert [backoff.after(LinkLostError("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
-    assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S) == 1
-
-
-def test_a_short_connection_ends_what_was_before_it():
-    """One machine of a server after the other may fail; who has waited for one does not wait longer for the next."""
-    backoff = Backoff(Longest())
-    assert [backoff.after(LinkLostError("x"), uptime_s=0) for _ in range(4)] == [1, 2, 4, 8]
-    assert [backoff.after(LinkLostError("x"), uptime_s=1) for _ in range(2)] == [2, 2]
-    assert backoff.after(LinkLostError("x"), uptime_s=0) == 4
-
-
-def test_a_busy_server_is_asked_again_soon():
-    """It has room as soon as one log-in ends, and the robot would wait longer for its turn than that takes."""
-    backoff = Backoff(Longest())
-    assert [backoff.after(ServerBusyError("x"), uptime_s=0) for _ in range(5)] == [1, 2, 4, 4, 4]
-
-
-def test_silence_on_a_connection_that_stood_is_the_networks():
-    """It is dialled again at once, and only then; a login that stalls again and again is not."""
-    backoff = Backoff(Longest())
-    assert backoff.after(ServerSilentError("x"), uptime_s=STABLE_S) == 0.7
-    assert [backoff.after(ServerSilentError("x"), uptime_s=0) for _ in range(3)] == [1, 2, 4]
-
-
-def test_another_address_after_a_connection_that_stood_costs_no_pause():
-    """Who drives waits for it; addresses that change all the time do pause."""
-    backoff = Backoff(Longest())
-    assert backoff.after(NetworkChangedError("x"), uptime_s=STABLE_S) == 0
-    assert backoff.after(NetworkChangedError("x"), uptime_s=1) == 0.2
+    assert [backoff.after(problem, uptime_s=uptime_s) for problem, uptime_s in ends] == pauses_s
 
 
 def test_a_robot_that_somebody_used_goes_before_the_others():
@@ -116,16 +104,7 @@ def test_a_robot_that_somebody_used_goes_before_the_others():
     assert backoff.after(LinkLostError("x"), uptime_s=STABLE_S) == 1
 
 
-def test_who_is_sent_away_at_once_again_and_again_pauses():
-    """Machines that are all taken out of service are not logged in at all the time."""
-    backoff = Backoff(Longest())
-    sent_away = SessionEndedError("x", code="cell_draining", retry=Retry.AT_ONCE)
-    assert backoff.after(sent_away, uptime_s=STABLE_S) == 0.2
-    assert [backoff.after(sent_away, uptime_s=1) for _ in range(3)] == [1, 2, 4]
-
-
 def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():
-    """The robot is back at once after a crash, and its processor is left alone by one that never comes up."""
     low, high = FAILED_START_S
     assert low <= before_restart(0.1, Random()) <= high
     assert before_restart(STABLE_S - 0.1, Longest()) == high
@@ -133,8 +112,6 @@ def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():
 
 
 class NoPause(Random):
-    """Draws no pause."""
-
     def uniform(self, a: float, b: float) -> float:
         return 0.0
 

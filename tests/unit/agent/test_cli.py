@@ -15,10 +15,8 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ, is_signed
 from fake_root import FakeRoot
-from robotether_agent import cli
 from robotether_agent import cli as command
 from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
 from robotether_agent.doctor import Finding, fail, ok, skipped
@@ -26,7 +24,6 @@ from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import StatusWriter
-from robotether_agent.upgrade import COMMAND, Layout
 from robotether_common.join import JOIN_NAMESPACE, join_message
 
 MAC = "00:1b:44:11:3a:b7"
@@ -35,7 +32,6 @@ WHO = "import os; print(os.geteuid(), os.getegid(), len(os.getgroups()))"
 
 
 def teardown_module() -> None:
-    """The handler writes to what pytest captured."""
     logging.getLogger().handlers.clear()
 
 
@@ -43,16 +39,6 @@ def test_status_of_an_agent_that_never_ran(place, capsys):
     variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place)}
     assert main(["status"], variables) == 1
     assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
-
-
-def test_show_settings_prints_all_and_hides_secrets(capsys):
-    secrets = {"token": "s3cret", "http_proxy": "http://me:s3cret@proxy.example:3128"}
-    shown = {"server": "a.example", "tls_fingerprint": "ab" * 32, **secrets}
-    assert main(["show-settings"], {f"ROBOTETHER_{k.upper()}": shown[k] for k in shown}) == 0
-    out = capsys.readouterr().out
-    assert "server = a.example\n" in out
-    assert "token = (hidden)\n" in out
-    assert "s3cret" not in out
 
 
 def test_status_says_why_video_is_jpeg(place, capsys):
@@ -63,7 +49,6 @@ def test_status_says_why_video_is_jpeg(place, capsys):
 
 
 def test_for_programs_it_is_one_object(place, capsys):
-    """What the file holds, and whether whoever wrote it runs; the exit code is the same as for people."""
     settings = Settings(server="a.example", run_dir=place)
     assert status(settings, as_json=True) == 1
     assert json.loads(capsys.readouterr().out) == {"is_running": False}
@@ -78,7 +63,6 @@ def test_for_programs_it_is_one_object(place, capsys):
 
 
 async def joined(cloud: FakeCloud, place, **more: str) -> int:
-    """Run the command in a thread, since it has a loop of its own."""
     return await asyncio.to_thread(main, ["join"], agent_environ(cloud, place, **more))
 
 
@@ -99,16 +83,6 @@ async def test_pending(make_cloud, place, capsys):
     assert key.fingerprint in told
 
 
-async def test_refused_and_impossible(cloud, place, capsys):
-    refusal = {"code": "token_used_up", "detail": "the token lab was used 10 of 10 times"}
-    cloud.answer = lambda: web.json_response(refusal, status=401)
-    assert await joined(cloud, place, token="rj_x") == 1
-    assert "was used 10 of 10 times; make a join token with more uses" in capsys.readouterr().err
-    await cloud.stop_web()
-    assert await joined(cloud, place) == 1
-    assert "cannot reach https://" in capsys.readouterr().err
-
-
 def test_prints_the_proof_that_a_playbook_brings(place, capsys):
     """Over MAC and key, as a join without a token has it; Ansible strips the last line's end."""
     environ = {"ROBOTETHER_STATE_DIR": str(place / "state"), "ROBOTETHER_MAC": MAC}
@@ -121,7 +95,6 @@ def test_prints_the_proof_that_a_playbook_brings(place, capsys):
 
 @pytest.fixture
 def root(tmp_path) -> FakeRoot:
-    """A machine with one network card."""
     made = FakeRoot(tmp_path)
     made.add("eth0", MAC, 2)
     return made
@@ -139,7 +112,6 @@ def test_what_it_prints_is_kept(root, place, capsys):
 
 
 def test_whoever_cannot_keep_it_may_still_look(root, capsys):
-    """On a machine where nothing is installed there may be nowhere to write to."""
     settings = Settings(server="", state_dir=Path("/proc/none/state"))
     assert identity(settings, as_json=True, root=root.path) == 0
     told = json.loads(capsys.readouterr().out)
@@ -168,7 +140,6 @@ def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, 
 
 
 def test_wrong_settings_are_the_first_finding(capsys):
-    """Nothing else can be looked at without them."""
     assert main(["doctor"], {"ROBOTETHER_SERVER": "https://a"}) == 1
     told = capsys.readouterr().out
     assert told.startswith("FAIL     settings     cannot use ROBOTETHER_SERVER")
@@ -188,7 +159,6 @@ def test_doctor_without_root_says_so_before_all_else(place, monkeypatch, capsys)
 
 @pytest.fixture
 def robot_environ(place) -> dict[str, str]:
-    """A robot with a key."""
     made = {
         "ROBOTETHER_STATE_DIR": str(place / "state"),
         "ROBOTETHER_RUN_DIR": str(place / "run"),
@@ -198,15 +168,12 @@ def robot_environ(place) -> dict[str, str]:
 
 
 class Terminal(io.StringIO):
-    """A person at a terminal, with an answer."""
-
     def isatty(self) -> bool:
         return True
 
 
 @pytest.mark.parametrize(("answer", "code"), [("y\n", 0), ("yes\n", 0), ("\n", 1), ("n\n", 1)])
 def test_a_person_is_asked(robot_environ, capsys, monkeypatch, answer, code):
-    """Only a yes removes anything; what goes is named, and that it cannot be undone."""
     monkeypatch.setattr("sys.stdin", Terminal(answer))
     assert main(["forget"], robot_environ) == code
     told = capsys.readouterr().out
@@ -215,7 +182,6 @@ def test_a_person_is_asked(robot_environ, capsys, monkeypatch, answer, code):
 
 
 def test_without_a_terminal_it_needs_a_word(robot_environ, place, capsys, monkeypatch):
-    """A script says --yes; a pipe by accident removes nothing. A second run has nothing to do."""
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     assert main(["forget"], robot_environ) == 1
     assert "add --yes" in capsys.readouterr().out
@@ -227,7 +193,6 @@ def test_without_a_terminal_it_needs_a_word(robot_environ, place, capsys, monkey
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="root alone can be somebody else")
 def test_an_ordinary_user_forgets_nothing(robot_environ, place, capsys):
-    """A sentence, as for all other commands; only the agent's user may look into its folder."""
     place.chmod(0o755)
     os.seteuid(65534)
     try:
@@ -249,33 +214,9 @@ def test_not_while_the_agent_runs(robot_environ, place, capsys):
 
 @pytest.fixture(autouse=True)
 def hangup():
-    """The command ignores the loss of its terminal; the tests do not."""
     before = signal.getsignal(signal.SIGHUP)
     yield
     signal.signal(signal.SIGHUP, before)
-
-
-@pytest.fixture
-def versions_environ(place, monkeypatch) -> dict[str, str]:
-    """A robot with two versions whose service does not run; the double of systemctl says so."""
-    for name in ("1", "2"):
-        command = place / "opt/versions" / name / COMMAND
-        command.parent.mkdir(parents=True)
-        command.write_text("#!/bin/sh\n")
-        command.chmod(0o755)
-    Layout(place / "opt").use(place / "opt/versions/1")
-    double = place / "systemctl"
-    double.write_text("#!/bin/sh\necho inactive; exit 3\n")
-    double.chmod(0o755)
-    monkeypatch.setenv("PATH", f"{place}:/usr/bin:/bin")
-    return {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place / "run")}
-
-
-def test_says_how_it_ended(versions_environ, place, capsys):
-    assert main(["switch", str(place / "opt/versions/2"), "--wait", "1"], versions_environ) == 0
-    assert capsys.readouterr().out == "done: 2 is in use\n"
-    assert json.loads((place / "opt/last-switch.json").read_text())["result"] == "done"
-    assert (place / "opt/current").readlink().name == "2"
 
 
 def as_child(code: str) -> str:
@@ -295,7 +236,6 @@ def child_in(place: Path, more: str) -> str:
 
 @needs_root
 def test_root_becomes_the_owner_of_the_state(place):
-    """What it writes there belongs to the boot service."""
     nobody = pwd.getpwnam("nobody")
     place.chmod(0o755)
     state = place / "state"
@@ -307,7 +247,6 @@ def test_root_becomes_the_owner_of_the_state(place):
 
 @needs_root
 def test_a_missing_directory_is_made_for_the_agents_user(place):
-    """Before the boot service ran for the first time there is none."""
     nobody = pwd.getpwnam("nobody")
     place.chmod(0o755)
     more = "cli.AGENT_USER = 'nobody'; cli.act_as_agent(Path('{place}/new/state'))"
@@ -323,12 +262,3 @@ def test_who_is_not_root_stays_who_it_is(place, monkeypatch):
     become_owner(place)
     assert os.getuid() == before
     assert not (place / "none").exists()
-
-
-@needs_root
-def test_without_the_agents_user_root_stays_root(place, monkeypatch):
-    monkeypatch.setattr(cli, "AGENT_USER", "no-such-user")
-    act_as_agent(place / "none")
-    act_as_agent(place)
-    become_owner(place / "none")
-    assert os.geteuid() == 0

@@ -45,7 +45,6 @@ def _slowly_or_at_once(problem: AgentError, *_: object) -> float:
 
 
 async def test_a_session_that_comes_back_brings_the_video_with_it(cloud, start_agent, monkeypatch):
-    """A robot that is let in again is seen as soon as it can be driven; video that works never notices the session."""
     monkeypatch.setattr(backoff, "retry_or_give_up", _slowly_or_at_once)
     agent = start_agent(cloud)
     await agent.until_connected()
@@ -63,7 +62,6 @@ async def test_a_session_that_comes_back_brings_the_video_with_it(cloud, start_a
 
 
 async def test_second_agent_does_not_start(cloud, start_agent, place):
-    """Two agents in one run directory would end each other's connections, so the second says no."""
     ensure_directory(place / "run", "run_dir")
     with (
         only_one(place / "run" / LOCK),
@@ -92,7 +90,6 @@ async def test_removed_robot_waits_for_its_approval(cloud, agent):
 
 
 async def test_works_on_a_read_only_disk(cloud, start_agent):
-    """Once enrolled, the agent writes nothing in its state directory."""
     agent = start_agent(cloud)
     await agent.until_connected()
     await agent.stop()
@@ -107,7 +104,6 @@ async def test_works_on_a_read_only_disk(cloud, start_agent):
 
 
 async def test_starts_before_the_network_is_there(cloud, start_agent, place):
-    """Without an interface that names it a fresh robot says so, and joins once there is one."""
     agent = start_agent(cloud, mac="", interface="none0")
     status = await agent.until(lambda status: status.state == "waiting", "waiting")
     assert status.problem_code == "interface_missing"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import namespaces
 import pytest
+from local_network import free_port
 from robotether_agent.exposure import (
     ADDRESS_ADVICE,
     FIREWALL_ADVICE,
@@ -29,7 +30,6 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="a network namespace n
 
 @pytest.fixture
 def network() -> Iterator[None]:
-    """A network that nobody else reaches."""
     with ExitStack() as made, namespaces.make(made, "exposure").entered():
         yield
 
@@ -48,7 +48,6 @@ def network() -> Iterator[None]:
     ],
 )
 def test_only_an_address_beyond_loopback_is_told(family, address, expected):
-    """ROS's own rosbridge listens on all addresses; it should listen on loopback alone."""
     is_ipv6 = family == socket.AF_INET6
     with socket.create_server((address, 0), family=family, dualstack_ipv6=is_ipv6) as listening:
         url = f"ws://127.0.0.1:{listening.getsockname()[1]}/"
@@ -68,7 +67,6 @@ def test_connections_are_no_listeners():
 
 
 def test_a_kernel_that_does_not_show_its_sockets_ends_no_agent(tmp_path):
-    """It is not known then, which is no warning."""
     (tmp_path / "tcp").mkdir()
     assert exposed_at("ws://127.0.0.1:9090", tmp_path) == ""
 
@@ -99,8 +97,6 @@ def test_firewall_of_ros_1_closes_the_port_to_all_but_this_machine():
 
 
 class NamedServer(TcpService):
-    """Accepts one WebSocket as the server of this name does."""
-
     def __init__(self, server: str) -> None:
         super().__init__()
         self._server_name = server
@@ -118,15 +114,11 @@ class NamedServer(TcpService):
     [("AutobahnPython/17.10.1", FIREWALL_ADVICE), ("TornadoServer/6.4", ADDRESS_ADVICE)],
 )
 async def test_advice_is_what_works_for_this_rosbridge(server: str, advice: str):
-    """One that is built on Autobahn ignores the address of its settings."""
     async with NamedServer(server) as rosbridge:
         assert await rosbridge_advice(f"ws://127.0.0.1:{rosbridge.port}") == advice
 
 
 async def test_advice_names_both_ways_where_rosbridge_does_not_say_what_it_is():
-    """A service that closes the connection leaves it open which advice works."""
-    with socket.create_server(("127.0.0.1", 0)) as listening:
-        port = listening.getsockname()[1]
-    advice = await rosbridge_advice(f"ws://127.0.0.1:{port}")
+    advice = await rosbridge_advice(f"ws://127.0.0.1:{free_port()}")
     assert ADDRESS_ADVICE in advice
     assert "ROS 1" in advice

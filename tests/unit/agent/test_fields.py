@@ -64,7 +64,6 @@ def test_of_a_long_list_of_cells_the_first_count():
 
 
 def test_text_from_outside_cannot_forge_log_lines():
-    """Control characters and endless texts never reach the log."""
     assert fields.printable("a\nERROR\x1b[31m b") == "a ERROR [31m b"
     assert len(fields.printable("x" * 10_000, 100)) == 100
 

@@ -48,7 +48,6 @@ def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
 
 
 def test_a_failed_write_leaves_nothing(place):
-    """When the replacing fails the half-made file is removed, and the problem says where."""
     (place / "a").mkdir()
     with pytest.raises(StateUnusableError, match=r"cannot write .*let the agent's user"):
         write_atomic(place / "a", "one", 0o644)
@@ -64,7 +63,6 @@ def test_a_failed_write_leaves_nothing(place):
     ],
 )
 def test_a_disk_that_half_works_is_told_by_its_fault(place, mount, before, told):
-    """Each fault has its own advice. The file systems are real, in mount namespaces."""
     script = (
         f"mount -t tmpfs -o {mount} tmpfs {place} && cd {place} && {{ {before}; }} && "
         f"exec {sys.executable} -c 'import sys; sys.path[:] = sys.argv[1:]; from pathlib import Path; "

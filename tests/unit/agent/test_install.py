@@ -14,7 +14,6 @@ from robotether_agent.install_video import LOCK, install_video
 
 
 def make_wheel(folder: Path, name: str, requires: str = "", modules: tuple[str, ...] = ()) -> Path:
-    """A wheel of one module that has this name, or of other files."""
     path = folder / f"{name}-1.0-py3-none-any.whl"
     metadata = f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n"
     if requires:
@@ -33,7 +32,6 @@ def make_wheel(folder: Path, name: str, requires: str = "", modules: tuple[str, 
 
 @pytest.fixture
 def packages(tmp_path: Path) -> Path:
-    """A folder with a wheel that needs another, and the lock of that one."""
     make_wheel(tmp_path, "turtle", requires="shell")
     sha256 = hashlib.sha256(make_wheel(tmp_path, "shell").read_bytes()).hexdigest()
     (tmp_path / "requirements.txt").write_text(f"shell==1.0 --hash=sha256:{sha256}\n")
@@ -64,7 +62,6 @@ def test_wheel_and_what_it_needs_are_all_that_is_there(packages, tmp_path, monke
 
 
 def test_package_with_another_hash_is_not_installed(packages, tmp_path):
-    """Nothing of the run is: pip checks all hashes before it installs."""
     make_wheel(packages, "shell", requires="turtle")
     folder = tmp_path / "version"
     assert install_from(packages, folder) != 0
@@ -72,7 +69,6 @@ def test_package_with_another_hash_is_not_installed(packages, tmp_path):
 
 
 def test_python_without_a_pip_says_what_to_install(tmp_path, monkeypatch):
-    """On Debian the wheel comes with the package python3-venv."""
     monkeypatch.setattr("sysconfig.get_config_var", {"WHEEL_PKG_DIR": str(tmp_path)}.get)
     with pytest.raises(SystemExit, match="Install python3-venv"):
         find_pip()
@@ -80,13 +76,11 @@ def test_python_without_a_pip_says_what_to_install(tmp_path, monkeypatch):
 
 @pytest.fixture
 def pyav(tmp_path: Path) -> Path:
-    """A wheel with the trees of PyAV's."""
     (tmp_path / "wheels").mkdir()
     return make_wheel(tmp_path / "wheels", "av", modules=("av/__init__.py", "av.libs/libx264.so"))
 
 
 def add_version(folder: Path, pyav: Path, locked: str = "1.0") -> Path:
-    """An installed version that has no PyAV yet; returns where its modules are."""
     venv.create(folder, symlinks=True)
     lock = folder / LOCK
     lock.parent.mkdir(parents=True)
@@ -109,7 +103,6 @@ def test_next_version_has_video_without_a_network(pyav, tmp_path, locked):
 
 
 def test_video_that_cannot_be_had_is_explained(pyav, tmp_path, monkeypatch):
-    """Nothing is left behind then, so that the next try begins anew."""
     site = add_version(tmp_path / "versions/1", pyav)
     before = set(site.iterdir())
     assert "av==1.0" in install_video(tmp_path / "versions/1", ("--no-index",))

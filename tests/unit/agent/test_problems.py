@@ -7,7 +7,7 @@ import re
 from pathlib import Path
 
 from robotether_agent import problems
-from robotether_agent.problems import AgentError, Retry, ServerKeyChangedError, SettingsInvalidError
+from robotether_agent.problems import AgentError, ServerKeyChangedError, SettingsInvalidError
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
 
@@ -40,12 +40,6 @@ def test_codes_are_short_and_unique():
     codes = [problem.default_code for problem in PROBLEMS]
     assert len(codes) == len(set(codes))
     assert all(re.fullmatch("[a-z_]{3,25}", code) for code in codes)
-
-
-def test_a_problem_reads_as_a_sentence_with_advice_and_code():
-    problem = ServerKeyChangedError("cannot trust h: it changed", advice="ask somebody")
-    assert str(problem) == "cannot trust h: it changed; ask somebody [host_key_changed]"
-    assert problem.retry is Retry.NEVER
 
 
 def test_systemd_does_not_restart_what_a_person_must_look_at():

@@ -10,7 +10,6 @@ from pathlib import Path
 import aiohttp
 import pytest
 from fake_cameras import TopicRosbridge
-from fake_cloud import eventually
 from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.rosbridge import (
     RosGraph,
@@ -26,14 +25,12 @@ BYTES_MAX = 100_000
 
 
 async def test_messages_of_a_subscription(caplog):
-    """The newest only, by rosbridge's own means; other words are skipped, and the end is an error."""
     async with (
         TopicRosbridge({}) as robot,
         connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         await rosbridge.subscribe("/battery", "sensor_msgs/BatteryState", throttle_ms=5000)
-        await eventually(lambda: bool(robot.subscribed("/battery")), lambda: str(robot.got))
-        wish = robot.subscribed("/battery")[0]
+        wish = await robot.subscription("/battery")
         assert (wish["throttle_rate"], wish["queue_length"]) == (5000, 1)
         (socket,) = robot._sockets
         for text in ("no JSON", "[]", '{"op": "status"}', '{"op": "publish", "msg": 5}'):
@@ -73,7 +70,6 @@ GRAPHS = json.loads(
 
 @pytest.mark.parametrize("case", GRAPHS, ids=lambda case: case["why"])
 def test_of_one_graph_page_and_agent_choose_the_same(case):
-    """The drive page's test reads the same cases."""
     topics = {name: same_type(kind) for name, kind in case["topics"].items()}
     own = own_topics(topics, case["drive_topic"])
     assert sorted(own) == case["own"]

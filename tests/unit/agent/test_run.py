@@ -25,7 +25,6 @@ from robotether_agent.status import read_status
 
 @pytest.fixture
 async def start(place):
-    """Starts `robotether-agent` as a process of its own."""
     started: list[Process] = []
 
     async def run(cloud: FakeCloud, command: str) -> Process:
@@ -60,7 +59,6 @@ def state_is(place, state: str) -> Callable[[], bool]:
 
 
 async def test_runs_tells_its_status_and_ends_on_sigterm(cloud, start, place, capsys):
-    """A connected agent says so with exit code 0, and SIGTERM ends it and its clients in time."""
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
     environ = agent_environ(cloud, place)
@@ -83,19 +81,7 @@ async def test_runs_tells_its_status_and_ends_on_sigterm(cloud, start, place, ca
     assert capsys.readouterr().out.startswith("state         stopped since")
 
 
-async def test_sigterm_while_it_waits(make_cloud, start, place):
-    """A robot that waits for its approval stops at once, too."""
-    cloud = await make_cloud("pending")
-    agent = await start(cloud, "run")
-    await eventually(state_is(place, "pending"), lambda: "pending")
-    agent.send_signal(signal.SIGTERM)
-    _, log = await asyncio.wait_for(agent.communicate(), WAIT_S)
-    assert agent.returncode == 0
-    assert "robotether robot approve robot-00000a" in log.decode()
-
-
 async def test_killed_agent_leaves_nothing_behind(cloud, start, place):
-    """Even when the agent is killed its SSH clients, its guard and the fork server end by themselves."""
     agent = await start(cloud, "run")
     await eventually(state_is(place, "connected"), lambda: "connected")
     await cloud.link("media")
@@ -111,7 +97,6 @@ async def test_killed_agent_leaves_nothing_behind(cloud, start, place):
 
 @pytest.fixture
 def environ(place):
-    """The environment of a service, with the socket as `systemd` listens on it."""
     return {"NOTIFY_SOCKET": str(place / "notify"), "WATCHDOG_USEC": "400000"}
 
 
@@ -127,8 +112,6 @@ def systemd(place):
 
 
 def failing(error: Exception) -> type:
-    """An agent that ends with this."""
-
     class Failing:
         def __init__(self, *_: object) -> None:
             raise error
@@ -185,5 +168,4 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
 
 
 def teardown_module() -> None:
-    """The handler writes to what pytest captured."""
     logging.getLogger().handlers.clear()

@@ -47,7 +47,6 @@ def test_reads_file_and_environment(tmp_path):
 
 
 def test_environment_alone_is_enough():
-    """A container needs no file, and may pass a variable on that is empty."""
     environ = {"ROBOTETHER_SERVER": "[2001:db8::1]:443", "ROBOTETHER_SSH_PORTS": "22, 443"}
     environ["ROBOTETHER_TLS_FINGERPRINT"] = ""
     settings = load(None, environ)
@@ -69,19 +68,8 @@ VALUES = (
 
 @given(st.sampled_from(sorted(PARSERS)), VALUES)
 def test_any_value_is_parsed_or_refused(key, value):
-    """No value of any type gets another exception than the refusal out of a parser."""
     with suppress(RefusedValueError):
         PARSERS[key](value)
-
-
-@given(st.sampled_from(("server", "ssh_host", "rosbridge_url", "video_url", "mac")), VALUES)
-def test_what_was_parsed_parses_to_itself(key, value):
-    """A value that show-settings prints can be written into the file again."""
-    try:
-        parsed = PARSERS[key](value)
-    except RefusedValueError:
-        return
-    assert PARSERS[key](parsed) == parsed
 
 
 @pytest.mark.parametrize(
@@ -90,23 +78,18 @@ def test_what_was_parsed_parses_to_itself(key, value):
         ("server", " robots.example.com\n", "robots.example.com"),
         ("server", "Robots.Example.com:8443", "Robots.Example.com:8443"),
         ("server", "[2001:DB8::1]:8443", "[2001:DB8::1]:8443"),
-        ("ssh_host", "2001:db8::1", "2001:db8::1"),
         ("tls_fingerprint", "sha256:" + "ab" * 32, b"\xab" * 32),
         ("shell_address", "", ""),
-        ("shell_address", "none", ""),
         ("ssh_ports", [2222, "443"], (2222, 443)),
         ("ssh_ports", "2222", (2222,)),
         ("allow_local_mac", " YES ", True),
         ("mac", "02-42-AC-11-00-02", "02:42:ac:11:00:02"),
-        ("interface", "enp0s31f6.100", "enp0s31f6.100"),
         ("rosbridge_url", "ws://robot.local/", "ws://robot.local:9090"),
         ("video_url", "http://10.0.0.5", "http://10.0.0.5:8080"),
         ("state_dir", "/srv/robot@home/state", Path("/srv/robot@home/state")),
         ("log_level", "INFO", "info"),
         ("guard", "OFF", "off"),
         ("guard", True, "on"),
-        ("video_source", "rosbridge", "rosbridge"),
-        ("video_encoder", "OFF", "off"),
         ("cameras", ["rear=rtsp://a/b", "v=/dev/video0"], ("rear=rtsp://a/b", "v=/dev/video0")),
         ("cameras", ["rear=http://a/v?x=1&y=a=b"], ("rear=http://a/v?x=1&y=a=b",)),
         (
@@ -119,7 +102,6 @@ def test_what_was_parsed_parses_to_itself(key, value):
     ],
 )
 def test_takes_every_usual_spelling(key, value, parsed):
-    """What a person may reasonably write becomes one form, with the service's usual port."""
     assert PARSERS[key](value) == parsed
 
 
@@ -130,9 +112,7 @@ def test_takes_every_usual_spelling(key, value, parsed):
         ("server", "https://a.example/", "HOST or HOST:PORT"),
         ("server", "a.example:99999", "HOST or HOST:PORT"),
         ("server", "-oProxyCommand=x", "a host name"),
-        ("server", 443, "a text that is not empty"),
         ("server", "a.example:0", "HOST or HOST:PORT"),
-        ("server", "[::1]x", "HOST or HOST:PORT"),
         ("server", "2001:db8::1", "HOST or HOST:PORT"),
         ("server", "ann@a.example", "HOST or HOST:PORT"),
         ("tls_fingerprint", "12:34", "64 hexadecimal digits"),
@@ -143,47 +123,37 @@ def test_takes_every_usual_spelling(key, value, parsed):
         ("ssh_ports", [], "1 to 8 ports"),
         ("ssh_ports", [22] * 9, "1 to 8 ports"),
         ("ssh_ports", "2222,,443", "a port from 1 to 65535"),
-        ("ssh_ports", "65536", "a port from 1 to 65535"),
         ("ssh_ports", "9" * 5000, "a port from 1 to 65535"),
         ("ssh_ports", [True], "a port from 1 to 65535"),
         ("allow_local_mac", 1, "true or false"),
         ("mac", "12", "MAC address"),
         ("name", "a robot", "letters, digits"),
-        ("mac", "ff:ff:ff:ff:ff:ff", "multicast or broadcast"),
         ("interface", "../x", "such as eth0"),
         ("shell_address", "127.0.0.1", "HOST:PORT of an SSH server"),
         ("shell_address", "-oProxyCommand=x:22", "a host name"),
         ("rosbridge_url", "http://127.0.0.1:9090", "ws://HOST:PORT"),
-        ("rosbridge_url", "ws://127.0.0.1:9090/path", "without a path"),
         ("interface", "a-name-too-long-0", "such as eth0"),
         ("rosbridge_url", "ws://ann:secret@127.0.0.1:9090", "without a path"),
         ("rosbridge_url", "ws://127.0.0.1:0", "without a path"),
         ("rosbridge_url", "127.0.0.1:9090", "such as ws://127.0.0.1:9090"),
-        ("video_url", "https://127.0.0.1", "http://HOST:PORT"),
         ("video_url", "http://-oProxyCommand=x:80", "a host name or an address"),
         ("http_proxy", "proxy:3128", "http://HOST:PORT"),
-        ("http_proxy", "http://proxy", "http://HOST:PORT"),
         ("http_proxy", "http://ann:x y@proxy:3128", "http://HOST:PORT"),
         ("http_proxy", "http://ann@proxy:3128", "USER:PASSWORD"),
         ("http_proxy", "http://-oProxyCommand=x:80", "a host name or an address"),
         ("video_source", "ros", "web_video_server"),
-        ("video_encoder", "on", "auto"),
         ("cameras", "rear", "NAME=URL"),
         ("cameras", ["rear=http://a", "rear=http://b"], "different names"),
         ("cameras", ["rear=file:///etc/passwd"], "http://"),
         ("cameras", ["rear=/dev/sda"], "/dev/videoN"),
         ("cameras", ["rear=/dev/video0/../sda"], "/dev/videoN"),
-        ("cameras", ["a b=http://a"], "NAME=URL"),
         ("cameras", ["rear=http://a:70000/"], "NAME=URL"),
         ("cameras", ["rear=http://a/\n"], "NAME=URL"),
         ("cameras", [f"c{n}=http://a" for n in range(9)], "up to 8"),
-        ("cameras", [5], "NAME=URL"),
         ("rosbridge_url", f"ws://{'x' * 64}:9090", "ws://HOST:PORT"),
-        ("guard", 1, "a text that is not empty"),
         ("guard", "maybe", '"on", "off"'),
         ("log_level", "loud", '"debug", "info"'),
         ("state_dir", "relative", "an absolute path"),
-        ("state_dir", "/with blank", "an absolute path"),
         ("state_dir", "/state/%h", "an absolute path"),
         ("token", "  ", "a text that is not empty"),
     ],
@@ -195,7 +165,6 @@ def test_refuses_with_what_is_allowed(key, value, allowed):
 
 
 def test_run_dir_keeps_room_for_the_control_sockets():
-    """The longest run directory is the longest whose sockets the kernel takes, one more is refused."""
     longest = "/" + "x" * (MAX_RUN_DIR_LENGTH - 1)
     assert PARSERS["run_dir"](longest) == Path(longest)
     with pytest.raises(RefusedValueError, match=f"at most {MAX_RUN_DIR_LENGTH} characters"):
@@ -250,21 +219,13 @@ def test_secrets_are_in_no_error_and_no_representation(tmp_path):
     ],
 )
 def test_a_refused_urls_password_is_hidden(key, url, shown_url):
-    """Where no password is allowed, the refusal of one does not print it."""
     with pytest.raises(SettingsInvalidError) as error:
         load(None, {"ROBOTETHER_SERVER": "a.example", f"ROBOTETHER_{key.upper()}": url})
     assert "s3cret" not in str(error.value)
     assert shown_url in str(error.value)
 
 
-def test_the_cameras_by_name():
-    urls = {"rear": "http://a/v?x=1", "front": "http://b"}
-    cameras = tuple(f"{name}={url}" for name, url in urls.items())
-    assert Settings(server="a", cameras=cameras).camera_urls == urls
-
-
 def test_an_installer_asks_before_it_knows_the_server(tmp_path):
-    """Some commands need no server; what else is set is checked all the same."""
     assert load(None, {}, needs_server=False).server == ""
     with pytest.raises(SettingsInvalidError, match="ROBOTETHER_MAC"):
         load(None, {"ROBOTETHER_MAC": "rubbish"}, needs_server=False)

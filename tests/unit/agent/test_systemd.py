@@ -17,7 +17,6 @@ from robotether_agent.systemd import JournalFormatter, Notifier
 
 @pytest.fixture
 def systemctl(tmp_path, monkeypatch) -> Callable[[str], Path]:
-    """Puts a script in the place of systemctl, and returns where it notes its words."""
     monkeypatch.setenv("PATH", f"{tmp_path}:/usr/bin:/bin")
 
     def make(script: str) -> Path:
@@ -36,7 +35,6 @@ def test_tells_the_services_state(systemctl):
 
 
 def test_without_systemd_there_is_no_state(tmp_path, monkeypatch):
-    """A container has none, and a robot on which it does not run answers nothing."""
     monkeypatch.setenv("PATH", str(tmp_path))
     assert systemd.state() is None
     with pytest.raises(UpgradeFailedError, match="cannot run systemctl"):
@@ -54,15 +52,6 @@ def test_restarts_and_tells_why_not(systemctl):
     assert "journalctl" in error.value.advice
 
 
-@pytest.fixture
-def notify_socket(place):
-    """A socket as systemd listens on."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(str(place / "notify"))
-        listening.settimeout(5)
-        yield listening
-
-
 def test_speaks_to_an_abstract_socket():
     name = f"robotether-test-{os.getpid()}"
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
@@ -72,21 +61,7 @@ def test_speaks_to_an_abstract_socket():
         assert listening.recv(100) == b"READY=1"
 
 
-async def test_watchdog_at_half_its_time(notify_socket, place):
-    environ = {"NOTIFY_SOCKET": str(place / "notify"), "WATCHDOG_USEC": "200000"}
-    loop = asyncio.get_running_loop()
-    task = asyncio.ensure_future(Notifier.from_environ(environ).keep_watchdog())
-    times = []
-    for _ in range(3):
-        assert await asyncio.to_thread(notify_socket.recv, 100) == b"WATCHDOG=1"
-        times.append(loop.time())
-    task.cancel()
-    await asyncio.wait({task})
-    assert 0.15 < times[2] - times[0] < 2
-
-
 async def test_without_systemd_nothing_happens():
-    """Without a socket, or with one that is gone, the agent goes on; a watchdog of another process is not ours."""
     Notifier.from_environ({}).ready()
     Notifier("/nowhere/notify").ready()
     environ = {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": str(os.getpid() + 1)}
@@ -98,7 +73,6 @@ async def test_without_systemd_nothing_happens():
 
 
 def test_journal_lines_carry_their_priority():
-    """Each line of a record has syslog's number in front, so that journalctl -p finds it."""
     formatter = JournalFormatter("%(message)s")
     record = logging.LogRecord("x", logging.WARNING, __file__, 1, "one\ntwo", None, None)
     assert formatter.format(record) == "<4>one\n<4>two"

@@ -10,7 +10,6 @@ from robotether_agent.tasks import first_of, within
 
 
 async def test_first_of_raises_what_the_first_raised_and_ends_the_others():
-    """When one fails the others are cancelled, and have ended, before its error comes out."""
     ended = []
 
     async def lasting() -> None:
@@ -65,27 +64,6 @@ async def test_within_returns_or_times_out():
         await within(0.01, asyncio.Event().wait())
 
 
-async def test_within_never_swallows_a_cancellation():
-    """A cancellation in the very moment when the work ends still cancels."""
-    came = asyncio.Event()
-
-    async def reading() -> None:
-        while True:
-            await within(5, came.wait())
-            came.clear()
-
-    task = asyncio.ensure_future(reading())
-    for _ in range(3):
-        await asyncio.sleep(0)
-    came.set()
-    # One turn lets the inner work end; its result and the cancellation then arrive together.
-    await asyncio.sleep(0)
-    task.cancel()
-    done, _ = await asyncio.wait({task}, timeout=1)
-    assert done
-    assert task.cancelled()
-
-
 async def test_within_loses_no_result_to_a_cancellation():
     """What was opened in the very moment of a cancellation reaches the one who closes it."""
     opened, log = asyncio.Event(), []
@@ -116,7 +94,6 @@ async def test_within_loses_no_result_to_a_cancellation():
 
 
 async def test_within_drops_an_error_when_it_is_cancelled():
-    """Work that fails in the moment of the cancellation is not reported as an error that nobody saw."""
     failing, reported = asyncio.Event(), []
     asyncio.get_running_loop().set_exception_handler(lambda _, context: reported.append(context))
 

@@ -22,8 +22,6 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
 class World:
-    """The service, the robot's rosbridge, and the relay's way to the former."""
-
     def __init__(self, rosbridge: TopicRosbridge, http: aiohttp.ClientSession, port: int) -> None:
         self.rosbridge = rosbridge
         self._http = http
@@ -32,7 +30,6 @@ class World:
     async def open(
         self, subscription: dict[str, Any] | None = None, **query: str
     ) -> aiohttp.ClientWebSocketResponse:
-        """Connect, and request a topic."""
         subscription = ODOM if subscription is None else subscription
         before = len(self.rosbridge.got)
         relay = await self._http.ws_connect(self.url, params=query, max_msg_size=0)
@@ -44,7 +41,6 @@ class World:
 
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
-    """A robot with the service."""
     async with TopicRosbridge({}) as rosbridge, timed_session() as http:
         service = TopicsService(rosbridge.url)
         app = web.Application()
@@ -58,7 +54,6 @@ async def world() -> AsyncIterator[World]:
 
 
 async def test_messages_pass_as_rosbridge_sends_them(world):
-    """Each connection has its own subscription, which ends with it."""
     relay = await world.open({**ODOM, "throttle_rate": 100})
     assert world.rosbridge.got == [{**ODOM, "throttle_rate": 100}]
     await world.rosbridge.publish("/odom", {"x": 1})
@@ -100,7 +95,6 @@ async def test_who_sends_anything_else_is_ended_and_rosbridge_gets_nothing(world
 
 
 async def test_a_relay_that_takes_little_gets_the_newest(world):
-    """Rosbridge is read all the same, and the last message comes."""
     relay = await world.open()
     relay._response.connection.transport.pause_reading()
     large = "x" * FRESH_BYTES

@@ -34,8 +34,6 @@ def version(layout: Layout, name: str) -> Path:
 
 
 class Robot:
-    """A robot with versions, whose boot service is in the state that the version in use is named after at once."""
-
     def __init__(self, place: Path) -> None:
         self.layout = Layout(place / "opt", place / "unit")
         self.run_dir = place / "run"
@@ -47,7 +45,6 @@ class Robot:
         self.restart()
 
     def add(self, name: str, reaches: str = "connected") -> Path:
-        """Install a version whose agent gets as far as it says; `dies` does not start."""
         path = version(self.layout, name)
         for file, text in ((COMMAND, reaches), (NEW_UNIT, f"unit of {name}")):
             (path / file).parent.mkdir(parents=True)
@@ -67,7 +64,6 @@ class Robot:
         write_atomic(self.run_dir / FILE, json.dumps(asdict(status)), 0o644)
 
     def become(self, state: str) -> None:
-        """End the agent, with this word of systemd's."""
         self.end()
         self.state = state
 
@@ -102,7 +98,6 @@ class Robot:
 
 @pytest.fixture
 def robot(tmp_path, monkeypatch) -> Iterator[Robot]:
-    """A robot whose version 1 is connected, and whose time for a poll is short."""
     made = Robot(tmp_path)
     monkeypatch.setattr(upgrade, "POLL_S", 0.01)
     monkeypatch.setattr(systemd, "restart", made.restart)
@@ -114,42 +109,24 @@ def robot(tmp_path, monkeypatch) -> Iterator[Robot]:
 
 @pytest.fixture
 def layout(robot) -> Layout:
-    """A folder with two versions, the first in use."""
     robot.add("2")
     return robot.layout
 
 
 def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
-    """A link within the folder, so that a copied disk or a chroot leads to its own version."""
     assert (layout.base / "current").readlink() == Path("versions/1")
     assert layout.in_use() == version(layout, "1")
     assert (layout.base / "current" / COMMAND).read_text() == "connected"
 
 
-def test_without_a_version_in_use_there_is_nothing_to_switch_from(tmp_path):
-    """The first installation makes the link itself."""
-    with pytest.raises(UpgradeFailedError, match="current leads to no version"):
-        Layout(tmp_path).in_use()
-
-
 @pytest.mark.parametrize("name", ["versions/none", "2", "versions/2/bin"])
 def test_only_a_whole_version_in_its_place_is_one(layout, name):
-    """Another folder, or one without the command, is refused."""
     with pytest.raises(UpgradeFailedError, match="cannot switch to"):
         layout.check(layout.base / name)
     layout.check(version(layout, "2"))
 
 
-def test_a_place_that_cannot_be_changed_is_told(layout):
-    """Without sudo, or on a read-only disk, the sentence says so."""
-    (layout.base / ".current.new").mkdir()
-    with pytest.raises(StateUnusableError, match="run this with sudo"):
-        layout.use(version(layout, "2"))
-    assert layout.in_use() == version(layout, "1")
-
-
 def test_the_next_boot_starts_the_old_version(tmp_path):
-    """A later change takes the place of the one before; the new version is only named."""
     unfinished = PendingUpgrade(tmp_path)
     unfinished.note(WAS, WAS, "pending", 1)
     unfinished.note(WAS, TARGET, "connected", 60)
@@ -160,7 +137,6 @@ def test_the_next_boot_starts_the_old_version(tmp_path):
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):
-    """What could not be removed would change versions at the next boot."""
     (tmp_path / BOOT / PENDING_NAME).mkdir(parents=True)
     with pytest.raises(StateUnusableError, match="cannot make"):
         PendingUpgrade(tmp_path).note(WAS, TARGET, "connected", 60)
@@ -170,7 +146,6 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path):
 
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
 def test_systemd_reads_it(tmp_path):
-    """Not one of its lines is unknown to this machine's systemd."""
     PendingUpgrade(tmp_path).note(Path("/usr"), TARGET, "connected", 60)
     unit = tmp_path / PENDING_NAME
     unit.write_text(unit.read_text().replace("/usr/bin/robotether-agent", "/bin/true"))
@@ -198,7 +173,6 @@ class PowerCut(BaseException):
 
 
 def test_a_good_version_takes_over(robot):
-    """The robot is connected with it before anybody is told that it is done, and systemd read its unit."""
     report = robot.switch(robot.add("2"))
     assert (report.result, robot.in_use, robot.status().state) == ("done", "2", "connected")
     assert robot.layout.unit.read_text() == "unit of 2"
@@ -215,7 +189,6 @@ def test_a_good_version_takes_over(robot):
     ],
 )
 def test_a_version_that_does_not_connect_is_taken_back(robot, reaches, why):
-    """Running is not enough where the robot was connected before; the reason is written."""
     report = robot.switch(robot.add("2", reaches), wait_s=0.6)
     assert (report.result, robot.in_use) == ("rolled_back", "1")
     assert robot.layout.unit.read_text() == "unit of 1"
@@ -246,7 +219,6 @@ def test_a_service_that_somebody_stopped_stays_stopped(robot):
 
 
 def test_the_version_in_use_is_left_alone(robot):
-    """A second run of an installer changes nothing."""
     calls = list(robot.calls)
     report = robot.switch(robot.layout.in_use())
     assert report.result == "done"
@@ -254,7 +226,6 @@ def test_the_version_in_use_is_left_alone(robot):
 
 
 def test_two_versions_are_kept(robot):
-    """A robot's disk is small; the one before stays for a way back."""
     for name in ("2", "3"):
         robot.switch(robot.add(name))
     assert robot.installed == ["2", "3"]
@@ -306,6 +277,5 @@ def test_a_report_that_the_disk_does_not_take_leaves_the_next_boot_alone(
 
 
 def test_one_switch_at_a_time(robot):
-    """A second one would take the first one's new version for the old one."""
     with only_one(robot.layout.lock), pytest.raises(AlreadyRunningError, match="another switch"):
         robot.switch(robot.add("2"))

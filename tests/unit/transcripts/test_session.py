@@ -117,9 +117,7 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
 
 async def battery(rosbridge: TopicRosbridge) -> None:
     """Have the robot say how full its battery is, as soon as somebody wants to know."""
-    await eventually(
-        lambda: bool(rosbridge.subscribed("/battery_state")), lambda: str(rosbridge.got), WAIT_S
-    )
+    await rosbridge.subscription("/battery_state")
     await rosbridge.publish(
         "/battery_state", {"percentage": 0.81, "voltage": 24.1, "power_supply_status": 1}
     )
@@ -127,9 +125,7 @@ async def battery(rosbridge: TopicRosbridge) -> None:
 
 async def call_for_help(rosbridge: TopicRosbridge) -> None:
     """Have a program on the robot ask for a person."""
-    await eventually(
-        lambda: bool(rosbridge.subscribed("/robotether/help")), lambda: str(rosbridge.got), WAIT_S
-    )
+    await rosbridge.subscription("/robotether/help")
     await rosbridge.publish("/robotether/help", {"data": "I need a person"})
 
 

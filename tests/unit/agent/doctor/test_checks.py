@@ -22,7 +22,6 @@ MAC = "00:1b:44:11:3a:b7"
 
 @pytest.fixture
 def settings(place, services) -> Settings:
-    """A robot whose services run."""
     return Settings(
         server="a.example",
         state_dir=place,
@@ -45,7 +44,6 @@ def disk(**changes: int) -> SimpleNamespace:
     ],
 )
 def test_a_disk_without_room(settings, monkeypatch, changes, told):
-    """Read-only, full, and out of inodes are told; the kernel's answer is a double here."""
     assert checks.check_disk(settings).state == OK
     monkeypatch.setattr(os, "statvfs", lambda _: disk(**changes))
     found = checks.check_disk(settings)
@@ -61,7 +59,6 @@ def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):
 
 
 def test_which_mac_names_the_robot(settings, tmp_path):
-    """The interface is told, too; looking keeps nothing."""
     root = FakeRoot(tmp_path)
     none = checks.check_mac(settings, root.path)
     assert (none.state, "set interface or mac" in none.advice) == (FAIL, True)
@@ -73,7 +70,6 @@ def test_which_mac_names_the_robot(settings, tmp_path):
 
 
 def test_a_mac_that_is_gone(settings, tmp_path):
-    """Both ways out are told: the old card, or a robot of its own."""
     root = FakeRoot(tmp_path)
     (settings.state_dir / "identity.json").write_text(f'{{"mac": "{MAC}", "interface": "eth0"}}')
     found = checks.check_mac(settings, root.path)
@@ -98,7 +94,6 @@ async def test_the_key(settings):
 
 
 async def test_the_robots_services(settings, services):
-    """Each is asked as the server's users would; one that is down is told with how to start it."""
     assert (await checks.check_rosbridge(settings)).state == OK
     assert (await checks.check_video(settings)).state == OK
     services.video_status = 503
@@ -127,7 +122,6 @@ async def test_the_robots_services(settings, services):
     ],
 )
 async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
-    """Without it pages find no topics; without threads of its own a slow service blocks its connection."""
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.5)
     async with TopicRosbridge(**robot) as rosbridge:
         checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
@@ -163,14 +157,3 @@ async def test_the_robots_own_ssh_server(settings):
         assert "no SSH server" in (await checks.check_shell(there)).detail
     for none in ("", address):
         assert (await checks.check_shell(replace(settings, shell_address=none))).state == SKIPPED
-
-
-async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
-    """After a restart of roscore the answer of rosbridge is a text."""
-    async with TopicRosbridge({}) as rosbridge:
-        monkeypatch.setattr(
-            rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"
-        )
-        checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
-    assert checked.state == WARNING
-    assert "roscore has restarted" in checked.detail

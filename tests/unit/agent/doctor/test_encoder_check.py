@@ -30,7 +30,6 @@ async def test_encoder_is_named_once_it_has_encoded_a_frame(monkeypatch):
     ],
 )
 async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, cores, state, reason):
-    """A robot that cannot encode is well; one whose encoder fails is not."""
     monkeypatch.setattr("os.cpu_count", lambda: cores)
     command = (sys.executable, "-c", "raise SystemExit(3)")
     monkeypatch.setattr(check, "VideoEncoder", lambda *how: VideoEncoder(*how, command))

@@ -12,8 +12,6 @@ WIFI = "b8:27:eb:01:02:03"
 
 
 class Root(FakeRoot):
-    """Made-up interfaces, and what is found among them."""
-
     def find(self, interface: str | None = None, *, allow_local: bool = False) -> str:
         return find_interface(interface, allow_local=allow_local, root=self.path).mac
 
@@ -24,7 +22,6 @@ def root(tmp_path):
 
 
 def test_skips_what_is_no_hardware(root):
-    """Loopback, docker, veth, bridges and tunnels never name a robot, even with the default route."""
     root.add("lo", "00:00:00:00:00:00", 1, device=False, kind=772)
     root.add("docker0", "00:1b:44:00:00:01", 2, device=False)
     root.add("veth12", "00:1b:44:00:00:02", 3, device=False)
@@ -56,7 +53,6 @@ def test_knows_ipv6_default_routes(root):
 
 
 def test_without_a_route_wired_comes_first_then_the_lowest_index(root):
-    """Before the network is there the choice is still the same at each boot."""
     root.add("wlan0", "00:1b:44:00:00:01", 2, wireless=True)
     root.add("eth1", "00:1b:44:00:00:02", 4)
     root.add("eth0", "00:1b:44:00:00:03", 3)
@@ -64,7 +60,6 @@ def test_without_a_route_wired_comes_first_then_the_lowest_index(root):
 
 
 def test_locally_administered_only_when_allowed(root):
-    """A made-up address could name two robots, so it counts only when the settings say so."""
     root.add("eth0", "02:42:ac:11:00:02", 2)
     with pytest.raises(InterfaceMissingError, match="no physical network interface"):
         root.find()

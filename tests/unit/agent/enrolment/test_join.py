@@ -12,7 +12,7 @@ from dated_certificate import fingerprint_of, make_certificate
 from fake_cloud import FakeCloud, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
-from robotether_agent.enrolment.join import JoinRequest, join, join_token, read_answer
+from robotether_agent.enrolment.join import JoinRequest, join, read_answer
 from robotether_agent.problems import (
     AnswerInvalidError,
     JoinRefusedError,
@@ -23,7 +23,6 @@ from robotether_agent.problems import (
     TlsUntrustedError,
 )
 from robotether_agent.settings import Settings
-from robotether_common.join import PreviousKey
 
 REQUEST = JoinRequest(
     mac="00:1b:44:11:3a:b7",
@@ -41,7 +40,6 @@ def answer(**changes: object) -> bytes:
 
 
 async def test_pinned_certificate_is_enough(cloud):
-    """With its fingerprint a self-signed server is trusted, and hears all that the protocol names."""
     settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
     joined = await join(settings, REQUEST)
     assert joined.robot == "sim1"
@@ -60,7 +58,6 @@ async def test_other_certificate_is_not_trusted(cloud):
 
 
 async def test_unreadable_ca_file_is_a_settings_problem(place):
-    """It is read again, and ends no agent whose connection needs it for nothing but a new key."""
     settings = Settings(server="127.0.0.1:1", ca_file=place / "none.pem")
     with pytest.raises(SettingsInvalidError, match="ca_file") as found:
         await join(settings, REQUEST)
@@ -69,13 +66,11 @@ async def test_unreadable_ca_file_is_a_settings_problem(place):
 
 
 def behind(proxy_url: str, cloud) -> Settings:
-    """A robot whose network has a proxy."""
     pin = bytes.fromhex(fingerprint())
     return Settings(server=cloud.server, tls_fingerprint=pin, http_proxy=proxy_url)
 
 
 async def test_through_a_proxy(cloud):
-    """The join goes where http_proxy says, with its password, and the pin still holds."""
     async with FakeProxy("needs_password") as proxy:
         url = proxy.url.replace("//", "//robot:s3cret%2F%40%3A@")
         assert (await join(behind(url, cloud), REQUEST)).robot == "sim1"
@@ -99,7 +94,6 @@ async def test_a_proxy_that_does_not_let_it_through(cloud, mode, told):
 
 
 async def test_a_proxy_that_is_not_there(make_cloud):
-    """A wrong address is told as the proxy's, and not as the server's."""
     settings = behind(f"http://robot:s3cret@127.0.0.1:{free_port()}", await make_cloud())
     with pytest.raises(ServerUnreachableError, match=r"HTTP proxy .* cannot be reached") as caught:
         await join(settings, REQUEST)
@@ -156,7 +150,6 @@ def test_wrong_field_of_the_answer_is_named(changes, field):
     ],
 )
 def test_each_refusal_keeps_its_reason(status, code, kind, retry):
-    """The server's detail reaches the log, and each refusal has its own pause."""
     body = json.dumps({"code": code, "detail": "the reason"}).encode()
     with pytest.raises(kind, match="the reason") as error:
         read_answer("a.example", status, body)
@@ -177,7 +170,6 @@ def test_each_refusal_keeps_its_reason(status, code, kind, retry):
     ],
 )
 def test_other_servers_are_told_apart(status, body, kind):
-    """A server in trouble and a server that is none of ours are two problems."""
     with pytest.raises(kind):
         read_answer("a.example", status, body)
 
@@ -187,7 +179,6 @@ def test_other_servers_are_told_apart(status, body, kind):
     [(+300, +600, "not yet valid"), (-600, -300, "expired")],
 )
 async def test_a_wrong_clock_is_told_as_such_and_no_matter_with_a_pin(place, begin, end, why):
-    """A robot without a battery-backed clock says what its clock says; the pinned certificate needs none."""
     now = datetime.now(timezone.utc)
     dates = (now + timedelta(days=days) for days in (begin, end))
     pem = make_certificate(place, *dates)
@@ -201,33 +192,3 @@ async def test_a_wrong_clock_is_told_as_such_and_no_matter_with_a_pin(place, beg
         assert (await join(Settings(server=cloud.server, tls_fingerprint=pinned), REQUEST)).robot
     finally:
         await cloud.close()
-
-
-def test_only_what_there_is_to_say_is_said():
-    """A usual robot's join has no word of a changed MAC or key, and an old server gets nothing new."""
-    plain = replace(REQUEST, token=None)
-    assert set(plain.body()) == {"mac", "public_key", "hostname", "agent_version"}
-    changed = replace(
-        plain,
-        mac_present=False,
-        name="turtle",
-        signature="s",
-        previous_key=PreviousKey("SHA256:x", "y"),
-    )
-    assert changed.body() == {
-        **plain.body(),
-        "mac_present": False,
-        "name": "turtle",
-        "signature": "s",
-        "previous_key": {"fingerprint": "SHA256:x", "signature": "y"},
-    }
-
-
-def test_a_token_file_is_read_when_it_is_needed(place):
-    """It may be gone once the robot is enrolled; a join without it says which is missing."""
-    file = place / "token"
-    settings = Settings(server="a.example", token_file=file)
-    with pytest.raises(SettingsInvalidError, match="cannot read the join token"):
-        join_token(settings)
-    file.write_text("from-file\n")
-    assert join_token(settings) == "from-file"

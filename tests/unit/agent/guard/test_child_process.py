@@ -5,38 +5,28 @@ from __future__ import annotations
 import asyncio
 import os
 import signal
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import aiohttp
 import pytest
 from fake_cloud import echo, eventually
 from fake_guard import births, fake_guard_command, heard
-from openssh_server import descendants, is_alive
+from openssh_server import is_alive
 from robotether_agent.guard.child_process import (
     TICK_S,
     GuardProcess,
     SilenceDetector,
 )
-from robotether_agent.guard.fork_server import (
-    GUARD_NAME,
-    START_S,
-    ForkServer,
-)
+from robotether_agent.guard.fork_server import START_S, ForkServer
 from robotether_agent.own_programs import program_environment
 from robotether_agent.problems import GuardDownError
-
-TEN_S = 10.0
 
 Start = Callable[[str], Awaitable[GuardProcess]]
 
 
 @pytest.fixture
 async def start(place: Path) -> AsyncIterator[Start]:
-    """Starts fake guards by mode, and ends them."""
     started: list[GuardProcess] = []
     servers: list[ForkServer] = []
 
@@ -53,7 +43,6 @@ async def start(place: Path) -> AsyncIterator[Start]:
 
 
 async def served(guard: GuardProcess, lines: list[dict[str, Any]] | None = None) -> str:
-    """Return why the guard's life ended."""
     taken = [] if lines is None else lines
     with pytest.raises(GuardDownError) as caught:
         await asyncio.wait_for(guard.serve(lambda line: taken.append(dict(line))), 60)
@@ -123,7 +112,6 @@ async def test_a_guard_that_has_just_begun_can_be_ended(place):
 
 
 async def test_is_asked_to_end_and_waited_for(start, place):
-    """The orderly end says exit, so that the robot is stopped by then."""
     guard = await start("serves")
     await eventually(lambda: bool(births(place)), lambda: "it runs")
     await guard.end()
@@ -170,32 +158,10 @@ def test_the_guard_gets_no_secret():
 
 
 def test_the_guard_is_the_one_that_came_with_the_agent():
-    """The agent's own packages come before whatever else Python would find."""
     places = program_environment({"PYTHONPATH": "/opt/more"})["PYTHONPATH"].split(":")
     assert Path(places[0], "robotether_agent", "guard", "__main__.py").is_file()
     assert Path(places[-2], "robotether_common").is_dir()
     assert places[-1] == "/opt/more"
-
-
-async def test_a_killed_guard_is_back_at_once(cloud, start_agent, caplog):
-    """Without a pause, the port of the robot leads to the next guard, over the same connection."""
-    await start_agent(cloud, guard="on").until_connected()
-    assert await echo(cloud.ports[0], "before") == "before"
-    killed_at = time.monotonic()
-    os.kill(guard_pid(), signal.SIGKILL)
-    answer = None
-    while answer is None:
-        with suppress(aiohttp.ClientError, TypeError):
-            answer = await echo(cloud.ports[0], "after")
-        assert time.monotonic() - killed_at < TEN_S
-    assert "ended by SIGKILL [guard_down]; another one follows in 0.0 s" in caplog.text
-    assert len(cloud.of_kind("session", live=False)) == 1
-    link = await cloud.link("session")
-
-    def states() -> list[str]:
-        return [line["state"] for line in link.of_type("guard")]
-
-    await eventually(lambda: states()[-2:] == ["down", "ready"], lambda: f"{states()}")
 
 
 async def test_a_stop_outlives_the_agent(cloud, start_agent):
@@ -220,13 +186,3 @@ async def test_without_a_guard_the_forward_is_bare(cloud, start_agent, caplog):
     assert status.guard == "off"
     assert (await cloud.link("session")).of_type("hello")[0]["guard"] == "off"
     assert "nothing stops this robot" in caplog.text
-
-
-def guard_pid() -> int:
-    """The guard that this process's agent has started."""
-    [pid] = [
-        pid
-        for pid in descendants(os.getpid())
-        if Path(f"/proc/{pid}/comm").read_text().strip() == GUARD_NAME
-    ]
-    return pid

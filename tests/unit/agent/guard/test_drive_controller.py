@@ -99,7 +99,6 @@ async def test_a_command_without_a_time_is_refused(world: World, t_ms: object) -
 
 
 def seen(world: World, *frames: int) -> dict[str, object]:
-    """Return what a command's stamp says of the frames of one camera."""
     views = [{"camera": "/a", "frame": frame} for frame in frames]
     return {"robotether": {"t_ms": world.now * 1000, "fence": 13, "seen": views}}
 
@@ -133,7 +132,7 @@ async def test_a_client_that_names_no_frame_any_more_sees_nothing(world: World) 
     assert world.controller.seen_ages.ages_ms == [None] * 4 + [100.0]
 
 
-async def test_a_frame_that_is_reported_with_its_command_is_known(world: World) -> None:
+async def test_a_frame_that_is_reported_with_its_command_is_known(world, spawn) -> None:
     """The agent's line came first, on a pipe that the guard has not read yet: so many turns it takes to be handled."""
     lines, loop = asyncio.StreamReader(), asyncio.get_running_loop()
     reading, writing = os.pipe()
@@ -145,15 +144,13 @@ async def test_a_frame_that_is_reported_with_its_command_is_known(world: World) 
             while await lines.readline():
                 world.controller.frame_times.note("/a", 1, world.now - 0.1, world.now)
 
-        task = asyncio.create_task(read())
+        spawn(read())
         for _ in range(10):
             await asyncio.sleep(0)
         pipe.write(b"frame\n")
         await world.drive(0.5, **seen(world, 1))
         assert world.controller.seen_ages.ages_ms == [100.0]
         transport.close()
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: World) -> None:
@@ -165,7 +162,6 @@ async def test_a_refused_command_that_names_a_frame_counts_as_naming(world: Worl
 
 
 async def test_observers_move_nothing(world: World) -> None:
-    """The server refuses them first; here is the second door."""
     observer = FakeSource(Authorization("observe"))
     await world.drive(0.5, observer)
     await world.send(observer, op="advertise", type="geometry_msgs/Twist")
@@ -174,7 +170,6 @@ async def test_observers_move_nothing(world: World) -> None:
 
 
 async def test_of_a_backlog_only_the_newest_command_waits(world: World) -> None:
-    """Rosbridge that is busy gets one, not ten, when it reads again."""
     world.publisher.full = True
     for speed in range(1, 11):
         await world.drive(speed)
@@ -252,7 +247,6 @@ async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world: Wor
 
 
 async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: World) -> None:
-    """The wish to stand outlives its command."""
     await world.drive(0.5)
     world.publisher.full = True
     await world.drive(0.0, age_ms=450)
@@ -263,7 +257,6 @@ async def test_a_stop_of_the_driver_that_could_not_be_sent_is_the_guards(world: 
 
 
 async def test_what_waits_is_forgotten_with_its_sender(world: World) -> None:
-    """A command must not come after the end of its driver, nor of the guard."""
     world.publisher.full = True
     await world.drive(0.5)
     world.controller.on_disconnected(world.source)
@@ -302,12 +295,6 @@ async def test_zeros_that_are_owed_come_before_what_waits(world: World) -> None:
     assert world.publisher.speeds == [0.5, 0.0, 0.7]
 
 
-async def test_a_rosbridge_that_does_not_read_gets_nothing(world: World) -> None:
-    world.publisher.up = False
-    await world.drive(0.5)
-    assert world.source.kinds == ["held"]
-
-
 async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> None:
     world.publisher.breaks = True
     await world.drive(0.5)
@@ -318,7 +305,6 @@ async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> No
 
 
 async def test_commands_are_limited_against_the_last_one(world: World) -> None:
-    """0.05 s after 0.1 m/s, 2 m/s2 make 0.2 m/s."""
     world.controller.use(GuardConfig("ws://x", limits=DriveLimits(max_acceleration_m_s2=2)))
     await world.drive(5)
     await world.pass_time(0.05)
@@ -328,7 +314,6 @@ async def test_commands_are_limited_against_the_last_one(world: World) -> None:
 
 
 async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:
-    """After a crash nobody would stop it."""
     world = World(MotionFile(tmp_path / "gone"))
     await world.drive(0.5)
     assert world.publisher.sent == []
@@ -443,11 +428,10 @@ async def test_rosbridges_status_goes_to_the_driver(world: World) -> None:
     assert world.source.notified == [b"{}"]
 
 
-async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
-    """It neither spins while nothing happens nor misses an event."""
+async def test_the_task_sleeps_until_something_is_due(world, spawn) -> None:
     world.controller.use(GuardConfig("ws://x", max_age_s=60, deadman_s=60))
     world.authorizer.on_agent_message(world.now + 60)
-    task = asyncio.create_task(world.controller.run())
+    spawn(world.controller.run())
     await asyncio.sleep(0.05)
     assert world.changes == 1
     await world.drive(0.5)
@@ -460,8 +444,6 @@ async def test_the_task_sleeps_until_something_is_due(world: World) -> None:
     world.controller.on_disconnected(world.source)
     await until("the zero is sent", lambda: len(world.publisher.sent) == 3)
     assert world.changes < 10
-    task.cancel()
-    await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_the_last_zeros_can_be_waited_for(world: World) -> None:

@@ -43,7 +43,6 @@ def test_a_relative_name_may_be_a_drive_topic_in_a_namespace() -> None:
 
 
 def test_patterns_are_names_with_stars() -> None:
-    """What else stands in them could match no name."""
     for wrong in ("/cmd[v]el", "/cmd?vel", "", "/cmd vel"):
         with pytest.raises(ValueError, match="no name"):
             DriveTopics([wrong])
@@ -73,7 +72,6 @@ def read(data: bytes | dict[str, Any]) -> DriveMessage | None:
     ],
 )
 def test_what_does_not_drive_may_pass(message: dict[str, Any]) -> None:
-    """Rosbridge knows best what the rest means."""
     assert read(message) is None
 
 
@@ -93,7 +91,6 @@ def test_a_drive_command_for_what_is_no_drive_topic_here_is_refused(operation: s
 
 
 def test_escapes_hide_no_operation() -> None:
-    """JSON may spell any letter as a number."""
     found = read(rb'{"\u006fp":"\u0070ublish","topic":"/cmd\u005fvel","msg":{}}')
     assert found is not None
     assert found.topic == "/cmd_vel"
@@ -148,7 +145,6 @@ JSON = st.recursive(
 
 
 def operations(value: object) -> list[object]:
-    """Every `op` anywhere in a value."""
     if isinstance(value, dict):
         return [value[k] for k in value if k == "op"] + [
             x for v in value.values() for x in operations(v)
@@ -196,7 +192,6 @@ step = st.floats(-1, 1e4)
     "message", [TWIST, {"header": HEADER, "twist": TWIST}, {"header": HEADER, "drive": DRIVE}]
 )
 def test_each_shape_comes_out_as_it_went_in(message: dict[str, Any]) -> None:
-    """A command within the limits is not changed."""
     assert write_command(read_command(message, None)) == message
 
 
@@ -350,9 +345,3 @@ def test_the_other_way_begins_at_a_standstill() -> None:
     """Full reverse brakes at once and then grows as from zero."""
     got = limited(driven(-5), driven(5), 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert math.isclose(got.linear[0], -0.1)
-
-
-def test_speed_is_the_vectors_length() -> None:
-    """3 and 4 m/s are 5, limited to 1 they are 0.6 and 0.8."""
-    got = limited(CheckedCommand("twist", (3.0, 4.0, 0.0)), None, 0, DriveLimits(max_speed_m_s=1))
-    assert math.dist(got.linear, (0.6, 0.8, 0.0)) < 1e-12

@@ -25,7 +25,6 @@ def test_a_number_is_kept(tmp_path: Path) -> None:
 def test_a_number_that_cannot_be_read_is_none(
     tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The log has it, and the next number replaces it."""
     (tmp_path / "fence.json").write_bytes(text.encode(errors="surrogateescape"))
     assert FenceFile(tmp_path).read() == 0
     assert "so the server's number counts" in caplog.text
@@ -34,8 +33,6 @@ def test_a_number_that_cannot_be_read_is_none(
 
 
 class SlowFile(FenceFile):
-    """A disk that takes its time until `go`, and notes what comes."""
-
     def __init__(self, state_dir: Path) -> None:
         super().__init__(state_dir)
         self.go = threading.Event()

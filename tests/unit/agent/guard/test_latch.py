@@ -35,8 +35,6 @@ def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, data: bytes | None
 
 
 class SlowFile(StopFile):
-    """A disk that takes its time until `go`."""
-
     def __init__(self, state_dir: Path) -> None:
         super().__init__(state_dir)
         self.go = threading.Event()
@@ -87,7 +85,6 @@ async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_pa
 
 
 async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
-    """A power cut in between leaves a robot that is stopped."""
     file, answers = SlowFile(tmp_path), list[str]()
     file.write("ben")
     async with running(file, answers) as latch:
@@ -200,7 +197,6 @@ async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> Non
 async def test_a_stop_that_no_disk_takes_is_told_and_logged(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    """The robot is stopped, which is what counts; that it will not last is for the log."""
     answers = list[str]()
     async with running(StopFile(tmp_path / "gone"), answers) as latch:
         latch.handle(StopRequest("5f", "ben"))

@@ -8,15 +8,13 @@ import signal
 import threading
 import time
 from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
 from fake_pipe import FakePipe
-from fake_rosbridge import FakeRosbridge
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
-from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
@@ -32,8 +30,6 @@ LATE_DEADMAN_MS = 2000
 
 
 class Robot:
-    """The simulated robot, and what its wheels were told when."""
-
     def __init__(self, simulator: Simulator) -> None:
         self.port = simulator.rosbridge.port
         self.told: list[tuple[float, float]] = []
@@ -64,8 +60,18 @@ async def robot() -> AsyncIterator[Robot]:
         yield Robot(simulator)
 
 
+@asynccontextmanager
+async def driven(
+    place: Path, robot: Robot, **options: Any
+) -> AsyncIterator[tuple[GuardHere, GuardClient]]:
+    """A guard, and the client that holds its lease."""
+    async with GuardHere(place, robot.port, **options) as guard:
+        await guard.grant(13)
+        async with GuardClient(guard.port, 13) as client:
+            yield guard, client
+
+
 async def drive_on(client: GuardClient, seconds: float = 0.3) -> float:
-    """Drive at 20 Hz; the moment of the last command."""
     end = time.monotonic() + seconds
     while True:
         await client.drive(0.5)
@@ -82,35 +88,31 @@ def refusals(guard: GuardEnd) -> dict[str, int]:
 
 async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> None:
     """Zero after the deadman time, ten times, then silence; the connection goes on. Commands are limited."""
-    async with GuardHere(place, robot.port, max_speed_m_s=0.2) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            last = await drive_on(client)
-            await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
-            assert robot.zero_after(last) >= DEADMAN_S - 0.05
-            assert set(robot.speeds) == {0.2, 0.0}
-            await guard.until(lambda: not guard.state["moving"], "it stands")
-            await client.send(op="call_service", service="/rosapi/get_time", id="x")
-            assert (await client.receive())["id"] == "x"
+    async with driven(place, robot, max_speed_m_s=0.2) as (guard, client):
+        last = await drive_on(client)
+        await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+        assert robot.zero_after(last) >= DEADMAN_S - 0.05
+        assert set(robot.speeds) == {0.2, 0.0}
+        await guard.until(lambda: not guard.state["moving"], "it stands")
+        await client.send(op="call_service", service="/rosapi/get_time", id="x")
+        assert (await client.receive())["id"] == "x"
         await guard.until(lambda: not (place / "motion.json").exists(), "the mark is gone")
         assert robot.speeds.count(0.0) == 10
 
 
 async def test_a_topic_that_drives_no_more_stops(place: Path, robot: Robot) -> None:
     """Settings that change in motion: what the server still stamps is refused, and the robot gets its zeros."""
-    async with GuardHere(place, robot.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await client.drive(0.5)
-            await until("it moves", lambda: robot.speeds == [0.5])
-            guard.reconfigure(guard={**guard.config["guard"], "drive_topics": ["/base/move"]})
-            await guard.heard()
-            async with asyncio.timeout(WAIT_S):
-                while 0.0 not in robot.speeds:
-                    await drive_on(client, 0.1)
-            assert robot.speeds.count(0.5) == 1
-            await guard.heard()
-            assert refusals(guard)["shape"] > 0
+    async with driven(place, robot) as (guard, client):
+        await client.drive(0.5)
+        await until("it moves", lambda: robot.speeds == [0.5])
+        guard.reconfigure(guard={**guard.config["guard"], "drive_topics": ["/base/move"]})
+        await guard.heard()
+        async with asyncio.timeout(WAIT_S):
+            while 0.0 not in robot.speeds:
+                await drive_on(client, 0.1)
+        assert robot.speeds.count(0.5) == 1
+        await guard.heard()
+        assert refusals(guard)["shape"] > 0
 
 
 LOSSES: dict[str, Callable[[GuardEnd, GuardClient], object]] = {
@@ -130,14 +132,12 @@ ENDS: dict[str, Callable[[GuardProcess], object]] = {
 @pytest.mark.parametrize("loss", LOSSES)
 async def test_each_loss_stops_the_robot(place: Path, robot: Robot, loss: str) -> None:
     """At once, well before the deadman time would, and whoever may not drive any more is put out."""
-    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            await drive_on(client)
-            LOSSES[loss](guard, client)
-            assert loss == "connection" or await client.closed() == 1001
-            await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
-            assert robot.stopped_before_deadman
+    async with driven(place, robot, deadman_ms=LATE_DEADMAN_MS) as (guard, client):
+        await drive_on(client)
+        LOSSES[loss](guard, client)
+        assert loss == "connection" or await client.closed() == 1001
+        await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+        assert robot.stopped_before_deadman
 
 
 @pytest.mark.parametrize("end", ENDS)
@@ -155,24 +155,21 @@ async def test_each_end_of_the_guard_stops_the_robot(place: Path, robot: Robot, 
 
 async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None:
     """One second without a tick, and a driver who goes on drives nobody until the next one."""
-    async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            # Once: the deadman of a first command wakes the guard, which would find the silence by that, too.
-            await client.drive(0.5)
-            guard.silence()
-            await until("it stands", lambda: 0.0 in robot.speeds)
-            assert robot.stopped_before_deadman
-            await client.drive(0.5)
-            assert "agent" in (await client.receive())["msg"]
-            guard.tell(type="tick")
-            await guard.heard()
-            await client.drive(0.7)
-            await until("it drives again", lambda: 0.7 in robot.speeds)
+    async with driven(place, robot, deadman_ms=LATE_DEADMAN_MS) as (guard, client):
+        # Once: the deadman of a first command wakes the guard, which would find the silence by that, too.
+        await client.drive(0.5)
+        guard.silence()
+        await until("it stands", lambda: 0.0 in robot.speeds)
+        assert robot.stopped_before_deadman
+        await client.drive(0.5)
+        assert "agent" in (await client.receive())["msg"]
+        guard.tell(type="tick")
+        await guard.heard()
+        await client.drive(0.7)
+        await until("it drives again", lambda: 0.7 in robot.speeds)
 
 
 async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
-    """It is on the disk before it is answered, and a release takes it off before that is answered."""
     async with GuardProcess(place, robot.port) as guard:
         await guard.grant(13)
         guard.tell(type="stop", id="5f", by="ben")
@@ -241,40 +238,6 @@ async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_le
             assert refused.value.status == 409
         async with GuardClient(guard.port, 15):
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
-
-
-async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, robot: Robot) -> None:
-    """The age counts from the frame's time to the command, by the robot's clock; rosbridge reads nothing of it."""
-    async with GuardHere(place, robot.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            taken_ms = robot_time() * 1000 - 300
-            guard.tell(type="frame", camera="/a", frame=41, taken_ms=taken_ms)
-            await guard.heard()
-            for frame in (41, 42):
-                stamp = {"t_ms": robot_time() * 1000, "fence": 13}
-                seen = {"seen": [{"camera": "/a", "frame": frame}]}
-                await client.drive(0.5, robotether=stamp | seen)
-            await guard.until(lambda: len(ages_ms(guard)) == 2, "both are reported")
-            known, unknown = ages_ms(guard)
-            assert 300 <= known <= robot_time() * 1000 - taken_ms
-            assert unknown is None
-            # A busy machine may have the deadman stop it.
-            assert [speed for speed in robot.speeds if speed] == [0.5, 0.5]
-
-
-def ages_ms(guard: GuardEnd) -> list[Any]:
-    return [age for line in guard.lines if line["type"] == "seen" for age in line["ages_ms"]]
-
-
-async def test_everything_else_passes_unchanged(place: Path) -> None:
-    """Large messages pass, too; test_guard of the transcripts compares every space."""
-    async with FakeRosbridge() as rosbridge, GuardHere(place, rosbridge.port) as guard:
-        await guard.grant(13)
-        async with GuardClient(guard.port, 13) as client:
-            large = json.dumps({"op": "publish", "topic": "/echo", "msg": "x" * 5_000_000})
-            await client.socket.send_str(large)
-            assert await client.socket.receive_str(timeout=WAIT_S) == large
 
 
 async def test_direct_connections_drive_while_nobody_has_the_lease(

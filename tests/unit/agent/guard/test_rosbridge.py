@@ -41,8 +41,6 @@ async def _send_on(socket: RosbridgeSocket, frame: bytes) -> None:
 
 
 class MonitoredSession:
-    """A listener that keeps what it is told."""
-
     def __init__(self) -> None:
         self.events: list[str] = []
         self.said: list[bytes] = []
@@ -64,7 +62,6 @@ class MonitoredSession:
 async def running(
     rosbridge: FakeRosbridge,
 ) -> AsyncIterator[tuple[CmdVelPublisher, MonitoredSession]]:
-    """A line that is connected."""
     heard = MonitoredSession()
     async with new_http() as http:
         line = CmdVelPublisher(http, time.monotonic)
@@ -125,22 +122,17 @@ async def test_another_address_is_used_at_once() -> None:
 
 
 class FakeDriver:
-    """Drives /cmd_vel, and keeps what it is notified of."""
-
     def __init__(self) -> None:
         self.unheard: list[frozenset[str] | None] = []
         self.unregistered: list[str] = []
 
     def driven_now(self) -> list[str]:
-        """Name what is driven."""
         return ["/cmd_vel"]
 
     def on_unheard(self, names: frozenset[str] | None) -> None:
-        """Keep the names."""
         self.unheard.append(names)
 
     def on_unregistered(self, name: str) -> None:
-        """Keep the name."""
         self.unregistered.append(name)
 
 

@@ -18,7 +18,6 @@ NOW = 1000.0
 
 @pytest.fixture
 def times() -> FrameTimes:
-    """Two frames of one camera, and one of another."""
     times = FrameTimes()
     times.note("/a", 1, NOW - 0.3, NOW - 0.2)
     times.note("/a", 2, NOW - 0.2, NOW - 0.1)
@@ -76,12 +75,7 @@ def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: obje
 def test_only_a_frame_with_a_number_may_be_reported_yet(
     times: FrameTimes, seen: object, may_follow: bool
 ) -> None:
-    """What the server does not know is not waited for."""
     assert times.may_follow(seen, NOW) is may_follow
-
-
-def test_a_guard_that_was_told_nothing_knows_nothing() -> None:
-    assert FrameTimes().oldest_s([view("/a", 1)], NOW) is None
 
 
 def test_an_old_frame_is_unknown(times: FrameTimes) -> None:

@@ -28,8 +28,6 @@ URL = "ws://127.0.0.1:9090"
 
 
 class RunningSupervisor:
-    """A supervisor as a task, and what it told."""
-
     def __init__(self, place: Path, modes: tuple[str, ...]) -> None:
         self.views: list[GuardView] = []
         command = fake_guard_command(place, *modes)
@@ -38,8 +36,6 @@ class RunningSupervisor:
         self._place = place
 
     async def ready(self, count: int = 1) -> None:
-        """Wait for the guard number `count`."""
-
         def is_ready() -> bool:
             born = births(self._place)
             return len(born) >= count and self.supervisor.view.port == born[-1]["port"]
@@ -47,7 +43,6 @@ class RunningSupervisor:
         await eventually(is_ready, lambda: f"guard {count}: {self.supervisor.view}")
 
     async def is_stopped(self, expected: bool = True) -> None:
-        """Wait until the guard says that it is stopped, or released."""
         view = self.supervisor
         await eventually(lambda: view.view.stopped is expected, lambda: f"{view.view}")
 
@@ -72,7 +67,6 @@ class RunningSupervisor:
 
 @pytest.fixture
 async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
-    """Keeps guards of the given modes, and lets them end."""
     made: list[RunningSupervisor] = []
 
     def start(*modes: str) -> RunningSupervisor:
@@ -86,7 +80,6 @@ async def keep(place: Path) -> AsyncIterator[Callable[..., RunningSupervisor]]:
 
 @pytest.fixture
 async def running(keep: Callable[..., RunningSupervisor]) -> RunningSupervisor:
-    """A supervisor with a guard that is ready."""
     made = keep("serves")
     await made.ready()
     return made
@@ -109,7 +102,6 @@ async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
 
 
 async def test_a_killed_guard_is_back_with_all_that_it_must_know(running, place, caplog):
-    """The next one starts at once, on a port of its own, with configuration, session and lease."""
     running.supervisor.on_config(WANTS, direct=False)
     running.supervisor.on_lease(13, held=True)
     os.kill(births(place)[0]["pid"], signal.SIGKILL)
@@ -231,7 +223,6 @@ async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, pl
 
 
 def test_pauses_grow_to_a_bound():
-    """The first restart is at once, later ones do not use the processor up."""
     assert [pause_before(restart) for restart in (1, 2, 3, 4)] == [0.0, 0.1, 0.2, 0.4]
     assert pause_before(1_000_000) == MAX_PAUSE_S
 

@@ -23,12 +23,10 @@ from robotether_agent.guard.topics import (
 
 
 def stays(_: Topic) -> bool:
-    """None may go."""
     return False
 
 
 def goes(_: Topic) -> bool:
-    """Each may go."""
     return True
 
 
@@ -82,7 +80,6 @@ def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
 
 
 def advertised(topics: Topics, names: list[str]) -> None:
-    """Let these topics be advertised, one after the other."""
     for at, name in enumerate(names):
         topics.ensure(name, float(at), goes).type = "geometry_msgs/Twist"
 
@@ -175,7 +172,6 @@ async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World
 
 
 async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None:
-    """A client that guessed wrong may correct itself."""
     await world.drive(0.5)
     await world.pass_time(1.2)
     await world.drive(0.5, msg=STAMPED)
@@ -184,7 +180,6 @@ async def test_another_type_is_taken_when_the_robot_stands(world: World) -> None
 
 
 async def invent(world: World, count: int, speed: float = 0.0) -> None:
-    """Let the driver publish to so many topics that nobody listens to."""
     for number in range(count):
         world.publisher.read_until = world.now = world.now + 0.001
         world.authorizer.on_agent_message(world.now)
@@ -192,7 +187,6 @@ async def invent(world: World, count: int, speed: float = 0.0) -> None:
 
 
 def names(world: World, operation: str) -> list[str]:
-    """The topics of such messages on the line."""
     return [m["topic"] for m in world.publisher.sent if m["op"] == operation]
 
 

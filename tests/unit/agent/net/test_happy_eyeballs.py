@@ -12,8 +12,6 @@ from robotether_agent.problems import NoAnswerError, ServerBusyError, ServerUnre
 
 
 class Attempts:
-    """Attempts that end as they are told."""
-
     def __init__(self) -> None:
         self.started: list[str] = []
         self.ended: list[str] = []
@@ -43,7 +41,6 @@ def attempts() -> Attempts:
 
 
 async def test_a_failure_starts_the_next_at_once(attempts):
-    """No pause is waited for after a refusal."""
     ways = [
         attempts.that("refused", ServerUnreachableError("no")),
         attempts.that("second", "works"),
@@ -80,7 +77,6 @@ async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
 
 
 async def test_a_defect_is_not_hidden(attempts):
-    """What is no problem of the network gets through."""
     ways = [attempts.that("broken", ValueError("a defect")), attempts.that("second", "works")]
     with pytest.raises(ValueError, match="a defect"):
         await HappyEyeballs(ways, pause=never, drop=attempts.dropped.append).winner()
@@ -88,7 +84,6 @@ async def test_a_defect_is_not_hidden(attempts):
 
 @pytest.mark.parametrize("turns", range(12))
 async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns):
-    """What the first one brought is taken or dropped, also while the others are being ended."""
     ways = [attempts.that("silent"), attempts.that("works", "works")]
     race = HappyEyeballs(ways, pause=after(0), drop=attempts.dropped.append)
     racing = asyncio.ensure_future(race.winner())

@@ -20,12 +20,10 @@ from robotether_agent.problems import NoAnswerError, ServerUnreachableError
     ],
 )
 def test_the_setting_is_read(url, proxy):
-    """Name and password come out of the URL as they were meant."""
     assert proxy_of(url) == proxy
 
 
 def test_the_password_is_in_no_text():
-    """Neither log nor problem can show it."""
     proxy = Proxy("proxy.example", 8080, USER, PASSWORD)
     assert PASSWORD not in f"{proxy} {proxy!r}"
     assert SECRET in request(proxy, "h", 443).decode()
@@ -58,7 +56,6 @@ def test_the_request(host, authority):
     ],
 )
 def test_each_answer_is_told(head, kind, told):
-    """A person learns which proxy it was, and what it said."""
     problem = refusal(head, Proxy("p", 1), "h port 22")
     if kind is None:
         assert problem is None
@@ -69,7 +66,6 @@ def test_each_answer_is_told(head, kind, told):
 
 
 async def ask(url: str) -> None:
-    """Ask the proxy at this URL for a connection."""
     proxy = proxy_of(url)
     assert proxy is not None
     with await connect(proxy.host, proxy.port, Resolver(), "the proxy") as connection:
@@ -84,7 +80,6 @@ async def test_a_proxy_that_closes_the_connection():
 
 
 async def test_a_silent_proxy(monkeypatch):
-    """One that says nothing is given up, and taken for no answer."""
     monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
     async with FakeProxy("silent") as proxy:
         with pytest.raises(NoAnswerError, match="does not answer"):

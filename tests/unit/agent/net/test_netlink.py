@@ -14,7 +14,6 @@ from robotether_agent.net.netlink import kinds_of, listening
 
 
 def message(number: int, body: bytes = b"") -> bytes:
-    """One message of this type."""
     length = netlink.HEADER.size + len(body)
     return netlink.HEADER.pack(length, number, 0, 0, 0) + body + b"\0" * (-length % 4)
 
@@ -38,7 +37,6 @@ def test_messages_are_told_apart(data, kinds):
 
 
 async def test_a_reader_takes_what_is_there():
-    """A full buffer counts as a change; what is no change does not."""
     first, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
     first.setblocking(False)
     network = netlink.Network()
@@ -65,7 +63,6 @@ async def test_without_netlink_nothing_fails(monkeypatch):
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="changing an interface needs root")
 async def test_the_kernel_is_heard():
-    """A new address, here on the loopback interface, is told."""
     address = "127.213.17.1/32"
     with listening() as network:
         await asyncio.to_thread(ip, "address", "add", address, "dev", "lo")

@@ -20,7 +20,6 @@ from robotether_agent.net.tcp import (
     is_stuck,
     peek,
     prepare,
-    prepare_for_video,
 )
 from robotether_agent.problems import NoAnswerError, ServerUnreachableError
 from ssh_ports import SshPort
@@ -39,13 +38,6 @@ def test_a_dead_path_is_given_up_in_seconds(connection):
     assert option(connection, tcp.TCP_USER_TIMEOUT) == tcp.USER_TIMEOUT_MS
 
 
-def test_video_keeps_little_unsent(connection):
-    prepare(connection)
-    before = option(connection, tcp.TCP_NOTSENT_LOWAT)
-    prepare_for_video(connection)
-    assert before != option(connection, tcp.TCP_NOTSENT_LOWAT) == 16 * 1024
-
-
 def test_what_is_not_allowed_is_left_out(connection):
     """A kernel without BBR serves as well."""
     tcp._set(connection, tcp.TCP_CONGESTION, b"no such thing")
@@ -53,7 +45,6 @@ def test_what_is_not_allowed_is_left_out(connection):
 
 
 def test_a_live_path_is_not_stuck(connection):
-    """What the other side acknowledges is on its way; no TCP connection cannot be stuck."""
     connection.send(b"hello")
     assert not is_stuck(connection)
     assert is_established(connection)
@@ -63,8 +54,6 @@ def test_a_live_path_is_not_stuck(connection):
 
 
 class NameService:
-    """Answers as the test says, or hangs until it is let go."""
-
     def __init__(self) -> None:
         self.answer: list | OSError = FOUR
         self.free = threading.Event()
@@ -99,13 +88,6 @@ def test_families_take_turns():
     assert interleaved(FOUR) == FOUR
 
 
-async def test_it_is_asked_each_time(names):
-    known = Resolver(names)
-    assert await known.addresses("h", 22) == FOUR
-    names.answer = SIX
-    assert await known.addresses("h", 22) == SIX
-
-
 async def test_an_answer_that_comes_late_counts_the_next_time(names):
     """What a hanging question brings at last is used when the next one hangs."""
     known = Resolver(names)
@@ -122,7 +104,6 @@ async def test_an_answer_that_comes_late_counts_the_next_time(names):
 
 
 async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
-    """Only so many threads wait for a name service, however often it is asked."""
     monkeypatch.setattr(tcp, "CACHED_TIMEOUT_S", 0.01)
     known = Resolver(names)
     await known.addresses("h", 22)
@@ -133,7 +114,6 @@ async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
 
 
 async def test_a_machine_without_room_for_a_thread(names, monkeypatch):
-    """The address that was known last does, and later there is room again."""
     known = Resolver(names)
     await known.addresses("h", 22)
     with monkeypatch.context() as full:
@@ -145,14 +125,12 @@ async def test_a_machine_without_room_for_a_thread(names, monkeypatch):
 
 
 async def test_a_name_service_that_never_answered(names, monkeypatch):
-    """Nothing can be tried, and that is said in time."""
     monkeypatch.setattr(tcp, "RESOLVE_TIMEOUT_S", 0.05)
     with names.hanging(), pytest.raises(OSError, match="no answer from the name service"):
         await Resolver(names).addresses("h", 22)
 
 
 def at(*addresses: str):
-    """A resolver that knows these addresses of every name."""
     return Resolver(lambda _, port: [(socket.AF_INET, (address, port)) for address in addresses])
 
 
@@ -171,8 +149,6 @@ async def test_all_addresses_refuse():
 
 
 async def test_an_unknown_name_is_no_answer():
-    """Without an address nothing has answered."""
-
     def unknown(*_: object):
         raise socket.gaierror(-2, "Name or service not known")
 
@@ -181,13 +157,11 @@ async def test_an_unknown_name_is_no_answer():
 
 
 async def test_no_route_to_the_address():
-    """What the kernel knows not to work is no answer either."""
     with pytest.raises(NoAnswerError, match=r"240\.0\.0\.1|255\.255"):
         await connect("h", 22, at("255.255.255.255"), "it")
 
 
 async def test_a_look_waits_for_enough(pair):
-    """Half of what is wanted is not taken for the whole, and costs no processor time."""
     ours, theirs = pair
     theirs.send(b"SS")
     looking = asyncio.ensure_future(peek(ours, lambda seen: len(seen) >= 4, 64))
@@ -198,7 +172,6 @@ async def test_a_look_waits_for_enough(pair):
 
 
 async def test_a_look_is_bounded(pair):
-    """Whoever sends without end is not waited for."""
     ours, theirs = pair
     theirs.send(b"x" * 1000)
     assert len(await asyncio.wait_for(peek(ours, lambda _: False, 100), 5)) == 100

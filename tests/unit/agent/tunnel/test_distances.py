@@ -21,8 +21,6 @@ A, B, C = (ListedCell(f"{name}.example", (2222,)) for name in "abc")
 
 
 class Listener(TcpService):
-    """Takes connections, and says nothing."""
-
     async def _talk(self, reader: asyncio.StreamReader, _: asyncio.StreamWriter) -> None:
         await reader.read()
 
@@ -43,21 +41,18 @@ class SlowProxy(FakeProxy):
 
 @pytest.fixture(autouse=True)
 def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A test waits for no minutes."""
     for name in ("FIRST_AFTER_S", "CHECK_EVERY_S"):
         monkeypatch.setattr(module, name, (0.01, 0.02))
 
 
 @pytest.fixture
 async def cells() -> AsyncIterator[list[ListedCell]]:
-    """Three machines of one rank."""
     async with AsyncExitStack() as ends:
         listeners = [await ends.enter_async_context(Listener()) for _ in range(3)]
         yield [ListedCell(HOST, (listener.port,)) for listener in listeners]
 
 
 def known(**rtts_ms: float) -> Distances:
-    """Distances that were measured, by the names of the cells."""
     distances = Distances(ServerDialer())
     distances._rtts_s = {
         ListedCell(f"{name}.example", (2222,)): rtt_ms / 1000 for name, rtt_ms in rtts_ms.items()
@@ -67,7 +62,6 @@ def known(**rtts_ms: float) -> Distances:
 
 @pytest.mark.parametrize("nearest", range(3))
 async def test_robot_is_at_its_nearest_cell_within_one_move(cells, nearest):
-    """Wherever it began; there it asks for nothing more."""
     ports = [cell.ports[0] for cell in cells]
     delays_s = {port: 0.01 if at == nearest else 0.2 for at, port in enumerate(ports)}
     async with SlowProxy(delays_s) as proxy:
@@ -95,7 +89,6 @@ async def test_robot_is_at_its_nearest_cell_within_one_move(cells, nearest):
 
 
 async def test_round_trips_of_connections_are_measured(cells):
-    """A cell that does not answer is not known, and measured again after an hour."""
     gone = ListedCell(HOST, (1,))
     distances = Distances(ServerDialer())
     await distances.measure([*cells, gone])

@@ -5,22 +5,19 @@ from __future__ import annotations
 import shlex
 import socket
 import subprocess
-import sys
 from array import array
 from pathlib import Path
 
 import pytest
 from robotether_agent.tunnel import openssh
-from robotether_agent.tunnel.openssh import HELPER, _proxy_options, stderr_with
+from robotether_agent.tunnel.openssh import _proxy_options, stderr_with
 
 
 def helper() -> list[str]:
-    """The command that ssh would run, as its shell reads it."""
     return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
 
 
 def test_ssh_gets_the_connection(connection):
-    """The helper ends at once, and what it hands over is the same connection."""
     ours, clients = stderr_with(connection)
     ssh, helpers = socket.socketpair()
     with ours, clients, ssh, helpers:
@@ -48,7 +45,6 @@ def test_nothing_to_hand_over():
 
 
 def test_a_closed_connection_leaves_nothing(connection):
-    """What cannot be handed over leaves no open descriptor."""
     connection.close()
     before = len(list(Path("/proc/self/fd").iterdir()))
     with pytest.raises(OSError, match="descriptor"):
@@ -61,18 +57,3 @@ def test_a_strange_place_is_quoted(monkeypatch):
     monkeypatch.setattr(openssh.sys, "executable", "/o p't/%h/python")
     assert helper()[0] == "/o p't/%h/python"
     assert "%%h" in _proxy_options()[0]
-
-
-def test_it_imports_next_to_nothing():
-    """Python's own start is all that it takes."""
-    code = f"import sys, runpy; before = set(sys.modules); runpy.run_path({str(HELPER)!r}); "
-    code += "print(*sorted(set(sys.modules) - before))"
-    imported = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True
-    ).stdout.split()
-    plain = "import sys, runpy; before = set(sys.modules); runpy.run_path('/dev/null'); "
-    plain += "print(*sorted(set(sys.modules) - before))"
-    without = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", plain], capture_output=True, text=True, check=True
-    ).stdout.split()
-    assert set(imported) - set(without) <= {"_socket"}

@@ -28,14 +28,12 @@ CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
 
 
 def in_force(command: list[str]) -> dict[str, str]:
-    """Ask ssh what our command line means."""
     asked = [command[0], "-G", *command[1:]]
     text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
     return dict(line.partition(" ")[::2] for line in text.splitlines())
 
 
 def test_ssh_understands_the_options_as_meant():
-    """The pin, the key and the time-outs are in force, and nothing asks or adds a key."""
     options = in_force(connect_command(TARGET, FILES, "session"))
     assert options["hostname"] == "robots.example.com"
     assert options["port"] == "2222"
@@ -53,7 +51,6 @@ def test_ssh_understands_the_options_as_meant():
 
 
 def test_two_keys_are_shown_in_their_order():
-    """While a key is being changed the server may know either."""
     files = replace(FILES, keys=(Path("/s/old"), Path("/s/new")))
     command = connect_command(SshAddress("h", 22, "tunnel"), files, "session")
     assert [word for word in command if word.startswith("IdentityFile")] == [
@@ -68,7 +65,6 @@ def test_two_keys_are_shown_in_their_order():
     [("session", "af21"), ("media", "throughput|0x08"), ("shell", "throughput|0x08")],
 )
 def test_control_goes_before_a_file_copy(kind, class_of_service):
-    """The network hears of it, as far as it listens."""
     options = in_force(connect_command(TARGET, FILES, kind))
     assert re.match(rf"({class_of_service}) ", options["ipqos"])
 
@@ -164,7 +160,6 @@ def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
     ],
 )
 def test_a_client_that_never_connected(words, status, code):
-    """Each reason why ssh ends before a configuration is one problem with its own code."""
     assert why_not_connected(words, status, TARGET, FILES).code == code
 
 

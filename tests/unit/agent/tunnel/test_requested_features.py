@@ -6,7 +6,7 @@ from aiohttp import web
 from fake_cloud import echo, eventually
 from local_network import free_port
 from openssh_server import listens
-from robotether_agent.enrolment.keys import ensure_key, ensure_next_key
+from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.tunnel.session import RequestedFeatures, SessionConfig
 
 PORTS = {"ros": 20000, "video": 20001, "shell": None}
@@ -17,7 +17,6 @@ def config(*, rotate_key: bool = False) -> SessionConfig:
 
 
 def test_one_request_for_a_key_is_one_key():
-    """A configuration that repeats a wish which was fulfilled meanwhile is none; a wish can be withdrawn."""
     features = RequestedFeatures(allows_shell=True)
     features.apply(config(rotate_key=True))
     assert features.new_key.is_set()
@@ -32,7 +31,6 @@ def test_one_request_for_a_key_is_one_key():
 
 
 async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services):
-    """It comes with its port, comes back by itself when it drops, and goes with shell_off; the others never notice."""
     agent = start_agent(cloud, shell_address=f"127.0.0.1:{services.port}")
     await agent.until_connected()
     assert agent.status().shell_tunnel == "off"
@@ -71,7 +69,6 @@ async def test_shell_that_is_on_again_before_it_has_ended_comes_back(cloud, star
 
 
 async def test_video_has_a_connection_while_somebody_watches(cloud, start_agent):
-    """It opens on request, and goes with unwatched, which is no problem; a shell that the robot forbids never opens."""
     cloud.media = False
     cloud.shell_port = free_port()
     agent = start_agent(cloud, shell_address="none")
@@ -94,7 +91,6 @@ async def test_video_has_a_connection_while_somebody_watches(cloud, start_agent)
 
 
 async def test_a_new_key_on_request_without_losing_a_tunnel(cloud, start_agent):
-    """The live connections stay, the status shows the new key, and the next log-in is with it."""
     agent = start_agent(cloud)
     old = (await agent.until_connected()).fingerprint
     cloud.configure(rotate_key=True)
@@ -109,7 +105,6 @@ async def test_a_new_key_on_request_without_losing_a_tunnel(cloud, start_agent):
 
 
 async def test_a_new_key_that_fails_is_told_and_tried_again(cloud, start_agent):
-    """The robot stays connected with the old one meanwhile; a request that is taken back is no problem."""
     agent = start_agent(cloud)
     old = (await agent.until_connected()).fingerprint
     refusal = {"code": "robot_disabled", "detail": "it is disabled"}
@@ -125,14 +120,3 @@ async def test_a_new_key_that_fails_is_told_and_tried_again(cloud, start_agent):
     await agent.until(
         lambda status: status.fingerprint != old and not status.new_key, "the new key"
     )
-
-
-async def test_gets_in_with_a_key_whose_answer_was_lost_while_the_web_is_away(cloud, start_agent):
-    """The server has the new key only, nobody can be asked, and the robot shows it both."""
-    first = start_agent(cloud)
-    await first.until_connected()
-    await first.stop()
-    coming = await ensure_next_key(first.settings.state_dir)
-    cloud.authorize(coming.public)
-    await cloud.stop_web()
-    await start_agent(cloud).until_connected()

@@ -20,7 +20,7 @@ from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import LinkLostError, SshMissingError
 from robotether_agent.tunnel.openssh import Forward, SshFiles
-from robotether_agent.tunnel.tunnel import Tunnel, _run, _signal
+from robotether_agent.tunnel.tunnel import Tunnel, _run
 
 # The differentiated services code point, of which TOS has the upper six bits.
 AF21 = 18
@@ -28,7 +28,6 @@ AF21 = 18
 
 @pytest.fixture
 async def dialer(make_cloud, place):
-    """A server that lets our key in, and what it takes to connect to it."""
     cloud = await make_cloud()
     key = await ensure_key(place)
     cloud.authorize(key.public)
@@ -39,7 +38,6 @@ async def dialer(make_cloud, place):
 
 @asynccontextmanager
 async def opened(target: SshAddress, files: SshFiles) -> AsyncIterator[Tunnel]:
-    """A tunnel whose session has begun."""
     tunnel = await Tunnel.open(target, files, "session")
     try:
         assert await asyncio.wait_for(tunnel.lines_in.readline(), 10)
@@ -49,7 +47,6 @@ async def opened(target: SshAddress, files: SshFiles) -> AsyncIterator[Tunnel]:
 
 
 async def test_a_stale_control_socket_is_removed(dialer):
-    """What a killed agent left in the way of the next connection is removed."""
     cloud, target, files = dialer
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(files.control))
@@ -58,7 +55,6 @@ async def test_a_stale_control_socket_is_removed(dialer):
 
 
 async def test_a_client_that_an_agent_left_is_ended(dialer):
-    """A client that still runs behind the control socket is ended before the next one starts."""
     _, target, files = dialer
     async with opened(target, files) as left, opened(target, files):
         assert (await left.why_ended(was_connected=True)).code == "link_lost"
@@ -76,7 +72,6 @@ async def test_notice_of_the_log_in_does_not_explain_the_end(dialer):
 
 @pytest.fixture
 async def waiting(place):
-    """A client that waits for a server which accepts and says nothing."""
     with socket.create_server(("127.0.0.1", 0)) as silent:
         target = SshAddress("127.0.0.1", silent.getsockname()[1], "tunnel")
         files = SshFiles((place / "key",), place / "known_hosts", place / "session.ctl")
@@ -84,13 +79,11 @@ async def waiting(place):
 
 
 async def test_close_before_it_connects(waiting):
-    """The client ends at once, and wholly: no process may be left behind."""
     await asyncio.wait_for(waiting.close(), 5)
     assert not clients()
 
 
 async def test_a_close_that_is_cut_short_kills(waiting):
-    """Even a cancelled close leaves no client."""
     closing = asyncio.ensure_future(waiting.close())
     await asyncio.sleep(0)
     closing.cancel()
@@ -100,7 +93,6 @@ async def test_a_close_that_is_cut_short_kills(waiting):
 
 
 async def test_the_client_runs_on_our_connection(dialer):
-    """What ssh sets on it, the class of service, shows on ours; both are gone after the end."""
     cloud, target, files = dialer
     async with opened(target, files) as tunnel:
         assert tunnel.socket is not None
@@ -134,18 +126,10 @@ async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch)
 
 
 async def test_a_command_that_hangs_is_ended():
-    """OpenSSH's control commands wait for a client that may be frozen."""
     assert await _run(["sleep", "60"], 0.05) == (None, [])
 
 
-async def test_a_client_that_has_ended_is_no_harm():
-    ended = await asyncio.create_subprocess_exec("true")
-    await ended.wait()
-    _signal(ended, signal.SIGTERM)
-
-
 def clients() -> list[int]:
-    """The clients of OpenSSH that run for this test."""
     return [pid for pid in descendants(os.getpid()) if "session.ctl" in command_line(pid)]
 
 

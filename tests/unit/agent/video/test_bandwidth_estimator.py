@@ -65,7 +65,6 @@ class Path:
         self.estimator = BandwidthEstimator(self._reading(base_s))
 
     def run(self, lasts_s: float) -> float:
-        """Let time pass; return the part of the link's capacity that was used."""
         self.queues_s = []
         before, until = self._sent, self.now + lasts_s
         while self.now < until:
@@ -97,7 +96,6 @@ class Path:
         self._send(is_offered, MAX_WINDOW if is_offered else 0.0)
 
     def _send(self, was_full: bool, offered: float) -> float:
-        """Hand on what may go of what is offered, and return how much that is."""
         reading = self._reading(self._rtt_s)
         self.estimator.update(reading, was_full=was_full, is_handed=not was_full)
         room = max(0.0, self.estimator.window - reading.in_flight)
@@ -158,7 +156,6 @@ def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: flo
 
 
 def test_says_what_a_line_carries_only_while_it_is_full() -> None:
-    """What a camera offers to a line with room says nothing of the line."""
     path = Path(UPLINK, 0.038)
     path.run(5)
     assert path.estimator.full_rate(path.now) == pytest.approx(UPLINK, rel=0.2)
@@ -171,7 +168,6 @@ def test_says_what_a_line_carries_only_while_it_is_full() -> None:
 
 
 def test_lets_a_link_that_becomes_slower_drain() -> None:
-    """From 20 to 2 Mbit/s: the queue is short again after a second."""
     path = Path(20e6 / 8, 0.04)
     path.run(5)
     path.rate = 2e6 / 8
@@ -181,7 +177,6 @@ def test_lets_a_link_that_becomes_slower_drain() -> None:
 
 
 def test_gives_way_to_others_and_never_starves() -> None:
-    """While somebody else fills the queue with 100 KB, little stays under way; then all is back."""
     path = Path(UPLINK, 0.038)
     path.run(5)
     path.others = 100_000.0
@@ -195,7 +190,6 @@ def test_gives_way_to_others_and_never_starves() -> None:
 
 
 def test_jitter_is_no_queue() -> None:
-    """As on a mobile network: 80 ms, give or take 20, of which the kernel knows the shortest."""
     path = Path(UPLINK, 0.06)
     path.base_s, path.jitter_s = 0.08, 0.02
     path.run(8)
@@ -203,7 +197,6 @@ def test_jitter_is_no_queue() -> None:
 
 
 def test_notices_that_the_path_became_longer() -> None:
-    """After BASE_FOR_S the longer round trip is no queue any more."""
     path = Path(UPLINK, 0.038)
     path.run(5)
     path.base_s = 0.09
@@ -213,7 +206,6 @@ def test_notices_that_the_path_became_longer() -> None:
 
 
 def test_a_camera_that_offers_little_shrinks_nothing() -> None:
-    """A pause is not taken for a slow path: what comes after it starts where it was."""
     path = Path(UPLINK, 0.038)
     path.run(3)
     before = path.estimator.rate
@@ -228,7 +220,6 @@ def test_a_camera_that_offers_little_shrinks_nothing() -> None:
 )
 @pytest.mark.parametrize("frame", [12_000.0, 24_000.0, 36_000.0])
 def test_a_frame_that_fits_is_not_held_up(bit_s: float, base_s: float, frame: float) -> None:
-    """On each of the paper's networks it takes what the path itself takes, and makes no long queue."""
     path = Camera(bit_s / 8, base_s, frame)
     path.run(5)
     path.took_s.clear()
@@ -249,7 +240,6 @@ def test_frames_with_pauses_are_not_held_up_to_measure_the_path() -> None:
 
 
 def test_losses_make_no_path_narrow() -> None:
-    """Of most frames something is lost, so that they come a round trip later; the others do not wait for that."""
     path = Camera(89e6 / 8, 0.2, 24_000.0, fps=2)
     path.run(10)
     path.lost_part = 0.8
@@ -261,7 +251,6 @@ def test_losses_make_no_path_narrow() -> None:
 
 
 def test_a_dead_path_keeps_the_window_bounded() -> None:
-    """Nothing arrives for 5 s: nothing more than the window is under way, and it goes on afterwards."""
     path = Path(UPLINK, 0.038)
     path.run(3)
     path.rate = 1e-9

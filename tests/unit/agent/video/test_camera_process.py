@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections.abc import Sequence
 
 import pytest
@@ -102,19 +101,6 @@ async def test_a_silent_camera_is_given_up(monkeypatch):
     monkeypatch.setattr(sources_module, "PROCESS_START_S", 2.0)
     async with FakeRtspCamera(JPEGS[:1], "silent") as camera:
         assert await down_reason(camera.url) == "camera rear sent no frame for 2 s"
-
-
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("raise SystemExit(3)", "exit code 3"),
-        ("import os, time; os.write(1, b'\\xff' * 8); time.sleep(60)", "makes no sense"),
-        ("import os, time; os.write(1, bytes((0, 0, 0, 1, 9))); time.sleep(60)", "makes no sense"),
-    ],
-    ids=["ends", "endless", "garbled"],
-)
-async def test_a_broken_process_is_a_reason(code, reason):
-    assert reason in await down_reason("/dev/video0", (sys.executable, "-c", code))
 
 
 async def test_without_pyav_the_reason_says_what_to_install(monkeypatch):

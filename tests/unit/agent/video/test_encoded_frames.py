@@ -33,13 +33,11 @@ MakeWorld = Callable[..., World]
 
 @pytest.fixture(autouse=True)
 def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Tests encode on any machine."""
     monkeypatch.setattr(os, "cpu_count", lambda: 2)
 
 
 @pytest.fixture
 async def make_world() -> AsyncIterator[MakeWorld]:
-    """Makes receivers that run, with an encoder of a command."""
     async with AsyncExitStack() as ends:
 
         def make(*command: str, setting: str = "auto", steps_quality: bool = True) -> World:
@@ -52,7 +50,6 @@ async def make_world() -> AsyncIterator[MakeWorld]:
 
 
 async def until_encoding(world: World, **fields: Any) -> None:
-    """Send a stream request, and wait until the encoder has started."""
     world.socket.ask("stream_request", codecs=CODECS, **fields)
     await world.until_open()
     await eventually(
@@ -87,20 +84,6 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
     assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0, passes_h264=True)
 
 
-async def test_the_status_names_codec_and_encoder(make_world):
-    world = make_world()
-    await until_encoding(world, quality_max=60)
-    world.socket.ask("credit")
-    world.give_data(jpeg_of(next(clip(1, step=0))))
-    await sent(world, 1)
-    world.now_s += 1
-    world.receiver._check()
-    await eventually(lambda: world.socket.texts[-1].get("codec") == "h264", lambda: "a status")
-    status = world.socket.texts[-1]
-    assert (status["encoder"], status["no_encoder"], status["quality"]) == ("libx264", "", 60)
-    assert (status["width"], status["height"]) == (320, 240)
-
-
 async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(make_world):
     world = make_world()
     await until_encoding(world)
@@ -116,7 +99,6 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(mak
 
 
 async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
-    """Late frames bring the quality down, then the size, and the source stays open as it is."""
     world = make_world(steps_quality=False)
     await until_encoding(world, quality_min=50, quality_max=60, latency_ms=100)
     decoder, shapes, qualities = Decoder(), [], []
@@ -183,7 +165,6 @@ async def test_a_clock_sync_is_answered_while_a_frame_is_encoded(make_world):
 async def test_without_its_encoder_a_receiver_gets_jpegs_and_the_reason(
     make_world, monkeypatch, code, reason
 ):
-    """The frame that was in work, too; then in the quality in force, as the source gives it."""
     monkeypatch.setattr(encoder_module, "ANSWER_S", 0.5)
     world = make_world(sys.executable, "-c", code)
     world.socket.ask("stream_request", codecs=CODECS)
@@ -207,7 +188,6 @@ async def test_without_its_encoder_a_receiver_gets_jpegs_and_the_reason(
 
 
 async def test_a_frame_that_cannot_be_encoded_goes_out_as_it_came(make_world):
-    """The next one is a key frame: it depends on none that is no H.264."""
     world, good = make_world(), [jpeg_of(picture) for picture in clip(3, step=2)]
     await until_encoding(world)
     for number, jpeg in enumerate((good[0], fake_jpeg(9), good[1], good[2]), 1):
@@ -233,7 +213,6 @@ async def test_a_frame_that_cannot_be_encoded_goes_out_as_it_came(make_world):
     ],
 )
 async def test_no_encoder_runs_that_nobody_wants(make_world, setting, codecs, reason):
-    """JPEGs go out as ever, in the quality that the source was asked for."""
     world = make_world(setting=setting)
     world.socket.ask("stream_request", codecs=codecs)
     assert (await world.until_open()).quality == 80
@@ -269,7 +248,6 @@ async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(mak
 
 
 def test_encoder_that_is_installed_while_the_agent_runs_is_used(monkeypatch):
-    """The next camera that is opened has it, without a restart."""
     with monkeypatch.context() as without:
         without.setattr(encoder_module, "has_pyav", lambda: False)
         pool = EncoderPool("auto")

@@ -9,7 +9,7 @@ import resource
 import signal
 import struct
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -20,7 +20,7 @@ from fake_cloud import eventually
 from openssh_server import descendants
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video import encoder_process
-from robotether_agent.video.encoder import COMMAND, VideoEncoder, availability
+from robotether_agent.video.encoder import COMMAND, VideoEncoder
 from robotether_agent.video.encoder_messages import (
     EncodeRequest,
     EncoderError,
@@ -38,27 +38,20 @@ Start = Callable[..., Awaitable[VideoEncoder]]
 
 
 @pytest.fixture
-async def start() -> AsyncIterator[Start]:
-    """Starts encoders of a command, and ends them."""
-    tasks = []
+def start(spawn) -> Start:
+    """Starts encoders of a command."""
 
     async def started(command=COMMAND) -> VideoEncoder:
         encoder = VideoEncoder(lambda: None, "/camera", command)
-        tasks.append(asyncio.ensure_future(encoder.run()))
+        spawn(encoder.run())
         await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
         return encoder
 
-    yield started
-    for task in tasks:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
+    return started
 
 
 @pytest.fixture
 def program(tmp_path: Path) -> Callable[[str], tuple[str, ...]]:
-    """Writes a process of one's own in the encoder's place."""
-
     def command(code: str) -> tuple[str, ...]:
         lines = (
             "import os, sys, time",
@@ -77,7 +70,6 @@ def program(tmp_path: Path) -> Callable[[str], tuple[str, ...]]:
 async def test_a_stream_decodes_frame_by_frame_and_is_about_as_good_as_jpeg(
     start, codec, worst_allowed
 ):
-    """Less than half of a JPEG's bytes, one key frame, and no frame that waits for the next."""
     encoder, decoder = await start(), Decoder(codec.name)
     total, jpegs, keys, worst = 0, 0, 0, 99.0
     for number, picture in enumerate(clip(30, step=2)):
@@ -130,7 +122,6 @@ async def test_a_frame_has_the_bits_of_its_request_and_another_size_begins_a_str
 
 
 async def test_a_key_frame_by_request_begins_a_stream(start):
-    """It has its parameter sets, and can be decoded without what was before."""
     encoder = await start()
     jpegs = [jpeg_of(picture) for picture in clip(4, step=2)]
     frames = [
@@ -229,7 +220,6 @@ async def test_a_broken_process_is_an_error_with_its_reason(
 
 
 def test_hardware_is_tried_once(monkeypatch):
-    """Each encoder of a process opens without another trial of three frames."""
     trials, check = [], encoder_process.check_hardware
     monkeypatch.setitem(encoder_process.HARDWARE, H264, ("h264_nvenc", "libx264"))
     monkeypatch.setattr(
@@ -245,7 +235,6 @@ def test_hardware_is_tried_once(monkeypatch):
 
 
 async def test_pauses_between_failed_starts_grow(program, monkeypatch, caplog):
-    """Else a broken installation would take the processor for itself."""
     pauses: list[float] = []
     real_sleep = asyncio.sleep
 
@@ -265,18 +254,3 @@ async def test_pauses_between_failed_starts_grow(program, monkeypatch, caplog):
         await task
     assert [pause for pause in pauses if pause >= 2][:3] == [2, 4, 8]
     assert "no encoder of /camera for 2 s" in caplog.messages[0]
-
-
-@pytest.mark.parametrize(
-    ("setting", "has_av", "cores", "reason"),
-    [
-        ("auto", True, 2, ""),
-        ("off", True, 2, "the setting video_encoder is off"),
-        ("auto", False, 2, "PyAV is not installed (sudo robotether-agent install-video)"),
-        ("auto", True, 1, "this robot has one processor core"),
-    ],
-)
-def test_availability_names_what_is_missing(monkeypatch, setting, has_av, cores, reason):
-    monkeypatch.setattr(encoder_module, "has_pyav", lambda: has_av)
-    monkeypatch.setattr(os, "cpu_count", lambda: cores)
-    assert availability(setting) == reason

@@ -22,7 +22,6 @@ def test_bits_follow_quality_and_size():
 
 
 def test_twice_the_rate_is_less_than_twice_the_bits():
-    """Frames that follow each other sooner differ less; below 5 a second that no longer counts."""
     assert 1.6 < bits_per_s(50, VGA, 30) / bits_per_s(50, VGA, 15) < 1.8
     assert bits_per_s(50, VGA, 2) == pytest.approx(2 * bits_per_s(50, VGA, 1), rel=0.01)
 

@@ -13,7 +13,6 @@ from video_clips import clip
 
 
 def encoded(**options: str) -> list[tuple[bytes, Any]]:
-    """Encode a moving clip by libx264; each packet with PyAV's view of it."""
     encoder: Any = av.CodecContext.create("libx264", "w")
     encoder.width, encoder.height, encoder.pix_fmt = 320, 240, "yuv420p"
     encoder.time_base, encoder.gop_size = Fraction(1, 15), 8

@@ -33,7 +33,6 @@ def in_pieces(stream: bytes, length: int) -> list[Part]:
 @pytest.mark.parametrize("stream", [SERVER, NO_LENGTH, BARE_LF])
 @pytest.mark.parametrize("length", [1, 7, 10_000])
 def test_the_parts_of_a_stream(stream, length):
-    """web_video_server, a camera that names no length, and one that ends lines with LF."""
     assert [part.body for part in in_pieces(stream, length)] == BODIES
 
 
@@ -51,13 +50,11 @@ def test_the_boundary_as_cameras_name_it(content_type):
 
 @pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
 def test_what_is_no_stream_is_named(content_type):
-    """A page, or a stream that does not say how its parts end."""
     with pytest.raises(MultipartBrokenError, match="not multipart frames"):
         boundary_of(content_type)
 
 
 def test_nothing_grows_without_bound(monkeypatch):
-    """A huge frame, one that never ends, headers that never end, and empty lines alone are refused."""
     monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
     for stream in (
         b"--b\r\nContent-Length: 1001\r\n\r\n",

@@ -35,7 +35,6 @@ class FakeLink:
 
 
 def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[tuple[float, Level]]:
-    """One frame on its way at a time, of a camera of 15 a second; return the changes."""
     changes = []
     now_s, looked_s, sent = from_s, from_s, 0
     while now_s < from_s + seconds:
@@ -70,12 +69,10 @@ def test_sharp_lowers_the_rate_before_the_quality_and_never_below_five_a_second(
 
 
 def test_a_good_link_keeps_the_best():
-    """100 Mbit/s: no step in a minute."""
     assert drive(Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6), 0, 60) == []
 
 
 def test_a_slow_link_gets_what_it_carries_within_seconds():
-    """The paper's 4.97 Mbit/s with frames of 200 KB: soon within the wanted time, and it stays there."""
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(0.62e6, whole=400_000)
     changes = drive(steps, link, 0, 120)
     assert changes[0][0] < 3
@@ -85,7 +82,6 @@ def test_a_slow_link_gets_what_it_carries_within_seconds():
 
 
 def test_the_size_goes_only_when_the_quality_is_at_its_least():
-    """A link that carries nearly nothing ends at the smallest, step by step."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     seen = [level for _, level in drive(steps, FakeLink(20_000), 0, 120)]
     assert seen[-1] == LEVELS[-1]
@@ -93,7 +89,6 @@ def test_the_size_goes_only_when_the_quality_is_at_its_least():
 
 
 def test_a_link_that_gets_better_gets_the_best_again():
-    """Up step by step, each after seconds in which all was well."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     drive(steps, FakeLink(100_000), 0, 20)
     assert steps.level.quality < 50
@@ -104,14 +99,12 @@ def test_a_link_that_gets_better_gets_the_best_again():
 
 
 def test_one_late_frame_changes_nothing():
-    """A hiccup of the network is no slow link."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     for n in range(100):
         assert not steps.on_taken(n / FPS, 0.4 if n % 10 == 0 else 0.1)
 
 
 def test_very_late_frames_are_left_soon():
-    """Two of them are enough, and they go down two steps."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     assert not steps.on_taken(1.0, 1.0)
     assert steps.on_taken(2.0, 1.0)
@@ -137,7 +130,6 @@ def test_a_rate_that_bytes_limit_steps_down():
 
 
 def test_the_way_up_comes_later_each_time_it_led_down():
-    """A link between two levels is not torn between them for ever."""
     steps, now_s, ups = Steps(LEVELS, LATENCY_S, 0), 0.0, []
     for _ in range(6000):
         now_s += 1 / FPS
@@ -153,7 +145,6 @@ def test_the_way_up_comes_later_each_time_it_led_down():
 
 @pytest.mark.parametrize(("low", "high", "at"), [(20, 40, 40), (20, 90, 60), (70, 90, 70)])
 def test_another_range_goes_on_near_where_it_was(low, high, at):
-    """No better than before, and within the new range."""
     steps = Steps(LEVELS, LATENCY_S, 0)
     steps.on_taken(1.0, 1.0)
     steps.on_taken(2.0, 1.0)

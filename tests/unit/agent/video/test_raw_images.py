@@ -29,7 +29,6 @@ def message(pixels: Picture, encoding: str, *, padding: int = 0, big: bool = Fal
 
 
 def shown(image: Mapping[str, Any]) -> Picture:
-    """Return the pixels of the JPEG that viewers get."""
     return pixels_of(JpegMaker().jpeg(FrameMaker().frame(RawImage.of(image))))
 
 

@@ -32,7 +32,6 @@ def test_a_camera_of_the_wanted_rate_loses_nothing_to_jitter():
 
 @pytest.mark.parametrize(("camera", "wanted", "each"), [(30, 15, 2), (60, 15, 4), (30, 1, 30)])
 def test_a_quicker_camera_is_thinned_evenly(camera, wanted, each):
-    """After the first moments, each second one, or fourth, or thirtieth."""
     left = passed(FrameRateLimiter(wanted), [n / camera for n in range(10 * camera)])[4:]
     assert {after - before for before, after in itertools.pairwise(left)} <= {
         each,
@@ -43,13 +42,11 @@ def test_a_quicker_camera_is_thinned_evenly(camera, wanted, each):
 
 
 def test_a_pause_is_not_made_up_for():
-    """After a second of silence at most two come at once."""
     limiter = FrameRateLimiter(15)
     assert passed(limiter, [0.0, *(10 + n / 1000 for n in range(20))]) == [0, 1, 2]
 
 
 def test_the_meter_forgets():
-    """Only the last two seconds count."""
     counter = FrameRateCounter()
     for n in range(30):
         counter.note(n / 10)
@@ -59,7 +56,6 @@ def test_the_meter_forgets():
 
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
-    """A receiver that runs."""
     made = World()
     yield made
     await made.end()
@@ -88,7 +84,6 @@ async def test_the_newest_goes_out_when_credit_comes(world):
 
 
 async def test_each_frame_is_reported_before_it_leaves(world):
-    """The report has the number that goes out and the frame's time; a frame that is skipped has none."""
     world.socket.stuck = True
     world.socket.ask("stream_request")
     await world.until_open()
@@ -101,7 +96,6 @@ async def test_each_frame_is_reported_before_it_leaves(world):
 
 
 async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
-    """Nothing is chosen before the link takes it, and requests are still heard."""
     world.socket.stuck = True
     world.socket.ask("stream_request")
     world.socket.ask("credit", frames=2)
@@ -115,16 +109,21 @@ async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
     assert len(world.socket.pictures) == 1
 
 
-async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
-    world.socket.ask("stream_request", prefers="sharp", fps=30, latency_ms=100)
-    world.socket.ask("credit")
-    request = await world.until_open()
-    for number in range(1, 4):
+async def take_late(world: World, count: int) -> None:
+    """Give frames of which each is taken 0.15 s later."""
+    for number in range(1, count + 1):
         world.give(number)
         await world.got(number)
         world.now_s += 0.15
         world.socket.ask("credit", taken=FIRST + number)
         await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+
+
+async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
+    world.socket.ask("stream_request", prefers="sharp", fps=30, latency_ms=100)
+    world.socket.ask("credit")
+    request = await world.until_open()
+    await take_late(world, 3)
     assert (world.receiver._limiter.fps, list(world.open)) == (pytest.approx(20.1), [request])
 
 
@@ -153,22 +152,15 @@ async def test_h264_of_the_robot_is_passed_on_untouched(world):
 
 
 async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
-    """By parts of the camera's own size, which its frame tells; both sides even."""
     world.socket.ask("stream_request", quality_min=50, quality_max=50, latency_ms=100)
     world.socket.ask("credit")
     assert await world.until_open() == SourceRequest("/camera", 50, None, None, 15.0)
-    for number in range(1, 4):
-        world.give(number)
-        await world.got(number)
-        world.now_s += 0.15
-        world.socket.ask("credit", taken=FIRST + number)
-        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    await take_late(world, 3)
     await eventually(lambda: len(world.open) == 2, lambda: str(list(world.open)))
     assert list(world.open)[-1] == SourceRequest("/camera", 50, 480, 360, 15.0)
 
 
 async def test_a_camera_that_takes_no_requests_is_asked_for_none():
-    """Its quality is unknown, and it is not opened anew for a step."""
     world = World(steps_quality=False)
     try:
         world.socket.ask("stream_request", latency_ms=50)
@@ -203,7 +195,6 @@ async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
 
 
 async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
-    """At once with the first `stream_request`, and then when something is another."""
     monkeypatch.setattr(receiver_module, "CHECK_EVERY_S", 0.01)
     world.socket.ask("stream_request")
     await eventually(lambda: len(world.socket.texts) == 1, lambda: str(world.socket.texts))
@@ -227,7 +218,6 @@ async def test_a_status_that_stays_is_not_told_again(world):
 
 
 def test_each_request_with_its_defaults():
-    """Nothing but `op` has to be there; what is not known is skipped."""
     assert parse('{"op": "stream_request"}') == StreamRequest(20, 80, 15, 300, None, None)
     assert parse(
         '{"op": "stream_request", "fps": 0.5, "width": 320, "height": 240, "new": 1}'
@@ -240,7 +230,6 @@ def test_each_request_with_its_defaults():
 
 
 def test_codecs_that_nobody_knows_are_skipped():
-    """What is left is in the order of preference, and JPEG is always there."""
     codecs = '"codecs": ["jpeg", "av1", 7, "vp8", "h264"]'
     assert parse(f'{{"op": "stream_request", {codecs}}}').codecs == ("h264", "vp8", "jpeg")
     assert parse('{"op": "stream_request", "codecs": "h264"}').codecs == ("jpeg",)
@@ -265,6 +254,5 @@ def test_codecs_that_nobody_knows_are_skipped():
     ],
 )
 def test_what_is_broken_is_named(text, named):
-    """The field, so that the other side's log tells."""
     with pytest.raises(FieldError, match=named):
         parse(text)

@@ -17,8 +17,6 @@ WISH = SourceRequest("/camera", 70, None, None, 15.0)
 
 
 class FakeSource:
-    """A source that gives and ends as a test says; a clock too."""
-
     def __init__(self) -> None:
         self.takes: dict[SourceRequest, Callable[[CameraFrame], None]] = {}
         self.opened = 0
@@ -52,13 +50,11 @@ class FakeSource:
 
 @pytest.fixture
 def source() -> FakeSource:
-    """What is behind the shared sources."""
     return FakeSource()
 
 
 @pytest.fixture
 async def shared_sources(source: FakeSource) -> AsyncIterator[SharedSources]:
-    """All shared sources of a robot."""
     made = SharedSources(source.run, source.clock)
     yield made
     await made.close()
@@ -69,7 +65,6 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
 
 
 async def test_the_condition_follows_the_frames(shared_sources, source):
-    """Waiting, live, waiting again after two seconds, and down when that lasts."""
     shared = shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
     assert shared.condition() == VideoStatus("waiting", "", "mjpeg")
@@ -84,7 +79,6 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
 
 
 async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
-    """Open and silent is what web_video_server makes of a topic that nothing publishes."""
     source.kind = "web_video_server"
     shared = shared_sources.follow(WISH, "a", lambda _: None)
     await until_open(source)
@@ -97,7 +91,6 @@ async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
 
 
 async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
-    """It is logged, told, and tried again."""
     monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
     source.fault = KeyError("a defect")
     shared = shared_sources.follow(WISH, "a", lambda _: None)

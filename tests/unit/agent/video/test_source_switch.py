@@ -12,8 +12,6 @@ HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in 
 
 
 class FakeSharedSource:
-    """A shared source that opens none."""
-
     def __init__(self, source_request: SourceRequest) -> None:
         self.source_request = source_request
         self.followers = {}
@@ -24,8 +22,6 @@ class FakeSharedSource:
 
 
 class FakeSharedSources:
-    """Who follows what; a clock too."""
-
     def __init__(self) -> None:
         self.open: dict[SourceRequest, FakeSharedSource] = {}
         self.now_s = 10.0
@@ -48,19 +44,16 @@ class FakeSharedSources:
 
 @pytest.fixture
 def shared_sources() -> FakeSharedSources:
-    """No real source is needed for the order of frames."""
     return FakeSharedSources()
 
 
 @pytest.fixture
 def got() -> list[tuple[float, int]]:
-    """Moment and quality of what went on."""
     return []
 
 
 @pytest.fixture
 def switch(shared_sources, got) -> SourceSwitch:
-    """What follows them."""
     return SourceSwitch(
         shared_sources,
         lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)),
@@ -69,7 +62,6 @@ def switch(shared_sources, got) -> SourceSwitch:
 
 
 def test_the_new_source_is_open_before_the_old_one_ends(shared_sources, switch, got):
-    """Frames go on from the old one until the new one has a newer one."""
     switch.follow(HIGH)
     for n in range(10):
         shared_sources.give(HIGH, n * 0.066)
@@ -102,7 +94,6 @@ def test_an_older_frame_does_not_go_on(shared_sources, switch, got):
 
 
 def test_a_request_that_changes_meanwhile(shared_sources, switch):
-    """The newest counts, and going back opens nothing."""
     other = SourceRequest("/camera", 20, None, None, 15.0)
     switch.follow(HIGH)
     shared_sources.give(HIGH, 1.0)
@@ -134,7 +125,6 @@ def test_when_neither_gives_anything_the_newer_request_counts(shared_sources, sw
 
 
 def test_leaving_closes_both(shared_sources, switch):
-    """Also in the middle of a change; following begins anew."""
     switch.follow(HIGH)
     switch.follow(LOW)
     switch.leave()
