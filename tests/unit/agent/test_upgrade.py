@@ -107,33 +107,12 @@ def robot(tmp_path, monkeypatch) -> Iterator[Robot]:
     made.end()
 
 
-@pytest.fixture
-def layout(robot) -> Layout:
-    robot.add("2")
-    return robot.layout
-
-
-def test_current_is_a_link_that_can_be_moved_with_its_folder(layout):
-    assert (layout.base / "current").readlink() == Path("versions/1")
-    assert layout.in_use() == version(layout, "1")
-    assert (layout.base / "current" / COMMAND).read_text() == "connected"
-
-
 @pytest.mark.parametrize("name", ["versions/none", "2", "versions/2/bin"])
-def test_only_a_whole_version_in_its_place_is_one(layout, name):
+def test_only_a_whole_version_in_its_place_is_one(robot, name):
+    robot.add("2")
     with pytest.raises(UpgradeFailedError, match="cannot switch to"):
-        layout.check(layout.base / name)
-    layout.check(version(layout, "2"))
-
-
-def test_the_next_boot_starts_the_old_version(tmp_path):
-    unfinished = PendingUpgrade(tmp_path)
-    unfinished.note(WAS, WAS, "pending", 1)
-    unfinished.note(WAS, TARGET, "connected", 60)
-    lines = (tmp_path / BOOT / PENDING_NAME).read_text().splitlines()
-    command = "/opt/a/versions/1/bin/robotether-agent finish-switch"
-    start = f"ExecStart={command} --wait 60 {WAS} {TARGET} connected"
-    assert [line for line in lines if line.startswith("ExecStart")] == [start]
+        robot.layout.check(robot.layout.base / name)
+    robot.layout.check(version(robot.layout, "2"))
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):

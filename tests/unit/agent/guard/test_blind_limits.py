@@ -106,9 +106,7 @@ SLOWEST = 0.25 / (MAX_SEEN_S + 0.04)
         (STRICT, [None], [SLOWEST]),
     ],
 )
-async def test_an_unknown_view_has_the_slowest_speed(
-    blind: BlindLimits, frames: list[int | None], speeds: list[float]
-) -> None:
+async def test_an_unknown_view_has_the_slowest_speed(blind, frames, speeds):
     world = SeeingWorld(blind)
     world.take(0.1)
     for frame in frames:
@@ -118,9 +116,7 @@ async def test_an_unknown_view_has_the_slowest_speed(
 
 
 @pytest.mark.parametrize(("blind", "frame"), [(LIMITS, None), (BlindLimits(), 99)])
-async def test_who_never_named_a_frame_or_has_no_limit_drives_as_before(
-    blind: BlindLimits, frame: int | None
-) -> None:
+async def test_who_never_named_a_frame_or_has_no_limit_drives_as_before(blind, frame):
     world = SeeingWorld(blind)
     await (world.drive(3.0) if frame is None else world.see(3.0, frame))
     await world.pass_time(1.9)

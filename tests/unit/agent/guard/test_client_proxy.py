@@ -7,7 +7,6 @@ from contextlib import suppress
 
 import pytest
 from aiohttp import WSMsgType
-from fake_rosbridge import FakeRosbridge
 from guard_process import GuardClient, GuardHere
 from sim_client import until
 
@@ -35,9 +34,7 @@ async def test_pings_go_all_the_way(guard: GuardHere) -> None:
         assert (message.type, message.data) == (WSMsgType.PONG, b"are you there")
 
 
-async def test_a_client_that_ends_ends_its_connection_to_rosbridge(
-    guard: GuardHere, rosbridge: FakeRosbridge
-) -> None:
+async def test_a_client_that_ends_ends_its_connection_to_rosbridge(guard, rosbridge):
     async with GuardClient(guard.port, 0) as client:
         await until("it is joined", lambda: len(rosbridge.sockets) == 2)
         await client.socket.close()
@@ -47,9 +44,7 @@ async def test_a_client_that_ends_ends_its_connection_to_rosbridge(
 @pytest.mark.parametrize(
     ("message", "reason"), [(b"", "rosbridge closed the connection"), (b"too slow", "too slow")]
 )
-async def test_why_rosbridge_closes_is_passed_on(
-    guard: GuardHere, rosbridge: FakeRosbridge, message: bytes, reason: str
-) -> None:
+async def test_why_rosbridge_closes_is_passed_on(guard, rosbridge, message, reason):
     async with GuardClient(guard.port, 0) as client:
         await until("it is joined", lambda: len(rosbridge.sockets) == 2)
         closing = asyncio.create_task(rosbridge.sockets[1].close(code=4321, message=message))
@@ -57,9 +52,7 @@ async def test_why_rosbridge_closes_is_passed_on(
         await closing
 
 
-async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(
-    guard: GuardHere, rosbridge: FakeRosbridge
-) -> None:
+async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(guard, rosbridge):
     """No more than the buffers between them is held, and others are not held up."""
     async with GuardClient(guard.port, 0) as client, GuardClient(guard.port, 0) as other:
         await until("they are joined", lambda: len(rosbridge.sockets) == 3)

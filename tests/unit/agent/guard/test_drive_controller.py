@@ -191,9 +191,7 @@ async def test_an_old_command_takes_no_newer_ones_place(world: World) -> None:
 
 
 @pytest.mark.parametrize(("age_ms", "wait_s"), [(400, 0.12), (-AHEAD_MS + 10, 0.51)])
-async def test_a_command_that_waits_too_long_is_dropped(
-    world: World, age_ms: float, wait_s: float
-) -> None:
+async def test_a_command_that_waits_too_long_is_dropped(world, age_ms, wait_s):
     """Its age counts from when it was given, not from when it came, and a clock that is ahead adds nothing."""
     world.publisher.full = True
     await world.drive(0.5, age_ms=age_ms)
@@ -204,9 +202,7 @@ async def test_a_command_that_waits_too_long_is_dropped(
     assert world.source.kinds == ["old"]
 
 
-async def test_a_direct_command_needs_no_time_and_is_dropped_when_it_waits_too_long(
-    world: World,
-) -> None:
+async def test_a_direct_command_needs_no_time_and_is_dropped_when_it_waits_too_long(world):
     world.authorizer.lease(13, held=False)
     world.authorizer.direct = True
     direct = FakeSource(Authorization("direct"))
@@ -222,9 +218,7 @@ async def test_a_direct_command_needs_no_time_and_is_dropped_when_it_waits_too_l
 
 
 @pytest.mark.parametrize("reason", ["old", "held"])
-async def test_a_stop_of_the_driver_that_is_refused_is_the_guards(
-    world: World, reason: str
-) -> None:
+async def test_a_stop_of_the_driver_that_is_refused_is_the_guards(world, reason):
     """One that comes late, or while rosbridge reads nothing: the deadman's time may be seconds."""
     world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
@@ -370,9 +364,7 @@ async def test_zeros_of_a_lost_rosbridge_are_sent_again(world: World) -> None:
 
 
 @pytest.mark.parametrize("left_by_the_last_guard", [False, True])
-async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(
-    world: World, left_by_the_last_guard: bool
-) -> None:
+async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(world, left_by_the_last_guard):
     """A new driver makes room of what only had a name."""
     if left_by_the_last_guard:
         world.motion_file.driven = [Driven("/other/cmd_vel", "twist")]
@@ -466,9 +458,7 @@ COMMANDS = st.lists(
 
 
 @given(COMMANDS)
-def test_no_old_command_and_no_old_fence_passes(
-    commands: list[tuple[float, int, float, bool]],
-) -> None:
+def test_no_old_command_and_no_old_fence_passes(commands):
     async def scenario() -> None:
         world = World()
         given_at: dict[float, float] = {}
@@ -513,9 +503,7 @@ async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world: Wor
     assert [json.loads(data)["msg"] for data in world.source.notified] == [LISTENERS_UNKNOWN]
 
 
-async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(
-    world: World,
-) -> None:
+async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(world):
     await world.drive(0.5)
     world.controller.on_unheard(frozenset({"/cmd_vel"}))
     for _ in range(10):

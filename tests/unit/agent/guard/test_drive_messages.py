@@ -277,9 +277,7 @@ def driven(speed: float) -> CheckedCommand:
 
 
 @given(commands, st.none() | commands, step, limits)
-def test_no_command_exceeds_a_limit(
-    wanted: CheckedCommand, before: CheckedCommand | None, step_s: float, within: DriveLimits
-) -> None:
+def test_no_command_exceeds_a_limit(wanted, before, step_s, within):
     got = limited(wanted, before, step_s, within)
     if within.max_speed_m_s is not None:
         assert length(got.linear) <= within.max_speed_m_s * SLACK
@@ -295,9 +293,7 @@ def test_no_command_exceeds_a_limit(
 
 
 @given(commands, st.none() | commands, step, limits)
-def test_a_command_only_becomes_slower_and_keeps_its_direction(
-    wanted: CheckedCommand, before: CheckedCommand | None, step_s: float, within: DriveLimits
-) -> None:
+def test_a_command_only_becomes_slower_and_keeps_its_direction(wanted, before, step_s, within):
     """A limit never turns, speeds up or reverses a robot."""
     got = limited(wanted, before, step_s, within)
     for asked, given_ in zip(
@@ -308,9 +304,7 @@ def test_a_command_only_becomes_slower_and_keeps_its_direction(
 
 
 @given(vector, st.floats(0, 1), step, limits)
-def test_braking_is_never_delayed(
-    before: Vector, part: float, step_s: float, within: DriveLimits
-) -> None:
+def test_braking_is_never_delayed(before, part, step_s, within):
     """Less of the same motion passes as it is, if the robot was within its speed."""
     x, y, z = before
     wanted = CheckedCommand("twist", (x * part, y * part, z * part), (x * part, y * part, z * part))

@@ -22,9 +22,7 @@ def test_a_number_is_kept(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"fence": "3"}', '{"fence": -1}', "\udcff"])
-def test_a_number_that_cannot_be_read_is_none(
-    tmp_path: Path, text: str, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_a_number_that_cannot_be_read_is_none(tmp_path, text, caplog):
     (tmp_path / "fence.json").write_bytes(text.encode(errors="surrogateescape"))
     assert FenceFile(tmp_path).read() == 0
     assert "so the server's number counts" in caplog.text
@@ -78,9 +76,7 @@ async def test_the_disk_gets_one_number_after_the_other(tmp_path: Path) -> None:
     assert file.read() == 16
 
 
-async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(tmp_path, caplog):
     caplog.set_level(logging.ERROR)
     store = FenceStore(FenceFile(tmp_path / "gone"))
     with pytest.raises(StateUnusableError, match=r"cannot write .*fence\.json"):

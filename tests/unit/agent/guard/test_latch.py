@@ -194,9 +194,7 @@ async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> Non
         assert latch.stopped
 
 
-async def test_a_stop_that_no_disk_takes_is_told_and_logged(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_stop_that_no_disk_takes_is_told_and_logged(tmp_path, caplog):
     answers = list[str]()
     async with running(StopFile(tmp_path / "gone"), answers) as latch:
         latch.handle(StopRequest("5f", "ben"))

@@ -193,9 +193,7 @@ async def test_a_stop_outlives_the_guard(place: Path, robot: Robot) -> None:
             await until("the robot moves", lambda: robot.speeds == [0.5])
 
 
-async def test_a_stop_is_told_when_the_disk_has_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_stop_is_told_when_the_disk_has_it(tmp_path, monkeypatch):
     """Until then the robot is stopped, and the server does not count on it."""
     write, go = StopFile.write, threading.Event()
     monkeypatch.setattr(StopFile, "write", lambda file, by: go.wait(5) and write(file, by))
@@ -216,9 +214,7 @@ async def test_a_stop_is_told_when_the_disk_has_it(
         await asyncio.gather(disk, return_exceptions=True)
 
 
-async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_lease(
-    place: Path, robot: Robot
-) -> None:
+async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_lease(place, robot):
     """Even if nobody drives through it; nobody drives with that number, whatever the lease's line says."""
     async with GuardProcess(place, robot.port) as guard:
         await guard.grant(13)
@@ -240,9 +236,7 @@ async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_le
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
 
 
-async def test_direct_connections_drive_while_nobody_has_the_lease(
-    place: Path, robot: Robot
-) -> None:
+async def test_direct_connections_drive_while_nobody_has_the_lease(place, robot):
     """They need neither key nor stamps, and lose the robot to a driver of the server."""
     async with GuardHere(place, robot.port, deadman_ms=LATE_DEADMAN_MS) as guard:
         guard.reconfigure(direct=True)

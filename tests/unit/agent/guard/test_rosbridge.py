@@ -84,9 +84,7 @@ async def test_what_is_sent_is_known_to_be_read() -> None:
         await until("it is answered", lambda: heard.said == [b'{"op":"publish","topic":"/echo"}'])
 
 
-async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(monkeypatch):
     """Long before TCP would tell; and it is used again when it reads."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.IDLE_PING_EVERY_S", 0.05)
     async with FakeRosbridge("slow_reader") as rosbridge, running(rosbridge) as (line, _):

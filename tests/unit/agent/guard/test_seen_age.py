@@ -72,9 +72,7 @@ def test_what_did_not_leave_the_robot_is_unknown(times: FrameTimes, forged: obje
         (None, False),
     ],
 )
-def test_only_a_frame_with_a_number_may_be_reported_yet(
-    times: FrameTimes, seen: object, may_follow: bool
-) -> None:
+def test_only_a_frame_with_a_number_may_be_reported_yet(times, seen, may_follow):
     assert times.may_follow(seen, NOW) is may_follow
 
 

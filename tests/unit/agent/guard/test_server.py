@@ -35,9 +35,7 @@ async def test_a_newer_driver_ends_the_older_one(guard: GuardHere) -> None:
         assert not observer.socket.closed
 
 
-async def test_a_disk_that_cannot_be_written_lets_nobody_drive(
-    guard: GuardHere, place: Path
-) -> None:
+async def test_a_disk_that_cannot_be_written_lets_nobody_drive(guard, place):
     """After a restart the guard would not know the number; who observes comes in."""
     file = place / "fence.json"
     await until("the first number is written", file.exists)
@@ -78,9 +76,7 @@ async def test_a_look_up_needs_no_place(guard: GuardHere, monkeypatch: pytest.Mo
     assert set(answers) <= {502, 426}
 
 
-async def test_who_does_not_drive_leaves_a_driver_room(
-    guard: GuardHere, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_who_does_not_drive_leaves_a_driver_room(guard, monkeypatch):
     """A driver may have 32 connections with calls over HTTP, beside the 64 of observers and those of programs here."""
     others = server_module.MAX_OTHER_CONNECTIONS
     assert others - server_module.MAX_DIRECT_CONNECTIONS >= 64
@@ -100,9 +96,7 @@ async def enters(port: int) -> bool:
         return False
 
 
-async def test_a_direct_connection_that_ends_frees_its_place(
-    guard: GuardHere, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_direct_connection_that_ends_frees_its_place(guard, monkeypatch):
     """Another direct one gets it; the server's connections never take it."""
     monkeypatch.setattr(server_module, "MAX_DIRECT_CONNECTIONS", 1)
     guard.reconfigure(direct=True)

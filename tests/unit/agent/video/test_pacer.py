@@ -134,9 +134,7 @@ async def test_what_ssh_still_has_counts(pacer: Pacer, connection: Connection) -
     assert await waits > 0
 
 
-async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(
-    pacer: Pacer, connection: Connection
-) -> None:
+async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(pacer, connection):
     assert await pacer.acquire(MAX_TURN_BYTES) == FIRST_WINDOW
     assert await asyncio.wait_for(pacer.acquire(MAX_TURN_BYTES), STUCK_AFTER_S * 8) > 0
 
@@ -147,9 +145,7 @@ async def _looks_in(connection: Connection, lasts_s: float) -> int:
     return connection.looks - before
 
 
-async def test_a_frame_is_followed_until_it_has_arrived(
-    pacer: Pacer, connection: Connection
-) -> None:
+async def test_a_frame_is_followed_until_it_has_arrived(pacer, connection):
     connection.written += await pacer.acquire(MAX_TURN_BYTES)
     before = connection.looks
     await eventually(lambda: connection.looks > before + 5, lambda: "it is not looked at")
@@ -158,9 +154,7 @@ async def test_a_frame_is_followed_until_it_has_arrived(
     assert await _looks_in(connection, 0.1) == 0
 
 
-async def test_a_frame_that_never_arrives_is_not_followed_for_ever(
-    pacer: Pacer, connection: Connection
-) -> None:
+async def test_a_frame_that_never_arrives_is_not_followed_for_ever(pacer, connection):
     connection.written += await pacer.acquire(MAX_TURN_BYTES)
     await asyncio.sleep(ARRIVES_WITHIN_S + 0.05)
     assert await _looks_in(connection, 0.1) == 0
@@ -198,9 +192,7 @@ async def test_bulk_leaves_others_three_turns_in_four(pacer: Pacer, connection: 
         await taker.end()
 
 
-async def test_one_who_leaves_while_it_waits_is_forgotten(
-    pacer: Pacer, connection: Connection
-) -> None:
+async def test_one_who_leaves_while_it_waits_is_forgotten(pacer, connection):
     await pacer.acquire(MAX_TURN_BYTES)
     leaves = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
     stays = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
@@ -220,9 +212,7 @@ async def test_without_a_connection_everybody_gets_all(caplog: pytest.LogCapture
     assert "passed on unpaced" in caplog.text
 
 
-async def test_a_kernel_that_tells_nothing_lets_everybody_pass(
-    pacer: Pacer, connection: Connection, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_a_kernel_that_tells_nothing_lets_everybody_pass(pacer, connection, caplog):
     await pacer.acquire(MAX_TURN_BYTES)
     waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
     await asyncio.sleep(0)
@@ -231,9 +221,7 @@ async def test_a_kernel_that_tells_nothing_lets_everybody_pass(
     assert "reports too little" in caplog.text
 
 
-async def test_while_it_is_held_everybody_waits(
-    pacer: Pacer, connection: Connection, caplog: pytest.LogCaptureFixture
-) -> None:
+async def test_while_it_is_held_everybody_waits(pacer, connection, caplog):
     pacer.hold()
     waits = asyncio.ensure_future(pacer.acquire(MAX_TURN_BYTES))
     await asyncio.sleep(0.02)

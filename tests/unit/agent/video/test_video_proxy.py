@@ -133,9 +133,7 @@ async def test_all_else_passes_unchanged(camera: Camera, request_bytes: bytes) -
         assert await asked(port, request_bytes[:7], request_bytes[7:]) == request_bytes
 
 
-async def test_a_request_that_stops_halfway_is_not_held_for_long(
-    camera: Camera, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_request_that_stops_halfway_is_not_held_for_long(camera, monkeypatch):
     monkeypatch.setattr(proxy_module, "FIRST_WORDS_S", 0.2)
     async with beside(camera.port) as port:
         reader, writer = await asyncio.open_connection("127.0.0.1", port)
@@ -156,9 +154,7 @@ async def test_a_request_that_stops_halfway_is_not_held_for_long(
         ("always", True, b"own:"),
     ],
 )
-async def test_who_answers_in_web_video_servers_place(
-    camera: Camera, when: Literal["never", "down", "always"], runs: bool, answers: bytes | None
-) -> None:
+async def test_who_answers_in_web_video_servers_place(camera, when, runs, answers):
     """As the settings say: nobody, the agent while nothing answers there, or always the agent."""
     request = b"GET /stream?topic=/camera HTTP/1.1\r\n\r\n"
     expected = b"" if answers is None else answers + request
@@ -179,9 +175,7 @@ async def test_a_viewer_that_leaves_ends_the_stream(proxy: VideoProxy, camera: C
     await eventually(lambda: camera.open == 0, lambda: "the stream has ended")
 
 
-async def test_a_viewer_of_nothing_is_let_go(
-    proxy: VideoProxy, camera: Camera, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_a_viewer_of_nothing_is_let_go(proxy, camera, monkeypatch):
     """One who asks no more and gets nothing any more; a camera without frames would never notice."""
     monkeypatch.setattr(proxy_module, "LAST_S", 0.1)
     forever = asyncio.Event()
@@ -197,9 +191,7 @@ async def test_a_viewer_of_nothing_is_let_go(
     forever.set()
 
 
-async def test_streams_have_a_number(
-    proxy: VideoProxy, camera: Camera, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_streams_have_a_number(proxy, camera, monkeypatch):
     monkeypatch.setattr(proxy_module, "MAX_STREAMS", 1)
     port = await proxy.start()
     first = await asyncio.open_connection("127.0.0.1", port)
