@@ -167,7 +167,7 @@ def test_quality_and_size_stand_in_the_url():
     )
 
 
-@pytest.mark.usefixtures("no_pyav")
+@pytest.mark.usefixtures("no_pyav", "early_stall")
 @pytest.mark.parametrize(
     ("mode", "source", "topics", "why"),
     [
@@ -187,8 +187,7 @@ def test_quality_and_size_stand_in_the_url():
         ("ends", "rosbridge", {WISH.topic: "sensor_msgs/Image"}, "cannot be read: PyAV is not "),
     ],
 )
-async def test_what_cannot_be_shown_is_named(run, monkeypatch, mode, source, topics, why):
-    monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
+async def test_what_cannot_be_shown_is_named(run, mode, source, topics, why):
     async with FakeVideoServer(mode) as server, TopicRosbridge(topics) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url, source))
         await fails(running, why)
@@ -271,6 +270,11 @@ async def publish_png(rosbridge: TopicRosbridge, format_: str) -> None:
 @pytest.fixture
 def no_pyav(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
+
+
+@pytest.fixture
+def early_stall(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
 
 
 RAW = {WISH.topic: "sensor_msgs/Image"}
