@@ -1,274 +1,327 @@
-"""How long control takes while video fills the robot's uplink: over one SSH connection, two, and those of the agent.
+"""How long control takes while video, a map or topics fill the robot's uplink: `ssh -R` beside Robotether.
 
-Over an emulated link like the worst of the paper's (link.py), with real OpenSSH at both ends and the robot's TCP left
-at cubic, a message of 200 bytes goes to the robot and comes back, 20 times a second and without waiting for the one
-before. Used by `bench`; needs root. No sample may be dropped: one that is still out at the end is waited for.
+Over an emulated link like the worst of the paper's (linked_robot.py), a call goes to the robot and its answer comes
+back on the connection that drives, 20 times a second and without waiting for the one before. What fills the link is a
+camera of the simulator, and topics that this process publishes at its rosbridge. Used by `bench`; needs root. No sample
+may be dropped: one that is still out at the end is waited for.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
-import re
-import socket
 import time
-from collections.abc import Callable, Coroutine, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
 
 import aiohttp
 from bare_tunnel import bare_forward
-from link import Link, why_not_here
+from link import Link
 from link_queue import Shape
+from linked_robot import (
+    FPS,
+    ROS_PORT,
+    UP,
+    UP_MBIT_S,
+    VIDEO_PORT,
+    Address,
+    Site,
+    Subject,
+    emulated,
+    linked_robot,
+)
 from local_network import free_port
-from openssh_server import OpenSshServer, listens, make_key, wait_until
-from paper.programs import LineProgram
+from relay_server import until
 from report import Row, Section, quantiles
-from robotether_agent.clock import robot_time
-from robotether_common.codecs import CODECS, JPEG
-from robotether_common.frames import HEADER, MAX_CREDITS, PATH
-from video_robot import FRAMES_HZ, OFFERED_BIT_S, ROS_PORT, VIDEO_PORT
+from round_trip import made_in
+from video import (
+    CODECS_VIEWED,
+    FAST_CAMERA,
+    Frame,
+    frames_url,
+    going_on,
+    view_frames,
+    view_stream,
+)
 
-UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
-UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
-DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
-MESSAGE_BYTES = 200
 RATE_HZ = 20
-SECONDS = 30.0
-# Until the video fills what it fills.
+SECONDS, BULK_SECONDS = 30.0, 25.0
+# Until what fills the link has filled it.
 SETTLE_S = 5.0
-LAST_S = 10.0
-# What viewers of the frames protocol say that they decode.
-CODECS_VIEWED = ("jpeg", "h264")
-# Of a part's header, the timestamp and the length.
-VALUES = re.compile(rb"(?:X-Timestamp|Content-Length): ([\d.]+)")
+# Time limit for the last answer, which may have a map before it, and for the map.
+LAST_WITHIN_S, MAP_WITHIN_S = 60.0, 180.0
+NARROW_MBIT_S = 1.0
+NARROW = Shape(rate_bit_s=NARROW_MBIT_S * 1e6, delay_s=UP.delay_s, queue_bytes=UP.queue_bytes)
+LATE_MS = 500.0
+TYPE = "std_msgs/String"
+# The answer comes, as the call goes, on the connection that drives.
+CALL = {"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/cmd_vel"}}
+# What web_video_server would give, at the quality that the agent's frames begin with.
+PLAIN, PLAIN_QUALITY = "plain MJPEG", 80
+TRIP = (
+    "A call goes to the robot and its answer comes back on the connection that drives, "
+    f"{RATE_HZ} times a second over an emulated link: "
+)
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a topic sends, and how often; 0: once."""
+
+    name: str
+    size: int
+    rate_hz: float = 0.0
+
+
+# Of 1500 x 1500 cells, as rosbridge writes it; a laser; a PointCloud2.
+MAP = Topic("/map_of_5_mb", 5_000_000)
+SCAN, CLOUD = Topic("/laser", 2_500, 40), Topic("/points", 1_000_000, 2)
 
 
 @dataclass
 class Setup:
-    """One way to connect the robot, and what was measured on it."""
+    """One way to connect the robot and what comes on it, and what was measured."""
 
     name: str
-    connections: str
-    with_video: bool = True
-    # Of the frames protocol; None: MJPEG, passed through.
-    codec: str | None = None
-    codecs_seen: set[str] = field(default_factory=set)
-    round_trips_ms: list[float] = field(default_factory=list)
-    frame_ages_ms: list[float] = field(default_factory=list)
-    frame_bytes: int = 0
-    lasted_s: float = 0.0
+    # Number of bare SSH connections; 0: those of the agent.
+    bare: int = 0
+    # PLAIN or a codec of the frames protocol; empty: none.
+    video: str = ""
+    topics: Sequence[Topic] = ()
+    trips_ms: list[float] = field(default_factory=list)
+    frames: list[Frame] = field(default_factory=list)
+    # By topic: when the first whole message was sent; when messages came, and their sizes. Moments are Unix times in s.
+    sent_at: dict[str, float] = field(default_factory=dict)
+    messages: dict[str, list[tuple[float, int]]] = field(default_factory=dict)
+    # From the first round trip to the last.
+    began_at: float = 0.0
+    ended_at: float = 0.0
+
+    @property
+    def lasted_s(self) -> float:
+        return self.ended_at - self.began_at
+
+    def counts(self, at: float) -> bool:
+        """Whether it came while round trips were measured."""
+        return self.began_at <= at <= self.ended_at
+
+    def first_s(self, topic: Topic) -> float | None:
+        """How long the first whole message of a topic took."""
+        came = (at for at, size in self.messages[topic.name] if size >= topic.size)
+        return next((at - self.sent_at[topic.name] for at in came), None)
+
+    @property
+    def row(self) -> Row:
+        columns = {
+            "route": self.name,
+            "round trips": len(self.trips_ms),
+            **quantiles(self.trips_ms, 0.5, 0.99, 1, unit="ms"),
+        }
+        if not self.video:
+            return columns
+        frames = [frame for frame in self.frames if self.counts(frame.received_at)]
+        if not frames:
+            raise RuntimeError(f"cannot measure {self.name}: no frame came")
+        ages = quantiles([frame.age_ms for frame in frames], 0.5, 0.99, unit="ms")
+        return {
+            **columns,
+            # What came, whatever was requested.
+            "codec": ", ".join(sorted({frame.codec.name for frame in frames})),
+            "video Mbit/s": self.mbit_s(len(frame.data) for frame in frames),
+            "frames/s": len(frames) / self.lasted_s,
+            **{f"frame age {name}": ms for name, ms in ages.items()},
+        }
+
+    def mbit_s(self, sizes: Iterable[int]) -> float:
+        return sum(sizes) * 8 / self.lasted_s / 1e6
 
 
-def setups() -> list[Setup]:
-    return [
-        Setup("one connection, as in the paper", "one"),
-        Setup("two connections", "two"),
-        Setup("Robotether, MJPEG passed through", "agent"),
-        *(Setup(f"Robotether, frames, {codec}", "agent", codec=codec) for codec in CODECS_VIEWED),
-        Setup("Robotether, no video", "agent", with_video=False),
-    ]
+@contextmanager
+def address_by(link: Link, site: Site, subject: Subject, bare: int) -> Iterator[Address]:
+    """Addresses of what the robot has, through so many bare connections or through the agent's."""
+    if not bare:
+        yield site.address_of(subject.robot)
+        return
+    ports = {"ros": (free_port(), ROS_PORT), "video": (free_port(), VIDEO_PORT)}
+    forwards = [{here: f"127.0.0.1:{there}"} for here, there in ports.values()]
+    with ExitStack() as stack:
+        where = {"host": site.sshd.address, "inside": link.robot}
+        for number, some in enumerate(forwards if bare > 1 else [forwards[0] | forwards[1]], 2):
+            stack.enter_context(bare_forward(site.sshd, number, some, **where))
+
+        def address(path: str, _mode: str) -> str:
+            what, _, rest = path.partition("/" if path.startswith("video") else "?")
+            return f"http://127.0.0.1:{ports[what][0]}/{rest}"
+
+        yield address
 
 
-class Site:
-    """Both ends of the link, with sshd at one and the robot's services at the other."""
-
-    def __init__(self, link: Link, folder: Path) -> None:
-        self.folder = folder
-        self.ros_port, self.video_port = free_port(), free_port()
-        self._link = link
-        self._relay = socket.create_server(("127.0.0.1", 0))
-        self._sshd = OpenSshServer(self._relay.getsockname()[1], address=link.server.address)
-
-    def __enter__(self) -> Site:
-        """Start sshd; this thread must be in the server's namespace."""
-        ports = (self.ros_port, self.video_port)
-        self._sshd.authorize(make_key(self.folder / "key"), ports)
-        known_host = f"robotether-server {self._sshd.host_keys[0]}\n"
-        (self.folder / "known_hosts").write_text(known_host)
-        self._sshd.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._sshd.close()
-        self._relay.close()
-
-    @contextmanager
-    def connected(self, connections: str) -> Iterator[None]:
-        """Make the robot's connections of this kind, and wait until both forwards stand."""
-        ros = {self.ros_port: f"127.0.0.1:{ROS_PORT}"}
-        video = {self.video_port: f"127.0.0.1:{VIDEO_PORT}"}
-        bare = {"one": [ros | video], "two": [ros, video], "agent": []}[connections]
-        where = {"host": self._sshd.address, "inside": self._link.robot, "bind": "0.0.0.0"}
-        with ExitStack() as stack:
-            for robot_id, forwards in enumerate(bare, 1):
-                stack.enter_context(bare_forward(self._sshd, robot_id, forwards, **where))
-            if connections == "agent":
-                self._connect_agent(stack)
-            yield
-        ports = (self.ros_port, self.video_port)
-        wait_until(lambda: not any(map(listens, ports)), lambda: "sshd has let go of the ports")
-
-    def _connect_agent(self, stack: ExitStack) -> None:
-        """Have the agent's connections, and answer their session commands as the relay's first line would."""
-        ssh = {"host": self._sshd.address, "port": self._sshd.port}
-        ports = {"ros_port": self.ros_port, "video_port": self.video_port}
-        program = video_robot(self._link, self.folder, {"folder": str(self.folder), **ssh, **ports})
-        stack.enter_context(program)
-        self._relay.settimeout(LAST_S)
-        for _ in ("session", "media"):
-            session, _ = self._relay.accept()
-            stack.enter_context(session).sendall(b"{}\n")
-        program.receive("that it is connected", LAST_S)
+async def publish(link: Link, topic: Topic, setup: Setup) -> None:
+    """Publish at the robot's own rosbridge, from its network: little until somebody hears it, then all."""
+    connector = aiohttp.TCPConnector(**made_in(link.robot))
+    async with (
+        aiohttp.ClientSession(connector=connector) as http,
+        http.ws_connect(f"ws://127.0.0.1:{ROS_PORT}/", compress=0) as socket,
+    ):
+        await socket.send_json({"op": "advertise", "topic": topic.name, "type": TYPE})
+        small, whole = (
+            {"op": "publish", "topic": topic.name, "msg": {"data": "x" * size}}
+            for size in (1, topic.size)
+        )
+        while topic.name not in setup.messages:
+            await socket.send_json(small)
+            await asyncio.sleep(0.2)
+        started = setup.sent_at[topic.name] = time.time()
+        await socket.send_json(whole)
+        number = 0
+        while topic.rate_hz:
+            number += 1
+            await asyncio.sleep(max(0.0, started + number / topic.rate_hz - time.time()))
+            await socket.send_json(whole)
+        await asyncio.Event().wait()
 
 
-def video_robot(link: Link, folder: Path, order: Mapping[str, object]) -> LineProgram:
-    """What video_robot.py is told to be, in the robot's namespace."""
-    log = folder / f"{'tunnels' if order else 'services'}.log"
-    program = LineProgram("video_robot", log, link.robot.command())
-    program.send(order)
-    return program
-
-
-async def measure_setup(site: Site, setup: Setup, seconds: float) -> None:
-    watching = asyncio.create_task(watch(site.video_port, setup)) if setup.with_video else None
-    try:
-        async with aiohttp.ClientSession() as http:
-            url = f"ws://127.0.0.1:{site.ros_port}/"
-            async with http.ws_connect(url, compress=0, timeout=aiohttp.ClientWSTimeout()) as ros:
-                await asyncio.sleep(SETTLE_S)
-                setup.frame_ages_ms, setup.frame_bytes = [], 0
-                setup.codecs_seen.clear()
-                started = time.perf_counter()
-                await round_trips(ros, setup, int(seconds * RATE_HZ))
-                setup.lasted_s = time.perf_counter() - started
-                await stop(watching)
-                if setup.with_video and not setup.frame_ages_ms:
-                    raise RuntimeError(f"cannot measure {setup.name}: no frame came")
-    finally:
-        await stop(watching)
-
-
-async def stop(watching: asyncio.Task[None] | None) -> None:
-    """Look at no more frames, so that those are counted that came in the time that is counted."""
-    if watching is not None:
-        watching.cancel()
-        await asyncio.gather(watching, return_exceptions=True)
-
-
-async def round_trips(
-    ros: aiohttp.ClientWebSocketResponse, setup: Setup, count: int, last_s: float = LAST_S
+async def observe(
+    http: aiohttp.ClientSession, address: Address, topic: Topic, setup: Setup
 ) -> None:
-    """Send `count` messages, each at its time, and take every answer, the last one within `last_s`."""
-    sent: dict[int, float] = {}
+    """Take a topic's messages until this is cancelled."""
+    url = address("ros?", "observe")
+    async with http.ws_connect(url, compress=0, max_msg_size=0) as observer:
+        await observer.send_json({"op": "subscribe", "topic": topic.name, "type": TYPE})
+        async for message in observer:
+            came = setup.messages.setdefault(topic.name, [])
+            came.append((time.time(), len(message.data)))
+    raise ConnectionError(f"{topic.name} ended with {observer.close_code}")
 
-    async def answers() -> None:
-        for _ in range(count):
-            number = json.loads(await ros.receive_str())["number"]
-            setup.round_trips_ms.append((time.perf_counter() - sent[number]) * 1000)
 
-    receiving = asyncio.ensure_future(answers())
-    started = time.perf_counter()
+async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> None:
+    """Take frames until this is cancelled."""
+    if setup.video == PLAIN:
+        url = address(f"video/stream?topic={FAST_CAMERA}&quality={PLAIN_QUALITY}&", "observe")
+        await view_stream(http, url, setup.frames.append)
+    else:
+        url = frames_url(address, FAST_CAMERA)
+        await view_frames(http, url, setup.frames.append, {"codecs": [setup.video]})
+
+
+async def round_trips(socket: aiohttp.ClientWebSocketResponse, setup: Setup, count: int) -> None:
+    """Make `count` calls, each at its time, and take every answer."""
+    sent_s: dict[str, float] = {}
+
+    async def take_answers() -> None:
+        while len(setup.trips_ms) < count:
+            said = json.loads(await socket.receive_str())
+            if said.get("op") == "service_response":
+                setup.trips_ms.append((time.perf_counter() - sent_s[said["id"]]) * 1000)
+
+    receiving = asyncio.ensure_future(take_answers())
+    await asyncio.sleep(SETTLE_S)
+    setup.began_at, started = time.time(), time.perf_counter()
     for number in range(count):
-        await asyncio.sleep(max(0.0, started + number / RATE_HZ - time.perf_counter()))
-        text = json.dumps({"number": number})
-        sent[number] = time.perf_counter()
-        await ros.send_str(text.ljust(MESSAGE_BYTES))
-    await asyncio.wait_for(receiving, last_s)
+        await asyncio.sleep(started + number / RATE_HZ - time.perf_counter())
+        sent_s[str(number)] = time.perf_counter()
+        await socket.send_json({**CALL, "id": str(number)})
+    setup.ended_at = time.time()
+    await asyncio.wait_for(receiving, LAST_WITHIN_S)
 
 
-async def watch(port: int, setup: Setup) -> None:
-    """Take frames, and note how old each is when it is whole."""
-    await (watch_mjpeg(port, setup) if setup.codec is None else watch_frames(port, setup))
+async def measure_setup(link: Link, address: Address, setup: Setup, seconds: float) -> None:
+    async with aiohttp.ClientSession() as http:
+        works = [publish(link, topic, setup) for topic in setup.topics]
+        works += [observe(http, address, topic, setup) for topic in setup.topics]
+        works += [watch(http, address, setup)] if setup.video else []
+
+        def have_begun() -> bool:
+            return len(setup.sent_at) == len(setup.topics) and bool(setup.frames or not setup.video)
+
+        url = address("ros?", "drive")
+        async with (
+            going_on(works, have_begun, f"all that {setup.name} brings"),
+            http.ws_connect(url, compress=0) as socket,
+        ):
+            await round_trips(socket, setup, int(seconds * RATE_HZ))
+            # The map may be on its way still.
+            for topic in setup.topics:
+                await until(lambda: setup.first_s(topic), topic.name, MAP_WITHIN_S)  # noqa: B023 (now)
 
 
-async def watch_mjpeg(port: int, setup: Setup) -> None:
-    reader, writer = await asyncio.open_connection("127.0.0.1", port)
-    try:
-        writer.write(b"GET /stream?topic=/camera HTTP/1.1\r\nHost: robot\r\n\r\n")
-        await reader.readuntil(b"\r\n\r\n")
-        while True:
-            head = await reader.readuntil(b"\r\n\r\n")
-            timestamp, length = map(float, VALUES.findall(head))
-            frame = await reader.readexactly(int(length))
-            setup.frame_bytes += len(frame)
-            setup.frame_ages_ms.append((time.time() - timestamp) * 1000)
-            setup.codecs_seen.add(JPEG.name)
-    finally:
-        writer.close()
+async def measure_all(link: Link, setups: Sequence[Setup], seconds: float) -> None:
+    async with linked_robot(link) as (site, subject):
+        await subject.until_drivable()
+        for setup in setups:
+            with address_by(link, site, subject, setup.bare) as address:
+                await measure_setup(link, address, setup, seconds)
 
 
-async def watch_frames(port: int, setup: Setup) -> None:
-    """Take frames as the relay does, but with ages on the robot's clock."""
-    url = f"ws://127.0.0.1:{port}{PATH}?topic=/camera"
-    async with aiohttp.ClientSession() as http, http.ws_connect(url, max_msg_size=0) as socket:
-        await socket.send_json({"op": "stream_request", "codecs": [setup.codec]})
-        await socket.send_json({"op": "credit", "frames": MAX_CREDITS})
-        async for message in socket:
-            if message.type is not aiohttp.WSMsgType.BINARY:
-                continue
-            number, _, _, sequence, timestamp_ms = HEADER.unpack_from(message.data)
-            setup.frame_ages_ms.append(robot_time() * 1000 - timestamp_ms)
-            await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
-            setup.frame_bytes += len(message.data) - HEADER.size
-            setup.codecs_seen.add(CODECS[number].name)
+def measured(setups: Sequence[Setup], seconds: float, up: Shape = UP) -> Sequence[Setup]:
+    """Measure them one after the other, over a link with that uplink."""
+    with emulated(up) as link:
+        asyncio.run(measure_all(link, setups, seconds))
+    return setups
 
 
 def measure(seconds: float = SECONDS) -> Section:
-    """Measure all ways, one after the other, and return them as a table."""
-    measured = setups()
-    measure_each(measured, UP, lambda site, setup: measure_setup(site, setup, seconds))
-    return section(measured)
-
-
-def measure_each(
-    measured: Sequence[Setup],
-    up: Shape,
-    work: Callable[[Site, Setup], Coroutine[Any, Any, None]],
-) -> None:
-    """Do the work for each setup, over a link with that uplink."""
-    if why := why_not_here():
-        raise RuntimeError(f"cannot measure behind video: {why}")
-    with TemporaryDirectory(prefix="rt-video-") as name, Link(up=up, down=DOWN) as link:
-        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-        with link.server.entered(), video_robot(link, Path(name), {}) as services:
-            services.receive("that it serves", LAST_S)
-            with Site(link, Path(name)) as site:
-                for setup in measured:
-                    with site.connected(setup.connections):
-                        asyncio.run(work(site, setup))
-
-
-def section(measured: list[Setup]) -> Section:
+    setups = [
+        Setup("one ssh -R, as in the paper", bare=1, video=PLAIN),
+        Setup("two ssh -R", bare=2, video=PLAIN),
+        *(Setup(f"Robotether, {codec}", video=codec) for codec in CODECS_VIEWED),
+        Setup("Robotether, no video"),
+    ]
     text = (
-        f"A {MESSAGE_BYTES}-byte message goes to the robot and back at {RATE_HZ} Hz over an emulated link: 38 ms, "
-        f"{UP_MBIT_S} Mbit/s up, {DOWN_MBIT_S} Mbit/s down, queues of 256 KB. The camera pans slowly, and offers "
-        f"{OFFERED_BIT_S / 1e6:g} Mbit/s of MJPEG in {FRAMES_HZ} frames a second. The robot's TCP is cubic. Guard and "
-        "relay are not included; the table above has them.\n\n"
+        f"{TRIP}38 ms, {UP_MBIT_S} Mbit/s up, queues of 256 KB. {FAST_CAMERA} turns fast and has noise: at "
+        f"quality {PLAIN_QUALITY} its {FPS} frames a second are more than the link takes. Agent, guard and relay "
+        "are included, nginx and TLS are not. The robot's TCP is cubic.\n\n"
         "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
+    rows = [setup.row for setup in measured(setups, seconds)]
+    return Section("Round trip while video fills the uplink", text, rows)
+
+
+def measure_bulk(seconds: float = BULK_SECONDS) -> Section:
+    setups = [
+        Setup("one ssh -R, as in the paper", bare=1, topics=[MAP]),
+        Setup("Robotether", topics=[MAP]),
+    ]
+    text = (
+        f"{TRIP}38 ms, {NARROW_MBIT_S:g} Mbit/s up, while an observer's subscription brings a message of "
+        f"{MAP.size / 1e6:g} MB. Agent, guard and relay are included. Late is over {LATE_MS:g} ms: the guard "
+        "drops a command that is as old, and its deadman stops the robot.\n\n"
+        "Aim: no late call, p99 under 250 ms, and the map within twice its share of the line."
+    )
+    rows = [
+        {
+            **setup.row,
+            "late": sum(trip > LATE_MS for trip in setup.trips_ms),
+            "map in s": map_s,
+            "share of the line": map_s and MAP.size * 8 / map_s / (NARROW_MBIT_S * 1e6),
+        }
+        for setup in measured(setups, seconds, NARROW)
+        for map_s in [setup.first_s(MAP)]
+    ]
+    return Section("Round trip while a map fills the uplink", text, rows)
+
+
+def measure_mixed(seconds: float = SECONDS) -> Section:
+    topics = [SCAN, CLOUD]
+    setups = [Setup(f"Robotether, {codec}", video=codec, topics=topics) for codec in CODECS_VIEWED]
+    text = (
+        f"As behind_video, and the robot has a topic of {SCAN.size / 1e3:g} KB at {SCAN.rate_hz} Hz, as a laser's, and "
+        f"one of {CLOUD.size / 1e6:g} MB at {CLOUD.rate_hz} Hz, as a PointCloud2, each with an observer.\n\n"
+        "Aim: p99 60 ms and 8 frames a second or more."
+    )
     return Section(
-        "Round trip while video fills the uplink", text, [row(setup) for setup in measured]
+        "Round trip while video and topics fill the uplink",
+        text,
+        [mixed_row(setup) for setup in measured(setups, seconds)],
     )
 
 
-def row(setup: Setup) -> Row:
-    trips, ages = setup.round_trips_ms, setup.frame_ages_ms
-    columns = {
-        "route": setup.name,
-        "round trips": len(trips),
-        **quantiles(trips, 0.5, 0.99, 1, unit="ms"),
+def mixed_row(setup: Setup) -> Row:
+    sizes = {
+        name: [size for at, size in came if setup.counts(at)]
+        for name, came in setup.messages.items()
     }
-    if not ages:
-        return columns
-    return {
-        **columns,
-        # What came, whatever was requested.
-        "codec": ", ".join(sorted(setup.codecs_seen)),
-        "video Mbit/s": setup.frame_bytes * 8 / setup.lasted_s / 1e6,
-        "frames/s": len(ages) / setup.lasted_s,
-        **{f"frame age {name}": ms for name, ms in quantiles(ages, 0.5, 0.99, unit="ms").items()},
-    }
+    rates = {f"{name} a second": len(some) / setup.lasted_s for name, some in sizes.items()}
+    everything = (size for some in sizes.values() for size in some)
+    return {**setup.row, **rates, "topics Mbit/s": setup.mbit_s(everything)}

@@ -17,7 +17,6 @@ from datetime import UTC, datetime
 import agent_memory
 import behind_video
 import both_robots
-import bulk_topics
 import closed_loop
 import codec_bits
 import comebacks
@@ -30,9 +29,7 @@ import round_trip
 import seen_age
 import stopping
 import video
-from clips import SIZES
 from demo import ROOT, Demo
-from paper.density import density
 from report import Section, commit, machine, wrapped
 
 PAGE = ROOT / "docs" / "measurements.md"
@@ -49,16 +46,15 @@ _MARK = re.compile(r"^<!-- experiment: (\w+) -->\n", re.MULTILINE)
 EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "round_trip": lambda demo, quick: round_trip.measure(demo, 200 if quick else 3000),
     "behind_video": lambda _, quick: behind_video.measure(5 if quick else behind_video.SECONDS),
-    "bulk_topics": lambda _, quick: bulk_topics.measure(5 if quick else bulk_topics.SECONDS),
-    "mixed_topics": lambda _, quick: bulk_topics.measure_mixed(5 if quick else bulk_topics.MIXED_SECONDS),
-    "codecs": lambda _, quick: codec_bits.measure(*((2, SIZES[:1]) if quick else ())),
+    "bulk_topics": lambda _, quick: behind_video.measure_bulk(5 if quick else behind_video.BULK_SECONDS),
+    "mixed_topics": lambda _, quick: behind_video.measure_mixed(5 if quick else behind_video.SECONDS),
+    "codecs": lambda _, quick: codec_bits.measure(*((2, codec_bits.SIZES[:1]) if quick else ())),
     "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
     "closed_loop": lambda _, quick: closed_loop.measure(5 if quick else closed_loop.SECONDS),
     "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),
     "fan_out": lambda demo, quick: fan_out.measure(demo, 6 if quick else fan_out.SECONDS),
     "beside_clouds": lambda demo, quick: fan_out.measure_beside(demo, 5 if quick else fan_out.DRIVEN_S),
-    "idle_robots": lambda demo, quick: density.measure_idle(demo, 5 if quick else 200),
     "input_latency": lambda demo, quick: drive_page.measure_input(demo, 5 if quick else drive_page.PRESSES),
     "drive_page": lambda demo, quick: drive_page.measure(demo, 3 if quick else drive_page.SECONDS),
     "recovery": lambda _, quick: recovery.measure(2 if quick else recovery.REPEAT),

@@ -1,6 +1,6 @@
 """How old what a driver sees is when the robot obeys the command that it leads to: from capture to guard.
 
-A program drives a robot behind an emulated link like the worst of the paper's (link.py) by the newest frame that it
+A program drives a robot behind an emulated link like the worst of the paper's by the newest frame that it
 has, and the guard says how old that frame was when the command reached it. A screen, an eye and a hand are missing.
 Used by `bench`; needs root. The robot moves some millimetres.
 """
@@ -9,11 +9,10 @@ from __future__ import annotations
 
 import asyncio
 
-from behind_video import CODECS_VIEWED, DOWN, UP, UP_MBIT_S
-from link import Link, why_not_here
+from linked_robot import UP_MBIT_S, emulated
 from report import Row, Section, quantiles
 from seen_age import DriverView, Seen, run_behind
-from video import CAMERA, FAST_CAMERA
+from video import CAMERA, CODECS_VIEWED, FAST_CAMERA
 
 SECONDS = 60.0
 WIDTH, HEIGHT, CAMERA_FPS = 1280, 720, 25
@@ -41,12 +40,8 @@ def row(view: DriverView, seen: list[Seen]) -> Row:
 
 def measure(seconds: float = SECONDS) -> Section:
     """Measure each camera by each codec, one after the other."""
-    if why := why_not_here():
-        raise RuntimeError(f"cannot measure the closed loop: {why}")
-    with Link(up=UP, down=DOWN) as link:
-        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-        with link.server.entered():
-            loops = asyncio.run(run_behind(link, seconds, views(), CAMERA_FPS))
+    with emulated() as link:
+        loops = asyncio.run(run_behind(link, seconds, views(), CAMERA_FPS))
     text = (
         "From the capture of the newest frame that a driver has to the command at the robot's guard: 38 ms, "
         f"{UP_MBIT_S} Mbit/s up, a camera of {WIDTH}x{HEIGHT} at {CAMERA_FPS} frames a second. The age is the guard's "

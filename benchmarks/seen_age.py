@@ -2,7 +2,7 @@
 
 A program views the demo's robot as a page does, and names one of the last frames in each command. The guard's age comes
 back on its connection. It is compared with the frame's age by the drawn clock when the command was sent, on the same
-machine's clock, and with the delay of an emulated network (link.py) behind it: the rest of the command's way to the
+machine's clock, and with the delay of an emulated network behind it: the rest of the command's way to the
 guard is all that may be between them. Used by `bench`; needs `make demo`, and root for the networks. The robot moves
 some millimetres.
 """
@@ -13,25 +13,26 @@ import asyncio
 import random
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
-from behind_video import CODECS_VIEWED, DOWN, UP, UP_MBIT_S
 from demo import Demo
-from link import Link, Shape, why_not_here
+from link import Link
+from link_queue import Shape
+from linked_robot import DOWN, FPS, UP, UP_MBIT_S, Address, emulated, linked_robot
 from local_network import insecure_tls
 from relay_server import until
 from report import Row, Section, quantiles
 from robotether_common.codecs import JPEG
 from video import (
     CAMERA,
-    FPS,
-    ROBOT,
+    CODECS_VIEWED,
     STARTS_WITHIN_S,
     Frame,
-    linked_robot,
+    demo_address,
+    frames_url,
     until_seen,
     view_frames,
 )
@@ -73,10 +74,6 @@ class DriverView:
     stream_request: Mapping[str, Any]
     camera: str = CAMERA
     by_newest: bool = False
-
-
-# Gives the address of what a robot has, with a ticket of this mode.
-Address = Callable[[str, str], str]
 
 
 class Driver:
@@ -127,7 +124,7 @@ async def drive(
 
 async def run(address: Address, seconds: float, view: DriverView, **how: Any) -> list[Seen]:
     """Have somebody drive who views the robot's camera; `how` goes to ws_connect."""
-    url = address(f"video/frames?topic={view.camera}&", "observe")
+    url = frames_url(address, view.camera)
     frames = deque[Frame](maxlen=FRAMES)
     async with aiohttp.ClientSession() as http, asyncio.TaskGroup() as group:
         viewing = group.create_task(
@@ -146,17 +143,11 @@ async def run(address: Address, seconds: float, view: DriverView, **how: Any) ->
 async def run_behind(
     link: Link, seconds: float, views: Sequence[DriverView], camera_fps: int = FPS
 ) -> list[list[Seen]]:
-    """The same with the real relay, OpenSSH and agent; this thread must be in the server's namespace."""
+    """The same with the real relay, OpenSSH and agent."""
     async with linked_robot(link, camera_fps) as (site, subject):
-        relay, robot = site.relay, subject.robot
-
-        def address(path: str, mode: str) -> str:
-            return f"{relay.url}/robots/{robot.name}/{path}ticket={relay.ticket(robot, mode)}"
-
+        address = site.address_of(subject.robot)
         await until_seen(
-            lambda http, on_frame: view_frames(
-                http, address(f"video/frames?topic={CAMERA}&", "observe"), on_frame
-            )
+            lambda http, on_frame: view_frames(http, frames_url(address, CAMERA), on_frame)
         )
         return [await run(address, seconds, view) for view in views]
 
@@ -180,19 +171,14 @@ def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
     """Measure on loopback over the whole demo, and behind emulated networks."""
-    if why := why_not_here():
-        raise RuntimeError(f"cannot measure the age behind a network: {why}")
-
-    def address(path: str, mode: str) -> str:
-        return f"{demo.url}/robots/{ROBOT}/{path}ticket={demo.ticket(ROBOT, mode)}"
-
+    address = demo_address(demo)
     views = [DriverView({"codecs": [codec]}) for codec in CODECS_VIEWED]
     rows = [
         row("loopback", asyncio.run(run(address, seconds, view, ssl=insecure_tls())))
         for view in views
     ]
     for name, (up, down) in NETWORKS.items():
-        with Link(up=up, down=down) as link, link.server.entered():
+        with emulated(up, down) as link:
             by_codec = asyncio.run(run_behind(link, seconds, views))
         rows += [row(name, seen, down.delay_s * 1000) for seen in by_codec]
     text = (

@@ -1,7 +1,7 @@
 """How old a frame is at the viewer, and what 1, 5 and 20 viewers of one camera cost.
 
 The age is by the timestamp that the simulated camera has drawn into the frame, on loopback over the whole demo, and
-over an emulated link like the worst of the paper's (link.py) with the real agent, OpenSSH and relay; each beside plain
+over an emulated link like the worst of the paper's with the real agent, OpenSSH and relay; each beside plain
 MJPEG through a bare `ssh -R`. No frame may be left out: one whose timestamp cannot be read ends the run. The cost is
 the robot's uplink and the relay's processor time, with viewers straight at the relay: nginx and TLS are not in it.
 Used by `bench`; needs `make demo`, and root for the link.
@@ -11,11 +11,9 @@ from __future__ import annotations
 
 import asyncio
 import io
-import sys
-import tempfile
 import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,24 +21,23 @@ from typing import Any
 import aiohttp
 import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
-from behind_video import CODECS_VIEWED, DOWN, UP, UP_MBIT_S
 from demo import Demo
 from frame_stamp import read_stamp, stamp_of
-from link import Link, why_not_here
+from link import Link
+from linked_robot import FPS, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
 from local_network import free_port, insecure_tls
-from paper.programs import Program, our_environment
 from PIL import Image
-from recovery import Network, Site, Subject, start_site, start_subject
 from relay_server import until
 from report import Row, Section, quantiles
 from robotether_common.codecs import CODECS, JPEG, Codec
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS
 from video_clips import Decoder
 
-ROBOT_VIDEO_PORT = 8080
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
 # Turns fast and has noise.
 FAST_CAMERA = "/turret/image_raw"
+# What viewers of the frames protocol say that they decode.
+CODECS_VIEWED = ("jpeg", "h264")
 SECONDS = 12.0
 SETTLE_S = 5.0
 STARTS_WITHIN_S = 30.0
@@ -50,7 +47,6 @@ PLAIN_QUALITIES = (95, 80)
 COUNTS = (1, 5, 20)
 VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
 RELAY_PORT = 8080
-FPS = 15
 # One quality, so that no run has smaller frames than another; it makes frames of some 30 KB.
 STREAM_REQUEST = {"quality_min": 75, "quality_max": 75, "fps": FPS, "latency_ms": 5000}
 AIM_PERCENT = 5
@@ -111,6 +107,10 @@ OnFrame = Callable[[Frame], None]
 View = Callable[[aiohttp.ClientSession, OnFrame], Awaitable[None]]
 
 
+def frames_url(address: Address, camera: str) -> str:
+    return address(f"video/frames?topic={camera}&", "observe")
+
+
 async def view_frames(
     http: aiohttp.ClientSession,
     url: str,
@@ -128,7 +128,8 @@ async def view_frames(
                 received_at = time.time()
                 sequence = HEADER.unpack_from(message.data)[3]
                 await socket.send_json({"op": "credit", "frames": 1, "taken": sequence})
-                on_frame(reader.read(received_at, message.data))
+                # In a thread, so that what this process measures beside need not wait for a decoder.
+                on_frame(await asyncio.to_thread(reader.read, received_at, message.data))
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 
@@ -209,16 +210,19 @@ async def viewed(
     }
 
 
+def demo_address(demo: Demo) -> Address:
+    def address(path: str, mode: str) -> str:
+        return f"{demo.url}/robots/{ROBOT}/{path}ticket={demo.ticket(ROBOT, mode)}"
+
+    return address
+
+
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     """The demo's robot as a viewer outside sees it."""
     where = "loopback"
 
-    def ours(what: str, camera: str) -> str:
-        ticket = demo.ticket(ROBOT, "observe")
-        return f"{demo.url}/robots/{ROBOT}/video/{what}?topic={camera}&ticket={ticket}"
-
-    rows = await ours_viewed(where, ours, seconds, ssl=insecure_tls())
-    with bare_tunnel(f"{demo.address_of(ROBOT)}:{ROBOT_VIDEO_PORT}") as port:
+    rows = await ours_viewed(where, demo_address(demo), seconds, ssl=insecure_tls())
+    with bare_tunnel(f"{demo.address_of(ROBOT)}:{VIDEO_PORT}") as port:
         view = plain(port, PLAIN_QUALITIES[0])
         rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
     return rows
@@ -229,18 +233,17 @@ def plain(port: int, quality: int) -> View:
     return lambda http, on_frame: view_stream(http, url, on_frame)
 
 
-async def ours_viewed(
-    where: str, url: Callable[[str, str], str], seconds: float, **how: Any
-) -> list[Row]:
+async def ours_viewed(where: str, address: Address, seconds: float, **how: Any) -> list[Row]:
     """Look at each camera by each codec, and at the first one's stream."""
 
     def frames_view(camera: str, codec: str) -> View:
         return lambda http, on_frame: view_frames(
-            http, url("frames", camera), on_frame, {"codecs": [codec]}, **how
+            http, frames_url(address, camera), on_frame, {"codecs": [codec]}, **how
         )
 
     async def stream_view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-        await view_stream(http, url("stream", CAMERA), on_frame, **how)
+        url = address(f"video/stream?topic={CAMERA}&", "observe")
+        await view_stream(http, url, on_frame, **how)
 
     await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
     rows = [
@@ -256,19 +259,13 @@ def plain_name(quality: int) -> str:
 
 
 async def over_link(link: Link, seconds: float) -> list[Row]:
-    """A robot behind the link; this thread must be in the server's namespace."""
+    """A robot behind the link."""
     where = f"38 ms, {UP_MBIT_S} Mbit/s up"
     async with linked_robot(link) as (site, subject):
-        relay, robot = site.relay, subject.robot
-
-        def url(what: str, camera: str) -> str:
-            ticket = relay.ticket(robot, "observe")
-            return f"{relay.url}/robots/{robot.name}/video/{what}?topic={camera}&ticket={ticket}"
-
-        rows = await ours_viewed(where, url, seconds)
+        rows = await ours_viewed(where, site.address_of(subject.robot), seconds)
         for quality in PLAIN_QUALITIES:
             port = free_port()
-            forward = {port: f"127.0.0.1:{ROBOT_VIDEO_PORT}"}
+            forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
             with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
                 rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
     return rows
@@ -286,35 +283,10 @@ async def until_seen(view: View) -> None:
     raise RuntimeError(f"cannot measure: no frame in {STARTS_WITHIN_S:g} s")
 
 
-@asynccontextmanager
-async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple[Site, Subject]]:
-    """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
-    async with AsyncExitStack() as stack:
-        site, [robot] = await start_site(stack, 1, link.server.address)
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-sim-")))
-        given = {
-            "SIM_NAME": ROBOT,
-            "SIM_BIND_ADDRESS": "127.0.0.1",
-            "SIM_CAMERA_FPS": str(camera_fps),
-            "SIM_LOG_LEVEL": "error",
-        }
-        words = (sys.executable, "-m", "sim_robot")
-        simulator = Program(link.robot, words, folder / "log", our_environment() | given)
-        stack.callback(simulator.end)
-        yield (
-            site,
-            await start_subject(stack, site, Network(link.server.address, link.robot), robot),
-        )
-
-
 def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
-    if why := why_not_here():
-        raise RuntimeError(f"cannot measure the age of frames over a link: {why}")
     rows = asyncio.run(on_loopback(demo, seconds))
-    with Link(up=UP, down=DOWN) as link:
-        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-        with link.server.entered():
-            rows += asyncio.run(over_link(link, seconds))
+    with emulated() as link:
+        rows += asyncio.run(over_link(link, seconds))
     return Section(
         title="Age of a frame at the viewer",
         text=(

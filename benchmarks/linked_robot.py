@@ -1,0 +1,212 @@
+"""Real agents in networks of their own, with a real sshd and the real relay in this process; no demo is needed.
+
+    with emulated() as link:
+        async with linked_robot(link) as (site, subject):
+            address = site.address_of(subject.robot)
+
+The robots' ROS side is the simulator. Needs root for the networks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
+
+import aiohttp
+from link import Link, why_not_here
+from link_queue import Shape
+from namespaces import Namespace
+from openssh_server import OpenSshServer
+from paper.programs import Program, our_environment
+from paper.world import environment
+from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
+from roaming import RoamingNetwork
+from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
+from robotether_agent.enrolment.join import SshAccess, parse_host_keys
+from robotether_agent.enrolment.keys import ensure_key
+from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.wiring import Timing
+from robotether_server.tickets import Mode
+
+# The worst of the paper's networks.
+UP_MBIT_S, DOWN_MBIT_S = 4.97, 7.13
+UP = Shape(rate_bit_s=UP_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
+DOWN = Shape(rate_bit_s=DOWN_MBIT_S * 1e6, delay_s=0.019, queue_bytes=256 * 1024)
+ROS_PORT, VIDEO_PORT = 9090, 8080
+FPS = 15
+STARTS_WITHIN_S = 30.0
+# An attempt that went into a dead tunnel is ended by the relay when the robot comes back; this is for the rest.
+ATTEMPT_S = 1.0
+PAUSE_S = 0.02
+MAC = "00:1b:44:11:3a:b7"
+CALL = {"op": "call_service", "id": "drivable", "service": "/rosapi/topics"}
+# Gives the address of what a robot has, with a ticket of this mode.
+Address = Callable[[str, Mode], str]
+
+
+@dataclass
+class Site:
+    """What all robots share."""
+
+    relay: RelayServer
+    records: MemoryDatabase
+    sshd: OpenSshServer
+    http: aiohttp.ClientSession
+
+    def address_of(self, robot: RelayRobot) -> Address:
+        def address(path: str, mode: Mode) -> str:
+            return f"{self.relay.url}/robots/{robot.name}/{path}ticket={self.relay.ticket(robot, mode)}"
+
+        return address
+
+
+@dataclass(frozen=True)
+class Network:
+    """What an agent needs of its robot's network, as RoamingNetwork has it too."""
+
+    # The server's address there.
+    server: str
+    robot: Namespace
+
+
+class Subject:
+    """One robot: its network, its agent, and its user."""
+
+    def __init__(
+        self, site: Site, network: Network | RoamingNetwork, robot: RelayRobot, folder: Path
+    ) -> None:
+        self.network = network
+        self._site = site
+        self.robot = robot
+        self._folder = folder
+        self._agent: Program | None = None
+
+    async def enrol(self) -> None:
+        """Put into its place what a join would have brought."""
+        state = self._folder / "state"
+        state.mkdir(mode=0o700)
+        sshd, robot = self._site.sshd, self.robot
+        key = await ensure_key(state)
+        sshd.authorize_too(key.public, (robot.ros_port, robot.video_port), robot.id)
+        access = SshAccess(sshd.user, self.network.server, (sshd.port,))
+        enrolment = Enrolment(self.network.server, robot.name, MAC, access)
+        EnrolmentStore(state).keep(enrolment, parse_host_keys({"host_keys": sshd.host_keys}))
+
+    def start_agent(self) -> None:
+        settings = {
+            "server": self.network.server,
+            "mac": MAC,
+            "state_dir": self._folder / "state",
+            "run_dir": self._folder / "run",
+            "shell_address": "none",
+            "log_level": "debug",
+        }
+        words = (sys.executable, "-m", "robotether_agent", "run")
+        environ = our_environment() | environment(settings)
+        self._agent = Program(self.network.robot, words, self._folder / "agent.log", environ)
+
+    def signal_agent(self, number: signal.Signals) -> None:
+        """Send a signal to the agent, and to nothing that it started."""
+        assert self._agent is not None
+        os.kill(self._agent.pid, number)
+
+    def kill_agent(self) -> None:
+        """Kill it and all that it started, as the loss of power does."""
+        if self._agent is not None:
+            self._agent.kill()
+
+    def log_tail(self) -> str:
+        return self._agent.tail() if self._agent else ""
+
+    async def drivable_after(self, since: float, give_up_s: float) -> float:
+        """Return the seconds from `since` until a new drive connection passes a message; infinite if never."""
+        while time.monotonic() < since + give_up_s:
+            with suppress(aiohttp.ClientError, asyncio.TimeoutError, TypeError):
+                await asyncio.wait_for(self._drive(), ATTEMPT_S)
+                return time.monotonic() - since
+            await asyncio.sleep(PAUSE_S)
+        return math.inf
+
+    async def until_drivable(self) -> None:
+        if math.isinf(await self.drivable_after(time.monotonic(), STARTS_WITHIN_S)):
+            raise RuntimeError(f"the robot is not drivable at all:\n{self.log_tail()}")
+
+    async def _drive(self) -> None:
+        url = self._site.relay.ros_url(self.robot)
+        async with self._site.http.ws_connect(
+            url, timeout=aiohttp.ClientWSTimeout(ws_close=0.05)
+        ) as client:
+            await client.send_json(CALL)
+            while json.loads(await client.receive_str())["op"] != "service_response":
+                pass
+
+
+async def start_site(
+    stack: AsyncExitStack, how_many: int, address: str
+) -> tuple[Site, list[RelayRobot]]:
+    """Relay and sshd, which end with the stack, and what they know of so many robots."""
+    records = MemoryDatabase()
+    robots = [
+        records.add_robot(number, f"sim{number}", u1="manage") for number in range(1, how_many + 1)
+    ]
+    relay = await stack.enter_async_context(running_relay(records, Timing()))
+    sshd = OpenSshServer(relay.relay.session_port, address=address, session_key=SESSION_KEY)
+    stack.callback(sshd.close)
+    await asyncio.to_thread(sshd.start)
+    http = await stack.enter_async_context(aiohttp.ClientSession())
+    return Site(relay, records, sshd, http), robots
+
+
+async def start_subject(
+    stack: AsyncExitStack, site: Site, network: Network | RoamingNetwork, robot: RelayRobot
+) -> Subject:
+    """Its agent, which ends with the stack."""
+    # The agent's own directory, which holds sockets, must have a short name.
+    folder = Path(mkdtemp(prefix="rt-"))
+    stack.callback(shutil.rmtree, folder, ignore_errors=True)
+    subject = Subject(site, network, robot, folder)
+    stack.callback(subject.kill_agent)
+    await subject.enrol()
+    subject.start_agent()
+    return subject
+
+
+@contextmanager
+def emulated(up: Shape = UP, down: Shape = DOWN) -> Iterator[Link]:
+    """A link, on whose robot's side TCP is cubic; this thread is in the server's namespace meanwhile."""
+    if why := why_not_here():
+        raise RuntimeError(f"cannot measure over a link: {why}")
+    with Link(up=up, down=down) as link:
+        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
+        with link.server.entered():
+            yield link
+
+
+@asynccontextmanager
+async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple[Site, Subject]]:
+    """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
+    async with AsyncExitStack() as stack:
+        site, [robot] = await start_site(stack, 1, link.server.address)
+        folder = Path(stack.enter_context(TemporaryDirectory(prefix="rt-sim-")))
+        given = {
+            "SIM_NAME": robot.name,
+            "SIM_BIND_ADDRESS": "127.0.0.1",
+            "SIM_CAMERA_FPS": str(camera_fps),
+            "SIM_LOG_LEVEL": "error",
+        }
+        words = (sys.executable, "-m", "sim_robot")
+        simulator = Program(link.robot, words, folder / "log", our_environment() | given)
+        stack.callback(simulator.end)
+        network = Network(link.server.address, link.robot)
+        yield site, await start_subject(stack, site, network, robot)
