@@ -67,33 +67,29 @@ class Client:
     def address(self) -> str:
         return self._address
 
-    async def post(
-        self, path: str, body: Mapping[str, Any], within_s: float | None = None
-    ) -> tuple[int, Any]:
-        timeout = aiohttp.ClientTimeout(total=within_s or self._request_s)
-        url = f"https://{self.address}/api/v1{path}"
-        async with self._http.post(
-            url, json=body, headers=self._headers, timeout=timeout
-        ) as answer:
-            text = await answer.text()
-            return answer.status, json.loads(text) if text.startswith("{") else text
-
     async def ask(
         self,
         path: str,
-        body: Mapping[str, Any],
-        expected: HTTPStatus,
+        body: Mapping[str, Any] | None = None,
+        *,
+        method: str = "POST",
         within_s: float | None = None,
     ) -> dict[str, Any]:
-        """The API's answer, if it has the expected status."""
-        status, answer = await self.post(path, body, within_s)
-        if status != expected:
-            code = answer.get("code", "") if isinstance(answer, dict) else ""
-            raise RefusedError(f"{path.rpartition('/')[2]}: {status} {code}".strip())
-        return dict(answer)
+        """The API's answer; RefusedError if it is a refusal."""
+        timeout = aiohttp.ClientTimeout(total=within_s or self._request_s)
+        url = f"https://{self.address}/api/v1{path}"
+        async with self._http.request(
+            method, url, json=body, headers=self._headers, timeout=timeout
+        ) as answer:
+            text = await answer.text()
+            said = json.loads(text) if text.startswith("{") else {}
+            if answer.status >= HTTPStatus.BAD_REQUEST:
+                code = said.get("code", "")
+                raise RefusedError(f"{path.rpartition('/')[2]}: {answer.status} {code}".strip())
+            return dict(said)
 
     async def ticket(self, robot: str, mode: str) -> dict[str, Any]:
-        return await self.ask("/tickets", {"robot": robot, "mode": mode}, HTTPStatus.CREATED)
+        return await self.ask("/tickets", {"robot": robot, "mode": mode})
 
     async def connect(
         self, robot: str, mode: str = "drive", path: str = "ros", *, straight: bool = False

@@ -10,7 +10,6 @@ import platform
 import re
 import subprocess
 from collections.abc import Iterator, Mapping
-from typing import Any
 
 import docker
 import pytest
@@ -18,7 +17,7 @@ from demo import ROOT
 from report import cell, commit, machine
 
 from paper.page import Chapter, chapter, write_page
-from paper.step import Key, ResultStore, Scale, now
+from paper.step import Key, ResultStore, Scale
 from paper.world import World
 
 ARTIFACTS = ROOT / "tests" / "artifacts"
@@ -93,10 +92,15 @@ def store(request: pytest.FixtureRequest) -> ResultStore:
 
 
 @pytest.fixture(scope="session")
-def sitting(world: World, store: ResultStore) -> Mapping[str, Any]:
-    told = {"began": now(), "commit": commit(), **machine(), "versions": versions(world)}
-    store.add_sitting(told)
-    return told
+def circumstances(world: World) -> Mapping[str, str]:
+    """The sources, the machine and the versions that outcomes of this run have."""
+    here = machine()
+    return {
+        "commit": commit(),
+        "machine": f"{here['processor']}, {here['cores']} cores, {here['memory_gb']} GB of memory, "
+        f"Linux {here['kernel']}",
+        "versions": ", ".join(f"{name} {version}" for name, version in versions(world).items()),
+    }
 
 
 def versions(world: World) -> dict[str, str]:
@@ -125,7 +129,7 @@ def pytest_sessionfinish(session: pytest.Session, exitstatus: int) -> None:
     scale, store = scale_of(config), config.stash[STORE]
     chapters = [chapter(part, scale, store) for part in PARTS]
     folder = QUICK_PAGES if scale.quick else PAGES
-    pages = [write_page(folder, item, scale, store) for item in chapters if item.outcomes]
+    pages = [write_page(folder, item, scale) for item in chapters if item.outcomes]
     parts = {part for part, _ in config.stash[ASKED]}
     asked = [item for item in chapters if item.part.name in parts]
     config.stash[SUMMARY] = [

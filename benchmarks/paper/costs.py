@@ -33,68 +33,37 @@ MACHINE_FIELDS = 8
 
 @dataclass(frozen=True)
 class Use:
-    """What one container has used and holds; what the kernel does not tell is None."""
+    """What one container has used and holds."""
 
     cpu_s: float
     memory_bytes: int
-    memory_limit_bytes: int | None
-    # How often the memory's limit was met.
-    memory_failures: int
     processes: int
-    processes_limit: int | None
 
 
-class Group:
-    """The control group of a container's processes."""
-
-    def __init__(self, pid: int) -> None:
-        self._paths = group_paths((PROC / str(pid) / "cgroup").read_text())
-
-    def use(self) -> Use:
-        return self._use_1() if "memory" in self._paths else self._use_2()
-
-    def _use_1(self) -> Use:
-        memory, pids = self._folder("memory"), self._folder("pids")
-        programs = _table(memory / "memory.stat")["total_rss"]
-        kernel = int(_text(memory / "memory.kmem.usage_in_bytes") or 0)
-        return Use(
-            cpu_s=int((self._folder("cpuacct") / "cpuacct.usage").read_text()) / 1e9,
-            memory_bytes=programs + kernel,
-            memory_limit_bytes=_limit(_text(memory / "memory.limit_in_bytes")),
-            memory_failures=int(_text(memory / "memory.failcnt") or 0),
-            processes=int((pids / "pids.current").read_text()),
-            processes_limit=_limit(_text(pids / "pids.max")),
-        )
-
-    def _use_2(self) -> Use:
-        folder = GROUPS / self._paths[""].lstrip("/")
+def use_of(container: Container) -> Use:
+    """What a running container has used since it started, by its control groups, of the first kind or the second."""
+    container.reload()
+    # The path by controller; "" is that of the unified hierarchy.
+    paths: dict[str, str] = {}
+    for line in (PROC / str(container.attrs["State"]["Pid"]) / "cgroup").read_text().splitlines():
+        _, controllers, path = line.split(":", 2)
+        paths.update(dict.fromkeys(controllers.split(","), path.lstrip("/")))
+    if "memory" not in paths:
+        folder = GROUPS / paths[""]
         memory = _table(folder / "memory.stat")
         return Use(
             cpu_s=_table(folder / "cpu.stat")["usage_usec"] / 1e6,
             memory_bytes=memory["anon"] + memory.get("kernel", 0),
-            memory_limit_bytes=_limit(_text(folder / "memory.max")),
-            memory_failures=_table(folder / "memory.events").get("max", 0),
             processes=int((folder / "pids.current").read_text()),
-            processes_limit=_limit(_text(folder / "pids.max")),
         )
-
-    def _folder(self, controller: str) -> Path:
-        return GROUPS / controller / self._paths[controller].lstrip("/")
-
-
-def group_paths(text: str) -> dict[str, str]:
-    """The path by controller of /proc/PID/cgroup; "" is that of the unified hierarchy."""
-    paths = {}
-    for line in text.splitlines():
-        _, controllers, path = line.split(":", 2)
-        paths.update(dict.fromkeys(controllers.split(","), path))
-    return paths
-
-
-def use_of(container: Container) -> Use:
-    """What a running container has used since it started."""
-    container.reload()
-    return Group(container.attrs["State"]["Pid"]).use()
+    folders = {name: GROUPS / name / path for name, path in paths.items()}
+    kernel = folders["memory"] / "memory.kmem.usage_in_bytes"
+    return Use(
+        cpu_s=int((folders["cpuacct"] / "cpuacct.usage").read_text()) / 1e9,
+        memory_bytes=_table(folders["memory"] / "memory.stat")["total_rss"]
+        + (int(kernel.read_text()) if kernel.exists() else 0),
+        processes=int((folders["pids"] / "pids.current").read_text()),
+    )
 
 
 def trees_cpu_s(roots: Iterable[int]) -> list[float]:
@@ -176,38 +145,5 @@ def memory_between(first: Reading, last: Reading) -> dict[str, int]:
     }
 
 
-def limits_met(first: Reading, last: Reading) -> list[str]:
-    """Which of the containers' limits were met meanwhile, in words."""
-    return [
-        words
-        for name, use in last.services.items()
-        for words in _met(name, first.services[name], use)
-    ]
-
-
-def _met(name: str, first: Use, last: Use) -> Iterable[str]:
-    if last.memory_failures > first.memory_failures:
-        yield f"{name} met its memory limit of {last.memory_limit_bytes} bytes"
-    if last.processes_limit is not None and last.processes >= last.processes_limit:
-        yield f"{name} met its limit of {last.processes_limit} processes"
-
-
 def _table(path: Path) -> dict[str, int]:
-    try:
-        lines = path.read_text().splitlines()
-    except FileNotFoundError:
-        return {}
-    return {name: int(value) for name, value in (line.split() for line in lines)}
-
-
-def _text(path: Path) -> str:
-    try:
-        return path.read_text().strip()
-    except FileNotFoundError:
-        return ""
-
-
-def _limit(text: str) -> int | None:
-    """A limit as the kernel writes it; so large a number as the first kind has for none is none."""
-    none = text in ("", "max") or int(text) >= 2**62
-    return None if none else int(text)
+    return {name: int(value) for name, value in map(str.split, path.read_text().splitlines())}

@@ -39,7 +39,7 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 
 
 def test_step(
-    part: Part, step: Step, world: World, store: ResultStore, sitting: Mapping[str, Any]
+    part: Part, step: Step, world: World, store: ResultStore, circumstances: Mapping[str, str]
 ) -> None:
     if problem := problem_of(world):
         pytest.exit(f"cannot go on before {step.title}: {problem}. What was measured is kept")
@@ -52,8 +52,7 @@ def test_step(
             took_s=time.monotonic() - start,
             load=load,
             began=began,
-            commit=sitting["commit"],
-            sitting=sitting["began"],
+            **circumstances,
         )
         store.add((part.name, step.name), outcome)
 

@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from report import duration, page, plain
 
@@ -98,44 +97,29 @@ def sentence(error: BaseException) -> str:
     return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 
-def write_page(folder: Path, item: Chapter, scale: Scale, store: ResultStore) -> Path:
+def write_page(folder: Path, item: Chapter, scale: Scale) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     written = folder / f"{item.part.name}.md"
-    written.write_text(markdown(item, scale, store))
+    name = item.part.name if item.report.values else "experiment"
+    circumstances = _circumstances(list(item.outcomes.values()))
+    values = {"one": item, "scale": scale, "circumstances": circumstances}
+    written.write_text(page(f"{name}.md.j2", **values, **item.report.values))
     return written
 
 
-def markdown(item: Chapter, scale: Scale, store: ResultStore) -> str:
-    outcomes = list(item.outcomes.values())
-    values = {
-        "one": item,
-        "scale": scale,
-        "circumstances": _circumstances(outcomes, store.sittings(outcomes)),
-    }
-    name = item.part.name if item.report.values else "experiment"
-    return page(f"{name}.md.j2", **values, **item.report.values)
-
-
-def _circumstances(outcomes: Sequence[Outcome], sittings: Sequence[Mapping[str, Any]]) -> list[str]:
+def _circumstances(outcomes: Sequence[Outcome]) -> list[str]:
     loads = [step.load for step in outcomes]
     commits = Counter(step.commit for step in outcomes)
     several = "; **steps come from several commits**" if len(commits) > 1 else ""
-    machines = dict.fromkeys(
-        f"{plain(sitting['processor'])}, {sitting['cores']} cores, {sitting['memory_gb']} GB of memory, "
-        f"Linux {plain(sitting['kernel'])}"
-        for sitting in sittings
-    )
-    versions = dict.fromkeys(
-        ", ".join(
-            f"{plain(name)} {plain(version)}" for name, version in sitting["versions"].items()
-        )
-        for sitting in sittings
+    machines, versions = (
+        " / ".join(dict.fromkeys(map(plain, texts)))
+        for texts in zip(*((step.machine, step.versions) for step in outcomes), strict=True)
     )
     return [
-        f"Machine: {' / '.join(machines)}; everything runs on it.",
-        f"Versions: {' / '.join(versions)}.",
+        f"Machine: {machines}; everything runs on it.",
+        f"Versions: {versions}.",
         f"Commit: {', '.join(f'{plain(name)} ({count} steps)' for name, count in commits.items())}{several}.",
         f"Date: {min(step.began for step in outcomes)} to {max(step.began for step in outcomes)}; the "
-        f"{len(outcomes)} steps took {duration(sum(step.took_s for step in outcomes))}; sittings: {len(sittings)}.",
+        f"{len(outcomes)} steps took {duration(sum(step.took_s for step in outcomes))}.",
         f"Load when a step began: median {statistics.median(loads):.1f}, most {max(loads):.1f}.",
     ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import fcntl
 import json
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -66,10 +66,10 @@ class Outcome:
     load: float = 0.0
     # RFC 3339, UTC.
     began: str = ""
-    # `git describe` of the sources that measured it.
+    # `git describe` of the sources that measured it, on what, and which versions ran.
     commit: str = ""
-    # When the process that measured it began.
-    sitting: str = ""
+    machine: str = ""
+    versions: str = ""
 
 
 # Outcomes by their steps' names, in the steps' order; a step that has not run is not in it.
@@ -156,10 +156,7 @@ def now() -> str:
 
 
 class ResultStore:
-    """Outcomes and sittings of one scale, a line each in FOLDER/SCALE.jsonl; a sitting is a process that ran steps.
-
-    Nothing is ever lost: what is measured anew goes to a file with its date before.
-    """
+    """Outcomes of one scale, a line each in FOLDER/SCALE.jsonl; a file with a date has what is measured anew."""
 
     def __init__(self, folder: Path, scale: Scale) -> None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -172,26 +169,20 @@ class ResultStore:
 
     def add(self, key: Key, outcome: Outcome) -> None:
         part, step = key
-        self._write({"part": part, "step": step, "outcome": asdict(outcome)})
-
-    def add_sitting(self, sitting: Mapping[str, Any]) -> None:
-        """Keep on what, and with which versions, is measured from now on; outcomes name it by its `began`."""
-        self._write({"sitting": dict(sitting)})
+        line = {"part": part, "step": step, "outcome": asdict(outcome)}
+        with self.path.open("a") as file:
+            file.write(f"{json.dumps(line)}\n")
 
     def keys(self) -> set[Key]:
-        return {(line["part"], line["step"]) for line in self._lines() if "part" in line}
+        return {(line["part"], line["step"]) for line in self._lines()}
 
     def outcomes(self, part: Part, scale: Scale) -> dict[str, Outcome]:
         """What is kept of a part's steps, in their order; those that have not run are left out."""
-        lines = [line for line in self._lines() if line.get("part") == part.name]
-        kept = {line["step"]: Outcome(**line["outcome"]) for line in lines}
+        lines = self._lines()
+        kept = {
+            line["step"]: Outcome(**line["outcome"]) for line in lines if line["part"] == part.name
+        }
         return {step.name: kept[step.name] for step in part.steps(scale) if step.name in kept}
-
-    def sittings(self, outcomes: Iterable[Outcome]) -> list[Mapping[str, Any]]:
-        """What is known of the processes that measured these, the first first."""
-        wanted = {outcome.sitting for outcome in outcomes}
-        known = (line["sitting"] for line in self._lines() if "sitting" in line)
-        return [sitting for sitting in known if sitting["began"] in wanted]
 
     def set_aside(self, keys: Collection[Key]) -> None:
         """Begin anew without what is kept of these steps; the file as it was gets another name."""
@@ -199,13 +190,8 @@ class ResultStore:
             return
         lines = self._lines()
         self.path.rename(self.path.with_stem(f"{self.path.stem}-{now()}"))
-        for line in lines:
-            if (line.get("part"), line.get("step")) not in keys:
-                self._write(line)
-
-    def _write(self, line: Mapping[str, Any]) -> None:
-        with self.path.open("a") as file:
-            file.write(f"{json.dumps(line)}\n")
+        kept = [line for line in lines if (line["part"], line["step"]) not in keys]
+        self.path.write_text("".join(f"{json.dumps(line)}\n" for line in kept))
 
     def _lines(self) -> list[dict[str, Any]]:
         if not self.path.exists():

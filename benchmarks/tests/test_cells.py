@@ -1,15 +1,12 @@
-"""The history of cells and its checker: each rule is broken once, and what is allowed is no violation."""
+"""The checker of cells: each rule is broken once, and what is allowed is no violation."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import pytest
-from paper.cells.checker import Database, check, find_crowds, find_ignored_stops, find_returns
-from paper.cells.history import Event, History, in_order, read
-from paper.cells.report import report
-from paper.step import Outcome
+from paper.cells.checker import Database, check, find_ignored_stops, find_returns
+from paper.cells.history import Event, in_order
 
 CELLS = ("main", "second")
 WHOLE = Database(drives={("one", 1), ("one", 2)}, fences={"one": 2})
@@ -173,44 +170,3 @@ def test_a_fault_that_takes_a_moment_is_still_the_cause():
     history = [WANTS, *driven("a1", 1, 0, 2.2), KILLED, *driven("a2", 2, 5, 6), HEALED, left(6.1)]
     [found] = find_returns(in_order(history), CELLS)
     assert (round(found.took_s, 2), found.after) == (2.85, "cell_killed")
-
-
-def test_what_is_written_is_read_in_order(tmp_path: Path):
-    first, second = History.open(tmp_path, "robots"), History.open(tmp_path, "people")
-    first.add("moved", robot="one", connection="ann", number=3)
-    second.add("wants", robot="one", what="ann")
-    first.add("zeroed", robot="one")
-    for item in (first, second):
-        item.close()
-    # A process was killed while it wrote.
-    with (tmp_path / "robots.jsonl").open("a") as file:
-        file.write('{"at_s": 3')
-    found = read(tmp_path)
-    written = [(item.kind, item.source) for item in found]
-    assert written == [("moved", "robots"), ("wants", "people"), ("zeroed", "robots")]
-    assert found[0].number == 3
-
-
-def test_a_crowd_is_the_most_robots_at_one_cell_and_passes():
-    history = [
-        event(0, "session", cell="main"),
-        event(1, "session", robot="two", cell="second"),
-        event(2, "session_lost", cell="main"),
-        event(3, "session", cell="second"),
-        event(4, "session", robot="two", cell="main"),
-    ]
-    assert find_crowds(history) == [2, 1]
-
-
-def test_a_broken_rule_fails_the_run_and_is_told():
-    broken = {"rule": "two drivers", "robot": "one", "at_s": 1.0, "words": "a moves it after b"}
-    values = {
-        **{"seed": 7, "violations": [broken], "broken": 1, "kept": "tests/artifacts/cells/x"},
-        **{"faults": {}, "events": {}, "returns": [], "ignored_stops_s": [], "failed": []},
-        "seen": {"round_trips": {}},
-    }
-    found = report({"nemesis": Outcome(values=values)})
-    [row] = [row for row in found.comparisons if row.is_short and row.better == "equal"]
-    assert row.what == "rules broken under the nemesis"
-    assert "two drivers: one: a moves it after b" in found.shortfalls
-    assert any("seed 7 is in tests/artifacts/cells/x" in line for line in found.shortfalls)

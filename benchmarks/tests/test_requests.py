@@ -9,7 +9,7 @@ import pytest
 from paper.cells.history import Event
 from paper.requests.checker import Record, Records, check
 from paper.requests.optimum import least_waiting, weighted_waiting
-from paper.requests.simulation import Job, erlang_c, simulate, waiting_quantile
+from paper.requests.simulation import Job, simulate, waiting_quantile
 
 ANY, ARMS = frozenset[str](), frozenset({"arms"})
 
@@ -17,10 +17,6 @@ ANY, ARMS = frozenset[str](), frozenset({"arms"})
 @pytest.mark.parametrize(("load", "p95_s"), [(0.6, 10.6), (0.8, 63), (0.9, 156)])
 def test_theory_gives_the_waiting_of_ten_operators(load: float, p95_s: float) -> None:
     assert waiting_quantile(10, load, 60, 0.95) == pytest.approx(p95_s, rel=0.01)
-
-
-def test_with_one_operator_the_load_is_the_share_that_waits() -> None:
-    assert erlang_c(1, 0.7) == pytest.approx(0.7)
 
 
 def test_the_optimum_knows_what_comes() -> None:

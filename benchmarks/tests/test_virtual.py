@@ -23,7 +23,6 @@ from recording_server import RecordingServer, running_agent
 from relay_server import FAST, MemoryDatabase, RelayServer, running_relay
 from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
-from robotether_agent.net.server_dialer import ServerDialer
 from robotether_server.db.fleet import RelayUser
 
 WAIT_S = 60.0
@@ -48,8 +47,7 @@ async def virtual_robot(server: RecordingServer, place: Path) -> AsyncIterator[N
     environ = agent_environ(server, place)
     await Enroller(agent_settings.load(None, environ)).join()
     told = {"server": environ["ROBOTETHER_SERVER"], "state_dir": environ["ROBOTETHER_STATE_DIR"]}
-    account = Account.read(told, ServerDialer())
-    robot = VirtualRobot(account, Services(lambda _topic, _message: None), Random(7))
+    robot = VirtualRobot(Account.read(told), Services(), Random(7))
     running = asyncio.ensure_future(robot.run())
     try:
         yield

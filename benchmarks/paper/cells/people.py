@@ -18,7 +18,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from http import HTTPStatus
 from pathlib import Path
 from random import Random
 from typing import Any
@@ -319,7 +318,7 @@ class Operator(Person):
         self, robot: str, what: str, body: Mapping[str, Any]
     ) -> Mapping[str, Any] | None:
         try:
-            return await self.ask(f"/robots/{robot}/{what}", body, HTTPStatus.OK, ORDER_S)
+            return await self.ask(f"/robots/{robot}/{what}", body, within_s=ORDER_S)
         except FAILURES as error:
             self.meet(error)
             return None
@@ -336,7 +335,7 @@ class Recorder(Person):
             number += 1
             name = f"{prefix}-{number}"
             try:
-                await self.ask("/sites", {"name": name}, HTTPStatus.CREATED)
+                await self.ask("/sites", {"name": name})
             except FAILURES as error:
                 self.meet(error)
             else:

@@ -8,20 +8,16 @@ down. In: a line that says where to write and which robots there are, then order
 from __future__ import annotations
 
 import asyncio
-import json
-import logging
 import random
-import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from itertools import count
 from pathlib import Path
 from typing import Any
 
 import asyncssh
+from aiohttp import web
 from fake_cameras import FakeVideoServer
-from robotether_agent import settings as agent_settings
 from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject
 from robotether_agent.guard.agent_messages import GuardReporter
@@ -29,29 +25,26 @@ from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.drive_messages import DriveMessage
 from robotether_agent.guard.process import Guard
 from robotether_agent.guard.supervisor import NO_STATUS, GuardSupervisor
-from robotether_agent.net.server_dialer import ServerDialer
 from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
+from robotether_agent.topics_service import TopicsService
 from robotether_common.guard import STAMP
-from sim_robot.graph import TopicMessage
+from sim_robot.graph import Node, TopicMessage
 
 from paper.cells.history import History
 from paper.client import TOPIC, TYPE, origin
 from paper.fleet.worker import (
-    LOG_FORMAT,
-    NO_FILE,
     GuardHere,
     Robots,
     RosRobot,
     SupervisorHere,
+    main,
     standard_input,
     watch_children,
 )
 from paper.virtual.robot import Account, VirtualRobot
 from paper.virtual.services import Channel, Services
-from paper.virtual.worker import Numeric
-from paper.world import environment
 
 # A turn of this loop that comes so much later than it should is written down.
 TURN_EVERY_S, LATE_S = 0.02, 0.01
@@ -165,17 +158,22 @@ class WatchedSupervisor(SupervisorHere):
 class GuardedServices(Services):
     """Behind a virtual robot's forward: a guard as an agent has it, with its rosbridge."""
 
-    def __init__(self, supervisor: WatchedSupervisor) -> None:
-        super().__init__(lambda _topic, _message: None)
+    def __init__(self, supervisor: WatchedSupervisor, rosbridge_url: str) -> None:
+        super().__init__()
         self._supervisor = supervisor
+        self._topics_service = TopicsService(rosbridge_url)
+        self._media = web.Server(self._topics_service.answer, access_log=None)
         self._status: JsonObject = {**NO_STATUS, "state": "down", "stopped": False, "by": ""}
 
     async def run(self) -> None:
         """Keep the guard, and pass on what it says."""
-        with self._supervisor.following() as lines:
-            async with asyncio.TaskGroup() as group:
-                group.create_task(self._supervisor.run())
-                group.create_task(self._follow(lines))
+        try:
+            with self._supervisor.following() as lines:
+                async with asyncio.TaskGroup() as group:
+                    group.create_task(self._supervisor.run())
+                    group.create_task(self._follow(lines))
+        finally:
+            await self._topics_service.close()
 
     async def _follow(self, lines: asyncio.Queue[JsonObject]) -> None:
         while True:
@@ -216,9 +214,9 @@ class CellRobot(RosRobot):
     """One robot, agent or virtual; its guard's disk is in the folder that the settings name."""
 
     def __init__(self, name: str, given: Mapping[str, str], history: History) -> None:
+        super().__init__(name, given)
         self._watch = Watch(name, history)
-        super().__init__(name, TOPIC, TYPE, self._watch.on_command)
-        self._given = given
+        self.ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._watch.on_command)
         # The names of cells by their SSH addresses.
         self.cells: Mapping[str, str] = {}
         self.supervisor: WatchedSupervisor | None = None
@@ -226,15 +224,6 @@ class CellRobot(RosRobot):
     def is_up(self, address: str, epoch: int) -> None:
         """Write down that there is a session at this HOST:PORT."""
         self._watch.on_session(self.cells.get(address, address), epoch)
-
-    @property
-    def _settings(self) -> Settings:
-        given = {
-            **self._given,
-            "rosbridge_url": self.rosbridge_url,
-            "shell_address": "none",
-        }
-        return agent_settings.load(NO_FILE, environment(given))
 
 
 class RealRobot(CellRobot):
@@ -258,17 +247,17 @@ class RealRobot(CellRobot):
                 watch.on_session_lost()
                 super()._no_session(problem)
 
-        await WatchedAgent(self._settings, Notifier(None), random.SystemRandom()).run()
+        await WatchedAgent(self.settings(), Notifier(None), random.SystemRandom()).run()
 
 
 class PlayedRobot(CellRobot):
     """A virtual one with a real guard."""
 
     async def play(self) -> None:
-        self.supervisor = WatchedSupervisor(self._settings, self._watch)
-        services = GuardedServices(self.supervisor)
-        account = Account.read(self._given, ServerDialer(resolver=Numeric()))
-        robot = VirtualRobot(account, services, random.SystemRandom())
+        settings = self.settings()
+        self.supervisor = WatchedSupervisor(settings, self._watch)
+        services = GuardedServices(self.supervisor, settings.rosbridge_url)
+        robot = VirtualRobot(Account.read(self._given), services, random.SystemRandom())
         robot.on_session = lambda target, epoch: self.is_up(f"{target.host}:{target.port}", epoch)
         robot.on_session_lost = self._watch.on_session_lost
         async with asyncio.TaskGroup() as group:
@@ -303,36 +292,24 @@ async def keep_time(history: History) -> None:
             history.add("late", number=round(late_s * 1000))
 
 
-async def work(run_dirs: Path) -> None:
-    """Play the robots that the first line of the input names, by the orders that follow."""
+async def work(wanted: Mapping[str, Any], run_dirs: Path) -> None:
     watch_children()
-    lines = await standard_input()
-    wanted = json.loads(await lines.readline())
     history = History.open(Path(wanted["folder"]), wanted["source"])
-    numbers = count(1)
     async with FakeVideoServer(fps=FPS) as video:
         robots: dict[str, CellRobot] = {}
         for kind, make in (("agents", RealRobot), ("virtual", PlayedRobot)):
             for name, given in wanted[kind].items():
-                run_dir = run_dirs / str(next(numbers))
+                run_dir = run_dirs / str(len(robots))
                 run_dir.mkdir()
                 local = {"run_dir": str(run_dir), "video_url": video.url}
                 robots[name] = make(name, {**given, **local}, history)
         clock = asyncio.create_task(keep_time(history))
         try:
-            await CellRobots(robots).serve(lines)
+            await CellRobots(robots).serve(await standard_input())
         finally:
             clock.cancel()
             history.close()
 
 
-def main() -> None:
-    """Work in folders that end with this process; their paths must be short, as they hold sockets."""
-    logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
-    logging.getLogger("asyncssh").setLevel(logging.ERROR)
-    with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
-        asyncio.run(work(Path(folder)))
-
-
 if __name__ == "__main__":
-    main()
+    main(work)

@@ -26,7 +26,7 @@ from paper.cells.checker import Database
 from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
-from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, placed, workers_for
+from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, shares
 from paper.programs import LineProgram
 from paper.world import Enrolled
 
@@ -77,8 +77,6 @@ class RobotProcess(Worker):
         self.disk = place / f"disk-{source}"
         self.names = [item.name for item in robots]
         self.inside = uplink.command
-        # What robots said that ended, which none may.
-        self.failed: list[str] = []
         folders = [item.state_dir for item in robots]
         make_disk(self.disk, DISK_BYTES_A_ROBOT * len(robots), folders)
         told = {
@@ -87,8 +85,7 @@ class RobotProcess(Worker):
             "agents": {agent.name: self._settings(agent) for agent in agents},
             "virtual": {agent.name: self._settings(agent) for agent in virtual},
         }
-        super().__init__("paper.cells.worker", uplink, place / f"{source}.log", told)
-        self.on_message = lambda said: self.failed.append(f"{said['robot']}: {said['failed']}")
+        super().__init__(uplink, place / f"{source}.log", told, "paper.cells.worker")
 
     def __enter__(self) -> RobotProcess:
         return self
@@ -122,33 +119,30 @@ class Workload:
     def running(cls, site: Site, size: Size, folder: Path, seed: int) -> Iterator[Workload]:
         """Start the robots, and wait until all are online."""
         robots = site.robots(size.robots)
-        agents, virtual = robots[: size.agents], robots[size.agents :]
-        of_agents = workers_for(len(agents), MOST_AGENTS_IN_A_WORKER)
-        of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
+        parts: list[tuple[Sequence[Enrolled], Sequence[Enrolled]]] = [
+            *((some, []) for some in shares(robots[: size.agents], MOST_AGENTS_IN_A_WORKER)),
+            *(([], some) for some in shares(robots[size.agents :], VIRTUAL_IN_A_WORKER)),
+        ]
         folder.mkdir(parents=True, exist_ok=True)
         with ExitStack() as stack:
-            uplinks = stack.enter_context(site.world.uplinks(of_agents + of_virtual))
+            uplinks = stack.enter_context(site.world.uplinks(len(parts)))
             place = site.world.folder / f"run-{time.monotonic_ns()}"
             place.mkdir()
             stack.callback(shutil.rmtree, place, ignore_errors=True)
-            behind = placed(agents, uplinks[:of_agents]) if agents else []
-            played = placed(virtual, uplinks[of_agents:]) if virtual else []
-            places = [
-                *((uplink, some, []) for uplink, some in behind),
-                *((uplink, [], some) for uplink, some in played),
-            ]
             processes = [
                 stack.enter_context(
                     RobotProcess(
-                        source=f"robots-{at}",
+                        source=f"robots-{number}",
                         uplink=uplink,
-                        agents=real,
-                        virtual=others,
+                        agents=agents,
+                        virtual=virtual,
                         folder=folder,
                         place=place,
                     )
                 )
-                for at, (uplink, real, others) in enumerate(places, 1)
+                for number, (uplink, (agents, virtual)) in enumerate(
+                    zip(uplinks, parts, strict=True), 1
+                )
             ]
             workload = cls(site, size, folder, seed, processes)
             workload.start()

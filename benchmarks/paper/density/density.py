@@ -18,13 +18,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from demo import Demo
-from report import Section
-
 from paper.costs import cpu_between
 from paper.density.report import RATE_HZ, report
 from paper.fleet.fleet import SERVICES, Fleet, robots_of, with_fleet
-from paper.fleet.report import AGENTS, FleetOutcome, idle_rows
+from paper.fleet.report import AGENTS
 from paper.programs import LineProgram
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
@@ -40,8 +37,6 @@ SETTLED_AFTER_S = 1.0
 DRIVEN_AGENTS = 10
 # The relay lets one user have 32 connections; one that has ended may still count.
 DRIVES_A_USER = 25
-# Of issue 35, for each robot.
-AIM_IDLE_EACH_MS, AIM_EACH_MIB = 0.2, 2
 # The robots of a soak, those of them that are driven, its seconds, and those between two returns.
 SOAK, FULL_SOAK, QUICK_SOAK = (500, 20, 1800, 300), (500, 20, 7200, 600), (20, 4, 20, 10)
 
@@ -81,7 +76,7 @@ def _compared(count: int, kind: str, idle_s: float) -> Step:
 
 def _start_and_idle(count: int, agents: int, idle_s: float, world: World) -> Values:
     async def use(fleet: Fleet) -> dict[str, Any]:
-        started = await fleet.start(f"density-{count}-{agents}")
+        started = await fleet.start()
         return {"count": count, "start": {**started, **await fleet.idle(idle_s)}}
 
     return with_fleet(world, count, use, agents)
@@ -92,12 +87,12 @@ def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World
 
     async def use(fleet: Fleet) -> dict[str, Any]:
         values: dict[str, Any] = {"count": count, "agents": agents}
-        values["start"] = await fleet.start(f"density-{count}")
+        values["start"] = await fleet.start()
         values["start"] |= await fleet.idle(idle_s)
         values["drive"] = await _unless_failed(
             _drive(world, fleet, _chosen(world, count, agents), driven_s)
         )
-        values["return"] = await fleet.run(f"density-return-{count}", lambda: _restart(world))
+        values["return"] = await fleet.run(lambda: _restart(world))
         return values
 
     return with_fleet(world, count, use, agents)
@@ -176,13 +171,13 @@ def _soak(soak: tuple[int, int, float, float], agents: int, world: World) -> Val
     async def use(fleet: Fleet) -> dict[str, Any]:
         end = time.monotonic() + seconds
         rounds: list[dict[str, Any]] = []
-        await fleet.start("soak")
+        await fleet.start()
         while time.monotonic() < end:
             drive = _drive(world, fleet, _chosen(world, count, agents, driven), every_s)
             told = await _unless_failed(drive)
             memory = {name: use.memory_bytes for name, use in fleet.reading().services.items()}
-            back = await fleet.run(f"soak-{len(rounds)}", lambda: _restart_tunnels(world))
-            rounds.append({"drive": told, "memory_bytes": memory, "message_s": back["message_s"]})
+            back = await fleet.run(lambda: _restart_tunnels(world))
+            rounds.append({"drive": told, "memory_bytes": memory, "drivable_s": back["drivable_s"]})
         return {"count": count, "driven": driven, "seconds": seconds, "rounds": rounds}
 
     return with_fleet(world, count, use, agents)
@@ -191,40 +186,6 @@ def _soak(soak: tuple[int, int, float, float], agents: int, world: World) -> Val
 async def _restart_tunnels(world: World) -> None:
     """All robots lose their connections, and no service its memory: sshd's connections are ended inside it."""
     await asyncio.to_thread(world.exec, "sshd", "pkill", "-KILL", "-u", "tunnel", "sshd-session")
-
-
-def measure_idle(demo: Demo, count: int, idle_s: float = IDLE_S) -> Section:
-    """What each of so many virtual robots costs a running demo while nobody uses it, as a section of `make bench`.
-
-    The containers' own work, which they do without the fleet too, does not count.
-    """
-
-    async def use(fleet: Fleet) -> FleetOutcome:
-        alone = await fleet.idle(idle_s)
-        values = {**await fleet.start(f"idle-{count}"), **await fleet.idle(idle_s)}
-        values["idle_cpu_s"] = {
-            name: used - alone["idle_cpu_s"][name] * values["idle_s"] / alone["idle_s"]
-            for name, used in values["idle_cpu_s"].items()
-        }
-        return FleetOutcome(f"{count}", count, values)
-
-    with TemporaryDirectory(prefix="rt-x-") as folder:
-        world = World(demo.container, Path(folder))
-        world.token = demo.token
-        try:
-            outcome = with_fleet(world, count, use, agents=0)
-        finally:
-            world.remove(robots_of(world, count))
-    if outcome.never:
-        raise RuntimeError(
-            f"cannot measure: {outcome.never} robots are not online; {outcome.last_words}"
-        )
-    text = (
-        f"{count} virtual robots (docs/experiments/density.md) beside the demo's own. Memory is what the server's "
-        f"containers gained. Processor is theirs over {idle_s:g} s with the fleet, less that of as long without it.\n\n"
-        f"Aim: {AIM_IDLE_EACH_MS} ms a second and {AIM_EACH_MIB} MiB."
-    )
-    return Section("What an idle robot costs the server", text, idle_rows(outcome))
 
 
 PART = Part(

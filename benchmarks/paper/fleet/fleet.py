@@ -1,12 +1,12 @@
 """Many robots that start and come back together: the machinery of `density`.
 
-    values = with_fleet(world, 50, lambda fleet: fleet.start("density-50"))
+    values = with_fleet(world, 50, lambda fleet: fleet.start())
 
 The first 50 robots of a fleet are light ones: the real agent with its guard and its own OpenSSH clients, in a worker
 process with others (worker.py), behind the address of the worker's uplink. All more are virtual (paper.virtual): what
-hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A
-clock starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in
-a world; the fleet ends with the `with` block.
+hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A clock
+starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in a world; the fleet
+ends with the `with` block.
 """
 
 from __future__ import annotations
@@ -14,23 +14,19 @@ from __future__ import annotations
 import asyncio
 import os
 import tempfile
-import time
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
-from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
-import aiohttp
 from namespaces import Namespace
 from openssh_server import descendants
 from robotether_server.relay.robots.robot import USE_KEPT_S
 
 from paper.client import Client, new_http
-from paper.costs import PROC, Reading, cpu_between, limits_met, memory_between
-from paper.fleet.operators import REQUEST_S, Arrivals, FleetEvents, Operators
+from paper.costs import PROC, Reading, cpu_between, memory_between
+from paper.fleet.operators import REQUEST_S, Operators
 from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import allow_files
 from paper.programs import LineProgram
@@ -43,7 +39,6 @@ SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # sshd lets 20 log-ins of one address begin at a time, of 60 in all: so few addresses must not be what limits a fleet.
 VIRTUAL_IN_A_WORKER = 100
-LIGHT, VIRTUAL = "paper.fleet.worker", "paper.virtual.worker"
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
 WATCHED_A_ROBOT_S = 0.5
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
@@ -65,18 +60,10 @@ def robots_of(world: World, count: int) -> list[Enrolled]:
     return known[:count]
 
 
-def placed(
-    robots: Sequence[Enrolled], uplinks: Sequence[Namespace]
-) -> list[tuple[Namespace, list[Enrolled]]]:
-    """As many robots behind each uplink as it has, all nearly alike."""
-    each, more = divmod(len(robots), len(uplinks))
-    left = iter(robots)
-    return [(uplink, list(islice(left, each + (at < more)))) for at, uplink in enumerate(uplinks)]
-
-
-def workers_for(count: int, most: int) -> int:
-    """At least two workers, if there are as many robots, and none with more than `most`."""
-    return max(min(LEAST_WORKERS, count), -(-count // most))
+def shares(robots: Sequence[Enrolled], most: int) -> list[Sequence[Enrolled]]:
+    """Nearly equal parts for workers: at least two, if there are as many robots, and none with more than `most`."""
+    workers = max(min(LEAST_WORKERS, len(robots)), -(-len(robots) // most))
+    return [robots[number::workers] for number in range(workers)]
 
 
 def watched_s(count: int) -> float:
@@ -85,19 +72,24 @@ def watched_s(count: int) -> float:
 
 
 class Worker(LineProgram):
-    """A process of robots behind an uplink; takes orders, and tells what its robots do."""
+    """A process of robots behind an uplink; takes orders."""
 
-    def __init__(self, module: str, inside: Namespace, log: Path, told: object) -> None:
-        # Called in a thread of its own.
-        self.on_message: Callable[[dict[str, Any]], None] = lambda _: None
+    def __init__(
+        self,
+        inside: Namespace,
+        log: Path,
+        told: Mapping[str, Any],
+        module: str = "paper.fleet.worker",
+    ) -> None:
+        # What robots said that ended, which none may.
+        self.failed: list[str] = []
         super().__init__(module, log, inside.command(*ASIDE))
         self.send(told)
 
     def handle(self, message: dict[str, Any]) -> bool:
-        if "done" in message:
-            return False
-        self.on_message(message)
-        return True
+        if "failed" in message:
+            self.failed.append(f"{message['robot']}: {message['failed']}")
+        return "failed" in message
 
     def has_done(self, what: str, within_s: float) -> None:
         """Wait until it tells that an order is done."""
@@ -119,45 +111,42 @@ class Fleet:
         world: World,
         robots: Sequence[Enrolled],
         sides: Sequence[Worker],
-        http: aiohttp.ClientSession,
+        operators: Operators,
     ) -> None:
-        self._world, self._sides = world, sides
+        self._world, self._sides, self._operators = world, sides, operators
         self._names = [robot.name for robot in robots]
-        self.fleet_events = FleetEvents(http, f"https://{world.address}")
-        client = Client(http, world.address, world.token, REQUEST_S)
-        self._operators = Operators(client, self.fleet_events)
-        self._failures: list[str] = []
 
-    async def start(self, run: str) -> dict[str, Any]:
-        """Start all robots at once, and return what was measured until each has its message.
+    async def start(self) -> dict[str, Any]:
+        """Start all robots at once, and return what was measured until each is drivable.
 
         From then on they go before nobody and after nobody: those that are driven or return would show how a starved
         robot does, and on a site each has a processor of its own.
         """
-        values = await self.run(run, self._start_all)
+        values = await self.run(self._start_all)
         no_longer_aside([side.pid for side in self._sides])
         return values
 
-    async def run(self, run: str, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
-        """Measure from the moment before `order` is awaited until each robot has got a message sent after it."""
+    async def run(self, order: Callable[[], Awaitable[None]]) -> dict[str, Any]:
+        """Measure from the moment before `order` is awaited until each robot has answered a call made after it."""
         first = self.reading()
-        self._failures.clear()
-        arrivals = Arrivals(self._names, run, time.monotonic_ns())
-        loop = asyncio.get_running_loop()
         for side in self._sides:
-            side.on_message = partial(loop.call_soon_threadsafe, self._on_message, arrivals)
+            side.failed.clear()
+        self._operators.begin()
         await order()
-        await self._operators.deliver_all(self._names, arrivals, watched_s(len(self._names)))
+        seen = await self._operators.drive_all(self._names, watched_s(len(self._names)))
         # The robots have their second connections too when it has settled.
         last, settled = self.reading(), await self._settled()
-        values = {
-            **arrivals.values(),
+        missing = None in seen["drivable_s"]
+        return {
+            **seen,
             "took_s": round(last.at_s - first.at_s, 3),
             "cpu_s": cpu_between(first, last),
             "memory_bytes": memory_between(first, settled),
-            "limits": limits_met(first, settled),
+            "failures": [
+                *(words for side in self._sides for words in side.failed),
+                *(words for side in self._sides if missing and (words := side.tail())),
+            ],
         }
-        return {**values, "failures": self._failures_of(values)}
 
     async def idle(self, seconds: float) -> dict[str, Any]:
         """What the fleet costs while nobody uses it: processor time over so many seconds."""
@@ -172,18 +161,6 @@ class Fleet:
             side.send({"do": "start"})
         for side in self._sides:
             await asyncio.to_thread(side.has_done, "start", OPENS_WITHIN_S)
-
-    def _on_message(self, arrivals: Arrivals, message: Mapping[str, Any]) -> None:
-        if "got" in message:
-            arrivals.got(message["robot"], message["got"], message["at_ns"])
-        else:
-            self._failures.append(f"{message['robot']}: {message['failed']}")
-
-    def _failures_of(self, values: Mapping[str, Any]) -> list[str]:
-        """What explains robots without a message, if there are any."""
-        missing = sum(seconds is None for seconds in values["message_s"])
-        logs = [side.tail() for side in self._sides] if missing else []
-        return [*self._failures, *filter(None, logs)]
 
     async def _settled(self) -> Reading:
         """Read when sshd has as many processes as a moment before, or after a while."""
@@ -209,24 +186,28 @@ def with_fleet(
 ) -> T:
     """What `use` returns of a fleet none of which has started yet: `agents` light robots, and the others virtual."""
     robots = robots_of(world, count)
-    real, virtual = robots[:agents], robots[agents:]
-    of_real = workers_for(len(real), MOST_IN_A_WORKER)
-    of_virtual = workers_for(len(virtual), VIRTUAL_IN_A_WORKER)
+    parts: list[tuple[Sequence[Enrolled], Sequence[Enrolled]]] = [
+        *((some, []) for some in shares(robots[:agents], MOST_IN_A_WORKER)),
+        *(([], some) for some in shares(robots[agents:], VIRTUAL_IN_A_WORKER)),
+    ]
     allow_files(FILES_OF_OPERATORS)
     with (
-        world.uplinks(of_real + of_virtual) as uplinks,
+        world.uplinks(len(parts)) as uplinks,
         tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
     ):
 
         async def run() -> T:
-            places = placed(real, uplinks[:of_real]) if real else []
-            others = placed(virtual, uplinks[of_real:]) if virtual else []
             async with (
-                workers(places, Path(logs)) as light,
-                workers(others, Path(logs), VIRTUAL) as played,
-                following(world, robots, [*light, *played]) as fleet,
+                workers(parts, uplinks, Path(logs)) as sides,
+                new_http(world.token) as http,
             ):
-                return await use(fleet)
+                operators = Operators(Client(http, world.address, world.token, REQUEST_S), http)
+                following = asyncio.ensure_future(operators.follow())
+                try:
+                    return await use(Fleet(world, robots, sides, operators))
+                finally:
+                    following.cancel()
+                    await asyncio.gather(following, return_exceptions=True)
 
         return asyncio.run(run())
 
@@ -242,30 +223,18 @@ def no_longer_aside(pids: Sequence[int]) -> None:
 
 
 @asynccontextmanager
-async def following(
-    world: World, robots: Sequence[Enrolled], sides: Sequence[Worker]
-) -> AsyncIterator[Fleet]:
-    """The fleet that these robots are, with operators who follow the server's events."""
-    async with new_http(world.token) as http:
-        fleet = Fleet(world, robots, sides, http)
-        fleet_events = asyncio.ensure_future(fleet.fleet_events.follow())
-        try:
-            yield fleet
-        finally:
-            fleet_events.cancel()
-            await asyncio.gather(fleet_events, return_exceptions=True)
-
-
-@asynccontextmanager
 async def workers(
-    places: Iterable[tuple[Namespace, Sequence[Enrolled]]], logs: Path, module: str = LIGHT
+    parts: Sequence[tuple[Sequence[Enrolled], Sequence[Enrolled]]],
+    uplinks: Sequence[Namespace],
+    logs: Path,
 ) -> AsyncIterator[list[Worker]]:
-    """A worker for each place; all robots have their rosbridge, and no agent yet."""
+    """A worker for the agents and virtual robots of each part; all have their rosbridge, and no agent yet."""
     made: list[Worker] = []
     async with AsyncExitStack() as stack:
-        for uplink, robots in places:
-            told = {robot.name: robot.settings for robot in robots}
-            made.append(Worker(module, uplink, logs / f"{robots[0].name}.log", told))
+        for number, (part, uplink) in enumerate(zip(parts, uplinks, strict=True)):
+            agents, virtual = ({robot.name: robot.settings for robot in some} for some in part)
+            told = {"agents": agents, "virtual": virtual}
+            made.append(Worker(uplink, logs / f"{number}.log", told))
             stack.push_async_callback(asyncio.to_thread, made[-1].end, ENDS_WITHIN_S)
         for worker in made:
             await asyncio.to_thread(worker.has_done, "open", OPENS_WITHIN_S)

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import pandas as pd
-from report import Row, plain, quantiles
+from report import Row, quantiles
 
 from paper.step import Values
 
-# A robot without a message after this has failed, whatever comes later.
+# A robot without an answer after this has failed, whatever comes later.
 FAILED_AFTER_S = 60.0
 # How many of a fleet are the real agent; all more are virtual robots.
 AGENTS = 50
 SERVER = ("nginx", "web", "relay", "sshd", "mysql")
 # Columns of processor time and memory, and whose they are.
 SERVER_PARTS = {
+    "server": SERVER,
     "sshd": ("sshd",),
     "relay": ("relay",),
     "nginx, web, database": ("nginx", "web", "mysql"),
@@ -36,38 +36,35 @@ class FleetOutcome:
     values: Values
 
     def seconds(self, name: str) -> pd.Series:
-        """`message_s` or `online_s` of each robot that got so far."""
+        """`drivable_s` or `online_s` of each robot that got so far."""
         return pd.Series(self.values[name], dtype=float).dropna()
 
     @property
     def in_time(self) -> int:
-        """How many robots got their message before they count as failed."""
-        return int((self.seconds("message_s") <= FAILED_AFTER_S).sum())
+        """How many robots answered before they count as failed."""
+        return int((self.seconds("drivable_s") <= FAILED_AFTER_S).sum())
 
     @property
     def late(self) -> int:
-        return len(self.seconds("message_s")) - self.in_time
+        return len(self.seconds("drivable_s")) - self.in_time
 
     @property
     def never(self) -> int:
-        """How many robots got no message at all."""
-        return self.count - len(self.seconds("message_s"))
+        """How many robots never answered."""
+        return self.count - len(self.seconds("drivable_s"))
 
     @property
-    def doubled(self) -> int:
-        """How many robots got more than one message, as an operator took one for lost."""
-        return int(self.values["received"]) - len(self.seconds("message_s"))
+    def waits(self) -> int:
+        """How often operators had to try again."""
+        return sum(self.values["waits"].values())
 
-    @property
-    def waits(self) -> Counter[str]:
-        """Why operators had to try again, by the server's words."""
-        return Counter(self.values["waits"])
-
-    def per_robot(self, values: str, names: Iterable[str] = SERVER) -> float | None:
+    def per_robot(
+        self, values: str, names: Iterable[str] = SERVER, factor: float = 1.0
+    ) -> float | None:
         """Some members of `cpu_s` or `memory_bytes` for a robot online; None without one."""
         robots = len(self.seconds("online_s"))
         used = sum(self.values[values].get(name, 0) for name in names)
-        return used / robots if robots else None
+        return factor * used / robots if robots else None
 
     def idle_ms(self, names: Iterable[str] = SERVER) -> float | None:
         """Processor time in ms that a robot costs in each second in which nobody uses it; None: not measured."""
@@ -77,54 +74,38 @@ class FleetOutcome:
         used = sum(self.values["idle_cpu_s"].get(name, 0.0) for name in names)
         return float(MS_PER_S * used / lasted)
 
-    @property
-    def last_words(self) -> str:
-        """What an agent said last where some robot never got its message; mostly why."""
-        return next((lines.splitlines()[-1] for lines in self.values["failures"] if lines), "")
-
 
 def start_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
     return [
         {
             "robots": run.title,
-            "message in time": f"{run.in_time} of {run.count}",
+            "drivable in time": f"{run.in_time} of {run.count}",
             "later": run.late,
             "never": run.never,
-            **quantiles(run.seconds("message_s"), 0.5, 0.99, 1),
+            **quantiles(run.seconds("drivable_s"), 0.5, 0.99, 1),
             "online p50, s": run.seconds("online_s").quantile(0.5),
-            "tried again": run.waits.total(),
-            "wrong robot": run.values["wrong"],
-            "doubled": run.doubled,
+            "tried again": run.waits,
         }
         for run in runs
     ]
 
 
 def cost_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
-    return [_cost_row(run) for run in runs]
-
-
-def _cost_row(item: FleetOutcome) -> Row:
-    used = sum(item.values["cpu_s"].values())
-    columns: dict[str, object] = {"robots": item.title, "cores busy": used / item.values["took_s"]}
-    for name, members in {"server": SERVER, **SERVER_PARTS, **BESIDE}.items():
-        columns[f"start, ms: {name}"] = _times(item.per_robot("cpu_s", members), MS_PER_S)
-    for name, members in {"server": SERVER, **SERVER_PARTS}.items():
-        columns[f"memory, MiB: {name}"] = _times(item.per_robot("memory_bytes", members), 1 / MIB)
-    for name, members in {"server": SERVER, **SERVER_PARTS, "robots' side": ("robots",)}.items():
-        columns[f"idle, ms a s: {name}"] = item.idle_ms(members)
-    return {**columns, "limits met": plain("; ".join(item.values["limits"])) or "none"}
-
-
-def idle_rows(run: FleetOutcome) -> list[Row]:
-    return [
-        {
-            "part": part,
-            "processor, ms a s": run.idle_ms(members),
-            "memory, MiB": _times(run.per_robot("memory_bytes", members), 1 / MIB),
+    """What a robot costs: processor time of a start, memory, and processor time while nobody uses it."""
+    rows = []
+    for run in runs:
+        columns: dict[str, object] = {
+            "robots": run.title,
+            "cores busy": sum(run.values["cpu_s"].values()) / run.values["took_s"],
         }
-        for part, members in {"server": SERVER, **SERVER_PARTS}.items()
-    ]
+        for name, members in {**SERVER_PARTS, **BESIDE}.items():
+            columns[f"start, ms: {name}"] = run.per_robot("cpu_s", members, MS_PER_S)
+        for name, members in SERVER_PARTS.items():
+            columns[f"memory, MiB: {name}"] = run.per_robot("memory_bytes", members, 1 / MIB)
+        for name, members in {**SERVER_PARTS, "robots' side": ("robots",)}.items():
+            columns[f"idle, ms a s: {name}"] = run.idle_ms(members)
+        rows.append(columns)
+    return rows
 
 
 def return_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
@@ -136,25 +117,8 @@ def return_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
             "later": run.late,
             "never": run.never,
             "server answers, s": run.values["server_s"],
-            **quantiles(run.seconds("message_s"), 0.5, 0.99, 1),
-            "tried again": run.waits.total(),
+            **quantiles(run.seconds("drivable_s"), 0.5, 0.99, 1),
+            "tried again": run.waits,
         }
         for run in runs
     ]
-
-
-def shortfalls(what: str, runs: Iterable[FleetOutcome]) -> Iterable[str]:
-    """What did not come in time and which limits were met; `what` is "the start" or "the return"."""
-    for run in runs:
-        if missing := run.count - run.in_time:
-            heard = ", ".join(f"{why} ({times})" for why, times in run.waits.most_common(3))
-            said = f"; an agent said last: {run.last_words:.200}" if run.last_words else ""
-            yield (
-                f"{what}, {run.title}: {missing} of {run.count} robots had no message within "
-                f"{FAILED_AFTER_S:g} s, {run.late} of them later; operators heard: {heard or 'nothing'}{said}"
-            )
-        yield from (f"{what}, {run.title}: {words}" for words in run.values["limits"])
-
-
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor

@@ -1,10 +1,10 @@
-"""A process of light robots, started by fleet.py in an uplink's namespace as `python -m paper.fleet.worker`.
+"""A process of robots, started by fleet.py in an uplink's namespace as `python -m paper.fleet.worker`.
 
-Each robot is a rosbridge of its own, the real agent and its own OpenSSH clients. The guard's own code runs in the same
-process, between the same two interfaces as in its own: the agent's lines and rosbridge. What a process of its own is
-for is missing: a robot whose agent hangs is not stopped here. Lines of JSON go both ways: the first one in names the
-robots and their agents' settings, those that follow are orders; out come `done` for each order, `got` for each message
-that a robot's subscriber receives, and `failed`. It ends with its input, and must never leave an SSH client behind.
+Some are light: a rosbridge of its own, the real agent and its own OpenSSH clients. The guard's own code runs in the
+same process, between the same two interfaces as in its own: the agent's lines and rosbridge. What a process of its own
+is for is missing: a robot whose agent hangs is not stopped here. The others are virtual (paper.virtual). Lines of JSON
+go both ways: the first one in names the robots of both kinds and their agents' settings, those that follow are orders;
+out come `done` for each order, and `failed`. It ends with its input, and must never leave an SSH client behind.
 """
 
 from __future__ import annotations
@@ -17,11 +17,9 @@ import random
 import resource
 import sys
 import tempfile
-import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from contextlib import suppress
-from itertools import count
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -38,13 +36,13 @@ from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of
-from sim_robot.graph import Node, TopicMessage
 
 from paper.bus_robot import BusRobot
 from paper.programs import write_line
+from paper.virtual.robot import Account, VirtualRobot
+from paper.virtual.services import Services
 from paper.world import environment
 
-TOPIC, TYPE = "/startup", "std_msgs/String"
 LOCALHOST = "127.0.0.1"
 # Sockets, pipes and listeners of one robot, with room.
 FILES_A_ROBOT = 80
@@ -136,14 +134,14 @@ class LightAgent(Agent):
 
 
 class Robot(ABC):
-    """What a process of robots plays; it is connected from `start` on."""
+    """What a process of robots plays, with its agent's settings; it is connected from `start` on."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, given: Mapping[str, str]) -> None:
         self.name = name
+        self._given = given
         self._running: asyncio.Task[None] | None = None
 
-    @abstractmethod
-    async def open(self) -> None:
+    async def open(self) -> None:  # noqa: B027 (a virtual robot needs nothing)
         """Have all that needs no server."""
 
     def start(self) -> None:
@@ -168,51 +166,39 @@ class Robot(ABC):
 
 
 class RosRobot(Robot):
-    """One with a rosbridge of its own, which tells what it was sent on a topic."""
+    """One with a rosbridge of its own."""
 
-    def __init__(
-        self, name: str, topic: str, message_type: str, on_message: Callable[[TopicMessage], None]
-    ) -> None:
-        super().__init__(name)
-        self._ros = BusRobot(LOCALHOST, 0)
-        self._ros.graph.bus.subscribe(topic, message_type, Node("/listener"), on_message)
+    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+        super().__init__(name, given)
+        self.ros = BusRobot(LOCALHOST, 0)
 
     async def open(self) -> None:
-        await self._ros.__aenter__()
+        await self.ros.__aenter__()
 
     async def close(self) -> None:
         await super().close()
-        await self._ros.__aexit__()
+        await self.ros.__aexit__()
 
-    @property
-    def rosbridge_url(self) -> str:
-        return f"ws://{LOCALHOST}:{self._ros.rosbridge.port}"
+    def settings(self, **more: str) -> Settings:
+        url = f"ws://{LOCALHOST}:{self.ros.rosbridge.port}"
+        given = {**self._given, "rosbridge_url": url, "shell_address": "none", **more}
+        return agent_settings.load(NO_FILE, environment(given))
 
 
 class LightRobot(RosRobot):
     """One robot with its agent."""
 
-    def __init__(self, name: str, given: Mapping[str, str]) -> None:
-        super().__init__(name, TOPIC, TYPE, self._on_message)
-        self._given = given
+    async def play(self) -> None:
+        # No camera: what is asked for is one message.
+        settings = self.settings(video_source="rosbridge")
+        await LightAgent(settings, Notifier(None), random.SystemRandom()).run()
+
+
+class FleetRobot(Robot):
+    """A virtual one."""
 
     async def play(self) -> None:
-        await LightAgent(self._settings, Notifier(None), random.SystemRandom()).run()
-
-    def _on_message(self, message: TopicMessage) -> None:
-        at_ns = time.monotonic_ns()
-        write_line({"robot": self.name, "got": message.values["data"], "at_ns": at_ns})
-
-    @property
-    def _settings(self) -> Settings:
-        given = {
-            **self._given,
-            "rosbridge_url": self.rosbridge_url,
-            # No camera: what is asked for is one message.
-            "video_source": "rosbridge",
-            "shell_address": "none",
-        }
-        return agent_settings.load(NO_FILE, environment(given))
+        await VirtualRobot(Account.read(self._given), Services(), random.SystemRandom()).run()
 
 
 class Robots:
@@ -250,14 +236,6 @@ async def standard_input() -> asyncio.StreamReader:
     return lines
 
 
-async def work(make: Callable[[str, Mapping[str, str]], Robot]) -> None:
-    """Play the robots that the first line of the input names, by the orders that follow."""
-    lines = await standard_input()
-    wanted: dict[str, Any] = json.loads(await lines.readline())
-    robots = {name: make(name, settings) for name, settings in wanted.items()}
-    await Robots(robots).serve(lines)
-
-
 def allow_files(count: int) -> None:
     """Let this process have so many files open, if it may not yet."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
@@ -273,22 +251,28 @@ def watch_children() -> None:
         asyncio.set_child_watcher(watcher)
 
 
-async def work_light(run_dirs: Path) -> None:
+async def work(wanted: Mapping[str, Any], run_dirs: Path) -> None:
     watch_children()
-    numbers = count(1)
+    robots: dict[str, Robot] = {}
+    for number, (name, given) in enumerate(wanted["agents"].items()):
+        robots[name] = LightRobot(name, {**given, "run_dir": str(run_dirs / str(number))})
+    for name, given in wanted["virtual"].items():
+        robots[name] = FleetRobot(name, given)
+    await Robots(robots).serve(await standard_input())
 
-    def make(name: str, settings: Mapping[str, str]) -> LightRobot:
-        return LightRobot(name, {**settings, "run_dir": str(run_dirs / str(next(numbers)))})
 
-    await work(make)
-
-
-def main() -> None:
+def main(
+    work: Callable[[Mapping[str, Any], Path], Coroutine[Any, Any, None]],
+    run: Callable[[Coroutine[Any, Any, None]], None] = asyncio.run,
+) -> None:
     """Work in folders that end with this process; their paths must be short, as they hold sockets."""
     logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
+    # It tells each login, and makes a text of each packet for it.
+    logging.getLogger("asyncssh").setLevel(logging.ERROR)
+    wanted = json.loads(sys.stdin.readline())
     with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
-        asyncio.run(work_light(Path(folder)))
+        run(work(wanted, Path(folder)))
 
 
 if __name__ == "__main__":
-    main()
+    main(work)

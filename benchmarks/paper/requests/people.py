@@ -12,18 +12,16 @@ import json
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from http import HTTPStatus
 from pathlib import Path
 from random import Random
 from typing import Any
 
-import aiohttp
 import uvloop
 from robotether_server.relay.http.event_loop import EventLoop
 
 from paper.cells.history import History
 from paper.cells.people import CellAddress, Person
-from paper.client import FAILURES, RefusedError, new_http
+from paper.client import FAILURES, new_http
 from paper.programs import write_line
 
 ASK_EVERY_S, POLL_EVERY_S = 3.0, 1.0
@@ -42,15 +40,8 @@ class QueuePerson(Person):
         self, method: str, path: str, body: Mapping[str, Any] | None = None
     ) -> dict[str, Any] | None:
         """The answer; None, and the next cell, if it is none or a refusal."""
-        timeout = aiohttp.ClientTimeout(total=self._request_s)
-        url = f"https://{self.address}/api/v1{path}"
         try:
-            async with self._http.request(
-                method, url, json=body, headers=self._headers, timeout=timeout
-            ) as answer:
-                if answer.status >= HTTPStatus.BAD_REQUEST:
-                    raise RefusedError(f"{path.rpartition('/')[2]}: {answer.status}")
-                return dict(await answer.json())
+            return await self.ask(path, body, method=method)
         except FAILURES as error:
             self.meet(error)
             self.go_on()

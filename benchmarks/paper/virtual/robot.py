@@ -1,10 +1,10 @@
 """A virtual robot: what an agent says to the server, without the programs of a robot; hundreds fit into a process.
 
-Played by worker.py. Its SSH connection is asyncssh's, dialled and tried again by the agent's own rules, at the cells of
-the server's newest list, of which it keeps none on disk; its lines are the agent's, in the agent's order
-(benchmarks/tests/test_virtual.py compares them). What lies behind its forward is services.py. It has no guard that
-could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand for a robot that
-moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
+Played by paper.fleet.worker and paper.cells.worker. Its SSH connection is asyncssh's, dialled and tried again by the
+agent's own rules, at the cells of the server's newest list, of which it keeps none on disk; its lines are the agent's,
+in the agent's order (benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is services.py. It
+has no guard that could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand
+for a robot that moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.fields import get_cells, line_of
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
+from robotether_agent.net.tcp import Address, Resolver, resolve
 from robotether_agent.problems import (
     AgentError,
     ForwardFailedError,
@@ -50,17 +51,26 @@ from robotether_agent.tunnel.connection import (
 )
 from robotether_agent.tunnel.connector import has_no_relay
 from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
+from robotether_common.session import Kind
 
 from paper.virtual.services import Services
 
 ANY_ADDRESS = "0.0.0.0"  # the server's own, as `ssh -R` names it
 LOGIN_WITHIN_S = 60.0
+MEDIA_PAUSE_S = 0.2
 # What OpenSSH 10 offers first; with an older sshd it is curve25519. The cipher is its second choice, as asyncssh makes
 # three contexts a packet for the first; sshd needs about as long for either.
 KEY_EXCHANGES = ["mlkem768x25519-sha256", "curve25519-sha256"]
 CIPHERS = ["aes256-gcm@openssh.com"]
 Line = Mapping[str, Any]
 log = logging.getLogger(__name__)
+
+
+class Numeric(Resolver):
+    """Takes addresses only, which needs no thread for each connection."""
+
+    async def addresses(self, host: str, port: int) -> list[Address]:
+        return resolve(host, port)
 
 
 @dataclass(frozen=True)
@@ -80,7 +90,7 @@ class Account:
         ]
 
     @classmethod
-    def read(cls, settings: Mapping[str, str], dialer: ServerDialer) -> Account:
+    def read(cls, settings: Mapping[str, str]) -> Account:
         """`settings` are the agent's `server` and `state_dir`; the robot must have joined."""
         state = Path(settings["state_dir"])
         enrolment = EnrolmentStore(state).load(settings["server"])
@@ -91,6 +101,7 @@ class Account:
             asyncssh.read_private_key(state / keys.NAME),
             (state / keys.KNOWN_HOSTS).read_text(),
         )
+        dialer = ServerDialer(resolver=Numeric())
         return cls(Settings(server=settings["server"]), enrolment.ssh, dialer, options)
 
 
@@ -141,7 +152,7 @@ asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[met
 
 
 class Connection(asyncssh.SSHClientSession[bytes]):
-    """One session's SSH connection, with its lines both ways, and its heartbeat."""
+    """One SSH connection, of a session or beside one, with its lines both ways, and its heartbeat."""
 
     def __init__(self, on_line: Callable[[Connection, Line], None]) -> None:
         self.config: dict[str, Any] = {}
@@ -172,9 +183,14 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         return bool(config) and self.idle_heartbeat_s is None and not config["direct"]
 
     async def open(
-        self, account: Account, targets: Sequence[SshAddress], *, unreached_s: float = 0.0
+        self,
+        account: Account,
+        targets: Sequence[SshAddress],
+        *,
+        kind: Kind = "session",
+        unreached_s: float = 0.0,
     ) -> None:
-        """Log in and ask for a session; the agent's problems say why not."""
+        """Log in and ask for a session of this kind; the agent's problems say why not."""
         if len(targets) > 1:
             self._first_timeout_s = RELAY_ANSWERS_WITHIN_S
         self.target = target = await account.dialer.find(targets, unreached_s=unreached_s)
@@ -186,7 +202,7 @@ class Connection(asyncssh.SSHClientSession[bytes]):
         except (asyncssh.Error, OSError) as error:
             raise LinkLostError(f"cannot log in at {target}: {error}") from error
         try:
-            await self._ssh.create_session(lambda: self, "session", encoding=None)
+            await self._ssh.create_session(lambda: self, kind, encoding=None)
         except (asyncssh.Error, OSError) as error:
             self._ssh.abort()
             raise LinkLostError(f"cannot open the session at {target}: {error}") from error
@@ -309,6 +325,7 @@ class VirtualRobot:
         self._epochs = EpochClock()
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
+        self._media_wanted = asyncio.Event()
         self._session: Connection | None = None
         self._applied: Line = {}
         # When an address last led to no session, for those since the last one; and the one that fell silent last.
@@ -360,6 +377,7 @@ class VirtualRobot:
                 ssh = replace(self._account.ssh, cells=cells)
                 self._account = replace(self._account, ssh=ssh)
             self._services.on_config(line["guard"], direct=line["direct"])
+            (self._media_wanted.set if line["media"] else self._media_wanted.clear)()
             if connection.configs == 1:
                 connection.configured(partial(self._begin_session, uptime, connection))
             else:
@@ -380,7 +398,26 @@ class VirtualRobot:
         self._failed_at.clear()
         self.on_session(connection.target, connection.epoch)
         self._apply(connection)
+        connection.run(self._keep_media(connection.target))
         await self._keep_asking_for_checks(connection)
+
+    async def _keep_media(self, target: SshAddress) -> None:
+        """Have a connection for topics beside the session while the server wants one."""
+        while True:
+            await self._media_wanted.wait()
+            media = Connection(self._on_media_line)
+            with suppress(AgentError):
+                await media.open(self._account, [target], kind="media")
+                try:
+                    await media.ended
+                finally:
+                    await media.close()
+            await asyncio.sleep(MEDIA_PAUSE_S)
+
+    def _on_media_line(self, media: Connection, line: Line) -> None:
+        if line["type"] == "config" and media.configs == 1:
+            port, make = line["video_port"], self._services.topics_channel
+            media.configured(lambda: media.run(media.forward(port, make)))
 
     def _apply(self, connection: Connection) -> None:
         """Follow a configuration, once the session's forward is up, if more of it is new than the heartbeats."""

@@ -1,11 +1,11 @@
-"""What lies behind a virtual robot's forward: a guard's answers, and a rosbridge that echoes.
+"""What lies behind a virtual robot's forwards: a guard's answers, a rosbridge that echoes, and its topics.
 
-    services = Services("x-fleet-7", on_message)
+    services = Services()
     await ssh.create_server(lambda *_: services.ros_channel(), "0.0.0.0", 20000)
 
 aiohttp serves each channel as if it was a TCP connection, so no port of this machine is used. Who may enter is decided
-by the guard's own rules. A published message goes to all who subscribe to its topic, the publisher included, as
-rosbridge does, without the relay's stamp; a command is neither limited nor followed by zeros, as nothing moves here.
+by the guard's own rules. A published message goes to all who subscribe to its topic, without the relay's
+stamp; a command is neither limited nor followed by zeros, as nothing moves here.
 """
 
 from __future__ import annotations
@@ -22,16 +22,13 @@ from aiohttp import WSMsgType, web
 from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedError
 from robotether_agent.guard.topics import Authorization
 from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
+from robotether_common.topics import PATH
 
 # What a fleet's operators and drivers use, and what its pages find.
-TOPICS = {
-    "/cmd_vel": "geometry_msgs/Twist",
-    "/startup": "std_msgs/String",
-}
+TOPICS = {"/cmd_vel": "geometry_msgs/Twist"}
 # A guard publishes zeros for so long, at a stop and when no command has come for the deadman's time.
 ZEROS_S = 0.5
 RESTS_AFTER_S = DEFAULT_MS / 1000 + ZEROS_S
-OnMessage = Callable[[str, Any], None]
 Said = dict[str, Any]
 
 
@@ -62,11 +59,10 @@ class Channel(asyncssh.SSHTCPSession[bytes]):
 
 
 class Services:
-    """One robot's; `on_message` gets the topic and `msg` of what is published."""
+    """One robot's."""
 
-    def __init__(self, on_message: OnMessage) -> None:
+    def __init__(self) -> None:
         self.on_guard_changed: Callable[[str | None], None] = lambda _: None
-        self._on_message = on_message
         self._authorizer = Authorizer(time.monotonic())
         self._by = ""
         self._reported_fence = 0
@@ -74,12 +70,20 @@ class Services:
         self._was_driven = False
         self._rests_at = 0.0
         self._closing: set[asyncio.Task[bool]] = set()
-        self._clients: dict[web.WebSocketResponse, tuple[Authorization, set[str]]] = {}
-        self._ros = web.Server(self._answer_ros, access_log=None, handler_cancellation=True)
+        self._clients: dict[web.WebSocketResponse, Authorization] = {}
+        # By whoever hears it.
+        self._topics: dict[web.WebSocketResponse, str] = {}
+        how = {"access_log": None, "handler_cancellation": True}
+        self._ros = web.Server(self._answer_ros, **how)
+        self._media = web.Server(self._answer_topics, **how)
 
     def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
         """A new connection to the port of guard and rosbridge."""
         return Channel(self._ros())
+
+    def topics_channel(self) -> asyncssh.SSHTCPSession[bytes]:
+        """A new connection to the port of topics."""
+        return Channel(self._media())
 
     @property
     def guard(self) -> Mapping[str, Any]:
@@ -126,7 +130,7 @@ class Services:
         if self._authorizer.fence != self._reported_fence:
             self._reported_fence = self._authorizer.fence
             self.on_guard_changed(None)
-        for client, (authorization, _) in list(self._clients.items()):
+        for client, authorization in list(self._clients.items()):
             if not self._authorizer.keeps(authorization):
                 closing = asyncio.ensure_future(client.close(code=1001))
                 self._closing.add(closing)
@@ -142,7 +146,7 @@ class Services:
             return web.Response(status=refused.status, text=f"{refused}\n")
         self._rights_changed()
         await client.prepare(request)
-        self._clients[client] = authorization, set()
+        self._clients[client] = authorization
         with suppress(ConnectionError):
             try:
                 async for message in client:
@@ -152,25 +156,33 @@ class Services:
                 del self._clients[client]
         return client
 
+    async def _answer_topics(self, request: web.BaseRequest) -> web.StreamResponse:
+        """Serve one subscription, as the agent's topics service does."""
+        client = web.WebSocketResponse(timeout=0.5, compress=False)
+        if request.path != PATH or not client.can_prepare(request):
+            return web.Response(status=404)
+        await client.prepare(request)
+        with suppress(ConnectionError, TypeError):
+            self._topics[client] = json.loads(await client.receive_str())["topic"]
+            try:
+                await client.receive()
+            finally:
+                del self._topics[client]
+        return client
+
     async def _handle(self, client: web.WebSocketResponse, said: Said) -> None:
-        op = said["op"]
-        if op == "publish":
+        if said["op"] == "publish":
             await self._publish(said)
-        elif op == "subscribe":
-            self._clients[client][1].add(said["topic"])
-        elif op == "unsubscribe":
-            self._clients[client][1].discard(said["topic"])
-        elif op == "call_service":
+        elif said["op"] == "call_service":
             await client.send_json(_service_response(said))
 
     async def _publish(self, said: Said) -> None:
         topic, message = said["topic"], said["msg"]
         if STAMP in said:
             self._on_command(message)
-        self._on_message(topic, message)
         text = ""
-        for client, (_, topics) in list(self._clients.items()):
-            if topic in topics:
+        for client, heard in list(self._topics.items()):
+            if topic == heard:
                 text = text or json.dumps({"op": "publish", "topic": topic, "msg": message})
                 with suppress(ConnectionError):
                     await client.send_str(text)
