@@ -8,18 +8,16 @@ from __future__ import annotations
 
 import asyncio
 import compileall
-import os
-import re
 import shutil
-import sys
 import tempfile
-from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager
+from collections.abc import Sequence
+from contextlib import AsyncExitStack
 from pathlib import Path
 
 import pandas as pd
 from demo import ROOT
 from fake_cloud import FakeCloud, agent_environ, eventually
+from fake_rosbridge import FakeRosbridge
 from openssh_server import command_line, descendants
 from recording_server import running_agent
 from report import Row, Section
@@ -28,7 +26,6 @@ from robotether_agent.status import read_status
 # By then all that the agent starts later has started, and its first work is over.
 SETTLED_AFTER_S = 10.0
 AIM_MB = 45
-PORT = re.compile(rb"rosbridge listens on [^:]+:(\d+)")
 
 
 def memory_of(pid: int) -> Row:
@@ -54,38 +51,15 @@ def installed(place: Path) -> Path:
     return place
 
 
-@asynccontextmanager
-async def simulated_robot() -> AsyncIterator[int]:
-    """The simulated robot as a process; its rosbridge's port."""
-    ports = {"SIM_BIND_ADDRESS": "127.0.0.1", "SIM_ROSBRIDGE_PORT": "0", "SIM_VIDEO_PORT": "0"}
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, "-m", "sim_robot"),
-        cwd=ROOT / "images" / "sim_robot",
-        env={**os.environ, **ports},
-        stderr=asyncio.subprocess.PIPE,
-    )
-    assert process.stderr is not None
-    try:
-        found = None
-        while found is None:
-            line = await asyncio.wait_for(process.stderr.readline(), 10)
-            assert line, "the simulated robot ended"
-            found = PORT.search(line)
-        yield int(found.group(1))
-    finally:
-        process.terminate()
-        await process.communicate()
-
-
 async def measured() -> list[Row]:
     """Start the agent, and measure it when it has been connected for a while."""
     async with AsyncExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-")))
-        port = await stack.enter_async_context(simulated_robot())
+        rosbridge = await stack.enter_async_context(FakeRosbridge())
         cloud = FakeCloud()
         stack.push_async_callback(cloud.close)
         await cloud.start()
-        urls = {"rosbridge_url": f"ws://127.0.0.1:{port}", "log_level": "warning"}
+        urls = {"rosbridge_url": f"ws://127.0.0.1:{rosbridge.port}", "log_level": "warning"}
         packages = installed(place / "packages")
         environ = {**agent_environ(cloud, place, **urls), "PYTHONPATH": str(packages)}
         agent = await stack.enter_async_context(running_agent(environ))

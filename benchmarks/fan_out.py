@@ -16,11 +16,11 @@ import sys
 import time
 from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import aiohttp
+import pandas as pd
 from demo import Demo
 from local_network import insecure_tls
 from paper.bus_robot import CLOUD, CLOUD_HZ
@@ -43,18 +43,6 @@ CLOUD_OBSERVERS, DRIVER_HZ = 5, 20
 DRIVEN_S = 60.0
 CLOUDS_WITHIN_S = 30.0
 AIM_ALONE_MS, AIM_BESIDE_MS = 13, 30
-
-
-@dataclass(frozen=True)
-class Run:
-    """What so many observers of the same topics have cost."""
-
-    topics: str
-    observers: int
-    lasted_s: float
-    messages: int
-    uplink_bytes: int
-    relay_cpu_s: float
 
 
 class Observer:
@@ -119,7 +107,7 @@ def urls_of(demo: Demo, count: int) -> list[str]:
     return [f"{address}?ticket={demo.ticket(ROBOT, 'observe')}" for _ in range(count)]
 
 
-async def run_observers(demo: Demo, topics: Sequence[str], count: int, seconds: float) -> Run:
+async def run_observers(demo: Demo, topics: Sequence[str], count: int, seconds: float) -> Row:
     """Have so many observe; the uplink counts from before they subscribe, the rest once all have all topics."""
     urls = urls_of(demo, count)
     await asyncio.sleep(SETTLE_S)
@@ -134,54 +122,36 @@ async def run_observers(demo: Demo, topics: Sequence[str], count: int, seconds: 
         before = sum(observer.messages for observer in observers)
         # All runs take the same time, however long their observers needed to come.
         await asyncio.sleep(begun + seconds - started)
-        return Run(
-            ", ".join(topics),
-            count,
-            time.monotonic() - started,
-            sum(observer.messages for observer in observers) - before,
-            usage.uplink_bytes() - uplink,
-            usage.relay_cpu_s() - cpu_s,
-        )
+        lasted_s = time.monotonic() - started
+        messages = sum(observer.messages for observer in observers) - before
+        return {
+            "topics": ", ".join(topics),
+            "observers": count,
+            "messages/s each": messages / lasted_s / count,
+            "robot's uplink KB": (usage.uplink_bytes() - uplink) / 1000,
+            "relay, % of a core": (usage.relay_cpu_s() - cpu_s) / lasted_s * 100,
+        }
 
 
-async def measure_runs(demo: Demo, seconds: float) -> list[Run]:
+async def measure_runs(demo: Demo, seconds: float) -> list[Row]:
     """Measure all, with the media connection open, as it stays for a while."""
     async with observing(urls_of(demo, 1), SENSORS):
         pass
     runs = [await run_observers(demo, SENSORS, count, seconds) for count in SENSOR_COUNTS]
     rosbridge = f"ws://{demo.address_of(ROBOT)}:{ROSBRIDGE_PORT}/"
-    publishing = asyncio.create_task(publish_fast(rosbridge))
-    try:
-        for count in FAST_COUNTS:
-            runs.append(await run_observers(demo, (FAST,), count, seconds))
-            if publishing.done():
-                publishing.result()
-    finally:
-        publishing.cancel()
-        await asyncio.gather(publishing, return_exceptions=True)
-    return runs
+    async with going_on([publish_fast(rosbridge)], lambda: True, "fast messages"):
+        return runs + [await run_observers(demo, (FAST,), count, seconds) for count in FAST_COUNTS]
 
 
-def rows(runs: Sequence[Run]) -> list[Row]:
-    """Compare each run with the first of the same topics."""
-    firsts = {run.topics: run for run in reversed(runs)}
-    return [row(run, firsts[run.topics]) for run in runs]
-
-
-def row(measured: Run, first: Run) -> Row:
-    """A run's row; the processor of further observers is that of the messages that they got more than the first."""
-    per_s, first_per_s = measured.messages / measured.lasted_s, first.messages / first.lasted_s
-    cpu, first_cpu = measured.relay_cpu_s / measured.lasted_s, first.relay_cpu_s / first.lasted_s
-    further = None if measured is first else (cpu - first_cpu) / (per_s - first_per_s) * 1000 * 100
-    return {
-        "topics": measured.topics,
-        "observers": measured.observers,
-        "messages/s each": per_s / measured.observers,
-        "robot's uplink KB": measured.uplink_bytes / 1000,
-        "uplink, times one": measured.uplink_bytes / first.uplink_bytes,
-        "relay, % of a core": cpu * 100,
-        "relay, % of a core for each further 1000 messages/s": further,
-    }
+def compared(runs: Sequence[Row]) -> pd.DataFrame:
+    """Compare each run with the first of the same topics, by the messages that it got more."""
+    table = pd.DataFrame(runs)
+    first = table.groupby("topics").transform("first")
+    uplink, cpu = "robot's uplink KB", "relay, % of a core"
+    table["uplink, times one"] = table[uplink] / first[uplink]
+    more = (table.observers * table["messages/s each"]) - first["messages/s each"]
+    table[f"{cpu} for each further 1000 messages/s"] = (table[cpu] - first[cpu]) / more * 1000
+    return table
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
@@ -193,10 +163,8 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
         f"Aim: {SENSOR_COUNTS[-1]} observers within {AIM_TIMES} times the uplink of one, and {AIM_PERCENT} % of a core "
         f"for each further observer of {FAST_HZ} messages a second."
     )
-    runs = asyncio.run(measure_runs(demo, seconds))
-    return Section(
-        "What observers of topics cost the robot's uplink and the relay", text, rows(runs)
-    )
+    table = compared(asyncio.run(measure_runs(demo, seconds)))
+    return Section("What observers of topics cost the robot's uplink and the relay", text, table)
 
 
 async def take_clouds(urls: Sequence[str]) -> None:

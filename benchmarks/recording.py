@@ -18,6 +18,7 @@ from pathlib import Path
 
 import aiohttp
 from aiohttp import web
+from paper.costs import trees_cpu_s
 from report import Row, Section
 from robotether_common.frames import HEADER, KEY
 from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
@@ -32,34 +33,24 @@ ROBOTS, CAMERAS, FPS = 10, ("/front", "/rear"), 15
 CODECS = {"JPEG": (1, 30_000), "H.264": (2, 8_000)}
 SECONDS, SETTLE_S = 20.0, 5.0
 AIM_PERCENT = 30
-TICKS_PER_S = os.sysconf("SC_CLK_TCK")
-VECTOR = [("x", "float64", -1), ("y", "float64", -1), ("z", "float64", -1)]
-TYPES = {
-    "std_msgs/Header": [("stamp", "time", -1), ("frame_id", "string", -1)],
-    "geometry_msgs/Vector3": VECTOR,
-    "geometry_msgs/Twist": [
-        ("linear", "geometry_msgs/Vector3", -1),
-        ("angular", "geometry_msgs/Vector3", -1),
-    ],
-    "demo/Odometry": [
-        ("header", "std_msgs/Header", -1),
-        ("twist", "geometry_msgs/Twist", -1),
-        ("covariance", "float64", 36),
-    ],
-    "demo/Scan": [("header", "std_msgs/Header", -1), ("ranges", "float32", 0)],
-}
-STAMPED = {"stamp": {"sec": 1, "nanosec": 2}, "frame_id": "base"}
+# What rosapi says of the topics' types.
+VECTOR = (
+    "geometry_msgs/Vector3",
+    {"x": ("float64", -1), "y": ("float64", -1), "z": ("float64", -1)},
+)
+TWIST = (
+    "geometry_msgs/Twist",
+    {"linear": (VECTOR[0], -1), "angular": (VECTOR[0], -1)},
+)
+SCAN = ("demo/Scan", {"stamp": ("time", -1), "ranges": ("float32", 0)})
 AHEAD = {"x": 0.5, "y": 0.0, "z": 0.0}
 # By topic: its type, its rate as a robot's rosbridge throttles it, and a message.
-TOPICS = {
-    "/odom": (
-        "demo/Odometry",
-        10,
-        {"header": STAMPED, "twist": {"linear": AHEAD, "angular": AHEAD}, "covariance": [0.1] * 36},
-    ),
-    "/imu": ("geometry_msgs/Twist", 10, {"linear": AHEAD, "angular": AHEAD}),
-    "/tf": ("geometry_msgs/Twist", 30, {"linear": AHEAD, "angular": AHEAD}),
-    "/scan": ("demo/Scan", 10, {"header": STAMPED, "ranges": [1.234] * 360}),
+TOPICS: dict[str, tuple[str, int, dict[str, object]]] = {
+    **{
+        name: (TWIST[0], rate, {"linear": AHEAD, "angular": AHEAD})
+        for name, rate in (("/odom", 10), ("/imu", 10), ("/tf", 30))
+    },
+    "/scan": (SCAN[0], 10, {"stamp": {"sec": 1, "nanosec": 2}, "ranges": [1.234] * 360}),
 }
 COMMAND = {
     "stamp": {"sec": 1, "nanosec": 2},
@@ -186,11 +177,11 @@ def answer(call: dict[str, object]) -> dict[str, object]:
         "typedefs": [
             {
                 "type": kind,
-                "fieldnames": [name for name, _, _ in fields],
-                "fieldtypes": [field_type for _, field_type, _ in fields],
-                "fieldarraylen": [length for _, _, length in fields],
+                "fieldnames": list(fields),
+                "fieldtypes": [field_type for field_type, _ in fields.values()],
+                "fieldarraylen": [length for _, length in fields.values()],
             }
-            for kind, fields in TYPES.items()
+            for kind, fields in (VECTOR, TWIST, SCAN)
         ],
     }
     return {"op": "service_response", "id": call["id"], "values": values, "result": True}
@@ -257,12 +248,6 @@ async def recorder(port: int, folder: Path) -> AsyncIterator[int]:
         await process.wait()
 
 
-def cpu_s(pid: int) -> float:
-    """How long a process has used a processor."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / TICKS_PER_S
-
-
 async def run_codec(name: str, seconds: float) -> Row:
     """Record frames of one codec."""
     relay = StandInRelay(*CODECS[name])
@@ -278,7 +263,7 @@ async def run_codec(name: str, seconds: float) -> Row:
             async with recorder(int(runner.addresses[0][1]), Path(folder)) as pid:
                 await asyncio.sleep(SETTLE_S)
                 began_s, frames, messages = time.monotonic(), relay.frames, relay.messages
-                used_s, size = cpu_s(pid), size_of(folder)
+                [used_s], size = trees_cpu_s([pid]), size_of(folder)
                 await asyncio.sleep(seconds)
                 lasted_s = time.monotonic() - began_s
                 return {
@@ -286,7 +271,7 @@ async def run_codec(name: str, seconds: float) -> Row:
                     "frames/s": (relay.frames - frames) / lasted_s,
                     "messages/s": (relay.messages - messages) / lasted_s,
                     "MB/s": (size_of(folder) - size) / lasted_s / 1e6,
-                    "recorder, % of a core": (cpu_s(pid) - used_s) / lasted_s * 100,
+                    "recorder, % of a core": (trees_cpu_s([pid])[0] - used_s) / lasted_s * 100,
                 }
     finally:
         await runner.cleanup()
@@ -297,18 +282,13 @@ def size_of(folder: str) -> int:
     return sum(path.stat().st_size for path in Path(folder).iterdir())
 
 
-async def run_all(seconds: float) -> list[Row]:
-    """Measure each codec, one after the other."""
-    return [await run_codec(name, seconds) for name in CODECS]
-
-
 def measure(seconds: float = SECONDS) -> Section:
-    """Measure, and return a table."""
     text = (
         f"{ROBOTS} robots with {len(CAMERAS)} cameras of {FPS} frames a second each, four topics and 20 commands a "
         f"second, recorded for {seconds:g} s.\n\nAim: under {AIM_PERCENT} % of a core."
     )
-    return Section("What recording costs the recorder", text, asyncio.run(run_all(seconds)))
+    rows = [asyncio.run(run_codec(name, seconds)) for name in CODECS]
+    return Section("What recording costs the recorder", text, rows)
 
 
 if __name__ == "__main__":
