@@ -38,3 +38,8 @@ MAX_NUMBER = 1e9
 # old: its age; fence: another one's lease; stopped: the latch; shape: what it says; held: nobody may drive now.
 RefusedKind = Literal["old", "fence", "stopped", "shape", "held"]
 REFUSED_KINDS: tuple[RefusedKind, ...] = get_args(RefusedKind)
+
+# Why a guard stopped a robot that moved. silence: no further command came; lost: its driver's connection, lease or
+# session ended; fault: rosbridge, the agent or the guard did not answer; person: somebody stopped the robot.
+StopCause = Literal["silence", "lost", "fault", "person"]
+STOP_CAUSES: tuple[StopCause, ...] = get_args(StopCause)

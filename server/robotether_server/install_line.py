@@ -5,6 +5,7 @@ that, as the certificate's file is nginx's own and may be replaced at any time; 
 """
 
 import base64
+import datetime as dt
 import hashlib
 import ipaddress
 import re
@@ -51,12 +52,13 @@ class SiteAddress:
 class Certificate:
     """What a client can compare: SHA-256 of the certificate in hex, of its public key in base64 (curl's pin).
 
-    `is_known`: this machine's authorities have signed it under the name that was asked for.
+    `is_known`: this machine's authorities have signed it under the name that was asked for. `ends_at` None: unknown.
     """
 
     fingerprint: str
     pin: str
     is_known: bool
+    ends_at: dt.datetime | None = None
 
 
 class SiteCertificates:
@@ -185,10 +187,11 @@ def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
 
 def describe_certificate(der: bytes, *, is_known: bool) -> Certificate:
     """Return what a certificate in DER is compared by."""
-    key = x509.load_der_x509_certificate(der).public_key()
-    public = key.public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
+    certificate = x509.load_der_x509_certificate(der)
+    public = certificate.public_key().public_bytes(Encoding.DER, PublicFormat.SubjectPublicKeyInfo)
     pin = base64.b64encode(hashlib.sha256(public).digest()).decode()
-    return Certificate(hashlib.sha256(der).hexdigest(), pin, is_known)
+    fingerprint = hashlib.sha256(der).hexdigest()
+    return Certificate(fingerprint, pin, is_known, certificate.not_valid_after_utc)
 
 
 def _unchecked() -> ssl.SSLContext:

@@ -15,7 +15,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 
 from robotether_common.frames import SEQUENCES
-from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS, RefusedKind
+from robotether_common.guard import DEFAULT_MS, DEFAULT_TOPICS, TIMES_MS, RefusedKind, StopCause
 from robotether_common.ros import MAX_GLOBS
 from robotether_common.session import MAX_FENCE
 
@@ -252,7 +252,7 @@ class GuardReporter:
         self._pipe = pipe
         self._clock = clock
         self._sent: State | None = None
-        self._sent_refused: Mapping[RefusedKind, int] = {}
+        self._sent_counts: tuple[Mapping[RefusedKind, int], Mapping[StopCause, int]] = ({}, {})
         self._sent_at = 0.0
         self._seen_at = -SEEN_EVERY_S
 
@@ -274,13 +274,19 @@ class GuardReporter:
             ages.clear()
 
     def state(
-        self, state: State, refused: Mapping[RefusedKind, int], *, answers: str | None = None
+        self,
+        state: State,
+        refused: Mapping[RefusedKind, int],
+        stops: Mapping[StopCause, int],
+        *,
+        answers: str | None = None,
     ) -> None:
-        """Report the state if it or `refused` is another than was sent last, or if it `answers` a stop or a release.
+        """Report the state if it or a count is another than was sent last, or if it `answers` a stop or a release.
 
         Call it now and then also when nothing changed: counts and the end of a short motion may be reported later.
         """
-        if answers is None and self._can_wait(state, refused):
+        counts = (dict(refused), dict(stops))
+        if answers is None and self._can_wait(state, counts):
             return
         line = {
             "type": "guard",
@@ -289,16 +295,17 @@ class GuardReporter:
             # An older guard ignores `blind_m` and `blind_deg`, and lacks this.
             "blind_limits": True,
             "answers": answers,
-            "refused": dict(refused),
+            "refused": counts[0],
+            "stops": counts[1],
         }
         if self._line(line):
             self._sent, self._sent_at = state, self._clock()
-            self._sent_refused = dict(refused)
+            self._sent_counts = counts
 
-    def _can_wait(self, state: State, refused: Mapping[RefusedKind, int]) -> bool:
+    def _can_wait(self, state: State, counts: object) -> bool:
         sent, since_s = self._sent, self._clock() - self._sent_at
         if state == sent:
-            return refused == self._sent_refused or since_s < COUNTS_EVERY_S
+            return counts == self._sent_counts or since_s < COUNTS_EVERY_S
         if sent is None or state != replace(sent, moving=False):
             return False
         return since_s < MOTION_EVERY_S

@@ -12,7 +12,7 @@ import json
 import logging
 from collections.abc import Callable, Iterable, Mapping
 
-from robotether_common.guard import REFUSED_KINDS, STAMP, RefusedKind
+from robotether_common.guard import REFUSED_KINDS, STAMP, STOP_CAUSES, RefusedKind, StopCause
 
 from robotether_agent.guard.agent_messages import LISTENERS_UNKNOWN, GuardConfig
 from robotether_agent.guard.authorizer import Authorizer
@@ -72,6 +72,8 @@ class DriveController:
         changed: Callable[[], None],
     ) -> None:
         self.refusals: dict[RefusedKind, int] = dict.fromkeys(REFUSED_KINDS, 0)
+        # Number of times that the guard stopped a robot that moved.
+        self.stops: dict[StopCause, int] = dict.fromkeys(STOP_CAUSES, 0)
         self._publisher = publisher
         self._authorizer = authorizer
         self._motion = MotionTracker(motion_file)
@@ -117,6 +119,7 @@ class DriveController:
             "the last guard ended while the robot moved: zeroing %s", ", ".join(names) or "nothing"
         )
         self._motion.adopt(left)
+        self.stops["fault"] += 1
         self._deadman.force(names, self._clock())
         self._wake.set()
 
@@ -124,12 +127,14 @@ class DriveController:
         """Zero every topic that was driven since the start, whoever drives it now."""
         self._topics.forget_waiting(lambda _: True)
         driven = [topic.name for topic in self._topics if topic.sent is not None]
+        self._count_stop(driven, "person")
         self._deadman.force(driven, self._clock())
         self._wake.set()
 
     def halt(self) -> None:
         """Zero what moves."""
         self._topics.forget_waiting(lambda _: True)
+        self._count_stop(self._deadman.moving(), "fault")
         self._begin_zeros(self._deadman.moving())
 
     def rights_changed(self) -> None:
@@ -370,6 +375,7 @@ class DriveController:
         if has_work and now >= self._authorizer.silent_at:
             # Only then: it wakes this loop, which would turn without a pause for as long as the agent is silent.
             self.halt()
+        self._count_stop(self._deadman.expired(now), "silence")
         for name in self._deadman.due(now):
             await self._zero(self._topics.add(name), now)
         await self._unadvertise()
@@ -510,7 +516,14 @@ class DriveController:
 
     def _lost(self, concerned: Callable[[CommandSource], bool]) -> None:
         self._topics.forget_waiting(concerned)
-        self._begin_zeros(self._topics.of(concerned))
+        names = self._topics.of(concerned)
+        self._count_stop(names, "lost")
+        self._begin_zeros(names)
+
+    def _count_stop(self, names: Iterable[str], cause: StopCause) -> None:
+        """Count that the robot is stopped if any of these topics moves it."""
+        if any(map(self._deadman.is_moving, names)):
+            self.stops[cause] += 1
 
     def _begin_zeros(self, names: Iterable[str]) -> None:
         self._deadman.stop(names, self._clock())

@@ -190,7 +190,8 @@ class Guard:
         unheard = None if names is None else tuple(sorted(names))
         fence = self._authorizer.fence
         state = State(by is not None, by or "", self._controller.moving, fence, unheard)
-        self._reporter.state(state, self._controller.refusals, answers=answers)
+        controller = self._controller
+        self._reporter.state(state, controller.refusals, controller.stops, answers=answers)
         self._reporter.seen(self._controller.seen_ages)
 
     async def _tick(self) -> None:

@@ -274,6 +274,10 @@ class Deadman:
         """Return whether the last command on this topic was zero, and the robot has got its zeros."""
         return name not in self._topics or self._is(name, "idle")
 
+    def expired(self, now: float) -> list[str]:
+        """Name the topics that move, and whose next command stays away."""
+        return [name for name in self.moving() if self._topics[name].due <= now]
+
     def moving(self) -> list[str]:
         """Name the topics whose last command moves the robot."""
         return [name for name, topic in self._topics.items() if topic.state == "moving"]
@@ -294,7 +298,7 @@ class Deadman:
 
     def due(self, now: float) -> list[str]:
         """Name the topics that get a zero now. `zeroed` or `postponed` must follow for each."""
-        self.stop([name for name in self.moving() if self._topics[name].due <= now], now)
+        self.stop(self.expired(now), now)
         return [n for n, t in self._topics.items() if t.state == "zeroing" and t.due <= now]
 
     def forget(self, names: Container[str]) -> None:

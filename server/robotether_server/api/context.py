@@ -7,6 +7,7 @@ from flask import current_app
 from flask_wtf.csrf import CSRFProtect  # type: ignore[import-untyped] # it has no types
 
 from robotether_server.api.recent_users import RecentUsers
+from robotether_server.api.web_metrics import WebMetrics
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
@@ -27,6 +28,7 @@ class AppContext:
     agent_files_dir: Path
     login_lifetime: Lifetime
     backup_record: Path
+    metrics: WebMetrics
     recent_users: RecentUsers = field(default_factory=RecentUsers)
 
 

@@ -33,7 +33,7 @@ GUNICORN = (
     "--worker-tmp-dir=/tmp",
     "--no-control-socket",
 )
-APPLICATION = "robotether_server.web.app:make_app()"
+APPLICATION = "robotether_server.web.app:start_app()"
 
 
 # Where the commands are whose libraries take as long to load as all the rest: loaded only for them.

@@ -64,6 +64,16 @@ def record(
     )
 
 
+def count_refused_keys(tx: Transaction) -> int:
+    """Return how many keys of strangers the lines of the last hour count; see `record_refused_key` in sql/0018."""
+    row = tx.row(
+        """SELECT COUNT(*) + IFNULL(SUM(IFNULL(JSON_VALUE(details, '$.more'), 0)
+        + IFNULL(JSON_VALUE(details, '$.elsewhere'), 0)), 0) AS times
+        FROM audit_events WHERE kind = 'key_refused' AND at > CURRENT_TIMESTAMP(6) - INTERVAL 1 HOUR"""
+    )
+    return int(row["times"]) if row is not None else 0
+
+
 def network_of(address: str) -> Network:
     """Return the network that an address counts for; texts that are no address count for one, too."""
     try:

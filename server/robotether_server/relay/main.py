@@ -8,7 +8,6 @@ import os
 import resource
 import signal
 import sys
-from pathlib import Path
 
 import uvloop
 
@@ -18,7 +17,7 @@ from robotether_server.relay.app import Listen
 from robotether_server.relay.cells.keys import read_peer_keys
 from robotether_server.relay.http.event_loop import EventLoop, watched
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.relay.records.journal import Journal
+from robotether_server.relay.records.journal import JOURNAL, Journal
 from robotether_server.relay.wiring import Relay
 from robotether_server.settings.server import RelaySettings, load
 
@@ -28,8 +27,6 @@ LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 # Number of idle connections to the database; its accounts have few for all cells.
 KEPT_CONNECTIONS = 2
-# In a volume of the relay's own.
-JOURNAL = Path("/var/lib/robotether/relay/journal.jsonl")
 
 
 def main() -> None:

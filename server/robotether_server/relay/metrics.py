@@ -6,8 +6,11 @@ when somebody asks.
 
 from __future__ import annotations
 
+import shutil
+import time
 from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from copy import copy
 from functools import partial
 from itertools import accumulate
@@ -35,8 +38,9 @@ from robotether_server.db.fleet import RelayRequest, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import FeedTraffic
 from robotether_server.relay.http.timing import TimeHistogram
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Robot
 
 # Maximum number of samples that are written at once, in some 3 ms.
 SAMPLES_IN_PART = 500
@@ -47,6 +51,7 @@ class Metrics:
 
     def __init__(self, traffic: Traffic) -> None:
         self._registry = CollectorRegistry()
+        self._write_robots: Callable[[], Iterator[bytes]] = lambda: iter(())
         ProcessCollector(registry=self._registry)
         PlatformCollector(registry=self._registry)
         self._registry.register(_Collector(partial(_read_bridges, traffic)))
@@ -107,7 +112,20 @@ class Metrics:
 
     def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
         """Add what each robot reports to this cell: a bounded number of series for each."""
-        self._registry.register(_Collector(partial(_read_robots, snapshot, registry)))
+        self._write_robots = lambda: write_robots(snapshot(), registry)
+
+    def collect_logins(self, read: Callable[[], Mapping[str, int]]) -> None:
+        """Add how many SSH connections of robots were accepted, by their kind."""
+        meaning = "Robots' SSH connections that were accepted, by kind"
+        self._registry.register(_Collector(lambda: [_family("logins", meaning, "kind", read())]))
+
+    def collect_database(self, database: RelayDatabase) -> None:
+        """Add how the database is."""
+        self._registry.register(_Collector(partial(_read_database, database)))
+
+    def collect_disk(self, folder: Path) -> None:
+        """Add how full the file system of the folder is."""
+        self._registry.register(_Collector(partial(_read_disk, folder)))
 
     def count_seen(self, ages_ms: Iterable[float | None]) -> None:
         """Count how old was what a driver saw, command by command; None: unknown."""
@@ -127,6 +145,7 @@ class Metrics:
                 text = generate_latest(_OneFamily(part))
                 # A family has its meaning and its type once.
                 yield text.split(b"\n", 2)[2] if start else text
+        yield from self._write_robots()
 
     def render(self) -> bytes:
         """Write all numbers at once."""
@@ -208,6 +227,34 @@ def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
     yield copied
 
 
+def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
+    age = GaugeMetricFamily(
+        "robotether_relay_database_write_age_seconds", "Time since the database last wrote for us"
+    )
+    if database.written_at_s is not None:
+        age.add_metric([], time.monotonic() - database.written_at_s)
+    yield age
+    name, meaning = "robotether_relay_database_connections", "Connections to the database, of whom"
+    used = GaugeMetricFamily(name, meaning, labels=["account"])
+    limit = GaugeMetricFamily(f"{name}_limit", "Maximum number of these", labels=["account"])
+    for account, count in (database.connections or {}).items():
+        used.add_metric([account], count.used)
+        limit.add_metric([account], count.limit)
+    yield from (used, limit)
+
+
+def _read_disk(folder: Path) -> Iterator[GaugeMetricFamily]:
+    meaning = "Free space where the relay's volume is"
+    free = GaugeMetricFamily("robotether_relay_disk_free_bytes", meaning)
+    size = GaugeMetricFamily("robotether_relay_disk_size_bytes", "Size of that file system")
+    with suppress(OSError):
+        usage = shutil.disk_usage(folder)
+        free.add_metric([], usage.free)
+        # What is kept for root is nobody's here.
+        size.add_metric([], usage.used + usage.free)
+    yield from (free, size)
+
+
 def _read_help_requests(
     read: Callable[[], Sequence[RelayRequest] | None],
 ) -> Iterator[GaugeMetricFamily]:
@@ -250,60 +297,3 @@ def _histogram(
             sum_value=histogram.sum_s,
         )
     return family
-
-
-def _read_robots(snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> Iterator[Metric]:
-    rows = snapshot().robots.values()
-    robots = [(row.name, registry.robot(row.id)) for row in rows if row.state == "active"]
-    online = [(name, robot) for name, robot in robots if robot.presence.online]
-    yield _robot_gauge("up", "1: this cell has the robot's session", robots, _up)
-    yield _robot_gauge("round_trip_seconds", "The newest round trip", online, _round_trip_s)
-    yield _robot_gauge("battery_percent", "The battery, as the robot reports it", online, _battery)
-    yield _robot_gauge("stopped", "1: the robot's guard reports a stop", online, _is_stopped)
-    refused = CounterMetricFamily(
-        "robotether_robot_guard_refusals",
-        "Drive commands that the robot's guard refused since its start, by kind",
-        labels=["robot", "kind"],
-    )
-    slowed = CounterMetricFamily(
-        "robotether_robot_slowed_seconds",
-        "Time for which the robot's guard slowed commands",
-        labels=["robot"],
-    )
-    for name, robot in online:
-        for kind, count in robot.presence.report.refused:
-            refused.add_metric([name, kind], count)
-        slowed.add_metric([name], robot.slowed_s)
-    yield from (refused, slowed)
-
-
-def _robot_gauge(
-    name: str,
-    meaning: str,
-    robots: Iterable[tuple[str, Robot]],
-    read: Callable[[Robot], float | None],
-) -> GaugeMetricFamily:
-    family = GaugeMetricFamily(f"robotether_robot_{name}", meaning, labels=["robot"])
-    # What is not known has no value.
-    for robot_name, robot in robots:
-        if (value := read(robot)) is not None:
-            family.add_metric([robot_name], value)
-    return family
-
-
-def _up(robot: Robot) -> float:
-    return robot.presence.online
-
-
-def _round_trip_s(robot: Robot) -> float | None:
-    rtt_ms = robot.presence.rtt_ms
-    return None if rtt_ms is None else rtt_ms / 1000
-
-
-def _battery(robot: Robot) -> float | None:
-    battery = robot.presence.battery
-    return None if battery is None else battery.percent
-
-
-def _is_stopped(robot: Robot) -> float | None:
-    return robot.presence.report.stopped if robot.presence.guard == "ready" else None

@@ -51,7 +51,7 @@ from robotether_server.relay.observers import RelayObserver
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
-from robotether_server.relay.records.journal import Journal
+from robotether_server.relay.records.journal import JOURNAL, Journal
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -133,6 +133,7 @@ class Relay:
             start_task("drives", self.observer.run(self._timing.drives_every_s)),
             start_task("stops", self.stored_control.run()),
             start_task("routes", self.routes.run()),
+            start_task("connections", self._database.count_connections()),
         ]
         listen = self._listen
         self.inside_port = await self._serve(self._inside, listen.inside_port)
@@ -371,6 +372,9 @@ class Relay:
         self.metrics.collect_robots(self.fleet.state, self.registry)
         self.metrics.collect_build(self._settings.cell.name)
         self.metrics.collect_backups(RECORD)
+        self.metrics.collect_logins(lambda: self.sessions.logins)
+        self.metrics.collect_database(self._database)
+        self.metrics.collect_disk(JOURNAL.parent)
         self.metrics.collect_help_requests(self.fleet.known_help_requests)
 
     async def _serve(self, app: web.Application, port: int) -> int:

@@ -1,16 +1,19 @@
-"""Builds the Flask application, with headers for every answer and for pages of other sites; gunicorn calls make_app."""
+"""Builds the Flask application, with headers for every answer and for pages of other sites; gunicorn calls start_app."""
 
 import datetime as dt
 import logging
 import os
 import re
+import time
 from collections.abc import Collection
 
-from flask import Flask, Response, request
+from flask import Flask, Response, g, request
+from prometheus_client import start_http_server
 from werkzeug.middleware.proxy_fix import ProxyFix
 
 from robotether_server import api
 from robotether_server.api.context import AppContext, csrf
+from robotether_server.api.web_metrics import WebMetrics
 from robotether_server.backups import RECORD
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
@@ -33,6 +36,8 @@ from robotether_server.web.pages import (
 )
 
 MAX_REQUEST_BYTES = 64 * 1024
+# Port of the numbers for Prometheus, inside the stack alone.
+METRICS_PORT = 9102
 
 # Characters allowed in a policy, as a client writes the Host header.
 HOST = re.compile(r"[A-Za-z0-9.-]+(:[0-9]+)?|\[[0-9A-Fa-f:.]+\](:[0-9]+)?")
@@ -92,6 +97,7 @@ def create_app(settings: WebSettings) -> Flask:
     # X-Forwarded-Host, so believing one would let clients choose it.
     app.wsgi_app = ProxyFix(app.wsgi_app, x_for=1, x_proto=1, x_host=0)  # type: ignore[method-assign] # Flask's documented way
     app.extensions["robotether"] = make_context(settings)
+    _count_requests(app)
     csrf.init_app(app)
     csrf.exempt(api.blueprint)
     errors.register(app)
@@ -117,26 +123,51 @@ def create_app(settings: WebSettings) -> Flask:
 
 def make_context(settings: WebSettings) -> AppContext:
     """Return what the request handlers share."""
+    database = Database(settings.database, keep=KEPT_CONNECTIONS)
+    certificates = SiteCertificates(settings.site_address)
     return AppContext(
-        database=Database(settings.database, keep=KEPT_CONNECTIONS),
+        database=database,
         signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
         join=settings.join,
-        site_certificates=SiteCertificates(settings.site_address),
+        site_certificates=certificates,
         agent_files_dir=settings.agent_files_dir,
         login_lifetime=Lifetime(
             dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
         ),
         backup_record=RECORD,
+        metrics=WebMetrics(database, certificates),
     )
 
 
 def make_app() -> Flask:
-    """Read the environment, and return the application: for gunicorn, started by `robotether web`."""
+    """Read the environment, and return the application."""
     loaded = load(WebSettings, os.environ)
     logging.basicConfig(
         level=loaded.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s"
     )
     return create_app(loaded)
+
+
+def start_app() -> Flask:
+    """Return the application, and serve its numbers: for gunicorn, started by `robotether web`."""
+    app = make_app()
+    metrics: WebMetrics = app.extensions["robotether"].metrics
+    start_http_server(METRICS_PORT, registry=metrics.registry)
+    return app
+
+
+def _count_requests(app: Flask) -> None:
+    """Count all answers, and how long each took."""
+
+    @app.before_request
+    def begin() -> None:
+        g.began_s = time.perf_counter()
+
+    @app.after_request
+    def count(response: Response) -> Response:
+        metrics: WebMetrics = app.extensions["robotether"].metrics
+        metrics.count_request(response.status_code, time.perf_counter() - g.began_s)
+        return response
 
 
 def _add_headers(response: Response) -> Response:

@@ -119,6 +119,9 @@ class MemoryDatabase(RelayDatabase):
         self._check_up()
         return self.requests
 
+    async def count_connections(self) -> None:
+        """Count none: there is no database."""
+
     async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
         self._check_up()
         return self.seen

@@ -356,9 +356,10 @@ def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
 
 
 def test_metrics(talk: Conversation, recorded: SnapshotAssertion) -> None:
-    """Admins alone are led to the relay's numbers."""
+    """Admins alone are led to the relay's numbers, and get web's."""
     talk.ask("root", "GET", "/metrics")
     talk.ask("ann", "GET", "/metrics")
+    talk.ask("ann", "GET", "/metrics/web")
     assert talk.transcript == recorded
 
 

@@ -7,9 +7,12 @@ hangs must not take the loop's shared threads, where names are resolved for new 
 from __future__ import annotations
 
 import asyncio
+import logging
 import threading
-from collections.abc import Callable, Collection, Sequence
+import time
+from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from datetime import datetime
 from typing import TypeVar
 
@@ -17,20 +20,37 @@ from robotether_server.db import Database, Transaction, cells, control, fleet
 from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayRequest, RelayUser, Snapshot
-from robotether_server.problems import StoreUnavailableError
+from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.settings.server import CellSettings
 
 T = TypeVar("T")
+
+log = logging.getLogger(__name__)
 
 THREADS = 4
 # Maximum number of open questions; one that waits behind them would be answered too late.
 MAX_OPEN_QUESTIONS = 64
 # Time limit for questions about taking control, which works without an answer.
 BRIEF_S = 1.0
+# Interval between questions for the number of connections.
+COUNT_EVERY_S = 10.0
+
+
+@dataclass(frozen=True)
+class ConnectionCount:
+    """Connections to the database that are open, and the maximum."""
+
+    used: int
+    limit: int
 
 
 class RelayDatabase:
     """What the relay of a cell asks the database; StoreUnavailableError when it does not answer."""
+
+    # When the database last accepted something, by the monotonic clock; None: not since the start.
+    written_at_s: float | None = None
+    # Those of everybody and of this account; None: unknown.
+    connections: Mapping[str, ConnectionCount] | None = None
 
     def __init__(self, database: Database, cell: str, answer_within_s: float = 3.0) -> None:
         self._database = database
@@ -82,12 +102,28 @@ class RelayDatabase:
             cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
             return cells.read(tx)
 
-        return await self._ask(exchange)
+        others = await self._ask(exchange)
+        self.written_at_s = time.monotonic()
+        return others
 
     async def write(self, entries: Sequence[Entry]) -> dict[int, int]:
         """Write entries in one transaction; return new rows' ids by the entry's place."""
         # Not cut short: a write that goes on in its thread and is tried again would be there twice.
-        return await self._in_thread(lambda tx: fleet.write(tx, entries, self._cell))
+        rows = await self._in_thread(lambda tx: fleet.write(tx, entries, self._cell))
+        self.written_at_s = time.monotonic()
+        return rows
+
+    async def count_connections(self) -> None:
+        """Count for ever how many connections there are."""
+        while True:
+            try:
+                self.connections = await self._ask(_read_connections)
+            except StoreError:
+                self.connections = None
+            except Exception:
+                log.exception("cannot count the database's connections")
+                self.connections = None
+            await asyncio.sleep(COUNT_EVERY_S)
 
     def close(self) -> None:
         """Let the threads go; does not wait for a database that hangs."""
@@ -144,3 +180,20 @@ class RelayDatabase:
         if not future.cancelled():
             # Whoever asked may have stopped waiting; its problem has then been reported already.
             future.exception()
+
+
+def _read_connections(tx: Transaction) -> dict[str, ConnectionCount]:
+    everybody = tx.row("SHOW GLOBAL STATUS LIKE 'Threads_connected'") or {}
+    # Of others' connections the account sees none.
+    row = (
+        tx.row(
+            """SELECT @@max_connections AS most, @@max_user_connections AS most_of_account,
+        (SELECT COUNT(*) FROM information_schema.processlist
+         WHERE user = SUBSTRING_INDEX(CURRENT_USER(), '@', 1)) AS own"""
+        )
+        or {}
+    )
+    return {
+        "everybody": ConnectionCount(int(everybody["Value"]), row["most"]),
+        "relay": ConnectionCount(row["own"], row["most_of_account"]),
+    }

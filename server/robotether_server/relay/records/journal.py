@@ -34,6 +34,8 @@ from robotether_server.db.routes import RouteEnd
 
 log = logging.getLogger(__name__)
 
+# In a volume of the relay's own.
+JOURNAL = Path("/var/lib/robotether/relay/journal.jsonl")
 # A new relay ends what was left open; nobody was told that sessions are written.
 JournalEntry = LeaseStart | LeaseEnd | DriveEntry | StopEntry | AuditEntry | HelpEntry | RouteEnd
 # Maximum number of lines of written or replaced entries, beyond one per waiting entry.

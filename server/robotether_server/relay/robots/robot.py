@@ -34,7 +34,7 @@ from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot_stops import RobotStops
 from robotether_server.relay.robots.uplink import Uplink
-from robotether_server.relay.robots.viewer_stats import ViewerStats
+from robotether_server.relay.robots.viewer_stats import CameraCounts, ViewerStats
 
 # What the agent does in front of rosbridge; unknown until it has said so.
 GuardMode = Literal["on", "off", "unknown"]
@@ -89,8 +89,9 @@ class Link(Protocol):
 class GuardReport:
     """What a robot's guard last reported of itself.
 
-    `refused` counts drive commands by kind since its start, `fence` is the newest number of a lease that it knows.
-    `blind_limits`: it has the limits `blind_m` and `blind_deg`, which older guards ignore.
+    Since its start `refused` counts drive commands by kind, and `stops` by cause how often it stopped a robot that
+    moved. `fence` is the newest number of a lease that it knows. `blind_limits`: it has the limits `blind_m` and
+    `blind_deg`, which older guards ignore.
     """
 
     state: GuardState = "down"
@@ -100,6 +101,7 @@ class GuardReport:
     refused: tuple[tuple[str, int], ...] = ()
     fence: int = 0
     blind_limits: bool = False
+    stops: tuple[tuple[str, int], ...] = ()
 
 
 NO_REPORT = GuardReport()
@@ -224,6 +226,7 @@ class Robot:
         self.forwarded_topics: set[object] = set()
         self.uplink = Uplink()
         self.viewer_stats = ViewerStats()
+        self.camera_counts = CameraCounts()
         self.delivered_frames = DeliveredFrames()
         self.recorders = Recorders()
         # The records of its session, and of its newest drive: a guard reports later what it refused.

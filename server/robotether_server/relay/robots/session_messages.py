@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import hmac
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta, Struct
-from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS
+from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS, STOP_CAUSES
 from robotether_common.services import SERVICES
 from robotether_common.session import (
     LOWEST_PRIORITY,
@@ -95,13 +95,17 @@ class HelloLine(Struct, tag="hello"):
 
 
 class GuardLine(Struct, tag="guard"):
-    """What a guard reports of itself, and the id of the message that it answers; `refused` counts since its start."""
+    """What a guard reports of itself, and the id of the message that it answers.
+
+    `refused` and `stops` count since its start; an older guard does not count its stops.
+    """
 
     state: GuardState
     stopped: bool
     by: Annotated[str, Meta(max_length=MAX_NAME)]
     moving: bool
     refused: dict[str, Count] = {}
+    stops: dict[str, Count] = {}
     fence: Annotated[int, Meta(ge=0, le=MAX_FENCE)] = 0
     blind_limits: bool = False
     answers: Annotated[str, Meta(max_length=64)] | None = None
@@ -112,14 +116,18 @@ class GuardLine(Struct, tag="guard"):
     @property
     def report(self) -> GuardReport:
         """What the registry keeps; a robot cannot name as many kinds as it likes."""
-        refused = tuple(
-            (kind, self.refused[kind]) for kind in REFUSED_KINDS if kind in self.refused
-        )
+        refused = _counts_of(self.refused, REFUSED_KINDS)
+        stops = _counts_of(self.stops, STOP_CAUSES)
         # A robot that lies leaves numbers above its own, which the next guard accepts.
         fence = min(self.fence, MAX_COUNT)
         return GuardReport(
-            self.state, self.stopped, self.by, self.moving, refused, fence, self.blind_limits
+            self.state, self.stopped, self.by, self.moving, refused, fence, self.blind_limits, stops
         )
+
+
+def _counts_of(counts: Mapping[str, int], names: Iterable[str]) -> tuple[tuple[str, int], ...]:
+    """Return the counts that have one of these names."""
+    return tuple((name, counts[name]) for name in names if name in counts)
 
 
 class SeenLine(Struct, tag="seen"):

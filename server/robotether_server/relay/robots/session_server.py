@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable
+from typing import get_args
 
-from robotether_common.session import MAX_LINE_BYTES, ByeCode
+from robotether_common.session import MAX_LINE_BYTES, ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.problems import ProtocolError, StoreUnavailableError
@@ -52,6 +54,8 @@ class SessionServer:
         self._server: asyncio.Server | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._live: dict[RobotLink, None] = {}
+        # Number of log-ins through sshd that came here and were accepted.
+        self.logins: Counter[str] = Counter(dict.fromkeys(get_args(Kind), 0))
         self.port = 0
 
     async def start(self, host: str, port: int) -> None:
@@ -141,6 +145,7 @@ class SessionServer:
             checker=self._checker,
         )
         self._live[link] = None
+        self.logins[preface.kind] += 1
         try:
             await link.run()
         finally:

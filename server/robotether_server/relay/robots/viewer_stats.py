@@ -33,6 +33,14 @@ NOTHING = ViewerCounts()
 
 
 @dataclass
+class CameraCounts:
+    """Frames that came from all cameras of one robot since the relay's start, and their bytes."""
+
+    frames: int = 0
+    bytes: int = 0
+
+
+@dataclass
 class _Viewer:
     frames: int = 0
     bytes: int = 0

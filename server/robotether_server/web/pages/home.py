@@ -80,12 +80,15 @@ def log_in() -> AnyResponse:
         unused = context().login_lifetime.unused
         text = logging_in.log_in(context().database, source, password, unused)
     except (LoginFailedError, OriginRefusedError, ThrottledError) as problem:
+        throttled = isinstance(problem, ThrottledError)
+        context().metrics.count_login("throttled" if throttled else "refused")
         problem.field = "password"
         response = make_response(render_template("login.html", error=problem))
         response.status_code = problem.status
         if isinstance(problem, ThrottledError):
             response.headers["Retry-After"] = str(problem.retry_after_s)
         return response
+    context().metrics.count_login("accepted")
     # Form tokens of the time before the login end with it.
     session.clear()
     onward = redirect(_next_page(), HTTPStatus.SEE_OTHER)

@@ -30,11 +30,12 @@ from robotether_agent.guard.agent_messages import (
 )
 from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
 from robotether_agent.guard.seen_age import BlindLimits, SeenAges
-from robotether_common.guard import REFUSED_KINDS
+from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 
 URL = "ws://127.0.0.1:9090"
 STANDS = State(stopped=False, by="", moving=False, fence=0)
 COUNTS = dict.fromkeys(REFUSED_KINDS, 0)
+STOPS = dict.fromkeys(STOP_CAUSES, 0)
 
 
 def read(**line: Any) -> AgentMessage | None:
@@ -140,10 +141,10 @@ def test_a_broken_line_is_no_order(line: bytes) -> None:
 
 def test_the_state_is_told_when_it_changes_and_as_an_answer() -> None:
     reports = GuardReporter(pipe := FakePipe())
-    reports.state(STANDS, COUNTS)
-    reports.state(STANDS, COUNTS)
-    reports.state(STANDS, COUNTS, answers="5f")
-    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS)
+    reports.state(STANDS, COUNTS, STOPS)
+    reports.state(STANDS, COUNTS, STOPS)
+    reports.state(STANDS, COUNTS, STOPS, answers="5f")
+    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS, STOPS)
     assert [line["answers"] for line in pipe.lines] == [None, "5f", None]
     last = {name: pipe.lines[-1][name] for name in ("stopped", "by", "moving", "fence")}
     assert last == {"stopped": True, "by": "ben", "moving": True, "fence": 13}
@@ -154,13 +155,13 @@ def test_a_robot_that_starts_and_stops_all_the_time_is_told_seldom() -> None:
     now = 5.0
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
     for number in range(1000):
-        reports.state(replace(STANDS, moving=number % 2 == 0), COUNTS)
+        reports.state(replace(STANDS, moving=number % 2 == 0), COUNTS, STOPS)
         now += 0.001
     assert 10 < len(pipe.lines) <= 2 / MOTION_EVERY_S + 1
     now += MOTION_EVERY_S
-    reports.state(STANDS, COUNTS)
+    reports.state(STANDS, COUNTS, STOPS)
     assert pipe.lines[-1]["moving"] is False
-    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS)
+    reports.state(State(stopped=True, by="ben", moving=True, fence=13), COUNTS, STOPS)
     assert pipe.lines[-1]["stopped"] is True
 
 
@@ -168,22 +169,22 @@ def test_a_newer_lease_is_told_at_once() -> None:
     """The robot's next relay must number above it, however soon it comes."""
     reports = GuardReporter(pipe := FakePipe(), lambda: 5.0)
     for fence in (13, 14):
-        reports.state(replace(STANDS, fence=fence), COUNTS)
+        reports.state(replace(STANDS, fence=fence), COUNTS, STOPS)
     assert [line["fence"] for line in pipe.lines] == [13, 14]
 
 
 def test_what_is_refused_is_told_without_a_motion_too() -> None:
     now, counts = 5.0, dict(COUNTS)
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
-    reports.state(STANDS, counts)
+    reports.state(STANDS, counts, STOPS)
     for _ in range(1000):
         counts["held"] += 1
         now += COUNTS_EVERY_S / 500
-        reports.state(STANDS, counts)
+        reports.state(STANDS, counts, STOPS)
     assert 1 < len(pipe.lines) <= 3
     now += COUNTS_EVERY_S
     for _ in range(2):
-        reports.state(STANDS, counts)
+        reports.state(STANDS, counts, STOPS)
     assert pipe.lines[-1]["refused"]["held"] == 1000
     assert len(pipe.lines) <= 4
 
@@ -192,10 +193,10 @@ def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
     reports = GuardReporter(pipe := FakePipe())
     pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.tick()
-    reports.state(STANDS, COUNTS)
+    reports.state(STANDS, COUNTS, STOPS)
     assert pipe.lines == []
     pipe.waiting = 0
-    reports.state(STANDS, COUNTS)
+    reports.state(STANDS, COUNTS, STOPS)
     assert len(pipe.lines) == 1
 
 

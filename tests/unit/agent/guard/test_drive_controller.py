@@ -29,6 +29,10 @@ from robotether_agent.guard.topics import (
 from sim_client import until
 
 
+def counted(world: World) -> dict[str, int]:
+    return {cause: count for cause, count in world.controller.stops.items() if count}
+
+
 async def test_zeros_follow_when_commands_stop(world: World) -> None:
     await world.drive(0.5)
     await world.pass_time(0.45)
@@ -38,9 +42,29 @@ async def test_zeros_follow_when_commands_stop(world: World) -> None:
     assert world.publisher.speeds == [0.5] + [0.0] * 10
     assert world.motion_file.read() is None
     assert not world.controller.moving
+    assert counted(world) == {"silence": 1}
 
 
-@pytest.mark.parametrize("loss", ["gone", "lease", "stop", "session", "agent", "rosbridge"])
+async def test_stop_by_the_driver_is_none_of_the_guard(world: World) -> None:
+    await world.drive(0.5)
+    await world.drive(0.0)
+    await world.pass_time(10)
+    world.controller.stop()
+    world.controller.on_disconnected(world.source)
+    assert counted(world) == {}
+
+
+CAUSES = {
+    "gone": "lost",
+    "lease": "lost",
+    "stop": "person",
+    "session": "lost",
+    "agent": "fault",
+    "rosbridge": "fault",
+}
+
+
+@pytest.mark.parametrize("loss", CAUSES)
 async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
     world.controller.use(GuardConfig("ws://x", deadman_s=10))
     await world.drive(0.5)
@@ -63,6 +87,7 @@ async def test_each_loss_is_a_stop_at_once(world: World, loss: str) -> None:
     await world.pass_time(5)
     zeros = ZEROS_AFTER_RECONNECT if loss == "rosbridge" else ZEROS
     assert world.publisher.speeds == [0.5] + [0.0] * zeros
+    assert counted(world) == {CAUSES[loss]: 1}
 
 
 async def test_another_connections_end_is_no_stop(world: World) -> None:

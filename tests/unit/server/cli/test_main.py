@@ -66,7 +66,7 @@ def test_web_becomes_gunicorn(run, started):
     assert run("web").status == 0
     assert started[0][:3] == [sys.executable, "-m", "gunicorn"]
     assert {"--workers=1", "--worker-class=gthread", "--threads=8"} <= set(started[0])
-    assert started[0][-1] == "robotether_server.web.app:make_app()"
+    assert started[0][-1] == "robotether_server.web.app:start_app()"
 
 
 def test_web_prints_the_first_admin_once(run, started, database, monkeypatch):

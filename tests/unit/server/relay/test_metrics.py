@@ -1,16 +1,24 @@
 """The numbers in Prometheus' format, without a network."""
 
 import time
+from types import SimpleNamespace
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
+from robotether_common.frames import VideoStatus
+from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.video.feeds import CodecTraffic, FeedTraffic
-from robotether_server.relay.metrics import SAMPLES_IN_PART, Metrics
+from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedTraffic
+from robotether_server.relay.metrics import Metrics
+from robotether_server.relay.robot_metrics import SERIES_OF_ROBOT
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
+from robotether_server.relay.robots.viewer_stats import CameraCounts
+
+# Maximum number of series of a machine with 1000 robots, and processor time of one answer.
+MAX_SERIES, MAX_RENDER_S = 15_000, 0.05
 
 
 @pytest.fixture
@@ -91,7 +99,7 @@ def test_times_are_counted_by_the_bounds_that_alerts_use(metrics, traffic):
     assert "robotether_relay_seen_age_unknown_total 1.0" in shown
 
 
-def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
+async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
     """A robot that is offline has no old numbers, one that reports nothing has no zeros."""
     registry = SessionRegistry()
     names = {1: "here", 2: "gone", 3: "new", 4: "waits"}
@@ -100,13 +108,20 @@ def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
         for robot_id, name in names.items()
     }
     metrics.collect_robots(lambda: Snapshot(rows, {}), registry)
-    report = GuardReport("ready", stopped=True, refused=(("old", 3),))
+    report = GuardReport(
+        "ready", stopped=True, refused=(("old", 3), ("held", 1)), stops=(("lost", 2),)
+    )
     registry.ensure_robot(1).presence = Presence(
         online=True, rtt_ms=50.0, battery=Battery(80, False), guard_mode="on", report=report
     )
     registry.ensure_robot(1).slowed_s = 1.5
+    registry.ensure_robot(1).camera_counts = CameraCounts(30, 90_000)
     registry.ensure_robot(2).presence = Presence(rtt_ms=70.0, battery=Battery(10, False))
     registry.ensure_robot(3).presence = Presence(online=True)
+    for camera, encoder in {"/a": "libx264", "/b": "libx264"}.items():
+        watch(registry.ensure_robot(1), camera, encoder)
+    for camera, encoder in {"/a": "libx264", "/b": None}.items():
+        watch(registry.ensure_robot(3), camera, encoder)
     assert [line for line in lines(metrics) if line.startswith("robotether_robot")] == [
         'robotether_robot_up{robot="here"} 1.0',
         'robotether_robot_up{robot="gone"} 0.0',
@@ -114,21 +129,52 @@ def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
         'robotether_robot_round_trip_seconds{robot="here"} 0.05',
         'robotether_robot_battery_percent{robot="here"} 80.0',
         'robotether_robot_stopped{robot="here"} 1.0',
-        'robotether_robot_guard_refusals_total{kind="old",robot="here"} 3.0',
+        'robotether_robot_guard_refusals_total{robot="here"} 4.0',
+        'robotether_robot_guard_stops_total{robot="here",cause="lost"} 2.0',
         'robotether_robot_slowed_seconds_total{robot="here"} 1.5',
         'robotether_robot_slowed_seconds_total{robot="new"} 0.0',
+        'robotether_robot_frames_total{robot="here"} 30.0',
+        'robotether_robot_frames_total{robot="new"} 0.0',
+        'robotether_robot_frame_bytes_total{robot="here"} 90000.0',
+        'robotether_robot_frame_bytes_total{robot="new"} 0.0',
+        'robotether_robot_encoder_info{robot="here",encoder="libx264"} 1.0',
+        'robotether_robot_encoder_info{robot="new",encoder="several"} 1.0',
     ]
 
 
-def test_a_large_family_is_written_in_parts_that_make_one(metrics):
-    count = 2 * SAMPLES_IN_PART + 1
-    rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(count)}
-    metrics.collect_robots(lambda: Snapshot(rows, {}), SessionRegistry())
-    parts = [part for part in metrics.parts() if b"robot_up" in part]
-    assert [part.count(b"\nrobotether_robot_up{") for part in parts[:1]] == [SAMPLES_IN_PART]
-    [family] = [
-        family
-        for family in text_string_to_metric_families(metrics.render().decode())
-        if family.name == "robotether_robot_up"
-    ]
-    assert len(family.samples) == count
+def watch(robot, camera, encoder):
+    feed = Feed(SimpleNamespace(id=robot.id), camera, FeedTraffic(), robot.camera_counts)
+    feed.status = VideoStatus("live", encoder=encoder)
+    robot.feeds[camera] = feed
+
+
+async def test_a_thousand_robots_cost_little(metrics, record_property):
+    """Each reports all that it can, and an encoder that nobody knows."""
+    registry = SessionRegistry()
+    rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(1000)}
+    report = GuardReport(
+        "ready",
+        refused=tuple((kind, 1) for kind in REFUSED_KINDS),
+        stops=tuple((cause, 1) for cause in STOP_CAUSES),
+    )
+    for number in rows:
+        robot = registry.ensure_robot(number)
+        robot.presence = Presence(
+            online=True, rtt_ms=1.5, battery=Battery(80, False), guard_mode="on", report=report
+        )
+        watch(robot, "/a", f'{number}"\n')
+    metrics.collect_robots(lambda: Snapshot(rows, {}), registry)
+    families = list(text_string_to_metric_families(metrics.render().decode()))
+    samples = [sample for family in families for sample in family.samples]
+    of_robots = [sample for sample in samples if "robot" in sample.labels]
+    assert len(of_robots) == SERIES_OF_ROBOT * len(rows)
+    record_property("series", len(samples))
+    assert len(samples) < MAX_SERIES
+    assert {sample.labels.get("encoder") for sample in of_robots} == {None, "other"}
+    took_s = []
+    for _ in range(5):
+        begin_s = time.process_time()
+        metrics.render()
+        took_s.append(time.process_time() - begin_s)
+    record_property("render_s", min(took_s))
+    assert min(took_s) < MAX_RENDER_S

@@ -33,6 +33,7 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
+from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 log = logging.getLogger(__name__)
 
@@ -83,7 +84,9 @@ class Viewer(CopyUser, Protocol):
 class Feed(SharedCopy[str, Viewer]):
     """The newest frames of one camera of one robot, and its viewers."""
 
-    def __init__(self, robot: RelayRobot, topic: str, traffic: FeedTraffic) -> None:
+    def __init__(
+        self, robot: RelayRobot, topic: str, traffic: FeedTraffic, counts: CameraCounts
+    ) -> None:
         super().__init__(robot, topic)
         self.held = HeldFrames()
         # A viewer can decode nothing before a key frame.
@@ -94,6 +97,7 @@ class Feed(SharedCopy[str, Viewer]):
         # Something is to be sent to the robot.
         self.due = asyncio.Event()
         self._traffic = traffic
+        self._counts = counts
         self._untaken: deque[int] = deque()
         self._credits_due = 0
         self._credits_open = 0
@@ -213,6 +217,8 @@ class Feed(SharedCopy[str, Viewer]):
         traffic = self._traffic.by_codec[frame.codec.name]
         traffic.frames_in += 1
         traffic.bytes_in += frame.size + HEADER.size
+        self._counts.frames += 1
+        self._counts.bytes += frame.size + HEADER.size
         self._traffic.frame_ages.add(frame.received_s - frame.timestamp_s)
         if not self.held.add(frame):
             # Nobody can decode it; and without credit the key frame could not come.
@@ -255,7 +261,8 @@ class Feeds(SharedCopies[Feed]):
     @contextmanager
     def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
-        feed = self._of(robot.id).get(topic) or self._open(Feed(robot, topic, self.traffic))
+        counts = self._registry.ensure_robot(robot.id).camera_counts
+        feed = self._of(robot.id).get(topic) or self._open(Feed(robot, topic, self.traffic, counts))
         feed.join(viewer)
         try:
             yield feed

@@ -72,9 +72,18 @@ def parse(line, **changes):
 
 
 def test_a_guard_tells_of_itself():
-    """Of refused commands it counts the kinds that are known here."""
-    told = parse(GUARD, by="ann", refused={"held": 7, "unheard_of": 1}, fence=13, answers="a1")
-    assert told.report == GuardReport("ready", by="ann", refused=(("held", 7),), fence=13)
+    """Of refused commands and stops it counts what is known here."""
+    told = parse(
+        GUARD,
+        by="ann",
+        refused={"held": 7, "unheard_of": 1},
+        stops={"lost": 2, "unheard_of": 1},
+        fence=13,
+        answers="a1",
+    )
+    assert told.report == GuardReport(
+        "ready", by="ann", refused=(("held", 7),), fence=13, stops=(("lost", 2),)
+    )
     assert told.answers == "a1"
     assert parse(GUARD).answers is None
     assert parse(GUARD).report.fence == 0
@@ -134,6 +143,7 @@ def test_call_for_help_is_read_within_bounds(changes, call):
         *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
         *((HELLO, "epoch", epoch) for epoch in (-1, 2**53 + 1, 1.5, "1", None)),
         (GUARD, "refused", ["old"]),
+        (GUARD, "stops", {"lost": -1}),
         (GUARD, "state", "asleep"),
         (GUARD, "stopped", 0),
         (GUARD, "moving", None),

@@ -17,6 +17,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Presence
+from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 JPEG = b"\xff\xd8\xff\xd9"
 
@@ -59,7 +60,7 @@ def come(feed: Feed, sequence: int, *, codec: int = 1, is_key: bool = False) -> 
 @pytest.fixture
 async def feed(sim1) -> Feed:
     """A feed that has its connection and has told its first credit."""
-    feed = Feed(sim1, "/a", FeedTraffic())
+    feed = Feed(sim1, "/a", FeedTraffic(), CameraCounts())
     feed.on_connected()
     assert feed.credit() == (2, None)
     return feed

@@ -16,6 +16,7 @@ from robotether_server.relay.channels.video.feeds import Feed, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
 from robotether_server.relay.channels.video.held_frames import MAX_HELD, MAX_HELD_BYTES, HeldFrames
 from robotether_server.relay.channels.video.viewers import Cursor
+from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 EYE = SimpleNamespace(stream_request=StreamRequest(codecs=NAMES))
 
@@ -24,7 +25,7 @@ class Books(Feed):
     """A feed whose frames a test sets, and that notes what was taken."""
 
     def __init__(self, robot) -> None:
-        super().__init__(robot, "/a", FeedTraffic())
+        super().__init__(robot, "/a", FeedTraffic(), CameraCounts())
         self.was_taken: list[int] = []
 
     def taken(self, sequence: int) -> None:
@@ -150,7 +151,7 @@ class Scene:
     """A robot that encodes on credit, and its viewers. What a chain of frames is, it alone knows."""
 
     def __init__(self) -> None:
-        self.feed = Feed(SimpleNamespace(name="sim1", id=7), "/a", FeedTraffic())
+        self.feed = Feed(SimpleNamespace(name="sim1", id=7), "/a", FeedTraffic(), CameraCounts())
         self.viewers: list[Watcher] = []
         self.codec = H264
         self.now_s = 1000.0
