@@ -56,7 +56,7 @@ NOT_RUN = {
         r"tools/(backup|restore) "
     ),
     "needs a timer of systemd: tests/ansible/test_server.py": r"journalctl ",
-    "needs the profile metrics: tests/images/test_prometheus.py": r"docker compose exec prometheus ",
+    "needs the profile metrics: tests/images/test_prometheus.py": r"docker compose exec (prometheus|alertmanager) ",
     "starts what lasts, with a token: tests/e2e/test_recordings.py and test_routes.py": (
         r"curl .*/api/v1/(robots/sim1/recordings|recordings/12/stop|routes)$"
     ),

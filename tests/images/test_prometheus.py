@@ -1,9 +1,11 @@
-"""Prometheus' rules, as the image's own promtool reads them, and the image with nothing of a site's around it."""
+"""Prometheus' rules, as the image's own promtool reads them, and the image's programs without a site around them."""
 
 from __future__ import annotations
 
 import subprocess
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -37,13 +39,69 @@ def test_promtool_is_content(arguments: tuple[str, ...]) -> None:
     run("run", "--rm", *LOCKED_DOWN, "--tmpfs", "/tmp", "--mount", mount, *promtool)
 
 
-def test_it_starts_without_a_relay_and_without_rights() -> None:
-    container = run("run", "--detach", *LOCKED_DOWN, image("prometheus"))
+@contextmanager
+def running(*options: str, port: int) -> Iterator[str]:
+    """A container that became healthy."""
+    container = run("run", "--detach", *LOCKED_DOWN, *options, image("prometheus"))
     try:
         give_up_at = time.monotonic() + START_WITHIN_S
-        check = ["docker", "exec", container, "/usr/lib/robotether/healthy"]
+        check = ["docker", "exec", container, "/usr/lib/robotether/healthy", str(port)]
         while subprocess.run(check, check=False, timeout=30).returncode:
             assert time.monotonic() < give_up_at, run("logs", container)
             time.sleep(0.5)
+        yield container
     finally:
         run("rm", "--force", "--volumes", container)
+
+
+def test_it_starts_without_a_relay_and_without_rights() -> None:
+    with running(port=9090):
+        pass
+
+
+ALERTMANAGER = (
+    "--entrypoint", "/usr/lib/robotether/alertmanager",
+    "--tmpfs", "/run/alertmanager:uid=33,gid=33,mode=0700",
+)  # fmt: skip
+MAIL = {
+    "ALERT_EMAIL_TO": "ann@lab.example,ben@lab.example",
+    "ALERT_EMAIL_FROM": "robots@lab.example",
+    "ALERT_SMTP": "mail.lab.example:587",
+    "ALERT_SMTP_USER": "robots",
+}
+
+
+def environment(settings: Mapping[str, str]) -> list[str]:
+    return [part for name, text in settings.items() for part in ("--env", f"{name}={text}")]
+
+
+def test_alertmanager_sends_where_the_settings_say_and_else_nowhere(tmp_path: Path) -> None:
+    (tmp_path / "alert_smtp_password").write_text("x" * 12)
+    (tmp_path / "alert_webhook_url").write_text("https://hooks.lab.example/abc")
+    secrets = ("--mount", f"type=bind,source={tmp_path},target=/run/secrets,readonly")
+    show = ("amtool", "--alertmanager.url=http://127.0.0.1:9093", "config", "show")
+    with running(*ALERTMANAGER, port=9093) as container:
+        assert "_configs" not in run("exec", container, *show)
+    with running(*ALERTMANAGER, *secrets, *environment(MAIL), port=9093) as container:
+        shown = run("exec", container, *show)
+    assert f"to: {MAIL['ALERT_EMAIL_TO']}" in shown
+    assert f"smarthost: {MAIL['ALERT_SMTP']}" in shown
+    assert "require_tls: true" in shown
+    assert "url_file: /run/secrets/alert_webhook_url" in shown
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"ALERT_SMTP": ""}, "ALERT_SMTP is not"),
+        ({"ALERT_EMAIL_TO": 'a@b"\nroute: {'}, "allowed are letters"),
+        ({}, "alert_smtp_password is not there"),
+    ],
+)
+def test_alertmanager_says_what_is_wrong(changes: Mapping[str, str], reason: str) -> None:
+    start = ["docker", "run", "--rm", *LOCKED_DOWN, *ALERTMANAGER, *environment(MAIL | changes)]
+    done = subprocess.run(
+        [*start, image("prometheus")], capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode != 0
+    assert reason in done.stderr

@@ -128,6 +128,7 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
     files = site.files()
     made = files.pop("made")
     assert {folder: set(found) for folder, found in files.items()} == SECRETS_OF
+    assert {text for _, _, text in files.pop("alertmanager").values()} == {""}
     for folder in ("web", "migrate"):
         assert files[folder].pop("admin_password")[2] == ""
     assert len({text for _, _, text in made.values()}) == len(made)
@@ -220,7 +221,9 @@ def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
     assert made[0] == made[1]
     assert all(made[0].values())
     more = {"database_ca_key.pem", "ssh_host_ed25519_key"}
-    assert set(made[0]) == set().union(*SECRETS_OF.values()) | more
+    # Where alerts go is the site's own to say.
+    of_all = set().union(*SECRETS_OF.values()) - SECRETS_OF["alertmanager"]
+    assert set(made[0]) == of_all | more
     assert {file.stat().st_mode & 0o777 for file in folder.iterdir()} == {0o600}
 
 

@@ -138,6 +138,8 @@ def _parse_networks(text: str) -> tuple[str, ...]:
     return tuple(map(str, networks))
 
 
+_ADDRESS = "[A-Za-z0-9.+_=-]+@[A-Za-z0-9.-]+"
+
 HOST = Kind("a host name or address, without a port", _parse_host)
 PORT = whole(1, HIGHEST_PORT)
 FREE_PORT = whole(LOWEST_FREE_PORT, HIGHEST_PORT)
@@ -167,6 +169,9 @@ HOST_OR_EMPTY = Kind(
 NETWORKS = Kind(
     "networks such as 192.0.2.0/24 with commas between, none of which is everybody, or empty: nobody",
     _parse_networks,
+)
+ADDRESSES_OR_EMPTY = matching(
+    rf"({_ADDRESS}(,{_ADDRESS})*)?", "mail addresses with commas between, or empty: nobody"
 )
 PASSWORD_OR_EMPTY = matching(
     r"(\S{12,})?",
@@ -308,6 +313,16 @@ _TABLE = (
         "for how many days recordings are kept; 0: for ever",
         whole(0, 36500),
         "30",
+    ),
+    Variable("ALERT_EMAIL_TO", "who gets alerts by mail", ADDRESSES_OR_EMPTY, ""),
+    Variable("ALERT_EMAIL_FROM", "sender of these mails", ADDRESSES_OR_EMPTY, ""),
+    Variable("ALERT_SMTP", "mail server for them", ENDPOINT_OR_EMPTY, ""),
+    Variable("ALERT_SMTP_TLS", "whether that must offer STARTTLS", YES_OR_NO, "yes"),
+    Variable(
+        "ALERT_SMTP_USER",
+        "account at it, with the password in the secret alert_smtp_password",
+        matching("[A-Za-z0-9.@+_-]*", "letters, digits and .@+_-, or empty: none"),
+        "",
     ),
     Variable("MIGRATIONS_DIR", "folder of the migrations", PATH, "/usr/share/robotether/sql"),
     Variable(

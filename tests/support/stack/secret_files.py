@@ -19,5 +19,6 @@ SECRETS_OF = {
         "sshd": "mysql_keylookup_password session_key database_ca.pem",
         "demo": "mysql_web_password database_ca.pem",
         "nginx": "peer_cert.pem peer_key.pem",
+        "alertmanager": "alert_smtp_password alert_webhook_url",
     }.items()
 }

@@ -3,9 +3,12 @@
 import re
 from pathlib import Path
 
+import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parents[3]
+# What asks Prometheus for numbers by their names.
+READERS = ("images/prometheus/rules.yml",)
 
 
 def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
@@ -18,10 +21,16 @@ def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
         assert rule["annotations"]["what_to_do"] == f"{page}#{rule['alert'].lower()}"
 
 
-def test_rules_read_what_the_relay_has() -> None:
-    """An alert on a number that has another name now would never come."""
-    sources = [*(ROOT / "server/robotether_server/relay").glob("*.py")]
-    code = "".join(path.read_text() for path in sources)
-    rules = (ROOT / "images" / "prometheus" / "rules.yml").read_text()
-    for name in set(re.findall(r"robotether_relay_(\w+)", rules)):
-        assert f'{name.removesuffix("_bucket").removesuffix("_total")}"' in code, name
+SERVER = ROOT / "server" / "robotether_server"
+SOURCES = [*(SERVER / "relay").glob("*.py"), SERVER / "api" / "web_metrics.py"]
+
+
+@pytest.mark.parametrize("file", READERS)
+def test_what_is_read_is_there(file: str) -> None:
+    """An alert or a curve of a number that has another name now would never come."""
+    code = "".join(path.read_text() for path in SOURCES)
+    names = set(re.findall(r"robotether_(?:relay|robot|web)_(\w+)", (ROOT / file).read_text()))
+    assert names
+    for name in names:
+        base = name.removesuffix("_bucket")
+        assert f'{base}"' in code or f'{base.removesuffix("_total")}"' in code, name
