@@ -9,6 +9,7 @@ const options = {
     drive: "src/pages/drive.js",
     fleet: "src/pages/fleet.js",
     grants: "src/pages/grants.js",
+    health: "src/pages/health.js",
     queue: "src/pages/queue.js",
     routes: "src/pages/routes.js",
     "robotether-client": "src/client/index.js",

@@ -293,6 +293,10 @@ class SiteCertificateUnavailableError(RobotetherError, code="front_unavailable",
     """The certificate that this site shows cannot be learnt now."""
 
 
+class HistoryUnavailableError(RobotetherError, code="history_unavailable", status=503):
+    """Prometheus is not there, or does not answer."""
+
+
 class RobotOfflineError(RobotetherError, code="robot_offline", status=503):
     """The robot has no tunnel."""
 

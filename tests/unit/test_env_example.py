@@ -147,6 +147,7 @@ def test_every_setting_can_be_set() -> None:
         "MIGRATIONS_DIR",
         "RECORDINGS_DIR",
         "RELAY_HOST",
+        "PROMETHEUS",
     }
     assert {setting_of(variable) for _, variable in environments()} == set(VARIABLES) - inside
 

@@ -33,7 +33,7 @@ SCRIPT_RANKS = (
     "client",
     "dom",
     "control input overlays topics",
-    "fleet queue video",
+    "fleet health queue video",
     "pages",
 )
 SCRIPT_RANK = {folder: rank for rank, row in enumerate(SCRIPT_RANKS) for folder in row.split()}

@@ -10,6 +10,7 @@ from robotether_server.api import (  # noqa: F401
     description,
     drives,
     grants,
+    health,
     join,
     metrics,
     recordings,

@@ -11,6 +11,8 @@ from robotether_server.api.web_metrics import WebMetrics
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
+from robotether_server.services.health import SshProbe
+from robotether_server.services.history import Prometheus
 from robotether_server.settings.server import JoinSettings
 from robotether_server.tickets import TicketSigner
 
@@ -29,6 +31,8 @@ class AppContext:
     login_lifetime: Lifetime
     backup_record: Path
     metrics: WebMetrics
+    ssh_probe: SshProbe
+    prometheus: Prometheus
     recent_users: RecentUsers = field(default_factory=RecentUsers)
 
 

@@ -185,6 +185,14 @@ def list_waiting(tx: Transaction) -> list[RobotRow]:
     return [from_row(row) for row in rows]
 
 
+def list_active_names(tx: Transaction) -> list[str]:
+    """Return the names of the robots that may connect, in order."""
+    return [
+        row["name"]
+        for row in tx.rows("SELECT name FROM robots WHERE state = 'active' ORDER BY name")
+    ]
+
+
 def name_is_taken(tx: Transaction, name: str) -> bool:
     """Return whether a robot has that name."""
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None

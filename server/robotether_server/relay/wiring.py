@@ -365,6 +365,7 @@ class Relay:
         gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
         gauge("routes", "Routes between robots that run", self.routes.count)
         gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
+        gauge("recorders", "Recorders that are connected", self.recorder_handler.count)
         gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
         gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
         gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)

@@ -301,6 +301,7 @@ _TABLE = (
         "365",
     ),
     Variable("RELAY_HOST", "host of the relay, for the recorder", HOST, "relay"),
+    Variable("PROMETHEUS", "where web reads the history of numbers", ENDPOINT, "prometheus:9090"),
     Variable("RECORDINGS_DIR", "folder of the recordings", PATH, "/var/lib/robotether/recordings"),
     Variable(
         "RECORDINGS_MAX_GB",
@@ -393,6 +394,7 @@ class WebSettings:
     allowed_origins: Annotated[tuple[str, ...], "ALLOWED_ORIGINS"] = ()
     # None: web makes one.
     admin_password: Annotated[str | None, "ADMIN_PASSWORD"] = field(default=None, repr=False)
+    prometheus: Annotated[tuple[str, int], "PROMETHEUS"] = ("prometheus", 9090)
 
 
 @dataclass(frozen=True)

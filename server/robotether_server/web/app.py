@@ -19,6 +19,8 @@ from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import OriginRefusedError
+from robotether_server.services.health import SshProbe
+from robotether_server.services.history import Prometheus
 from robotether_server.settings.server import WebSettings, load
 from robotether_server.tickets import TicketSigner
 from robotether_server.web import admin, current_user, errors, forms, page_texts
@@ -136,6 +138,8 @@ def make_context(settings: WebSettings) -> AppContext:
         ),
         backup_record=RECORD,
         metrics=WebMetrics(database, certificates),
+        ssh_probe=SshProbe(settings.site_address.tls_front),
+        prometheus=Prometheus(settings.prometheus),
     )
 
 

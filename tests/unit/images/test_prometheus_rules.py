@@ -1,14 +1,20 @@
 """The alerts and the page that says what to do."""
 
+import json
 import re
 from pathlib import Path
+from string import Template
 
 import pytest
 import yaml
+from robotether_server.services.history import CHARTS_OF_ROBOT, CHARTS_OF_SITE
 
 ROOT = Path(__file__).resolve().parents[3]
 # What asks Prometheus for numbers by their names.
-READERS = ("images/prometheus/rules.yml",)
+READERS = (
+    "images/prometheus/rules.yml",
+    "server/robotether_server/services/history.py",
+)
 
 
 def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
@@ -19,6 +25,17 @@ def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
     assert sections == [rule["alert"] for rule in alerts]
     for rule in alerts:
         assert rule["annotations"]["what_to_do"] == f"{page}#{rule['alert'].lower()}"
+
+
+def test_dashboard_has_the_queries_of_the_page_health() -> None:
+    dashboard = json.loads((ROOT / "deploy" / "grafana" / "robotether.json").read_text())
+    shown = [target["expr"] for panel in dashboard["panels"] for target in panel.get("targets", ())]
+    charts = {"": CHARTS_OF_SITE, 'robot="$robot"': CHARTS_OF_ROBOT}
+    assert shown == [
+        Template(chart.query).substitute(of=of, step="$__rate_interval")
+        for of, charts_of in charts.items()
+        for chart in charts_of
+    ]
 
 
 SERVER = ROOT / "server" / "robotether_server"

@@ -179,6 +179,10 @@ class RecorderHandler:
         self._snapshot = snapshot
         self._connections: set[RecorderConnection] = set()
 
+    def count(self) -> int:
+        """How many recorders are connected."""
+        return len(self._connections)
+
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot."""
         for connection in self._connections:

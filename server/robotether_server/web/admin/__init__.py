@@ -1,4 +1,4 @@
-"""The admin pages under /admin: robots and how they are added, people and rights, tokens, the audit log, backups.
+"""The admin pages under /admin: robots and how they are added, people and rights, tokens, audit log, backups, health.
 
 Plain forms over robotether_server.services, which checks, changes and writes the audit log. Every path that
 takes a POST also answers a GET, so that a log-in after an expired login leads back to it.
@@ -14,6 +14,7 @@ from robotether_server.web.admin import (
     backups,
     grants,
     groups_and_sites,
+    health,
     pending,
     robots,
     selected_robots,
@@ -36,6 +37,7 @@ for part in (
     tokens,
     audit_log,
     backups,
+    health,
 ):
     blueprint.register_blueprint(part.blueprint)
 

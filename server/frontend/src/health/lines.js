@@ -1,0 +1,27 @@
+// What the page Health says of a line of a chart, in words. What is null is unknown, and never 0. Pure.
+
+import { shortNumber } from "../dom/page.js";
+import { history as texts } from "../texts/health.js";
+
+// A value with its unit, as the API names it.
+export function valueText(value, unit) {
+  if (value === null || value === undefined) return "unknown";
+  if (unit === "seconds" && value < 1) return texts.units.milliseconds(shortNumber(value * 1000));
+  return texts.units[unit](shortNumber(unit === "bits_per_s" ? value / 1e6 : value));
+}
+
+// One line in words: now, lowest, highest, and how much of the time is not known.
+export function lineText({ name, values }, unit) {
+  const known = values.filter((value) => value !== null);
+  if (!known.length) return texts.noData;
+  const [now, least, most] = [values[values.length - 1], Math.min(...known), Math.max(...known)].map((value) => valueText(value, unit));
+  const percent = Math.ceil((100 * (values.length - known.length)) / values.length);
+  return texts.line({ name: texts.lines[name] ?? name, now, least, most }) + (percent ? texts.gaps(percent) : "");
+}
+
+// The time of a mark below a chart.
+export function markText(seconds, range) {
+  const time = new Date(seconds * 1000);
+  if (range === "week") return time.toLocaleDateString("en-GB", { weekday: "short", day: "numeric" });
+  return time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
+}

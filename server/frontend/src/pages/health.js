@@ -1,0 +1,101 @@
+/*!
+ * With uPlot, which has this licence:
+ * The MIT License (MIT). Copyright (c) 2022 Leon Sorokin.
+ * Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated documentation files
+ * (the "Software"), to deal in the Software without restriction, including without limitation the rights to use, copy, modify, merge,
+ * publish, distribute, sublicense, and/or sell copies of the Software, and to permit persons to whom the Software is furnished to do
+ * so, subject to the following conditions: The above copyright notice and this permission notice shall be included in all copies or
+ * substantial portions of the Software. THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING
+ * BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+ * AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR
+ * OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+ */
+
+// The page Health: each part now, and charts of the last hour, day or week. Loaded by admin/health.html.
+
+import { api, LoginUse } from "../dom/calls.js";
+import { byTestId, part, setText } from "../dom/page.js";
+import { drawCharts } from "../health/charts.js";
+import { Poller } from "../queue/poller.js";
+import { KeyedRows, showDataState } from "../queue/requestRows.js";
+import { health as texts, history as historyTexts } from "../texts/health.js";
+
+// Intervals between two questions for what is now, and for the history.
+const NOW_EVERY_MS = 10_000;
+const HISTORY_EVERY_MS = 60_000;
+const TICK_MS = 1000;
+
+const main = /** @type {HTMLElement} */ (document.querySelector("main"));
+const charts = part(main, "charts");
+const robot = byTestId(main, "health-robot");
+const rangeButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-range]")]);
+const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getElementById(id));
+let endCharts = () => {};
+let range = "hour";
+let round = 0;
+
+const parts = new KeyedRows({
+  container: byTestId(main, "health-parts").tBodies[0],
+  template: templateOf("part-row"),
+  keyOf: ({ name }) => name,
+  fill: (row, { name, state, words, advice }) => {
+    const facts = { name, state: texts.states[state], words, advice: advice || texts.nothingToDo };
+    for (const [place, text] of Object.entries(facts)) setText(part(row, place), text);
+    part(row, "state").dataset.state = state;
+  },
+});
+const alerts = new KeyedRows({
+  container: part(main, "alerts"),
+  template: templateOf("alert-row"),
+  keyOf: ({ name, summary }) => `${name} ${summary}`,
+  fill: (row, { name, summary }) => {
+    setText(part(row, "alert"), name);
+    setText(part(row, "summary"), summary);
+    part(row, "link").setAttribute("href", `/docs/howto/metrics/#${name.toLowerCase()}`);
+    part(row, "link").setAttribute("aria-label", `What to do: ${name}`);
+  },
+});
+const poller = new Poller({
+  ask: () => api.get("/api/v1/health"),
+  onAnswer: show,
+  onState: (state) => showDataState(main, byTestId(main, "health-feed"), state),
+  everyMs: NOW_EVERY_MS,
+});
+
+function show({ parts: all, alerts: lasting }) {
+  parts.show(all);
+  alerts.show(lasting ?? []);
+  const { unknown, none, some } = texts.alerts;
+  setText(part(main, "alerts-state"), lasting === null ? unknown : lasting.length ? some(lasting.length) : none);
+}
+
+async function showHistory() {
+  const asked = ++round;
+  charts.dataset.stale = "true";
+  const query = robot.value ? { range, robot: robot.value } : { range };
+  const { ok, code, detail, body } = await api.get("/api/v1/health/history", query);
+  if (asked !== round) return; // somebody has chosen something else since
+  endCharts();
+  endCharts = () => {};
+  charts.replaceChildren();
+  charts.dataset.stale = "false";
+  if (ok) {
+    endCharts = drawCharts(charts, body, range);
+    setText(part(main, "history-state"), historyTexts.of(robot.value, historyTexts.ranges[range]));
+  } else setText(part(main, "history-state"), code === "history_unavailable" ? historyTexts.needsProfile : historyTexts.failed(detail));
+}
+
+for (const button of rangeButtons) {
+  button.addEventListener("click", () => {
+    range = String(button.dataset.range);
+    for (const other of rangeButtons) other.setAttribute("aria-pressed", String(other === button));
+    showHistory();
+  });
+}
+robot.addEventListener("change", showHistory);
+new LoginUse().watch(window);
+setText(part(main, "history-state"), historyTexts.loading);
+showHistory();
+setInterval(() => !document.hidden && showHistory(), HISTORY_EVERY_MS);
+setInterval(() => !document.hidden && poller.tick(), TICK_MS);
+poller.tick();

@@ -1,0 +1,212 @@
+"""Judges how each part of the site is now, and says what to do, for the page Health. What nobody knows is unknown."""
+
+from __future__ import annotations
+
+import datetime as dt
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Literal
+
+from msgspec import Struct
+
+from robotether_server.backups import last_backup
+from robotether_server.db import Transaction, cells
+from robotether_server.db.cells import ALIVE_S, Cell
+from robotether_server.install_line import SiteCertificates
+from robotether_server.problems import HistoryUnavailableError, SiteCertificateUnavailableError
+from robotether_server.services.history import DISK_FREE, RECORDERS, FiringAlert, Prometheus
+from robotether_server.times import utc_now
+
+# As in the alerts of images/prometheus/rules.yml.
+CERTIFICATE_LEFT = dt.timedelta(days=14)
+BACKUP_AGE = dt.timedelta(seconds=100_000)
+MIN_DISK_FREE = 0.1
+# Maximum time by which a machine's clock may be ahead of the database's.
+MAX_CLOCK_AHEAD_S = 2.0
+SSH_WITHIN_S = 2.0
+# Time for which an answer of sshd counts: each question is a connection for it.
+SSH_KEPT_S = 60.0
+SSH_HELLO = b"SSH-2.0-health\r\n"
+# What sshd says first, also with as many log-ins under way as it takes.
+SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
+ANY_HOST = "localhost"
+
+PartState = Literal["good", "bad", "unknown"]
+
+
+class PartHealth(Struct, frozen=True):
+    """One part of the site now, in words. `advice` says what to do; empty: nothing."""
+
+    name: str
+    state: PartState
+    words: str
+    advice: str = ""
+
+
+class SiteHealth(Struct, frozen=True):
+    """The site now. `alerts` are those that last; null: nobody works them out."""
+
+    parts: list[PartHealth]
+    alerts: list[FiringAlert] | None
+
+
+class SshProbe:
+    """Asks sshd through nginx, as robots behind a firewall do, now and then; safe to share between threads."""
+
+    def __init__(
+        self, endpoint: tuple[str, int], now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._endpoint = endpoint
+        self._now = now
+        self._lock = threading.Lock()
+        self._asked_at_s: float | None = None
+        self._answers: bool | None = None
+
+    def answers(self) -> bool | None:
+        """Return whether it answers; None: what is there is no nginx of ours."""
+        with self._lock:
+            if self._asked_at_s is None or self._now() - self._asked_at_s > SSH_KEPT_S:
+                self._answers = self._ask()
+                self._asked_at_s = self._now()
+            return self._answers
+
+    def _ask(self) -> bool | None:
+        try:
+            connection = socket.create_connection(self._endpoint, SSH_WITHIN_S)
+        except OSError:
+            return None
+        line = b""
+        with connection, suppress(OSError):
+            connection.sendall(SSH_HELLO)
+            line = connection.recv(64)
+        return line.startswith(SSH_ANSWERS) if not line or line.startswith(SSH_ANSWERS) else None
+
+
+def read_health(
+    tx: Transaction,
+    certificates: SiteCertificates,
+    ssh_probe: SshProbe,
+    backup_record: Path,
+    prometheus: Prometheus,
+) -> SiteHealth:
+    """Judge all parts of the site."""
+    parts = [
+        PartHealth("web", "good", "It answers."),
+        PartHealth("database", "good", "It answers."),
+        *map(_cell, cells.read(tx)),
+        _sshd(ssh_probe.answers()),
+        _certificate(certificates),
+        _backups(backup_record),
+        *_measured(prometheus),
+    ]
+    try:
+        return SiteHealth(parts, prometheus.alerts())
+    except HistoryUnavailableError:
+        return SiteHealth(parts, None)
+
+
+def _cell(cell: Cell) -> PartHealth:
+    name = f"cell {cell.name}"
+    if not cell.is_alive:
+        return PartHealth(
+            name,
+            "bad",
+            f"Its relay has written nothing for {ALIVE_S} s.",
+            "On its machine, see docker compose ps and docker compose logs relay.",
+        )
+    if cell.clock_ahead_s is not None and abs(cell.clock_ahead_s) > MAX_CLOCK_AHEAD_S:
+        return PartHealth(
+            name,
+            "bad",
+            f"Its clock is {cell.clock_ahead_s:+.1f} s off the database's, so tickets of other cells may fail.",
+            "Set up time synchronisation (NTP) on its machine.",
+        )
+    draining = " It is being taken out of service." if cell.draining else ""
+    robots = "1 robot" if cell.robots == 1 else f"{cell.robots} robots"
+    return PartHealth(name, "good", f"Its relay has {robots} online.{draining}")
+
+
+def _sshd(answers: bool | None) -> PartHealth:
+    if answers is None:
+        return PartHealth(
+            "sshd",
+            "unknown",
+            "It cannot be asked from here, as TLS_FRONT is not this site's nginx.",
+        )
+    if not answers:
+        return PartHealth(
+            "sshd",
+            "bad",
+            "It does not answer, so no robot can connect.",
+            "See docker compose ps and docker compose logs sshd.",
+        )
+    return PartHealth("sshd", "good", "It answers.")
+
+
+def _certificate(certificates: SiteCertificates) -> PartHealth:
+    try:
+        host = certificates.settings.public_host or ANY_HOST
+        ends_at = certificates.certificate(host).ends_at
+    except SiteCertificateUnavailableError:
+        ends_at = None
+    if ends_at is None:
+        return PartHealth(
+            "certificate", "unknown", "It cannot be read from here.", "See TLS_FRONT."
+        )
+    words = f"It ends on {ends_at:%Y-%m-%d}."
+    if ends_at - utc_now() > CERTIFICATE_LEFT:
+        return PartHealth("certificate", "good", words)
+    advice = "Put a newer one there; with DOMAIN, see docker compose logs acme."
+    return PartHealth("certificate", "bad", words, advice)
+
+
+def _backups(record: Path) -> PartHealth:
+    last = last_backup(record)
+    if last is None:
+        return PartHealth("backups", "unknown", "When the last one was made is not known here.")
+    if last.made_at is not None and utc_now() - last.made_at < BACKUP_AGE:
+        return PartHealth(
+            "backups", "good", f"The last one is of {last.made_at:%Y-%m-%d %H:%M} UTC."
+        )
+    words = "None of the last day is on this machine."
+    return PartHealth(
+        "backups", "bad", words, "On the machine with the database, run tools/backup."
+    )
+
+
+def _measured(prometheus: Prometheus) -> Iterator[PartHealth]:
+    """Judge what the relay measures, and Prometheus keeps."""
+    try:
+        recorders = prometheus.value(RECORDERS, "relay")
+        free = prometheus.value(DISK_FREE, "relay")
+    except HistoryUnavailableError:
+        needs = "It is known only with the profile metrics."
+        for name in ("recorder", "disk"):
+            yield PartHealth(name, "unknown", needs)
+        yield PartHealth("prometheus", "unknown", "It does not answer; history and alerts need it.")
+        return
+    yield _recorder(recorders)
+    yield _disk(free)
+    yield PartHealth("prometheus", "good", "It answers.")
+
+
+def _recorder(recorders: float | None) -> PartHealth:
+    if recorders is None:
+        return PartHealth("recorder", "unknown", "The relay does not say whether it is connected.")
+    if recorders:
+        return PartHealth("recorder", "good", "It is connected to the relay.")
+    words = "It is not connected to the relay, so nothing is recorded."
+    return PartHealth("recorder", "bad", words, "See docker compose logs recorder.")
+
+
+def _disk(free: float | None) -> PartHealth:
+    if free is None:
+        return PartHealth("disk", "unknown", "The relay does not say how full it is.")
+    words = f"{free:.0%} is free."
+    if free >= MIN_DISK_FREE:
+        return PartHealth("disk", "good", words)
+    return PartHealth("disk", "bad", words, "See docker system df, and delete what is not needed.")

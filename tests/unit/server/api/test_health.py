@@ -1,0 +1,100 @@
+"""How the site is, for admins alone: what cannot be known here is unknown, and nothing else."""
+
+import socket
+from dataclasses import replace
+from threading import Thread
+
+import pytest
+from robotether_server.problems import HistoryUnavailableError
+from robotether_server.services.health import SshProbe
+from robotether_server.services.history import FiringAlert, Prometheus
+
+
+class AbsentPrometheus(Prometheus):
+    def _ask(self, path, query, member="result"):
+        raise HistoryUnavailableError("cannot read the history: the test has none")
+
+
+class FakePrometheus(Prometheus):
+    """One whose relay measures these."""
+
+    def __init__(self, **values):
+        super().__init__(("nobody", 1))
+        self.values = values
+
+    def value(self, query, instance):
+        return self.values.get("recorders" if "recorders" in query else "disk")
+
+    def alerts(self):
+        return [FiringAlert("DiskFull", "5% are free")]
+
+
+@pytest.fixture
+def use(app):
+    """Gives the application parts of the tests."""
+
+    def use(**parts):
+        app.extensions["robotether"] = replace(app.extensions["robotether"], **parts)
+
+    use(prometheus=AbsentPrometheus(("nobody", 1)))
+    return use
+
+
+def states(root):
+    health = root.ask("GET", "/health").json
+    return {part["name"]: part["state"] for part in health["parts"]}, health["alerts"]
+
+
+def test_without_prometheus_its_parts_are_unknown(root, use):
+    parts, alerts = states(root)
+    assert (parts["web"], parts["database"]) == ("good", "good")
+    assert {parts[name] for name in ("recorder", "disk", "prometheus", "sshd")} == {"unknown"}
+    assert alerts is None
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({"recorders": 1.0, "disk": 0.5}, ("good", "good")),
+        ({"recorders": 0.0, "disk": 0.05}, ("bad", "bad")),
+        ({}, ("unknown", "unknown")),
+    ],
+)
+def test_what_the_relay_measures_is_judged(root, use, values, expected):
+    use(prometheus=FakePrometheus(**values))
+    parts, alerts = states(root)
+    assert (parts["recorder"], parts["disk"]) == expected
+    assert alerts == [{"name": "DiskFull", "summary": "5% are free"}]
+
+
+@pytest.mark.parametrize(
+    ("line", "answers"),
+    [(b"SSH-2.0-OpenSSH_10.0\r\n", True), (b"HTTP/1.1 400 Bad Request\r\n", None), (b"", False)],
+)
+def test_sshd_is_asked_through_nginx(line, answers):
+    """What is there and says nothing is an nginx that does not reach it."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+
+        def serve():
+            connection, _ = server.accept()
+            with connection:
+                connection.recv(64)
+                connection.sendall(line)
+
+        thread = Thread(target=serve)
+        thread.start()
+        probe = SshProbe(server.getsockname())
+        assert probe.answers() is answers
+        thread.join()
+    # Kept, as nobody is there any more.
+    assert probe.answers() is answers
+
+
+def test_history_is_for_admins_and_of_robots_that_there_are(root, ann, program, use):
+    assert root.ask("GET", "/health/history").json["code"] == "history_unavailable"
+    assert root.ask("GET", "/health/history?robot=nobody").status_code == 404
+    assert root.ask("GET", "/health/history?range=year").status_code == 422
+    assert root.ask("GET", "/health/history?query=up").status_code == 422
+    for path in ("/health", "/health/history"):
+        assert ann.ask("GET", path).status_code == 403
+        assert program.ask("GET", f"/api/v1{path}").status_code == 401

@@ -1,0 +1,109 @@
+"""What is asked of Prometheus, and what becomes of its answers; one that answers is a web server of the tests."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+from urllib.parse import parse_qs, urlsplit
+
+import pytest
+from robotether_server.problems import HistoryUnavailableError
+from robotether_server.services import history
+from robotether_server.services.history import (
+    CHARTS_OF_ROBOT,
+    CHARTS_OF_SITE,
+    SPANS,
+    Line,
+    Prometheus,
+    query_of,
+)
+
+NOW_S = 1_800_000_030.0
+END_S = 1_800_000_000
+
+
+@contextmanager
+def answering(answer: bytes, status: int = 200) -> Iterator[tuple[Prometheus, list[str]]]:
+    """A server that answers so, and the targets that it was asked for."""
+    targets: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            targets.append(self.path)
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(answer)))
+            self.end_headers()
+            self.wfile.write(answer)
+
+        def log_message(self, *_: object) -> None:
+            """Write no log."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        Thread(target=server.serve_forever).start()
+        try:
+            yield Prometheus(("127.0.0.1", server.server_port)), targets
+        finally:
+            server.shutdown()
+
+
+def result(*series: object) -> bytes:
+    return json.dumps({"status": "success", "data": {"result": series}}).encode()
+
+
+def test_what_prometheus_does_not_know_is_none_and_in_its_place():
+    values = [[END_S - 3600, "1"], [END_S - 120, "NaN"], [END_S, "2.5"], [END_S + 60, "9"]]
+    with answering(result({"metric": {"cause": "lost"}, "values": values})) as (prometheus, _):
+        read = prometheus.history(SPANS["hour"], None, NOW_S)
+    assert (read.times[0], read.times[-1], len(read.times)) == (END_S - 3600, END_S, 61)
+    [stops] = [chart for chart in read.charts if chart.name == "guard_stops"]
+    assert stops.lines == [Line("lost", [1.0, *[None] * 59, 2.5])]
+    with answering(result()) as (prometheus, _):
+        assert all(not chart.lines for chart in prometheus.history(SPANS["hour"], None).charts)
+
+
+@pytest.mark.parametrize("robot", [None, "sim1"])
+@pytest.mark.parametrize("span", SPANS.values())
+def test_fixed_queries_alone_are_asked(span, robot):
+    with answering(result()) as (prometheus, targets):
+        prometheus.history(span, robot)
+    queries = [parse_qs(urlsplit(target).query)["query"][0] for target in targets]
+    charts = CHARTS_OF_SITE if robot is None else CHARTS_OF_ROBOT
+    assert queries == [query_of(chart, span, robot) for chart in charts]
+    assert not any("$" in query for query in queries)
+    if robot:
+        assert all('{robot="sim1"}' in query for query in queries)
+
+
+def test_a_robots_name_stays_a_value():
+    name = 'a"} or vector(1) #\\\n$step'
+    [battery] = [chart for chart in CHARTS_OF_ROBOT if chart.name == "battery"]
+    assert query_of(battery, SPANS["hour"], name) == (
+        'max(robotether_robot_battery_percent{robot="a\\"} or vector(1) #\\\\\\n$step"})'
+    )
+
+
+@pytest.mark.parametrize(
+    ("answer", "status"),
+    [
+        (b"no JSON", 200),
+        (b"[]", 200),
+        (b'{"data": {}}', 200),
+        (result(), 500),
+        (b" " * 65, 200),
+    ],
+)
+def test_what_is_no_answer_is_none(monkeypatch, answer, status):
+    monkeypatch.setattr(history, "MAX_ANSWER_BYTES", 64)
+    with answering(answer, status) as (prometheus, _), pytest.raises(HistoryUnavailableError):
+        prometheus.value(history.DISK_FREE, "relay")
+
+
+def test_a_value_is_that_of_the_target_that_is_asked_for():
+    series = [
+        {"metric": {"instance": f"{host}:9100"}, "value": [END_S, text]}
+        for host, text in {"relay2": "9", "relay": "0.25"}.items()
+    ]
+    with answering(result(*series)) as (prometheus, _):
+        assert prometheus.value(history.DISK_FREE, "relay") == 0.25
+        assert prometheus.value(history.DISK_FREE, "web") is None
