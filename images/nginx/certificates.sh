@@ -97,7 +97,7 @@ serve() { # folder
     mv "$SERVED/cert.new" "$SERVED/cert.pem"
   fi
   ln -sfn "$(strict_transport)" /run/nginx/hsts.conf
-  echo "nginx: serving the certificate in $1, $(openssl x509 -in "$SERVED/cert.pem" -noout -fingerprint -sha256)"
+  echo "nginx: serving the certificate in $1, $(openssl x509 -in "$SERVED/cert.pem" -noout -fingerprint -sha256)" >&2
 }
 
 # A reload lets open connections end by themselves on the certificate that they began with.

@@ -79,12 +79,18 @@ write_trusted_proxies() {
   sed 's/.*/& 1;/' /run/nginx/networks > /run/nginx/trusted-proxies.conf
 }
 
+write_access_log() {
+  case "${LOG_FORMAT:-text}" in json) name=json ;; *) name=paths ;; esac
+  echo "access_log /dev/stdout $name;" > /run/nginx/access-log.conf
+}
+
 main() {
   case "$HOST" in
     *[!A-Za-z0-9.:-]*) fail "PUBLIC_HOST is '$HOST'; allowed is a host name or an address" ;;
   esac
   write_https_port
   write_trusted_proxies
+  write_access_log
   ensure_self_signed "$HOST"
   (umask 077 && mkdir -p "$KEPT")
   ln -sfn "$KEPT" "$SERVED"

@@ -33,6 +33,10 @@ GUNICORN = (
     "--worker-tmp-dir=/tmp",
     "--no-control-socket",
 )
+LOGGERS = {
+    "text": (),
+    "json": ("--logger-class=robotether_server.web.gunicorn_log.JsonLogger",),
+}
 APPLICATION = "robotether_server.web.app:start_app()"
 
 
@@ -91,9 +95,9 @@ def run_web() -> None:
     """Serve pages and API on port 8000, after making the first admin where there is no user."""
     loaded = load(WebSettings, os.environ)
     ensure_first_admin(loaded)
-    arguments = [*GUNICORN, f"--log-level={loaded.log_level}", APPLICATION]
+    arguments = [*GUNICORN, f"--log-level={loaded.log_level}", *LOGGERS[loaded.log_format]]
     # In place of this process, so that the engine's signals reach gunicorn itself.
-    os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments])  # noqa: S606 - no shell is the point
+    os.execv(sys.executable, [sys.executable, "-m", "gunicorn", *arguments, APPLICATION])  # noqa: S606 - no shell is the point
 
 
 for command in (

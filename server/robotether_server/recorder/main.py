@@ -11,6 +11,7 @@ import sys
 import uvloop
 from aiohttp import ClientSession, ClientTimeout, web
 
+from robotether_server import logs
 from robotether_server.db import Database
 from robotether_server.problems import SettingsError
 from robotether_server.recorder.relay_client import RelayClient
@@ -20,7 +21,6 @@ from robotether_server.settings.server import RecorderSettings, load
 
 log = logging.getLogger(__name__)
 
-LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 # Port of the health check, inside the container alone.
 HEALTH_PORT = 9101
 CONNECT_WITHIN_S = 5.0
@@ -32,7 +32,7 @@ def main() -> None:
         settings = load(RecorderSettings, os.environ)
     except SettingsError as problem:
         sys.exit(problem.detail)
-    logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
+    logs.set_up(settings.log_level, settings.log_format)
     uvloop.run(run(settings))
 
 

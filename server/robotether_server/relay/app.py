@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
+import time
 from collections.abc import Awaitable, Callable, Collection, Iterable
 from dataclasses import dataclass
 from typing import Protocol
@@ -16,6 +17,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from prometheus_client import CONTENT_TYPE_LATEST
 
+from robotether_server.logs import REQUEST_ID_HEADER, LogFormat, RequestLog, set_request_id
 from robotether_server.problems import (
     PROBLEM_JSON,
     HttpError,
@@ -90,8 +92,23 @@ def public_app(
     cors: Cors,
     parts: Iterable[Routes],
     forwarding: Forwarding | None = None,
+    log_format: LogFormat = "text",
 ) -> web.Application:
     """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
+    request_log = RequestLog(log, log_format)
+
+    @web.middleware
+    async def log_request(request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Log it when it is over; a WebSocket's end is its connection's."""
+        began_s = time.monotonic()
+        set_request_id(request.headers.get(REQUEST_ID_HEADER))
+        status = 499  # as nginx has it where the client has gone
+        try:
+            response = await handler(request)
+            status = response.status
+            return response
+        finally:
+            request_log.write(request.method, request.path, status, time.monotonic() - began_s)
 
     @web.middleware
     async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -122,7 +139,9 @@ def public_app(
             log.exception("%r failed", request.path[:200])
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
 
-    app = web.Application(middlewares=[answer_problems], client_max_size=MAX_BODY_BYTES)
+    app = web.Application(
+        middlewares=[log_request, answer_problems], client_max_size=MAX_BODY_BYTES
+    )
     for part in parts:
         part.add_routes(app)
     app.on_response_prepare.append(cors.mark)

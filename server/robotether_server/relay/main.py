@@ -11,6 +11,7 @@ import sys
 
 import uvloop
 
+from robotether_server import logs
 from robotether_server.db import Database
 from robotether_server.problems import SettingsError
 from robotether_server.relay.app import Listen
@@ -23,8 +24,6 @@ from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)
 
-LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-
 # Number of idle connections to the database; its accounts have few for all cells.
 KEPT_CONNECTIONS = 2
 
@@ -35,7 +34,7 @@ def main() -> None:
         settings = load(RelaySettings, os.environ)
     except SettingsError as problem:
         sys.exit(problem.detail)
-    logging.basicConfig(level=settings.log_level.upper(), format=LOG_FORMAT)
+    logs.set_up(settings.log_level, settings.log_format)
     raise_open_files()
     uvloop.run(watched(run(settings, Listen(), Journal(JOURNAL))), loop_factory=EventLoop)
     logging.shutdown()

@@ -304,7 +304,8 @@ class Relay:
         cors = Cors(self._settings.allowed_origins)
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
         parts = (self._channels, self._control_api, self._route_api)
-        self._public = public_app(self.metrics, cors, parts, forwarding)
+        log_format = self._settings.log_format
+        self._public = public_app(self.metrics, cors, parts, forwarding, log_format)
         self._inside = inside_app(
             self.metrics, self.fleet, self.peers.addresses, self.recorder_handler
         )
@@ -312,7 +313,10 @@ class Relay:
         self.peer_dialer: PeerDialer | None = None
         if peer_keys is not None:
             self._peer_app = peer_app(
-                public_app(self.metrics, cors, parts), peer_keys, self.peer_feeds, self._peer_topics
+                public_app(self.metrics, cors, parts, log_format=log_format),
+                peer_keys,
+                self.peer_feeds,
+                self._peer_topics,
             )
             if self._settings.cell.peer_address is not None:
                 self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)

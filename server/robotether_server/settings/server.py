@@ -12,6 +12,7 @@ from ipaddress import IPv6Address, ip_network
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
+from robotether_server.logs import LogFormat
 from robotether_server.problems import SettingsError, reason_in
 from robotether_server.times import MAX_TICKET_TTL_S
 
@@ -332,6 +333,12 @@ _TABLE = (
         matching("debug|info|warning|error", "debug, info, warning or error"),
         "info",
     ),
+    Variable(
+        "LOG_FORMAT",
+        "how it is logged",
+        matching("text|json", "text, or json: one object a line"),
+        "text",
+    ),
 )
 VARIABLES = {variable.name: variable for variable in _TABLE}
 
@@ -395,6 +402,7 @@ class WebSettings:
     # None: web makes one.
     admin_password: Annotated[str | None, "ADMIN_PASSWORD"] = field(default=None, repr=False)
     prometheus: Annotated[tuple[str, int], "PROMETHEUS"] = ("prometheus", 9090)
+    log_format: Annotated[LogFormat, "LOG_FORMAT"] = "text"
 
 
 @dataclass(frozen=True)
@@ -424,6 +432,7 @@ class RelaySettings:
     log_level: Annotated[str, "LOG_LEVEL"]
     # Robots' ports are published too (compose's service direct): their guards take connections without a key.
     direct: Annotated[bool, "DIRECT_PORTS"] = False
+    log_format: Annotated[LogFormat, "LOG_FORMAT"] = "text"
 
 
 @dataclass(frozen=True)
@@ -440,6 +449,7 @@ class RecorderSettings:
     days: Annotated[int, "RECORDINGS_DAYS"]
     message_limit_bytes: Annotated[int, "MESSAGE_LIMIT_MB"]
     log_level: Annotated[str, "LOG_LEVEL"]
+    log_format: Annotated[LogFormat, "LOG_FORMAT"] = "text"
 
 
 @dataclass(frozen=True)

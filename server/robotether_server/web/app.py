@@ -1,17 +1,18 @@
-"""Builds the Flask application, with headers for every answer and for pages of other sites; gunicorn calls start_app."""
+"""Builds the Flask application, with headers for every answer and for other sites; gunicorn calls start_app."""
 
 import datetime as dt
 import logging
 import os
 import re
 import time
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
+from typing import TYPE_CHECKING, Any
 
-from flask import Flask, Response, g, request
+from flask import Flask, Response, request
 from prometheus_client import start_http_server
 from werkzeug.middleware.proxy_fix import ProxyFix
 
-from robotether_server import api
+from robotether_server import api, logs
 from robotether_server.api.context import AppContext, csrf
 from robotether_server.api.web_metrics import WebMetrics
 from robotether_server.backups import RECORD
@@ -36,6 +37,11 @@ from robotether_server.web.pages import (
     robot_settings,
     routes,
 )
+
+if TYPE_CHECKING:
+    from wsgiref.types import StartResponse, WSGIEnvironment
+
+log = logging.getLogger(__name__)
 
 MAX_REQUEST_BYTES = 64 * 1024
 # Port of the numbers for Prometheus, inside the stack alone.
@@ -99,7 +105,7 @@ def create_app(settings: WebSettings) -> Flask:
     # X-Forwarded-Host, so believing one would let clients choose it.
     app.wsgi_app = ProxyFix(app.wsgi_app, x_for=1, x_proto=1, x_host=0)  # type: ignore[method-assign] # Flask's documented way
     app.extensions["robotether"] = make_context(settings)
-    _count_requests(app)
+    _count_requests(app, logs.RequestLog(log, settings.log_format))
     csrf.init_app(app)
     csrf.exempt(api.blueprint)
     errors.register(app)
@@ -146,9 +152,7 @@ def make_context(settings: WebSettings) -> AppContext:
 def make_app() -> Flask:
     """Read the environment, and return the application."""
     loaded = load(WebSettings, os.environ)
-    logging.basicConfig(
-        level=loaded.log_level.upper(), format="%(asctime)s %(levelname)s %(name)s: %(message)s"
-    )
+    logs.set_up(loaded.log_level, loaded.log_format)
     return create_app(loaded)
 
 
@@ -160,18 +164,28 @@ def start_app() -> Flask:
     return app
 
 
-def _count_requests(app: Flask) -> None:
-    """Count all answers, and how long each took."""
+def _count_requests(app: Flask, request_log: logs.RequestLog) -> None:
+    """Count all answers, and how long each took, and log them.
 
-    @app.before_request
-    def begin() -> None:
-        g.began_s = time.perf_counter()
+    Around Flask, which gives some answers before it asks anybody.
+    """
+    serve = app.wsgi_app
 
-    @app.after_request
-    def count(response: Response) -> Response:
-        metrics: WebMetrics = app.extensions["robotether"].metrics
-        metrics.count_request(response.status_code, time.perf_counter() - g.began_s)
-        return response
+    def measured(environ: "WSGIEnvironment", start_response: "StartResponse") -> Iterable[bytes]:
+        began_s = time.perf_counter()
+        logs.set_request_id(environ.get("HTTP_X_REQUEST_ID"))
+
+        def start(status: str, *arguments: Any) -> Callable[[bytes], object]:
+            metrics: WebMetrics = app.extensions["robotether"].metrics
+            took_s, number = time.perf_counter() - began_s, int(status[:3])
+            metrics.count_request(number, took_s)
+            path = environ["PATH_INFO"].encode("latin-1").decode(errors="replace")
+            request_log.write(environ["REQUEST_METHOD"], path, number, took_s)
+            return start_response(status, *arguments)
+
+        return serve(environ, start)
+
+    app.wsgi_app = measured  # type: ignore[method-assign] # as above
 
 
 def _add_headers(response: Response) -> Response:
