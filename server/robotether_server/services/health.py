@@ -34,6 +34,7 @@ SSH_HELLO = b"SSH-2.0-health\r\n"
 # What sshd says first, also with as many log-ins under way as it takes.
 SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
 ANY_HOST = "localhost"
+ASK_RELAY = "See docker compose ps and docker compose logs relay."
 
 PartState = Literal["good", "bad", "unknown"]
 
@@ -136,6 +137,7 @@ def _sshd(answers: bool | None) -> PartHealth:
             "sshd",
             "unknown",
             "It cannot be asked from here, as TLS_FRONT is not this site's nginx.",
+            "See docker compose ps.",
         )
     if not answers:
         return PartHealth(
@@ -165,17 +167,17 @@ def _certificate(certificates: SiteCertificates) -> PartHealth:
 
 
 def _backups(record: Path) -> PartHealth:
-    last = last_backup(record)
+    last, run_it = last_backup(record), "On the machine with the database, run tools/backup."
     if last is None:
-        return PartHealth("backups", "unknown", "When the last one was made is not known here.")
-    if last.made_at is not None and utc_now() - last.made_at < BACKUP_AGE:
-        return PartHealth(
-            "backups", "good", f"The last one is of {last.made_at:%Y-%m-%d %H:%M} UTC."
-        )
-    words = "None of the last day is on this machine."
-    return PartHealth(
-        "backups", "bad", words, "On the machine with the database, run tools/backup."
-    )
+        words = "When the last one was made is not known here."
+        return PartHealth("backups", "unknown", words, run_it)
+    if last.made_at is None:
+        words = "None was made on this machine; they are made where the database is."
+        return PartHealth("backups", "unknown", words, run_it)
+    words = f"The last one on this machine is of {last.made_at:%Y-%m-%d %H:%M} UTC."
+    if utc_now() - last.made_at < BACKUP_AGE:
+        return PartHealth("backups", "good", words)
+    return PartHealth("backups", "bad", words, run_it)
 
 
 def _measured(prometheus: Prometheus) -> Iterator[PartHealth]:
@@ -184,10 +186,14 @@ def _measured(prometheus: Prometheus) -> Iterator[PartHealth]:
         recorders = prometheus.value(RECORDERS, "relay")
         free = prometheus.value(DISK_FREE, "relay")
     except HistoryUnavailableError:
-        needs = "It is known only with the profile metrics."
+        needs, set_it = (
+            "It is known only with the profile metrics.",
+            "Set COMPOSE_PROFILES=metrics.",
+        )
         for name in ("recorder", "disk"):
-            yield PartHealth(name, "unknown", needs)
-        yield PartHealth("prometheus", "unknown", "It does not answer; history and alerts need it.")
+            yield PartHealth(name, "unknown", needs, set_it)
+        words = "It does not answer; history and alerts need it."
+        yield PartHealth("prometheus", "unknown", words, set_it)
         return
     yield _recorder(recorders)
     yield _disk(free)
@@ -196,7 +202,9 @@ def _measured(prometheus: Prometheus) -> Iterator[PartHealth]:
 
 def _recorder(recorders: float | None) -> PartHealth:
     if recorders is None:
-        return PartHealth("recorder", "unknown", "The relay does not say whether it is connected.")
+        return PartHealth(
+            "recorder", "unknown", "The relay does not say whether it is connected.", ASK_RELAY
+        )
     if recorders:
         return PartHealth("recorder", "good", "It is connected to the relay.")
     words = "It is not connected to the relay, so nothing is recorded."
@@ -205,7 +213,7 @@ def _recorder(recorders: float | None) -> PartHealth:
 
 def _disk(free: float | None) -> PartHealth:
     if free is None:
-        return PartHealth("disk", "unknown", "The relay does not say how full it is.")
+        return PartHealth("disk", "unknown", "The relay does not say how full it is.", ASK_RELAY)
     words = f"{free:.0%} is free."
     if free >= MIN_DISK_FREE:
         return PartHealth("disk", "good", words)
