@@ -123,7 +123,17 @@ class Setup:
         frames = [frame for frame in self.frames if self.counts(frame.received_at)]
         if not frames:
             raise RuntimeError(f"cannot measure {self.name}: no frame came")
-        ages = quantiles([frame.age_ms for frame in frames], 0.5, 0.99, unit="ms")
+        # A small frame shows no time that can be read.
+        ages = quantiles(
+            [
+                frame.age_ms
+                if frame.stamped_at is None
+                else (frame.received_at - frame.stamped_at) * 1000
+                for frame in frames
+            ],
+            *(0.5, 0.99),
+            unit="ms",
+        )
         return {
             **columns,
             # What came, whatever was requested.

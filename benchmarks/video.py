@@ -29,6 +29,7 @@ from local_network import free_port, insecure_tls
 from PIL import Image
 from relay_server import until
 from report import Row, Section, quantiles
+from robotether_agent.clock import robot_time
 from robotether_common.codecs import CODECS, JPEG, Codec
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS
 from video_clips import Decoder
@@ -65,6 +66,8 @@ class Frame:
     sequence: int = 0
     codec: Codec = JPEG
     decoded: Image.Image | None = None
+    # Unix time in s by the robot's clock, which is this machine's; None in a multipart stream.
+    stamped_at: float | None = None
 
     @property
     def drawn_at(self) -> float:
@@ -91,15 +94,16 @@ class FrameReader:
         self._decoder: Decoder | None = None
 
     def read(self, received_at: float, message: bytes) -> Frame:
-        number, flags, _, sequence, _ = HEADER.unpack_from(message)
+        number, flags, _, sequence, stamp_ms = HEADER.unpack_from(message)
         codec, data = CODECS[number], message[HEADER.size :]
+        stamped_at = stamp_ms / 1000 + time.time() - robot_time()
         if not codec.depends_on_earlier:
-            return Frame(received_at, data, sequence)
+            return Frame(received_at, data, sequence, stamped_at=stamped_at)
         # Another size is another sequence of frames, which begins with a key frame.
         if self._decoder is None or flags & KEY:
             self._decoder = Decoder(codec.name)
         image = Image.fromarray(self._decoder.decode(data))
-        return Frame(received_at, data, sequence, codec, image)
+        return Frame(received_at, data, sequence, codec, image, stamped_at)
 
 
 OnFrame = Callable[[Frame], None]
