@@ -16,15 +16,10 @@ from accessibility import BY_LOOK, RULES, violations
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
 from playwright.sync_api import Browser, BrowserContext, Page, expect
-from robotether_server.settings.server import (
-    DatabaseSettings,
-    JoinSettings,
-    SiteAddressSettings,
-    TicketSettings,
-    WebSettings,
-)
+from robotether_server.settings.server import DatabaseSettings
 from robotether_server.web import create_app
 from stack import Stack
+from web_visitor import web_settings_of
 
 DESKTOP, PHONE, ZOOMED = (1280, 800), (390, 844), (640, 400)
 # They answer a program, or are a site of its own.
@@ -100,20 +95,8 @@ FOCUS = """() => {
 
 def rules_of_pages() -> list[str]:
     """Return the addresses of all pages, with their parts as Flask names them."""
-    nowhere = Path("/nonexistent")
-    app = create_app(
-        WebSettings(
-            database=DatabaseSettings("127.0.0.1", 1, "none", "none", "none"),
-            tickets=TicketSettings("t" * 32, 30),
-            join=JoinSettings("approve", 3, None, (2222,), nowhere, allow_local_macs=True),
-            site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
-            agent_files_dir=nowhere,
-            secret_key="w" * 32,
-            login_ttl_h=12,
-            login_idle_h=4,
-            log_level="info",
-        )
-    )
+    nowhere = DatabaseSettings("127.0.0.1", 1, "none", "none", "none")
+    app = create_app(web_settings_of(nowhere, Path("/nonexistent")))
     rules = [item.rule for item in app.url_map.iter_rules() if "GET" in (item.methods or ())]
     return [rule for rule in rules if not NO_PAGES.match(rule)]
 

@@ -1,20 +1,17 @@
 """compose/compose.override.yaml.example, as docker compose understands it beside compose.yaml."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 COMPOSE = Path(__file__).resolve().parents[2] / "compose"
 
 
-def config(folder: Path) -> dict[str, Any]:
+def config(folder):
     """What is in force in a folder where a site has its files."""
     done = subprocess.run(
         ["docker", "compose", "config", "--format", "json"],
@@ -22,16 +19,14 @@ def config(folder: Path) -> dict[str, Any]:
         capture_output=True, text=True, check=False, timeout=60,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
+    return json.loads(done.stdout)
 
 
-def published(service: dict[str, Any]) -> set[tuple[str, str, int]]:
+def published(service):
     return {(port["host_ip"], port["published"], port["target"]) for port in service["ports"]}
 
 
-def test_example_changes_what_it_says(tmp_path: Path) -> None:
-    """It names services that exist, adds a port, and takes the place of log driver, memory and subnets."""
+def test_example_changes_what_it_says(tmp_path):
     shutil.copy(COMPOSE / "compose.yaml", tmp_path)
     before = config(tmp_path)
     shutil.copy(COMPOSE / "compose.override.yaml.example", tmp_path / "compose.override.yaml")
@@ -57,9 +52,7 @@ def test_example_changes_what_it_says(tmp_path: Path) -> None:
     ],
     ids=["certificate", "max-pending"],
 )
-def test_setting_makes_only_these_services_anew(
-    tmp_path: Path, setting: str, services: set[str]
-) -> None:
+def test_setting_makes_only_these_services_anew(tmp_path, setting, services):
     """Compose makes anew all that depends on a service whose settings changed; robots' sessions are elsewhere."""
     shutil.copy(COMPOSE / "compose.yaml", tmp_path)
     (tmp_path / ".env").write_text("COMPOSE_PROFILES=demo,demo-more\n")

@@ -1,13 +1,10 @@
 """pyproject.toml of agent and server name what each of their programs imports, and no program imports another's."""
 
-from __future__ import annotations
-
 import ast
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, packages_distributions, requires
 from pathlib import Path
@@ -25,20 +22,20 @@ print(*(module.__file__ for name, module in sys.modules.items() if name.startswi
 """
 
 
-def name_of(requirement: str) -> str:
+def name_of(requirement):
     """A distribution's name, in one spelling."""
     found = NAME.match(requirement)
     assert found, requirement
     return re.sub(r"[-_.]+", "-", found[0]).lower()
 
 
-def declared(package: str, *extras: str) -> set[str]:
+def declared(package, *extras):
     """What a package asks for, and what that needs in turn."""
     project = tomllib.loads((ROOT / package / "pyproject.toml").read_text())["project"]
     left = [*project["dependencies"]]
     for extra in extras:
         left += project["optional-dependencies"][extra]
-    found: set[str] = set()
+    found = set()
     while left:
         name = name_of(left.pop())
         if name not in found:
@@ -47,14 +44,14 @@ def declared(package: str, *extras: str) -> set[str]:
     return found
 
 
-def needed_by(name: str) -> list[str]:
+def needed_by(name):
     try:
         return requires(name) or []
     except PackageNotFoundError:
         return []  # for another Python
 
 
-def imported(*modules: str) -> set[str]:
+def imported(*modules):
     """The distributions that a program's own modules import."""
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", LOADED, *modules],
@@ -67,12 +64,12 @@ def imported(*modules: str) -> set[str]:
 
 
 @cache
-def owners() -> Mapping[str, list[str]]:
+def owners():
     """The distributions of each name that can be imported; to read them takes a second."""
     return packages_distributions()
 
 
-def imports_of(file: Path) -> set[str]:
+def imports_of(file):
     nodes = list(ast.walk(ast.parse(file.read_text(encoding="utf-8"))))
     found = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
     found |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
@@ -90,13 +87,11 @@ def imports_of(file: Path) -> set[str]:
     ],
     ids=["command", "web", "relay", "recorder", "agent"],
 )
-def test_a_program_imports_what_is_declared_for_it(
-    package: str, extras: tuple[str, ...], modules: tuple[str, ...]
-) -> None:
+def test_a_program_imports_what_is_declared_for_it(package, extras, modules):
     """So `pip install ./server` is enough for `robotether fleet`, without gunicorn, uvloop and aiohttp."""
     assert imported(*modules) - declared(package, *extras) == set()
 
 
-def test_the_command_needs_no_server() -> None:
+def test_the_command_needs_no_server():
     """What serves pages and tunnels stays in the extras."""
     assert not declared("server") & {"gunicorn", "uvloop", "aiohttp", "flask", "prometheus-client"}

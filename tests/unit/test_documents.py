@@ -1,14 +1,10 @@
 """The documents: links lead somewhere, files that sources and pages name are there, and commands are understood."""
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections import Counter
-from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
-from pathlib import Path
 
 import click
 import documented
@@ -27,10 +23,10 @@ PROGRAM = re.compile(
 
 
 @cache
-def anchors(page: Path) -> frozenset[str]:
+def anchors(page):
     """The headings' anchors, as GitHub and its like make them."""
     found = []
-    seen: Counter[str] = Counter()
+    seen = Counter()
     for heading in re.findall(r"^#+ (.+)$", FENCED.sub("", page.read_text()), re.MULTILINE):
         words = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).lower()
         anchor = re.sub(r"[^\w\- ]", "", words).replace(" ", "-")
@@ -39,7 +35,7 @@ def anchors(page: Path) -> frozenset[str]:
     return frozenset(found)
 
 
-def broken(page: Path) -> Iterator[str]:
+def broken(page):
     """Links to files or headings that are not there."""
     for target, anchor in LINK.findall(FENCED.sub("", page.read_text())):
         if re.match(r"[a-z]+:", target):
@@ -51,14 +47,12 @@ def broken(page: Path) -> Iterator[str]:
             yield f"{page.relative_to(ROOT)}: {target}#{anchor}"
 
 
-def test_links_lead_somewhere() -> None:
-    """Relative links of all documents, with their anchors."""
+def test_links_lead_somewhere():
     pages = [page for page in tracked("*.md") if "experiments" not in page.parts]
     assert [link for page in pages for link in broken(page)] == []
 
 
-def test_named_documents_are_there() -> None:
-    """Comments, messages and pages name files under docs/ by their path."""
+def test_named_documents_are_there():
     sources = [
         path
         for path in tracked()
@@ -80,16 +74,16 @@ def test_named_documents_are_there() -> None:
     assert missing == []
 
 
-def started(page: Path) -> Iterator[tuple[str, list[str]]]:
+def started(page):
     """Yield each program of ours that a page's commands start, with its arguments."""
     for command in documented.commands(page):
         if ours := PROGRAM.match(command):
             yield ours[1], shlex.split(ours[2] or "")
 
 
-def parse_robotether(arguments: list[str]) -> None:
+def parse_robotether(arguments):
     """Parse the arguments as the admin command does, and run nothing."""
-    command: click.Command = cli
+    command = cli
     while isinstance(command, click.Group) and arguments and not arguments[0].startswith("-"):
         _, subcommand, arguments = command.resolve_command(click.Context(command), arguments)
         assert subcommand is not None
@@ -97,7 +91,7 @@ def parse_robotether(arguments: list[str]) -> None:
     command.make_context(command.name, arguments)
 
 
-def check_command(program: str, arguments: list[str]) -> None:
+def check_command(program, arguments):
     """Fail unless the program knows the arguments."""
     match program:
         case "robotether":
@@ -123,7 +117,7 @@ def check_command(program: str, arguments: list[str]) -> None:
             assert all(word in source for word in arguments if word.startswith("--"))
 
 
-def misunderstood(program: str, arguments: list[str]) -> str:
+def misunderstood(program, arguments):
     """Say what is wrong with a command; nothing if it is right."""
     try:
         check_command(program, arguments)
@@ -136,8 +130,7 @@ def misunderstood(program: str, arguments: list[str]) -> str:
     return ""
 
 
-def test_commands_are_understood() -> None:
-    """Each command of the documents has a program, subcommand and options that are there."""
+def test_commands_are_understood():
     wrong = [
         f"{page.relative_to(ROOT)}: {program} {shlex.join(arguments)}: {reason}"
         for page in documented.pages()
@@ -147,7 +140,7 @@ def test_commands_are_understood() -> None:
     assert wrong == []
 
 
-def how_to_add(what: str) -> str:
+def how_to_add(what):
     """The item of CONTRIBUTING.md on how to add something."""
     text = (ROOT / "CONTRIBUTING.md").read_text()
     items = text.split("## How to add", 1)[1].split("\n## ", 1)[0].split("\n- ")
@@ -159,7 +152,7 @@ def how_to_add(what: str) -> str:
     ("what", "table"),
     [("A codec", "robotether_common.codecs"), ("A forwarded port", "robotether_common.services")],
 )
-def test_what_a_table_is_used_by_is_named(what: str, table: str) -> None:
+def test_what_a_table_is_used_by_is_named(what, table):
     """How to add a row names the table and each module of the product that reads it."""
     readers = {
         str(path.relative_to(ROOT))
@@ -174,15 +167,13 @@ def test_what_a_table_is_used_by_is_named(what: str, table: str) -> None:
 @pytest.mark.parametrize(
     "what", ["An endpoint of the relay", "A channel", "A codec", "A forwarded port", "A page"]
 )
-def test_files_of_an_addition_are_there(what: str) -> None:
-    """Each file and folder that it names is there."""
+def test_files_of_an_addition_are_there(what):
     named = re.findall(r"`([\w-]+/[\w/.-]+)`", how_to_add(what))
     assert [name for name in named if not (ROOT / name).exists()] == []
     assert named
 
 
-def test_files_that_decide_are_there() -> None:
-    """Each file that architecture.md names beside a decision is there."""
+def test_files_that_decide_are_there():
     text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
     table = text.split("## Where it is decided", 1)[1].split("\n## ", 1)[0].split("|---|---|", 1)[1]
     server = ROOT / "server" / "robotether_server"
@@ -191,7 +182,7 @@ def test_files_that_decide_are_there() -> None:
     assert files == named != []
 
 
-def test_each_path_of_the_relay_has_its_place_in_nginx() -> None:
+def test_each_path_of_the_relay_has_its_place_in_nginx():
     """Nginx leads what the relay's code routes to the relay, and the description of the API names it."""
     sources = ("control/control_api.py", "channels/kinds.py")
     relay = ROOT / "server" / "robotether_server" / "relay"
@@ -208,7 +199,7 @@ def test_each_path_of_the_relay_has_its_place_in_nginx() -> None:
     assert [path for path in paths if not any(re.match(item, path) for item in located)] == []
 
 
-def test_each_decision_has_its_parts() -> None:
+def test_each_decision_has_its_parts():
     """Each record has status, date and alternatives, and the index by subject names it once."""
     folder = ROOT / "docs" / "adr"
     records = sorted(folder.glob("0*.md"))

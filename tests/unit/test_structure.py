@@ -1,11 +1,8 @@
 """Names in the product, the order of its scripts, and the folders of tests. pyproject.toml has the order of Python."""
 
-from __future__ import annotations
-
 import ast
 import re
 from collections import Counter
-from collections.abc import Iterator
 from functools import cache
 from graphlib import TopologicalSorter
 from pathlib import Path
@@ -23,7 +20,7 @@ PACKAGES = {
 
 
 @cache
-def tree(path: Path) -> ast.Module:
+def tree(path):
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
@@ -42,7 +39,7 @@ SCRIPTS = [*SCRIPTS_ROOT.rglob("*.js")]
 SCRIPT_IMPORT = re.compile(r'(?:\bfrom |\bimport |\bimport\()"(\.[^"]+)"')
 
 
-def script_graph() -> dict[Path, set[Path]]:
+def script_graph():
     """What each script imports, types in comments too."""
     return {
         path: {
@@ -53,7 +50,7 @@ def script_graph() -> dict[Path, set[Path]]:
     }
 
 
-def test_scripts_imports_go_one_way() -> None:
+def test_scripts_imports_go_one_way():
     """A script imports from lower ranks and its own folder, and never in a circle."""
     links = script_graph()
     assert set().union(*links.values()) <= set(links)
@@ -69,8 +66,7 @@ def test_scripts_imports_go_one_way() -> None:
 
 
 @pytest.mark.parametrize("name", PACKAGES)
-def test_every_folder_of_tests_has_its_package(name: str) -> None:
-    """A package that moves takes its tests along."""
+def test_every_folder_of_tests_has_its_package(name):
     folders = {path.parent.relative_to(TESTS / name) for path in (TESTS / name).rglob("test_*.py")}
     assert [f for f in sorted(folders) if not (PACKAGES[name] / f / "__init__.py").exists()] == []
 
@@ -130,7 +126,7 @@ PRODUCT = [path for package in PACKAGES.values() for path in package.rglob("*.py
 EXPORT = re.compile(r"^export (?:async )?(?:function\*?|class|const|let) (\w+)", re.MULTILINE)
 
 
-def named_in(path: Path) -> Iterator[tuple[str, str]]:
+def named_in(path):
     """What a file names: itself, its folder, its scripts' exports, and all that Python gives a name."""
     yield from (("module", path.stem), ("module", path.parent.name))
     if path.suffix == ".js":
@@ -147,7 +143,7 @@ def named_in(path: Path) -> Iterator[tuple[str, str]]:
             yield "variable", node.id if isinstance(node, ast.Name) else node.attr
 
 
-def is_banned(kind: str, name: str) -> bool:
+def is_banned(kind, name):
     parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)]
     return (
         not FORMS.isdisjoint(parts)
@@ -157,13 +153,12 @@ def is_banned(kind: str, name: str) -> bool:
     )
 
 
-def test_no_class_name_stands_twice() -> None:
-    """One thing has one name, in all of the product."""
+def test_no_class_name_stands_twice():
     names = [name for path in PRODUCT for kind, name in named_in(path) if kind == "class"]
     assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
-def test_no_identifier_has_a_banned_word() -> None:
+def test_no_identifier_has_a_banned_word():
     """Names are the field's own terms; an exception that nothing needs any more goes, too."""
     found = {
         (name, str(path.relative_to(ROOT)))
@@ -178,7 +173,7 @@ def test_no_identifier_has_a_banned_word() -> None:
     assert sorted(set(ALLOWED) - {key for _, key in allowed}) == []
 
 
-def test_no_loop_calls_its_subject_one() -> None:
+def test_no_loop_calls_its_subject_one():
     """What a loop of a template, or a loop or a lambda of the tests, has in hand has the noun of the thing."""
     pronoun = re.compile(r"\b(?:for|lambda) (?:\w+, )*one\b(?= in|[:,])")
     files = [path for name in ("tests", "benchmarks") for path in (ROOT / name).rglob("*.py")]
@@ -195,7 +190,7 @@ QUANTITIES = (
 )
 
 
-def numbers_with_comments(path: Path) -> Iterator[tuple[str, str]]:
+def numbers_with_comments(path):
     """Name and comment of each constant of a module that is a number and has a comment above it."""
     lines = path.read_text(encoding="utf-8").splitlines()
     for node in tree(path).body:
@@ -211,7 +206,7 @@ def numbers_with_comments(path: Path) -> Iterator[tuple[str, str]]:
             yield node.targets[0].id, lines[above].removeprefix("# ")
 
 
-def test_comments_of_constants_name_the_quantity() -> None:
+def test_comments_of_constants_name_the_quantity():
     """A comment above a number begins with what the number is: a time limit, a maximum, a size."""
     comments = [(path, *found) for path in PRODUCT for found in numbers_with_comments(path)]
     assert len(comments) > 100
@@ -222,7 +217,7 @@ def test_comments_of_constants_name_the_quantity() -> None:
     ] == []
 
 
-def test_no_sentence_says_so_long() -> None:
+def test_no_sentence_says_so_long():
     """Comments and docstrings name a time or a number instead of "so long" and "so many"."""
     vague = re.compile(r"\bso (?:long|many|often)\b", re.IGNORECASE)
     said = [

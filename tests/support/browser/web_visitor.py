@@ -4,18 +4,48 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from argon2 import PasswordHasher
 from flask import Flask
 from flask.testing import FlaskClient
 from robotether_server.db import Database, credentials, users
+from robotether_server.settings.server import (
+    DatabaseSettings,
+    JoinSettings,
+    SiteAddressSettings,
+    TicketSettings,
+    WebSettings,
+)
 from werkzeug.test import TestResponse
 
 PASSWORD = "a long enough password"
 # By parameters that cost no time; a hash names its own.
 HASH = PasswordHasher(time_cost=1, memory_cost=8, parallelism=1).hash(PASSWORD)
 SITE = "https://robots.example"
+
+
+def web_settings_of(database: DatabaseSettings, folder: Path) -> WebSettings:
+    """Settings of an application whose files are in a folder."""
+    return WebSettings(
+        database=database,
+        tickets=TicketSettings("t" * 32, 30),
+        join=JoinSettings("approve", 3, None, (2222, 443), folder / "host_keys", True),
+        site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
+        agent_files_dir=folder / "agent",
+        secret_key="w" * 32,
+        login_ttl_h=12,
+        login_idle_h=4,
+        log_level="info",
+    )
+
+
+def write_host_key(folder: Path) -> None:
+    """Put an SSH host key where such settings look for it."""
+    (folder / "host_keys").mkdir()
+    key = "ssh-ed25519 AAAAhost root@sshd\n"
+    (folder / "host_keys" / "ssh_host_ed25519_key.pub").write_text(key)
 
 
 @dataclass

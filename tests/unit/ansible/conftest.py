@@ -1,28 +1,15 @@
 """What a site's Ansible asks: a certificate, and web with people in the real database."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 import tls_web
-from mariadb_server import MariaDb
-from robotether_server.db import Database, users
-from robotether_server.settings.server import (
-    JoinSettings,
-    SiteAddressSettings,
-    TicketSettings,
-    WebSettings,
-)
+from robotether_server.db import users
 from robotether_server.web import create_app
 from tls_front import openssl
-from tls_web import TlsWeb
-from web_visitor import HASH
+from web_visitor import HASH, web_settings_of, write_host_key
 
 
 @pytest.fixture(scope="session")
-def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def certificate(tmp_path_factory):
     """One for 127.0.0.1, with its key."""
     key, file = (tmp_path_factory.mktemp("tls") / name for name in ("key.pem", "cert.pem"))
     openssl(
@@ -35,26 +22,12 @@ def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def web(
-    mariadb: MariaDb, database: Database, certificate: Path, tmp_path: Path
-) -> Iterator[TlsWeb]:
+def web(mariadb, database, certificate, tmp_path):
     """Root is admin, ann a user, and no robot is known."""
-    host_keys = tmp_path / "host_keys"
-    host_keys.mkdir()
-    (host_keys / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAAhost root@sshd\n")
-    settings = WebSettings(
-        database=mariadb.settings("web"),
-        tickets=TicketSettings("t" * 32, 30),
-        join=JoinSettings("approve", 3, None, (2222, 443), host_keys, allow_local_macs=False),
-        site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
-        agent_files_dir=tmp_path / "agent",
-        secret_key="w" * 32,
-        login_ttl_h=12,
-        login_idle_h=4,
-        log_level="info",
-    )
+    write_host_key(tmp_path)
     with database.transaction() as tx:
         users.add(tx, "root", HASH, "admin")
         users.add(tx, "ann", HASH, "user")
+    settings = web_settings_of(mariadb.settings("web"), tmp_path)
     with tls_web.running(create_app(settings), database, certificate) as served:
         yield served

@@ -1,15 +1,11 @@
 """The collection is built, installed in an empty folder, and used by its full names."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
 import tarfile
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -30,16 +26,16 @@ END_S = 120
 STEPS = ("pre_tasks", "roles", "tasks")
 
 
-def ansible(program: str, *arguments: str | Path, home: Path, cwd: Path) -> str:
-    """Run one of Ansible's programs without any settings but where collections are."""
+def ansible(program, *arguments, cwd):
+    """Run one of Ansible's programs, for which the folder is all that there is of settings and collections."""
     done = subprocess.run(
         [BIN / program, *arguments],
         cwd=cwd,
         env={
             "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}",
-            "HOME": str(home),
+            "HOME": str(cwd),
             "LC_ALL": "C.UTF-8",
-            "ANSIBLE_COLLECTIONS_PATH": str(home),
+            "ANSIBLE_COLLECTIONS_PATH": str(cwd),
             "ANSIBLE_NOCOLOR": "1",
         },
         capture_output=True,
@@ -52,33 +48,25 @@ def ansible(program: str, *arguments: str | Path, home: Path, cwd: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def archive(tmp_path_factory):
     """The collection as ansible-galaxy builds it."""
     folder = tmp_path_factory.mktemp("built")
-    ansible(
-        "ansible-galaxy",
-        "collection",
-        "build",
-        ANSIBLE,
-        "--output-path",
-        folder,
-        home=folder,
-        cwd=folder,
-    )
+    build = ("collection", "build", ANSIBLE, "--output-path", folder)
+    ansible("ansible-galaxy", *build, cwd=folder)
     [built] = folder.glob("*.tar.gz")
     return built
 
 
 @pytest.fixture(scope="module")
-def home(archive: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def home(archive, tmp_path_factory):
     """Where it is installed, with the collections that it needs found, and nothing fetched."""
     folder = tmp_path_factory.mktemp("home")
     install = ("collection", "install", "--offline", "-p", folder, archive)
-    ansible("ansible-galaxy", *install, home=folder, cwd=folder)
+    ansible("ansible-galaxy", *install, cwd=folder)
     return folder
 
 
-def test_archive_has_what_belongs_to_it(archive: Path) -> None:
+def test_archive_has_what_belongs_to_it(archive):
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", "."],
         cwd=ANSIBLE, check=False, capture_output=True, text=True,
@@ -86,14 +74,8 @@ def test_archive_has_what_belongs_to_it(archive: Path) -> None:
     if not listed:
         pytest.skip("this is no git checkout")
     tracked = {name for name in listed.split("\0") if name and (ANSIBLE / name).exists()}
-    local = {
-        "galaxy.yml",
-        "ansible.cfg",
-        ".ansible-lint",
-        "robots.ini.example",
-        "server.ini.example",
-        "site.ini.example",
-    }
+    local = {"galaxy.yml", "ansible.cfg", ".ansible-lint"}
+    local |= {f"{name}.ini.example" for name in ("robots", "server", "site")}
     local |= {f"collections/ansible_collections/{NAME.replace('.', '/')}"}
     local |= {f"{name}.yml" for name in PLAYBOOKS}
     assert local <= tracked
@@ -104,13 +86,10 @@ def test_archive_has_what_belongs_to_it(archive: Path) -> None:
     assert links == []
 
 
-def test_needed_collections_are_those_of_the_roles(archive: Path) -> None:
-    """No role uses a collection that the installation does not bring."""
+def test_needed_collections_are_those_of_the_roles(archive):
     with tarfile.open(archive) as opened:
-        manifest = opened.extractfile("MANIFEST.json")
-        assert manifest is not None
-        needed = json.load(manifest)["collection_info"]["dependencies"]
-    used: set[str] = set()
+        needed = json.load(opened.extractfile("MANIFEST.json"))["collection_info"]["dependencies"]
+    used = set()
     for path in (ANSIBLE / "roles").glob("*/*/*.yml"):
         if path.parent.name in {"tasks", "handlers"}:
             used |= {
@@ -121,7 +100,7 @@ def test_needed_collections_are_those_of_the_roles(archive: Path) -> None:
     assert used - {"ansible.builtin", NAME} == set(needed)
 
 
-def keys_of(found: object) -> set[str]:
+def keys_of(found):
     """All keys of what YAML says."""
     if isinstance(found, list):
         return set().union(*(keys_of(item) for item in found))
@@ -131,10 +110,10 @@ def keys_of(found: object) -> set[str]:
 
 
 @pytest.mark.parametrize(("folder", "plugin"), PLUGINS)
-def test_plugin_is_documented(home: Path, folder: str, plugin: str) -> None:
+def test_plugin_is_documented(home, folder, plugin):
     """ansible-doc finds it, with every option described, and examples; a module says what it returns."""
     kind = {"modules": "module"}.get(folder, folder)
-    printed = ansible("ansible-doc", "--json", "-t", kind, plugin, home=home, cwd=home)
+    printed = ansible("ansible-doc", "--json", "-t", kind, plugin, cwd=home)
     shown = json.loads(printed)[plugin]
     assert shown["doc"]["collection"] == NAME
     assert all(option["description"] for option in shown["doc"]["options"].values())
@@ -142,26 +121,24 @@ def test_plugin_is_documented(home: Path, folder: str, plugin: str) -> None:
     assert shown["return"] or kind != "module"
 
 
-def test_every_role_is_documented(home: Path) -> None:
+def test_every_role_is_documented(home):
     names = [f"{NAME}.{role}" for role in ROLES]
-    printed = ansible("ansible-doc", "--json", "-t", "role", *names, home=home, cwd=home)
+    printed = ansible("ansible-doc", "--json", "-t", "role", *names, cwd=home)
     shown = json.loads(printed)
     assert sorted(shown) == names
     assert all(shown[name]["entry_points"]["main"]["options"] for name in names)
 
 
-def test_playbooks_have_full_names(home: Path) -> None:
+def test_playbooks_have_full_names(home):
     (home / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
     names = [f"{NAME}.{name}" for name in PLAYBOOKS]
-    printed = ansible(
-        "ansible-playbook", "-i", "hosts.ini", "--syntax-check", *names, home=home, cwd=home
-    )
+    printed = ansible("ansible-playbook", "-i", "hosts.ini", "--syntax-check", *names, cwd=home)
     for name in PLAYBOOKS:
         place = home / "ansible_collections" / NAME.replace(".", "/") / "playbooks" / f"{name}.yml"
         assert f"playbook: {place}" in printed
 
 
-def untagged(tasks: list[dict[str, Any]]) -> Iterator[str]:
+def untagged(tasks):
     """Give what no tag can choose, and what is left out inside when it is chosen."""
     for task in tasks:
         dynamic = task.get("ansible.builtin.include_role") or task.get(
@@ -173,7 +150,7 @@ def untagged(tasks: list[dict[str, Any]]) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("playbook", PLAYBOOKS)
-def test_each_playbook_can_be_run_in_part(playbook: str) -> None:
+def test_each_playbook_can_be_run_in_part(playbook):
     """Each step of a playbook, or of its role, has a tag, and the roles' READMEs name the tags."""
     plays = yaml.safe_load((ANSIBLE / "playbooks" / f"{playbook}.yml").read_text())
     steps = [step for play in plays for part in STEPS for step in play.get(part, [])]

@@ -1,9 +1,6 @@
 """Whom the firewall admits to database and peers; tests/ansible/test_server.py and test_site.py try it itself."""
 
-from __future__ import annotations
-
 import re
-from pathlib import Path
 
 import pytest
 from ansible_module import ANSIBLE, play
@@ -30,9 +27,7 @@ STANDBY = {"DB_PARTNER": "192.0.2.9:3306"}
         ({"robotether_server_settings": STANDBY}, {"192.0.2.9"}),
     ],
 )
-def test_only_the_sites_machines_are_admitted(
-    tmp_path: Path, changes: dict[str, object], admitted: set[str]
-) -> None:
+def test_only_the_sites_machines_are_admitted(tmp_path, changes, admitted):
     write = {"src": str(TEMPLATE), "dest": str(tmp_path / "rules")}
     tasks = [{"ansible.builtin.template": write}]
     done = play(tmp_path, tasks, ROLE / "vars/main.yml", **(ALONE | changes))

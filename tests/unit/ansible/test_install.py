@@ -1,9 +1,6 @@
 """What the playbooks install and write on a robot, here on this machine."""
 
-from __future__ import annotations
-
 import os
-from pathlib import Path
 from zipfile import ZipFile
 
 import pytest
@@ -19,7 +16,7 @@ command.write_text("new")
 """
 
 
-def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
+def test_version_that_does_not_start_is_installed_anew(tmp_path):
     """After an upgrade of Debian it is there, and was made for another Python."""
     (tmp_path / "requirements.txt").write_text("")
     wheel = tmp_path / "robotether_agent-1-py3-none-any.whl"
@@ -43,9 +40,7 @@ def test_version_that_does_not_start_is_installed_anew(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("exit_code", "changed"), [(0, 3), (1, 2)])
-def test_robot_without_what_encodes_video_goes_on(
-    tmp_path: Path, exit_code: int, changed: int
-) -> None:
+def test_robot_without_what_encodes_video_goes_on(tmp_path, exit_code, changed):
     """The robot sends JPEG then, and the run says so; no copy of a wheel stays."""
     (tmp_path / "wheels").mkdir()
     for name in ("av-18.1.0-cp311-abi3-x.whl", "aiohttp-3.14.5-x.whl"):
@@ -72,7 +67,7 @@ def test_robot_without_what_encodes_video_goes_on(
     ("url", "mode"),
     [("http://10.0.0.7/video", 0o644), ("http://ann:s3cret@10.0.0.7/video", 0o640)],
 )
-def test_settings_with_a_password_are_kept_from_others(tmp_path: Path, url: str, mode: int) -> None:
+def test_settings_with_a_password_are_kept_from_others(tmp_path, url, mode):
     config = tmp_path / "etc/agent.toml"
     done = play(
         tmp_path,

@@ -1,14 +1,10 @@
 """What is looked at before a robot is changed: its server through an HTTP proxy, on a network that has no other way."""
 
-from __future__ import annotations
-
 import ast
 import asyncio
 import hashlib
 import re
 import ssl
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -21,21 +17,20 @@ pytestmark = pytest.mark.release
 MODULE = "robotether.robotether.preflight"
 
 
-async def problems_of(arguments: dict[str, Any]) -> list[str]:
+async def problems_of(arguments):
     """Run the module once on this machine, and return what it found."""
     result = await run_module("preflight", {"folders": ["/"], "free_mb": 0, **arguments})
-    found: list[str] = result["problems"]
-    return found
+    return result["problems"]
 
 
 @pytest.fixture
-def pin(certificate: Path) -> str:
+def pin(certificate):
     """The certificate's SHA-256."""
     pem = certificate.read_text().partition("-----BEGIN PRIVATE KEY")[0]
     return hashlib.sha256(ssl.PEM_cert_to_DER_cert(pem)).hexdigest()
 
 
-async def test_server_is_reached_through_the_robots_proxy(certificate: Path, pin: str) -> None:
+async def test_server_is_reached_through_the_robots_proxy(certificate, pin):
     """With the proxy's password, and with the pin; a wrong password is named as the proxy's refusal."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)
@@ -54,7 +49,7 @@ async def test_server_is_reached_through_the_robots_proxy(certificate: Path, pin
     assert "check its network, robotether_agent_http_proxy" in problem
 
 
-async def test_room_is_needed_in_each_folder() -> None:
+async def test_room_is_needed_in_each_folder():
     """Docker may keep its images on another file system than the agent's own folder."""
     folders = ["/", "/proc/self"]
     (full, *_) = await problems_of({"server": "127.0.0.1:1", "folders": folders, "free_mb": 1})
@@ -64,7 +59,7 @@ async def test_room_is_needed_in_each_folder() -> None:
 @pytest.mark.parametrize(
     ("current", "megabytes"), [("", "150"), ("versions/1-a", "150"), ("versions/2-b", "1")]
 )
-def test_room_is_needed_for_another_version(current: str, megabytes: str) -> None:
+def test_room_is_needed_for_another_version(current, megabytes):
     """On a robot with a full disk a second run may still change a setting."""
     tasks = yaml.safe_load((ANSIBLE / "roles/robotether_agent/tasks/preflight.yml").read_text())
     [asked] = [task[MODULE]["free_mb"] for task in tasks if MODULE in task]
@@ -74,7 +69,7 @@ def test_room_is_needed_for_another_version(current: str, megabytes: str) -> Non
 
 
 @pytest.mark.parametrize("name", ["modules/preflight.py", "module_utils/server.py"])
-def test_robots_python_reads_the_module(name: str) -> None:
+def test_robots_python_reads_the_module(name):
     """Where the agent runs in a container, Ubuntu 20.04 will do."""
     ast.parse((ANSIBLE / "plugins" / name).read_text(), feature_version=(3, 8))
 
@@ -88,9 +83,7 @@ def test_robots_python_reads_the_module(name: str) -> None:
         ("3.8.10", "docker", None),
     ],
 )
-def test_older_python_is_refused(
-    tmp_path: Path, python: str, runtime: str, oldest: str | None
-) -> None:
+def test_older_python_is_refused(tmp_path, python, runtime, oldest):
     """Before a module runs, of which it would print a syntax error; in a container the agent has its own."""
     for name, said in {"python3": python, "docker": ""}.items():
         (tmp_path / name).write_text(f"#!/bin/sh\necho {said}\n")

@@ -1,7 +1,5 @@
 """What the playbooks ask a server about a robot, as Ansible runs it against the real application."""
 
-from __future__ import annotations
-
 import datetime as dt
 
 from ansible_module import run_module
@@ -9,10 +7,9 @@ from api_visitor import new_public_key
 from robot_signer import RobotSigner
 from robotether_server.db.audit import Source
 from robotether_server.services import tokens
-from tls_web import TlsWeb
 
 
-async def test_a_renamed_robot_is_known_by_its_key(web: TlsWeb) -> None:
+async def test_a_renamed_robot_is_known_by_its_key(web):
     """The inventory has its old name, which may be another robot's by now."""
     root, robot, mac = web.program("root"), RobotSigner(), "00:1b:44:00:00:01"
     key = robot.line

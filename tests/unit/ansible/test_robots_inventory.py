@@ -1,37 +1,30 @@
 """The inventory of a server's robots, as Ansible reads it from the real application."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os
 import ssl
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
 from api_visitor import new_public_key
-from robotether_server.db import Database
-from tls_web import TlsWeb
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 MACS = {
     name: f"00:1b:44:00:00:0{number}" for number, name in enumerate(("turtle", "rover", "scout"), 1)
 }
 END_S = 60
-List = Callable[..., dict[str, Any]]
 
 
 @pytest.fixture
-def fleet(web: TlsWeb, admin_database: Database) -> TlsWeb:
+def fleet(web, admin_database):
     """Turtle is online at a site and opens shells, rover is disabled, scout offline; two groups have grants."""
     root = web.program("root")
 
-    def ask(method: str, path: str, **body: Any) -> None:
+    def ask(method, path, **body):
         answer = root.ask(method, path, body)
         assert answer.status_code in {200, 201}, answer.text
 
@@ -62,22 +55,19 @@ def fleet(web: TlsWeb, admin_database: Database) -> TlsWeb:
 
 
 @pytest.fixture
-def listed(fleet: TlsWeb, tmp_path: Path) -> List:
+def listed(fleet, tmp_path):
     """What ansible-inventory lists of a file with these options."""
 
-    def read(user: str = "root", **options: Any) -> dict[str, Any]:
+    def read(user="root", **options):
         done = run(fleet, tmp_path, user, **options)
         assert done.returncode == 0, done.stderr
         assert "WARNING" not in done.stderr, done.stderr
-        found: dict[str, Any] = json.loads(done.stdout, object_hook=_plain)
-        return found
+        return json.loads(done.stdout, object_hook=_plain)
 
     return read
 
 
-def run(
-    web: TlsWeb, folder: Path, user: str = "root", **options: Any
-) -> subprocess.CompletedProcess[str]:
+def run(web, folder, user="root", **options):
     """Run ansible-inventory on a file with these options; None takes one out."""
     file = folder / "fleet.yml"
     known = {"server": web.address, "ca_file": str(web.certificate), **options}
@@ -99,17 +89,17 @@ def run(
     )
 
 
-def _plain(found: dict[str, Any]) -> Any:
+def _plain(found):
     """A text that is no template, without Ansible's mark of that."""
     return found.get("__ansible_unsafe", found)
 
 
-def groups_of(found: dict[str, Any]) -> dict[str, list[str]]:
+def groups_of(found):
     """The hosts of each group that has some."""
     return {name: sorted(item["hosts"]) for name, item in found.items() if "hosts" in item}
 
 
-def test_robots_have_their_sites_states_and_shells(listed: List, fleet: TlsWeb) -> None:
+def test_robots_have_their_sites_states_and_shells(listed, fleet):
     """All are in the group with which the playbooks work; a group's name has no hyphen.
 
     Shells go through the server, with what `robotether ssh-config` says; a robot without a shell for this user has
@@ -143,7 +133,7 @@ def test_robots_have_their_sites_states_and_shells(listed: List, fleet: TlsWeb) 
         assert not [name for name in variables[other] if name.startswith("ansible")]
 
 
-def test_user_groups_are_those_with_a_grant(listed: List) -> None:
+def test_user_groups_are_those_with_a_grant(listed):
     found = listed(group_by=["group"])
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
@@ -153,7 +143,7 @@ def test_user_groups_are_those_with_a_grant(listed: List) -> None:
     assert found["_meta"]["hostvars"]["turtle"]["robot_groups"] == ["ops", "r.and-d"]
 
 
-def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
+def test_roles_get_server_and_pin(listed, fleet):
     """A pinned certificate needs no authority, and both are variables of the roles; `jump: false` leaves shells out."""
     der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
     pin = hashlib.sha256(der).hexdigest()
@@ -163,7 +153,7 @@ def test_roles_get_server_and_pin(listed: List, fleet: TlsWeb) -> None:
     assert not [name for name in turtle if name.startswith("ansible")]
 
 
-def test_user_sees_what_the_api_shows(listed: List) -> None:
+def test_user_sees_what_the_api_shows(listed):
     found = listed("ann")
     assert groups_of(found)["robots"] == ["turtle"]
     turtle = found["_meta"]["hostvars"]["turtle"]
@@ -171,7 +161,7 @@ def test_user_sees_what_the_api_shows(listed: List) -> None:
     assert not {"robot_hostname", "robot_address", "ansible_host"} & set(turtle)
 
 
-def test_constructed_options_work(listed: List) -> None:
+def test_constructed_options_work(listed):
     found = listed(
         strict=True,
         compose={"ansible_host": "robot_hostname ~ '.local'"},
@@ -183,8 +173,7 @@ def test_constructed_options_work(listed: List) -> None:
     assert groups_of(found)["version_0_1_0"] == ["rover", "scout", "turtle"]
 
 
-def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
-    """The cache is used until other questions are asked."""
+def test_cache_asks_once(listed, fleet, tmp_path):
     cached = {
         "cache": True,
         "cache_plugin": "ansible.builtin.jsonfile",
@@ -198,7 +187,7 @@ def test_cache_asks_once(listed: List, fleet: TlsWeb, tmp_path: Path) -> None:
     assert "group_ops" in groups_of(listed(group_by=["group"], **cached))
 
 
-def test_no_robot_takes_the_place_of_this_machine(fleet: TlsWeb, tmp_path: Path) -> None:
+def test_no_robot_takes_the_place_of_this_machine(fleet, tmp_path):
     """Whoever has a join token chooses a robot's name, and what the roles do here has an admin's token."""
     body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
     assert fleet.program("root").ask("PUT", "/robots/localhost", body).status_code == 201
@@ -219,9 +208,7 @@ def test_no_robot_takes_the_place_of_this_machine(fleet: TlsWeb, tmp_path: Path)
         ("root", {"group_by": ["colour"]}, "colour"),
     ],
 )  # fmt: skip
-def test_what_is_wrong_is_said(
-    fleet: TlsWeb, tmp_path: Path, user: str, options: dict[str, Any], says: str
-) -> None:
+def test_what_is_wrong_is_said(fleet, tmp_path, user, options, says):
     done = run(fleet, tmp_path, user, **options)
     assert done.returncode != 0
     assert says in " ".join(done.stderr.split())

@@ -1,11 +1,7 @@
 """What server.yml decides by: Docker, settings and what was deployed; tests/ansible/test_server.py runs it."""
 
-from __future__ import annotations
-
 import base64
 import re
-from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -18,19 +14,18 @@ TASKS = ROLE / "tasks"
 HEALTHY = ["nginx=healthy", "mysql=healthy"]
 
 
-def task_of(name: str, file: str = "stack.yml") -> dict[str, Any]:
+def task_of(name, file="stack.yml"):
     """A task of the role."""
     tasks = yaml.safe_load((TASKS / file).read_text())
-    found: dict[str, Any] = next(task for task in tasks if task["name"] == name)
-    return found
+    return next(task for task in tasks if task["name"] == name)
 
 
-def said(folder: Path, tasks: list[dict[str, Any]], **given: Any) -> str:
+def said(folder, tasks, **given):
     """Run tasks of the role; what Ansible said."""
     return play(folder, tasks, ROLE / "vars/main.yml", **given).stdout
 
 
-def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
+def test_room_is_needed_where_docker_is(tmp_path):
     """Its folder may be on another file system than the rest, such as one that has no room."""
     (tmp_path / "docker").write_text("#!/bin/sh\necho /proc/self\n")
     (tmp_path / "docker").chmod(0o755)
@@ -48,9 +43,7 @@ def test_room_is_needed_where_docker_is(tmp_path: Path) -> None:
         ("nftables", "ENABLED=no", False),
     ],
 )
-def test_another_firewall_stays_in_charge(
-    tmp_path: Path, active: str, ufw: str | None, sets: bool
-) -> None:
+def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
     """Our rules drop what they do not know, which the other one may admit."""
     (tmp_path / "systemctl").write_text(f'#!/bin/sh\n[ "$*" = "--quiet is-active {active}" ]\n')
     (tmp_path / "systemctl").chmod(0o755)
@@ -73,9 +66,7 @@ def test_another_firewall_stays_in_charge(
         ("DOMAIN=b.example\nPUBLIC_PORT=\n", {"PUBLIC_PORT": 4443}, "https://b.example:4443/"),
     ],
 )
-def test_address_is_the_one_in_force(
-    tmp_path: Path, text: str, settings: dict[str, Any], address: str
-) -> None:
+def test_address_is_the_one_in_force(tmp_path, text, settings, address):
     """It is printed at the end: behind another machine's port, or with the certificate's name."""
     keep = task_of("Keep the address and the published ports as facts", "settings.yml")
     tell = task_of("Print address, user and fingerprint", "print_address.yml")
@@ -100,9 +91,7 @@ def test_address_is_the_one_in_force(
         ("now built 0", HEALTHY, False),
     ],
 )
-def test_stack_of_before_is_dumped(
-    tmp_path: Path, deployed: str, healthy: list[str], dumps: bool
-) -> None:
+def test_stack_of_before_is_dumped(tmp_path, deployed, healthy, dumps):
     """A bare machine has no database, and one that `make up` started has no record of its version."""
     tell = {"ansible.builtin.debug": {"msg": "dumps={{ robotether_server_is_upgrade | bool }}"}}
     given = {
@@ -125,9 +114,7 @@ def test_stack_of_before_is_dumped(
         ("", "", True),
     ],
 )
-def test_images_are_loaded_where_they_are_not(
-    tmp_path: Path, deployed: str, kept: str, loads: bool
-) -> None:
+def test_images_are_loaded_where_they_are_not(tmp_path, deployed, kept, loads):
     """Also those of the archive that was loaded last: `docker image prune --all` may have removed them."""
     (tmp_path / "tools").mkdir()
     has_all = (

@@ -1,12 +1,9 @@
 """deploy/swarm, as Docker reads it, beside compose/compose.yaml: Swarm leaves out in silence what it does not know."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -38,22 +35,15 @@ MAKE_SECRETS = (
 )
 
 
-def read(path: Path) -> dict[str, Any]:
-    found: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-    return found
+def services_of(path):
+    return yaml.safe_load((ROOT / path).read_text())["services"]
 
 
-def in_compose(name: str) -> dict[str, Any]:
-    found: dict[str, Any] = read(ROOT / "compose" / "compose.yaml")["services"][name]
-    return found
+IN_COMPOSE = services_of("compose/compose.yaml")
+IN_SWARM = {file: services_of(f"deploy/swarm/{file}") for file in SERVICES}
 
 
-def in_swarm(file: str, name: str) -> dict[str, Any]:
-    found: dict[str, Any] = read(SWARM / file)["services"][name]
-    return found
-
-
-def config(*files: str, **settings: str) -> subprocess.CompletedProcess[str]:
+def config(*files, **settings):
     """What Docker's command makes of the files."""
     named = [word for file in files for word in ("--compose-file", str(SWARM / file))]
     return subprocess.run(
@@ -66,8 +56,7 @@ def config(*files: str, **settings: str) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     "files", [("database.yaml",), ("cell.yaml",), ("cell.yaml", "certificate.yaml")]
 )
-def test_docker_reads_the_files(files: tuple[str, ...]) -> None:
-    """Docker reads the files with the settings of compose/.env.example."""
+def test_docker_reads_the_files(files):
     done = config(*files, CELL="a", PUBLIC_HOST="a.example", SSH_PORT="", TAG="")
     assert done.returncode == 0, done.stderr
     # Docker leaves as it is what it cannot replace, such as a default inside a default.
@@ -75,8 +64,7 @@ def test_docker_reads_the_files(files: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("missing", ["CELL", "PUBLIC_HOST"])
-def test_a_cell_needs_its_name_and_address(missing: str) -> None:
-    """Without one of them nothing is started."""
+def test_a_cell_needs_its_name_and_address(missing):
     settings = {"CELL": "a", "PUBLIC_HOST": "a.example"}
     del settings[missing]
     done = config("cell.yaml", **settings)
@@ -85,14 +73,14 @@ def test_a_cell_needs_its_name_and_address(missing: str) -> None:
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_swarm_heeds_all_of_a_service(file: str, name: str) -> None:
+def test_swarm_heeds_all_of_a_service(file, name):
     """It would leave out limits, mounts of a part of a volume and more, and start the service without."""
-    assert set(in_swarm(file, name)) <= HEEDED
+    assert set(IN_SWARM[file][name]) <= HEEDED
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_services_are_what_they_are_in_compose(file: str, name: str) -> None:
-    ours, theirs = in_swarm(file, name), in_compose(name)
+def test_services_are_what_they_are_in_compose(file, name):
+    ours, theirs = IN_SWARM[file][name], IN_COMPOSE[name]
     same = ("image", "cap_add", "cap_drop", "read_only", "init", "logging", "sysctls")
     for key in (*same, "stop_grace_period", *(["command"] if "command" in theirs else [])):
         assert ours.get(key) == theirs.get(key), key
@@ -106,40 +94,40 @@ def test_services_are_what_they_are_in_compose(file: str, name: str) -> None:
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_settings_are_those_of_compose(file: str, name: str) -> None:
-    ours = dict(in_swarm(file, name).get("environment", {}))
-    theirs = dict(in_compose(name).get("environment", {}))
+def test_settings_are_those_of_compose(file, name):
+    ours = dict(IN_SWARM[file][name].get("environment", {}))
+    theirs = dict(IN_COMPOSE[name].get("environment", {}))
     # A few that only one of these programs reads are given to both.
     known = set().union(
-        *(in_compose(item).get("environment", {}) for item in ("web", "relay", name))
+        *(IN_COMPOSE[item].get("environment", {}) for item in ("web", "relay", name))
     )
     assert set(theirs) - SET_OTHERWISE <= set(ours) <= known | SET_OTHERWISE
     for variable in set(ours) & set(theirs) - SET_OTHERWISE:
         assert ours[variable] == theirs[variable], variable
 
 
-def in_memory(service: dict[str, Any]) -> set[str]:
+def in_memory(service):
     """Folders in memory, however they are written."""
     short = {entry.split(":")[0] for entry in service.get("tmpfs", [])}
     mounts = [volume for volume in service.get("volumes", []) if isinstance(volume, dict)]
     return short | {mount["target"] for mount in mounts if mount["type"] == "tmpfs"}
 
 
-def kept(service: dict[str, Any]) -> set[str]:
+def kept(service):
     """Volumes, but for those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
     names = {volume for volume in service.get("volumes", []) if isinstance(volume, str)}
     return {name for name in names if not name.startswith(("acme_", "backup_"))}
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_services_have_the_folders_of_compose(file: str, name: str) -> None:
+def test_services_have_the_folders_of_compose(file, name):
     """What they write must be a volume or in memory, as all else is read-only."""
-    ours, theirs = in_swarm(file, name), in_compose(name)
+    ours, theirs = IN_SWARM[file][name], IN_COMPOSE[name]
     assert in_memory(ours) == in_memory(theirs)
     assert kept(ours) == kept(theirs)
 
 
-def published(service: dict[str, Any]) -> set[tuple[str, str]]:
+def published(service):
     """(what it is at the machine, what it is in the container) of each port."""
     found = set()
     for port in service.get("ports", []):
@@ -147,20 +135,17 @@ def published(service: dict[str, Any]) -> set[tuple[str, str]]:
             assert port["mode"] == "host"
             found.add((port["published"], str(port["target"])))
         else:
-            _address, outside, inside = re.fullmatch(
-                r"(\$\{.*?\}):(\$\{.*?\}):(\d+)", port
-            ).groups()  # type: ignore[union-attr]
-            found.add((outside, inside))
+            found.add(re.fullmatch(r"\$\{.*?\}:(\$\{.*?\}):(\d+)", port).groups())
     return found
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_ports_are_those_of_compose(file: str, name: str) -> None:
+def test_ports_are_those_of_compose(file, name):
     peers = {("${PEER_PORT:-8444}", "8444")} if name == "nginx" else set()
-    assert published(in_swarm(file, name)) == published(in_compose(name)) | peers
+    assert published(IN_SWARM[file][name]) == published(IN_COMPOSE[name]) | peers
 
 
-def handed_out(service: str) -> dict[str, tuple[str, str]]:
+def handed_out(service):
     """Secret -> (user, group), as make-secrets gives them to a service of compose."""
     accounts = {
         name: (user, group)
@@ -175,26 +160,21 @@ def handed_out(service: str) -> dict[str, tuple[str, str]]:
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_services_have_the_secrets_of_compose(file: str, name: str) -> None:
-    secrets = in_swarm(file, name)["secrets"]
+def test_services_have_the_secrets_of_compose(file, name):
+    secrets = IN_SWARM[file][name]["secrets"]
     ours = {item["source"]: (item["uid"], item["gid"]) for item in secrets}
     optional = {"cert.pem", "key.pem"}
     theirs = {secret: owner for secret, owner in handed_out(name).items() if secret not in optional}
     assert ours == theirs
     assert {item["mode"] for item in secrets} == {0o440}
-    declared = read(SWARM / file)["secrets"]
+    declared = yaml.safe_load((SWARM / file).read_text())["secrets"]
     assert all(declared[secret]["name"] == f"robotether_{secret}" for secret in ours)
 
 
-def test_no_relay_finds_the_sshd_of_another_cell() -> None:
+def test_no_relay_finds_the_sshd_of_another_cell():
     """On a network that cells share, a name stands for the services of all of them."""
-    shared = [
-        set(in_swarm("cell.yaml", name)["networks"]) - {"edge", "tunnel"}
-        for name in ("relay", "sshd")
-    ]
-    assert shared[0]
-    assert shared[1]
-    assert shared[0].isdisjoint(shared[1])
-    for name in ("nginx", "web"):
-        assert set(in_swarm("cell.yaml", name)["networks"]) <= {"edge", "tunnel", "data"}
-    assert "data" not in in_swarm("cell.yaml", "nginx")["networks"]
+    networks = {name: set(item["networks"]) for name, item in IN_SWARM["cell.yaml"].items()}
+    relay, sshd = (networks[name] - {"edge", "tunnel"} for name in ("relay", "sshd"))
+    assert (bool(relay), bool(sshd), relay & sshd) == (True, True, set())
+    assert networks["web"] <= {"edge", "tunnel", "data"}
+    assert networks["nginx"] <= {"edge", "tunnel"}

@@ -1,7 +1,5 @@
 """How the acme container hands a certificate to nginx, with programs in the place of lego and a full disk."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path
@@ -17,7 +15,7 @@ exit 1
 """
 
 
-def test_full_disk_leaves_nginx_the_old_certificate(tmp_path: Path) -> None:
+def test_full_disk_leaves_nginx_the_old_certificate(tmp_path):
     """Half a pair would serve nothing: after its next start nginx had only the self-signed one."""
     state, out = tmp_path / "state", tmp_path / "out"
     certificates = state / "certificates"

@@ -1,7 +1,5 @@
 """The first process of the agent's container, with doubles of agent and guard: it must outlive the guard."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess
@@ -18,7 +16,7 @@ exec sleep 30
 """
 
 
-def test_outlives_the_guard_of_a_killed_agent(tmp_path: Path) -> None:
+def test_outlives_the_guard_of_a_killed_agent(tmp_path):
     python = tmp_path / "python3"
     python.write_text(AGENT)
     python.chmod(0o755)

@@ -1,10 +1,7 @@
 """Health check of nginx where Docker's client gives each container the address of a proxy (~/.docker/config.json)."""
 
-from __future__ import annotations
-
 import os
 import subprocess
-from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from threading import Thread
@@ -19,16 +16,16 @@ PROXY = {"http_proxy": "http://127.0.0.1:9", "https_proxy": "http://127.0.0.1:9"
 class Well(BaseHTTPRequestHandler):
     """Answers 200."""
 
-    def do_GET(self) -> None:
+    def do_GET(self):
         self.send_response(200)
         self.end_headers()
 
-    def log_message(self, *_: object) -> None:
+    def log_message(self, *_):
         pass
 
 
 @pytest.fixture
-def url() -> Iterator[str]:
+def url():
     """A program that is well."""
     with HTTPServer(("127.0.0.1", 0), Well) as server:
         thread = Thread(target=server.serve_forever, args=(0.05,))
@@ -38,8 +35,7 @@ def url() -> Iterator[str]:
         thread.join()
 
 
-def test_no_proxy_is_asked(url: str) -> None:
-    """The container's own program is never behind it."""
+def test_no_proxy_is_asked(url):
     environment = {"PATH": os.environ["PATH"], **PROXY}
     check = [str(IMAGES / "nginx" / "healthy"), url]
     done = subprocess.run(check, env=environment, check=False, capture_output=True, timeout=30)

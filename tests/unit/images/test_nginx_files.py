@@ -1,7 +1,5 @@
 """What nginx's configurations say of the containers' own bounds; tests/images asks nginx itself."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 
@@ -20,14 +18,14 @@ TLS_CONNECTION_KIB = 46
         ("sshd/proxy-protocol.conf", "sshd/entrypoint.sh"),
     ],
 )
-def test_worker_may_open_what_its_connections_need(configuration: str, script: str) -> None:
+def test_worker_may_open_what_its_connections_need(configuration, script):
     """A container begins with 1024 open files where Docker is 29 or newer."""
     connections = re.findall(r"worker_connections (\d+);", (IMAGES / configuration).read_text())
     files = re.findall(r"OPEN_FILES=(\d+)\n", (IMAGES / script).read_text())
     assert int(*files) >= 2 * int(*connections)
 
 
-def test_a_stop_begins_here_when_the_robots_cell_cannot_answer() -> None:
+def test_a_stop_begins_here_when_the_robots_cell_cannot_answer():
     """Also when that says so itself: it has nobody to ask who a login is while the database is away."""
     text = (IMAGES / "nginx" / "peer-forward.conf").read_text()
     [stop] = re.findall(r"location @cell_or_here \{([^}]*)\}", text)
@@ -36,7 +34,7 @@ def test_a_stop_begins_here_when_the_robots_cell_cannot_answer() -> None:
 
 
 @pytest.mark.parametrize("name", ["nginx.conf", "peer-forward.conf", "peer-server.conf"])
-def test_no_ticket_is_logged_while_the_relay_is_away(name: str) -> None:
+def test_no_ticket_is_logged_while_the_relay_is_away(name):
     """Each request to the relay may have one in its query, which nginx's error lines hold."""
     locations = re.findall(r"location [^{]*\{([^}]*)\}", (IMAGES / "nginx" / name).read_text())
     to_relay = [body for body in locations if "proxy_pass http://$relay" in body]
@@ -44,7 +42,7 @@ def test_no_ticket_is_logged_while_the_relay_is_away(name: str) -> None:
     assert all("error_log stderr crit;" in body for body in to_relay)
 
 
-def test_every_request_counts_for_its_address() -> None:
+def test_every_request_counts_for_its_address():
     """What a stranger may ask of relay or web is bounded, and a stop's bound is not used up by anything else."""
     text = (IMAGES / "nginx" / "nginx.conf").read_text()
     https = text[text.index("listen unix:/run/nginx/tls.sock") :]
@@ -62,11 +60,11 @@ def test_every_request_counts_for_its_address() -> None:
     assert bounds[of_stops[0]] == {"stop"}
 
 
-def _without_braces(quoted: re.Match[str]) -> str:
+def _without_braces(quoted):
     return re.sub(r"[{}]", "", quoted[0])
 
 
-def test_idle_connections_of_strangers_fit_in_the_containers_memory() -> None:
+def test_idle_connections_of_strangers_fit_in_the_containers_memory():
     """A machine with many cores has no more of them: nginx ends idle ones only when a worker has its last."""
     said = dict(re.findall(r"(worker_\w+) +(\w+);", (IMAGES / "nginx" / "nginx.conf").read_text()))
     most = int(said["worker_processes"]) * int(said["worker_connections"])

@@ -1,7 +1,5 @@
 """Where port 80 leads, with a program in the place of nginx; tests/images asks nginx itself."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path
@@ -11,7 +9,7 @@ import pytest
 NGINX = Path(__file__).resolve().parents[3] / "images" / "nginx"
 
 
-def start(place: Path, port: str) -> subprocess.CompletedProcess[str]:
+def start(place, port):
     """Run the entrypoint with its folders in `place`, up to its check of what it has written."""
     for name in ("entrypoint.sh", "certificates.sh", "networks.sh", "open-files.sh"):
         text = (NGINX / name).read_text()
@@ -30,7 +28,7 @@ def start(place: Path, port: str) -> subprocess.CompletedProcess[str]:
 
 
 @pytest.mark.parametrize(("port", "suffix"), [("", ""), ("443", ""), ("8443", ":8443")])
-def test_redirect_leads_to_the_port_of_https(tmp_path: Path, port: str, suffix: str) -> None:
+def test_redirect_leads_to_the_port_of_https(tmp_path, port, suffix):
     """A browser that was sent to 443 would find nothing, or another server."""
     assert start(tmp_path, port).returncode == 9
     written = (tmp_path / "run/nginx/https-port.conf").read_text()
@@ -38,7 +36,7 @@ def test_redirect_leads_to_the_port_of_https(tmp_path: Path, port: str, suffix: 
     assert "return 308 https://$host$https_port$request_uri;" in (NGINX / "nginx.conf").read_text()
 
 
-def test_port_that_is_none_stops_the_start(tmp_path: Path) -> None:
+def test_port_that_is_none_stops_the_start(tmp_path):
     """It would become a part of nginx's configuration."""
     done = start(tmp_path, '1";')
     assert done.returncode == 1

@@ -17,7 +17,7 @@ READERS = (
 )
 
 
-def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
+def test_each_alert_has_a_section_and_each_section_an_alert():
     rules = yaml.safe_load((ROOT / "images" / "prometheus" / "rules.yml").read_text())
     alerts = [rule for group in rules["groups"] for rule in group["rules"] if "alert" in rule]
     page = "docs/howto/metrics.md"
@@ -27,7 +27,7 @@ def test_each_alert_has_a_section_and_each_section_an_alert() -> None:
         assert rule["annotations"]["what_to_do"] == f"{page}#{rule['alert'].lower()}"
 
 
-def test_dashboard_has_the_queries_of_the_page_health() -> None:
+def test_dashboard_has_the_queries_of_the_page_health():
     dashboard = json.loads((ROOT / "deploy" / "grafana" / "robotether.json").read_text())
     shown = [target["expr"] for panel in dashboard["panels"] for target in panel.get("targets", ())]
     charts = {"": CHARTS_OF_SITE, 'robot="$robot"': CHARTS_OF_ROBOT}
@@ -43,7 +43,7 @@ SOURCES = [*(SERVER / "relay").glob("*.py"), SERVER / "api" / "web_metrics.py"]
 
 
 @pytest.mark.parametrize("file", READERS)
-def test_what_is_read_is_there(file: str) -> None:
+def test_what_is_read_is_there(file):
     """An alert or a curve of a number that has another name now would never come."""
     code = "".join(path.read_text() for path in SOURCES)
     names = set(re.findall(r"robotether_(?:relay|robot|web)_(\w+)", (ROOT / file).read_text()))

@@ -3,46 +3,21 @@
 import pytest
 from granted import give
 from robotether_server.db import robots, users
-from robotether_server.settings.server import (
-    JoinSettings,
-    SiteAddressSettings,
-    TicketSettings,
-    WebSettings,
-)
 from robotether_server.web import create_app
 from robotether_server.web.app import make_context
-from web_visitor import HASH, Browser
-
-TICKET_KEY = "t" * 32
-SSH_HOST_KEY = "ssh-ed25519 AAAAhost"
-
-
-def settings_of(mariadb, folder):
-    host_keys = folder / "host_keys"
-    host_keys.mkdir()
-    (host_keys / "ssh_host_ed25519_key.pub").write_text(f"{SSH_HOST_KEY} root@sshd\n")
-    return WebSettings(
-        database=mariadb.settings("web"),
-        tickets=TicketSettings(TICKET_KEY, 30),
-        join=JoinSettings("approve", 3, None, (2222, 443), host_keys, allow_local_macs=True),
-        site_address=SiteAddressSettings(None, 443, ("127.0.0.1", 1)),
-        agent_files_dir=folder / "agent",
-        secret_key="w" * 32,
-        login_ttl_h=12,
-        login_idle_h=4,
-        log_level="info",
-    )
+from web_visitor import HASH, Browser, web_settings_of, write_host_key
 
 
 @pytest.fixture
 def web_settings(mariadb, tmp_path):
-    return settings_of(mariadb, tmp_path)
+    write_host_key(tmp_path)
+    return web_settings_of(mariadb.settings("web"), tmp_path)
 
 
 @pytest.fixture(scope="session")
 def made_app(mariadb, tmp_path_factory):
     """The application with its routes and compiled templates, which take longer than most tests."""
-    return create_app(settings_of(mariadb, tmp_path_factory.mktemp("web")))
+    return create_app(web_settings_of(mariadb.settings("web"), tmp_path_factory.mktemp("web")))
 
 
 @pytest.fixture

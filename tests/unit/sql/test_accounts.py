@@ -1,12 +1,10 @@
 """What each database account may do: as the server itself says, and as it shows when somebody tries."""
 
-from __future__ import annotations
-
 import re
 
 import pymysql
 import pytest
-from mariadb_server import MariaDb
+from robotether_server.db import Database
 
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
 # All that a relay writes of its cell, by name: who drains one is an admin.
@@ -81,24 +79,15 @@ EXPECTED = {
 }
 
 
-def connect(mariadb: MariaDb, account: str) -> pymysql.Connection[pymysql.cursors.Cursor]:
-    settings = mariadb.settings(account)
-    return pymysql.connect(
-        host=settings.host,
-        port=settings.port,
-        user=account,
-        password=settings.password,
-        database=settings.name,
-    )
+def lines_of(mariadb, account):
+    with Database(mariadb.settings(account)).transaction() as tx:
+        return [line for row in tx.rows("SHOW GRANTS") for line in row.values()]
 
 
-def grants_in_force(mariadb: MariaDb, account: str) -> dict[str, str]:
+def grants_in_force(mariadb, account):
     """Rights by object; the line that only says that the account exists must give nothing."""
-    with connect(mariadb, account) as connection, connection.cursor() as cursor:
-        cursor.execute("SHOW GRANTS")
-        lines = [row[0] for row in cursor.fetchall()]
     found = {}
-    for line in lines:
+    for line in lines_of(mariadb, account):
         rights, place = re.fullmatch(r"GRANT (.*?) ON (.*?) TO .*", line).groups()
         if place == "*.*":
             assert rights == "USAGE"
@@ -109,51 +98,32 @@ def grants_in_force(mariadb: MariaDb, account: str) -> dict[str, str]:
     return found
 
 
-def _in_order(columns: re.Match[str]) -> str:
+def _in_order(columns):
     return f"({', '.join(sorted(columns[0].strip('()').split(', ')))})"
 
 
 @pytest.mark.parametrize("account", ["web", "relay", "recorder", "keylookup"])
-def test_account_has_its_rights_and_no_other(mariadb: MariaDb, account: str) -> None:
+def test_account_has_its_rights_and_no_other(mariadb, account):
     assert grants_in_force(mariadb, account) == EXPECTED[account]
 
 
-def test_migrate_rules_its_database_and_nothing_global(mariadb: MariaDb) -> None:
-    """All rights on robotether.*, with the right to pass them on, and no global one."""
-    with connect(mariadb, "migrate") as connection, connection.cursor() as cursor:
-        cursor.execute("SHOW GRANTS")
-        lines = [row[0] for row in cursor.fetchall()]
-    assert len(lines) == 2
-    assert lines[0].startswith("GRANT USAGE ON *.* ")
-    assert lines[1] == "GRANT ALL PRIVILEGES ON `robotether`.* TO `migrate`@`%` WITH GRANT OPTION"
+def test_migrate_rules_its_database_and_nothing_global(mariadb):
+    none, whole = lines_of(mariadb, "migrate")
+    assert none.startswith("GRANT USAGE ON *.* ")
+    assert whole == "GRANT ALL PRIVILEGES ON `robotether`.* TO `migrate`@`%` WITH GRANT OPTION"
 
 
 @pytest.mark.parametrize("account", ["root", "mysql", ""])
-def test_no_other_account_gets_in_over_the_network(mariadb: MariaDb, account: str) -> None:
+def test_no_other_account_gets_in_over_the_network(mariadb, account):
     """Root exists at the server's own socket only, and nobody is anonymous."""
     settings = mariadb.settings("web")
     with pytest.raises(pymysql.OperationalError, match="Access denied"):
         pymysql.connect(host=settings.host, port=settings.port, user=account, password="")
 
 
-def test_no_test_database_and_no_anonymous_user(mariadb: MariaDb) -> None:
-    """The data directory has what the design names and the server's own."""
+def test_no_test_database_and_no_anonymous_user(mariadb):
     databases = mariadb.as_root("SHOW DATABASES").split()
-    assert set(databases) == {
-        "information_schema",
-        "mysql",
-        "performance_schema",
-        "robotether",
-        "sys",
-    }
+    schemas = {f"{name}_schema" for name in ("information", "performance")}
+    assert set(databases) == {*schemas, "mysql", "robotether", "sys"}
     users = mariadb.as_root("SELECT user FROM mysql.global_priv").split()
-    assert sorted(users) == [
-        "keylookup",
-        "mariadb.sys",
-        "migrate",
-        "mysql",
-        "recorder",
-        "relay",
-        "root",
-        "web",
-    ]
+    assert set(users) == {"root", "mariadb.sys", "mysql", "migrate", *EXPECTED}

@@ -1,18 +1,15 @@
 """Ports that the database allots: pairs for ROS and video, and shell ports, in many transactions at once."""
 
-from __future__ import annotations
-
 import threading
 
 import pytest
 from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
-from mariadb_server import MariaDb
-from robotether_server.db import Database, Transaction, migrate, robots, seen_robots
+from robotether_server.db import migrate, robots, seen_robots
 from robotether_server.problems import RecordExistsError, RecordRefusedError
 
 
 @pytest.fixture
-def purged(mariadb: MariaDb, admin_database: Database) -> None:
+def purged(mariadb, admin_database):
     """No trace of the rows that an earlier test deleted.
 
     InnoDB locks the gap beside a deleted key, until it is purged, for whoever inserts the same key again: a
@@ -22,9 +19,7 @@ def purged(mariadb: MariaDb, admin_database: Database) -> None:
 
 
 @pytest.mark.usefixtures("purged")
-def test_forty_inserts_at_once_get_distinct_pairs(
-    database: Database, admin_database: Database
-) -> None:
+def test_forty_inserts_at_once_get_distinct_pairs(database, admin_database):
     """Concurrent transactions neither share a pair nor fail, and none waits for another's commit."""
     inserted = threading.Barrier(40)
     names = [f"robot-{number}" for number in range(40)]
@@ -37,10 +32,8 @@ def test_forty_inserts_at_once_get_distinct_pairs(
 
 
 @pytest.mark.usefixtures("purged")
-def test_rolled_back_inserts_lose_no_pair(database: Database, admin_database: Database) -> None:
-    """What half of them took is free after they fail."""
-
-    def fail_odd(number: int) -> None:
+def test_rolled_back_inserts_lose_no_pair(database, admin_database):
+    def fail_odd(number):
         if number % 2:
             raise LookupError("on purpose")
 
@@ -52,21 +45,19 @@ def test_rolled_back_inserts_lose_no_pair(database: Database, admin_database: Da
             robots.add(tx, mac(1000 + number), f"later-{number}")
 
 
-def test_last_pair_waits_for_the_one_who_holds_it(
-    database: Database, admin_database: Database
-) -> None:
+def test_last_pair_waits_for_the_one_who_holds_it(database, admin_database):
     """When every free pair is locked, an insert waits, and gets the pair if the holder gives up."""
     with admin_database.transaction() as tx:
         migrate.set_port_range(tx, 20000, 20001)
-    waiting: list[int] = []
+    waiting = []
 
-    def insert_second() -> None:
+    def insert_second():
         with database.transaction() as tx:
             waiting.append(robots.add(tx, mac(2), "second"))
 
     second = threading.Thread(target=insert_second)
 
-    def insert_first_and_give_up() -> None:
+    def insert_first_and_give_up():
         with database.transaction() as tx:
             robots.add(tx, mac(1), "first")
             second.start()
@@ -80,7 +71,7 @@ def test_last_pair_waits_for_the_one_who_holds_it(
     assert list(pair_owners(admin_database).values()) == waiting
 
 
-def test_full_range_says_what_to_do(database: Database, admin_database: Database) -> None:
+def test_full_range_says_what_to_do(database, admin_database):
     with admin_database.transaction() as tx:
         migrate.set_port_range(tx, 20000, 20003)
     with database.transaction() as tx:
@@ -94,15 +85,13 @@ def test_full_range_says_what_to_do(database: Database, admin_database: Database
     )
 
 
-def add_with_shell(tx: Transaction, number: int) -> int:
+def add_with_shell(tx, number):
     return tx.insert(
         "INSERT INTO robots (mac, name, shell) VALUES (%s, %s, TRUE)", (mac(number), f"r{number}")
     )
 
 
-def test_shell_port_comes_and_goes_with_the_setting(
-    database: Database, admin_database: Database
-) -> None:
+def test_shell_port_comes_and_goes_with_the_setting(database, admin_database):
     """A robot has none at first; off frees it, and so does the robot's end."""
     with database.transaction() as tx:
         plain, other = robots.add(tx, mac(1), "a"), add_with_shell(tx, 2)
@@ -120,15 +109,13 @@ def test_shell_port_comes_and_goes_with_the_setting(
 
 
 @pytest.mark.usefixtures("purged")
-def test_shells_switched_on_at_once_get_distinct_ports(
-    database: Database, admin_database: Database
-) -> None:
+def test_shells_switched_on_at_once_get_distinct_ports(database, admin_database):
     """None waits for another's commit."""
     with database.transaction() as tx:
         ids = [robots.add(tx, mac(number), f"r{number}") for number in range(20)]
     done = threading.Barrier(20)
 
-    def switch_on(tx: Transaction, number: int) -> None:
+    def switch_on(tx, number):
         robots.set_shell(tx, ids[number], on=True)
         done.wait(20)
 
@@ -136,8 +123,7 @@ def test_shells_switched_on_at_once_get_distinct_ports(
     assert sorted(shell_owners(admin_database).values()) == sorted(ids)
 
 
-def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: Database) -> None:
-    """The robot stays as it was."""
+def test_no_free_shell_port_says_what_to_do(database, admin_database):
     with admin_database.transaction() as tx:
         migrate.set_shell_port_range(tx, 24000, 24000)
     with database.transaction() as tx:
@@ -152,7 +138,7 @@ def test_no_free_shell_port_says_what_to_do(database: Database, admin_database: 
     )
 
 
-def test_shell_port_that_cannot_be_is_refused(database: Database) -> None:
+def test_shell_port_that_cannot_be_is_refused(database):
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
@@ -163,8 +149,7 @@ def test_shell_port_that_cannot_be_is_refused(database: Database) -> None:
                 tx.change(f"UPDATE robots SET shell = TRUE, shell_port = {port} WHERE name = 'b'")
 
 
-def test_named_shell_port_is_kept(database: Database, admin_database: Database) -> None:
-    """And it is freed when another is named; without shell there is none."""
+def test_named_shell_port_is_kept(database, admin_database):
     with database.transaction() as tx:
         robot_id = robots.add(tx, mac(1), "a")
         for port in (24010, 24011):
@@ -175,7 +160,7 @@ def test_named_shell_port_is_kept(database: Database, admin_database: Database) 
         assert robots.get(tx, "a").shell_port is None
 
 
-def test_ports_kept_for_shells_are_nobodys_pair(database: Database) -> None:
+def test_ports_kept_for_shells_are_nobodys_pair(database):
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
@@ -185,14 +170,3 @@ def test_ports_kept_for_shells_are_nobodys_pair(database: Database) -> None:
                     "UPDATE robots SET ros_port = %s, video_port = %s WHERE name = 'b'",
                     (ros, video),
                 )
-
-
-def test_move_without_ports_takes_another_pair(
-    database: Database, admin_database: Database
-) -> None:
-    """NULL for both never gives the pair back that the robot has."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, mac(1), "a")
-        robots.set_ports(tx, robot_id, None, None)
-        assert robots.get(tx, "a").ros_port == 20002
-    assert pair_owners(admin_database) == {20002: robot_id}

@@ -1,16 +1,12 @@
 """Texts in the database are what Python takes them for: no blank is overlooked, and no case."""
 
-from __future__ import annotations
-
-from collections.abc import Callable
-
 import pytest
-from robotether_server.db import Database, Transaction, robots, users
+from robotether_server.db import robots, users
 from robotether_server.db.audit import AuditSearch, Source, find, record
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.problems import RecordMissingError, RobotUnknownError
 
-LOOK_UPS: list[Callable[[Transaction, str], object]] = [
+LOOK_UPS = [
     users.get,
     robots.get,
     SITES.get,
@@ -18,7 +14,7 @@ LOOK_UPS: list[Callable[[Transaction, str], object]] = [
 ]
 
 
-def test_no_column_is_compared_past_blanks_or_case(admin_database: Database) -> None:
+def test_no_column_is_compared_past_blanks_or_case(admin_database):
     with admin_database.transaction() as tx:
         rows = tx.rows(
             "SELECT c.table_name AS place, c.column_name AS name, c.collation_name AS collation "
@@ -33,9 +29,7 @@ def test_no_column_is_compared_past_blanks_or_case(admin_database: Database) -> 
 
 @pytest.mark.parametrize("look_up", LOOK_UPS)
 @pytest.mark.parametrize("name", ["x ", "x    ", "X", "x\t", "x\0"])
-def test_name_with_a_blank_or_in_other_case_is_another_name(
-    database: Database, look_up: Callable[[Transaction, str], object], name: str
-) -> None:
+def test_name_with_a_blank_or_in_other_case_is_another_name(database, look_up, name):
     """Nobody is found by it whom rules in Python, which compare names as they are, would not know."""
     with database.transaction() as tx:
         users.add(tx, "x", "hash", "admin")
@@ -47,7 +41,7 @@ def test_name_with_a_blank_or_in_other_case_is_another_name(
             look_up(tx, name)
 
 
-def test_audit_log_tells_names_with_blanks_apart(database: Database) -> None:
+def test_audit_log_tells_names_with_blanks_apart(database):
     """What somebody claimed to be called is not what an admin is called."""
     with database.transaction() as tx:
         record(tx, Source("root "), "login_failed")

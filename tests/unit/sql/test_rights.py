@@ -1,25 +1,21 @@
 """The rights that hold, by users and groups, robots, sites and all, with and without an end."""
 
-from __future__ import annotations
-
 import datetime as dt
 import itertools
 
 import pytest
-from mariadb_server import MariaDb
-from robotether_server.db import Database, Transaction, fleet, grants, robots, seen_robots, users
+from robotether_server.db import Database, fleet, grants, robots, seen_robots, users
 from robotether_server.db.grants import GROUPS, SITES, Pair
 from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordRefusedError
-from robotether_server.schemas import Level
 
 HOUR = dt.timedelta(hours=1)
-LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")
+LEVELS = ("observe", "drive", "manage")
 
 
 @pytest.fixture
-def ids(database: Database) -> dict[str, int]:
+def ids(database):
     """Ann in the group crew, ben in none; robots a and b at the site lab, c at none."""
     with database.transaction() as tx:
         found = {name: users.add(tx, name, "x", "user") for name in ("ann", "ben")}
@@ -32,11 +28,11 @@ def ids(database: Database) -> dict[str, int]:
     return found
 
 
-def now() -> dt.datetime:
+def now():
     return dt.datetime.now(dt.UTC)
 
 
-def held(database: Database) -> dict[tuple[str, str], str]:
+def held(database):
     """What holds, by the names of user and robot."""
     with database.transaction() as tx:
         rows = tx.rows(
@@ -48,7 +44,7 @@ def held(database: Database) -> dict[tuple[str, str], str]:
     return found
 
 
-def test_each_way_of_giving_reaches_what_it_says(database: Database, ids: dict[str, int]) -> None:
+def test_each_way_of_giving_reaches_what_it_says(database, ids):
     """A group's grant is its members'; a site's is for its robots now; one for all is for all."""
     with database.transaction() as tx:
         grants.put(tx, Pair(group_id=ids["crew"], site_id=ids["lab"]), "drive")
@@ -66,7 +62,7 @@ def test_each_way_of_giving_reaches_what_it_says(database: Database, ids: dict[s
     assert {robot for user, robot in held(database) if user == "ann"} == {"b", "c"}
 
 
-def test_highest_level_holds(database: Database, ids: dict[str, int]) -> None:
+def test_highest_level_holds(database, ids):
     for first, second in itertools.permutations(LEVELS, 2):
         with database.transaction() as tx:
             grants.put(tx, Pair(user_id=ids["ann"], robot_id=ids["a"]), first)
@@ -78,8 +74,7 @@ def test_highest_level_holds(database: Database, ids: dict[str, int]) -> None:
         assert [item.level for item in seen if item.robot.name == "a"] == [highest]
 
 
-def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> None:
-    """One that has ended leaves the lower one that has not."""
+def test_grant_holds_until_its_end(database, ids):
     pair = Pair(user_id=ids["ann"], robot_id=ids["a"])
     with database.transaction() as tx:
         grants.put(tx, pair, "manage", now() + HOUR)
@@ -90,7 +85,7 @@ def test_grant_holds_until_its_end(database: Database, ids: dict[str, int]) -> N
     assert held(database)["ann", "a"] == "observe"
 
 
-def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[str, int]) -> None:
+def test_what_is_removed_takes_its_grants_along(database, ids):
     with database.transaction() as tx:
         for pair in (
             Pair(group_id=ids["crew"], all_robots=True),
@@ -106,7 +101,7 @@ def test_what_is_removed_takes_its_grants_along(database: Database, ids: dict[st
     assert held(database) == {}
 
 
-def test_grant_of_nobody_or_for_nothing_is_refused(database: Database, ids: dict[str, int]) -> None:
+def test_grant_of_nobody_or_for_nothing_is_refused(database, ids):
     """The database itself keeps a row from meaning all robots by mistake."""
     ann, crew = {"user_id": ids["ann"]}, {"group_id": ids["crew"]}
     robot, site = {"robot_id": ids["a"]}, {"site_id": ids["lab"]}
@@ -115,12 +110,10 @@ def test_grant_of_nobody_or_for_nothing_is_refused(database: Database, ids: dict
             grants.put(tx, Pair(**columns), "observe")
 
 
-def test_each_change_of_rights_is_a_new_version(
-    database: Database, relay_database: Database, ids: dict[str, int]
-) -> None:
+def test_each_change_of_rights_is_a_new_version(database, relay_database, ids):
     crew, lab, ann = ids["crew"], ids["lab"], ids["ann"]
 
-    def later(tx: Transaction) -> None:
+    def later(tx):
         # As time does: without a change to updated_at.
         tx.change(
             "UPDATE grants SET expires_at = CURRENT_TIMESTAMP(6) - INTERVAL 1 SECOND, "
@@ -147,9 +140,7 @@ def test_each_change_of_rights_is_a_new_version(
     assert len(set(seen)) == len(changes)
 
 
-def test_shells_are_of_those_who_manage(
-    mariadb: MariaDb, database: Database, ids: dict[str, int]
-) -> None:
+def test_shells_are_of_those_who_manage(mariadb, database, ids):
     """jump_keys asks the grants anew, and finds exactly what relay_grants says."""
     with database.transaction() as tx:
         ids["root"] = users.add(tx, "root", "x", "admin")

@@ -1,7 +1,5 @@
 """tools/backup with a real database and its trial, else with programs in the place of Docker; so tools/restore."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -10,7 +8,6 @@ import time
 from pathlib import Path
 
 import pytest
-from mariadb_server import MariaDb
 
 ROOT = Path(__file__).resolve().parents[3]
 # What runs in the service backup runs here.
@@ -58,7 +55,7 @@ NOT_KEPT = {"secrets/web/admin_password", "own/.gitignore"}
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path):
     """A checkout with the tools, settings, secrets and a database."""
     folder = tmp_path / "checkout"
     (folder / "tools").mkdir(parents=True)
@@ -83,16 +80,16 @@ def checkout(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def real(checkout: Path, mariadb: MariaDb) -> Path:
+def real(checkout, mariadb):
     """With a real database and the real Docker."""
     (checkout / "programs" / "docker").unlink()
     (checkout / "container").write_text(f"{mariadb.container.id}\n")
     return checkout
 
 
-def run(checkout: Path, tool: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def run(checkout, tool, *arguments, status=0):
     """Run a tool there, from the folder above."""
-    return subprocess.run(
+    done = subprocess.run(
         [checkout / "tools" / tool, *arguments],
         cwd=checkout.parent,
         env={"PATH": f"{checkout}/programs:{os.environ['PATH']}"},
@@ -100,18 +97,20 @@ def run(checkout: Path, tool: str, *arguments: str) -> subprocess.CompletedProce
         capture_output=True,
         text=True,
     )
+    assert done.returncode == status, done.stderr
+    return done
 
 
-def names(folder: Path) -> set[str]:
+def names(folder):
     return {path.name for path in folder.iterdir()}
 
 
-def recorded(checkout: Path) -> dict[str, int]:
+def recorded(checkout):
     """What web and relay read, as seconds since 1970."""
     return {path.name: int(path.read_text()) for path in (checkout / "record").iterdir()}
 
 
-def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real: Path) -> None:
+def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
     """Database, secrets and settings; a relative folder starts where the tool is called; other files there stay."""
     folder = real.parent / "backups"
     folder.mkdir()
@@ -121,69 +120,59 @@ def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real: Path) -> None:
     (folder / "notes.txt").write_text("")
     begun = int(time.time())
     done = run(real, "backup", "backups", "2")
-    assert done.returncode == 0, done.stderr
     newest = Path(done.stdout.split()[-1])
     assert newest.stat().st_mode & 0o777 == 0o600
     assert names(folder) == {"robotether-29990101T000000Z.tar", newest.name, "notes.txt"}
     assert begun <= recorded(real)["made"] <= time.time()
     assert recorded(real).keys() == {"made"}
     with tarfile.open(newest) as parts:
-        env = parts.extractfile("./env")
-        assert env is not None
-        assert env.read() == b"PUBLIC_HOST=robots.test\n"
+        assert parts.extractfile("./env").read() == b"PUBLIC_HOST=robots.test\n"
         with tarfile.open(fileobj=parts.extractfile("./volumes.tar")) as volumes:
             files = {volume.name.removeprefix("./") for volume in volumes if volume.isfile()}
     assert files == set(SECRETS) - NOT_KEPT
 
 
-def test_database_that_does_not_come_back_is_no_backup(real: Path) -> None:
+def test_database_that_does_not_come_back_is_no_backup(real):
     """What the trial says is shown; old backups stay, and nothing is recorded."""
     (real / "dump").write_text("CREATE TABLE robotether.half (")
     old = real.parent / "backups" / "robotether-20200101T000000Z.tar"
     old.parent.mkdir()
     old.write_text("")
-    done = run(real, "backup", "backups", "1")
-    assert done.returncode == 1
+    done = run(real, "backup", "backups", "1", status=1)
     assert "You have an error in your SQL syntax" in done.stderr
     assert "the backup cannot be restored, see above" in done.stderr
     assert names(old.parent) == {old.name}
     assert recorded(real) == {}
 
 
-def test_database_that_comes_back_in_part_is_no_backup(checkout: Path) -> None:
-    """Both are named."""
+def test_database_that_comes_back_in_part_is_no_backup(checkout):
     (checkout / "there").write_text("18 migrations\n")
-    done = run(checkout, "backup", "backups")
-    assert done.returncode == 1
+    done = run(checkout, "backup", "backups", status=1)
     assert "of 19 migrations only 18 migrations were restored" in done.stderr
     assert names(checkout.parent / "backups") == set()
 
 
 @pytest.mark.parametrize("missing", ["secrets/web/ticket_key", ""])
-def test_backup_without_its_secrets_is_none(real: Path, missing: str) -> None:
-    """One that is missing, or all, which cannot be read."""
+def test_backup_without_its_secrets_is_none(real, missing):
     (real / "volumes" / missing).rename(real / "moved")
-    done = run(real, "backup", "backups")
-    assert done.returncode == 1
+    done = run(real, "backup", "backups", status=1)
     said = f"it lacks the secret {missing}" if missing else "cannot back up to"
     assert said in done.stderr
     assert names(real.parent / "backups") == set()
     assert recorded(real) == {}
 
 
-def test_copy_gets_the_path_and_is_recorded_once_it_succeeded(checkout: Path) -> None:
+def test_copy_gets_the_path_and_is_recorded_once_it_succeeded(checkout):
     """A copy that fails leaves the backup, which counts, and ends with an error."""
     elsewhere = checkout.parent / "else where"
     elsewhere.mkdir()
     (checkout / "copy_command").write_text("echo no route to it >&2; exit 3;")
-    failed = run(checkout, "backup", "backups")
-    assert failed.returncode == 1
+    failed = run(checkout, "backup", "backups", status=1)
     assert "no route to it\n" in failed.stderr
     assert "BACKUP_COPY_COMMAND ended with 3, see above. The backup itself is good" in failed.stderr
     assert recorded(checkout).keys() == {"made"}
     (checkout / "copy_command").write_text(f"cp --target-directory '{elsewhere}'")
-    done = run(checkout, "backup", "backups")
-    assert done.returncode == 0, done.stderr
+    run(checkout, "backup", "backups")
     [copied] = elsewhere.iterdir()
     assert copied.read_bytes() == (checkout.parent / "backups" / copied.name).read_bytes()
     assert recorded(checkout).keys() == {"made", "copied"}
@@ -193,26 +182,22 @@ def test_copy_gets_the_path_and_is_recorded_once_it_succeeded(checkout: Path) ->
     ("file", "text", "sentence"),
     [("container", "", "there is no database yet"), ("services", "web\n", "on another machine")],
 )
-def test_no_database_is_a_sentence(checkout: Path, file: str, text: str, sentence: str) -> None:
+def test_no_database_is_a_sentence(checkout, file, text, sentence):
     (checkout / file).write_text(text)
-    done = run(checkout, "backup", "backups")
-    assert done.returncode == 1
-    assert sentence in done.stderr
+    assert sentence in run(checkout, "backup", "backups", status=1).stderr
 
 
 @pytest.mark.parametrize(
     ("tool", "arguments"),
     [("backup", ()), ("backup", ("f", "0")), ("backup", ("f", "all")), ("restore", ())],
 )
-def test_wrong_arguments_are_refused(checkout: Path, tool: str, arguments: tuple[str, ...]) -> None:
+def test_wrong_arguments_are_refused(checkout, tool, arguments):
     """At least one backup stays, whatever is asked for."""
-    done = run(checkout, tool, *arguments)
-    assert done.returncode == 1
-    assert "usage is" in done.stderr
+    assert "usage is" in run(checkout, tool, *arguments, status=1).stderr
 
 
 @pytest.fixture
-def backup_file(tmp_path: Path) -> Path:
+def backup_file(tmp_path):
     """What looks like a backup, of another machine's settings."""
     parts = tmp_path / "parts"
     parts.mkdir()
@@ -223,27 +208,24 @@ def backup_file(tmp_path: Path) -> Path:
     return tmp_path / "robotether.tar"
 
 
-def test_restore_touches_no_stack_that_has_data(checkout: Path, backup_file: Path) -> None:
+def test_restore_touches_no_stack_that_has_data(checkout, backup_file):
     """Nor its settings; what removes the data, or replaces the records alone, is named."""
     (checkout / "compose" / ".env").unlink()
     (checkout / "volumes_of_lab").write_text("lab_mysql\n")
-    done = run(checkout, "restore", str(backup_file))
-    assert done.returncode == 1
+    done = run(checkout, "restore", str(backup_file), status=1)
     assert "the stack lab has data on this machine" in done.stderr
     assert not (checkout / "compose" / ".env").exists()
 
 
-def test_settings_of_now_stay(checkout: Path, backup_file: Path) -> None:
-    done = run(checkout, "restore", str(backup_file))
-    assert done.returncode == 1
+def test_settings_of_now_stay(checkout, backup_file):
+    done = run(checkout, "restore", str(backup_file), status=1)
     assert "cannot restore the secrets" in done.stderr
     assert "kept compose/.env" in done.stdout
     assert (checkout / "compose" / ".env").read_text() == "PUBLIC_HOST=robots.test\n"
 
 
-def test_other_files_are_no_backup(checkout: Path, tmp_path: Path) -> None:
+def test_other_files_are_no_backup(checkout, tmp_path):
     for content in (b"", b"-- MariaDB dump"):
         (tmp_path / "file").write_bytes(content)
-        done = run(checkout, "restore", "--database", str(tmp_path / "file"))
-        assert done.returncode == 1
+        done = run(checkout, "restore", "--database", str(tmp_path / "file"), status=1)
         assert f"cannot restore {tmp_path}/file" in done.stderr

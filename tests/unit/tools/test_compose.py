@@ -1,7 +1,5 @@
 """tools/compose --env, which other tools ask for settings: what it prints is what compose reads."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -12,7 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 
 
-def setting(checkout: Path, line: str, **environment: str) -> str:
+def setting(checkout, line, **environment):
     """What is in force with this line in compose/.env."""
     for name in ("compose", "common.sh"):
         (checkout / "tools").mkdir(exist_ok=True)
@@ -44,10 +42,9 @@ def setting(checkout: Path, line: str, **environment: str) -> str:
         ("", ""),
     ],
 )
-def test_value_is_what_compose_reads(tmp_path: Path, line: str, value: str) -> None:
-    """The documents' examples have comments behind values."""
+def test_value_is_what_compose_reads(tmp_path, line, value):
     assert setting(tmp_path, line) == value
 
 
-def test_environment_goes_before_the_file(tmp_path: Path) -> None:
+def test_environment_goes_before_the_file(tmp_path):
     assert setting(tmp_path, "DB_HOST=a", DB_HOST="b") == "b"

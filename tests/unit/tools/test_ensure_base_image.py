@@ -7,7 +7,6 @@ import os
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,13 +53,13 @@ class Machine:
 
     folder: Path
 
-    def put(self, name: str, text: str) -> None:
+    def put(self, name, text):
         path = self.folder / "bin" / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(text.format(folder=self.folder, docker=shutil.which("docker")))
         path.chmod(0o755)
 
-    def ensure(self, suite: str = SUITE) -> subprocess.CompletedProcess[str]:
+    def ensure(self, suite=SUITE):
         """Run the tool."""
         env = os.environ | {
             "PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}",
@@ -72,7 +71,7 @@ class Machine:
 
 
 @pytest.fixture
-def engine() -> Iterator[docker.DockerClient]:
+def engine():
     """A Docker that has not got the image, and has not got it afterwards."""
     client = docker.from_env()
     yield client
@@ -82,7 +81,7 @@ def engine() -> Iterator[docker.DockerClient]:
 
 
 @pytest.fixture
-def machine(tmp_path: Path) -> Machine:
+def machine(tmp_path):
     """A machine without a registry."""
     made = Machine(tmp_path)
     for name, text in (("docker", DOCKER), ("sudo", SUDO), ("apt-get", APT_GET)):
@@ -90,7 +89,7 @@ def machine(tmp_path: Path) -> Machine:
     return made
 
 
-def test_image_is_whole_or_not_there(machine: Machine, engine: docker.DockerClient) -> None:
+def test_image_is_whole_or_not_there(machine, engine):
     """What failed once is tried again, and does not count as done."""
     machine.put("mmdebstrap", BREAKS)
     done = machine.ensure()
@@ -114,9 +113,7 @@ def test_image_is_whole_or_not_there(machine: Machine, engine: docker.DockerClie
     ("digests", "pulls"),
     [("[]", False), ("[debian@{digest}]", False), ("[debian@sha256:1234]", True)],
 )
-def test_base_of_a_registry_is_the_one_of_this_commit(
-    machine: Machine, digests: str, pulls: bool
-) -> None:
+def test_base_of_a_registry_is_the_one_of_this_commit(machine, digests, pulls):
     """Renovate moves the digest; an image that was made here has none, and stays."""
     [digest] = re.findall("sha256:[0-9a-f]{64}", TOOL.read_text())
     config = json.loads((ROOT / "renovate.json").read_text())["customManagers"][0]
@@ -129,9 +126,7 @@ def test_base_of_a_registry_is_the_one_of_this_commit(
     assert (f"tag debian@{digest} debian:trixie-slim" in calls) == pulls
 
 
-def test_empty_image_of_an_earlier_failure_is_made_again(
-    machine: Machine, engine: docker.DockerClient
-) -> None:
+def test_empty_image_of_an_earlier_failure_is_made_again(machine, engine):
     """`docker import` makes one of nothing, and calls that a success."""
     subprocess.run(["docker", "import", "-", IMAGE], input=b"", check=True, capture_output=True)
     assert engine.images.get(IMAGE).attrs["Size"] == 0

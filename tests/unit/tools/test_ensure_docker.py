@@ -1,7 +1,5 @@
 """tools/ensure_docker on a machine that has Docker already, with a program in its place."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 from pathlib import Path
@@ -18,7 +16,7 @@ esac
 """
 
 
-def ensure_docker(place: Path, engine: str, compose: str) -> subprocess.CompletedProcess[str]:
+def ensure_docker(place, engine, compose):
     """Run it where Docker is of these versions."""
     (place / "docker").write_text(DOCKER)
     (place / "docker").chmod(0o755)
@@ -30,14 +28,14 @@ def ensure_docker(place: Path, engine: str, compose: str) -> subprocess.Complete
 
 
 @pytest.mark.parametrize("engine", ["26.0.0", "26.1.5+dfsg1", "29.1.3"])
-def test_docker_that_will_do_stays_as_it_is(tmp_path: Path, engine: str) -> None:
+def test_docker_that_will_do_stays_as_it_is(tmp_path, engine):
     done = ensure_docker(tmp_path, engine, "2.26.1")
     assert done.returncode == 0, done.stderr
     assert "nothing to do" in done.stdout
 
 
 @pytest.mark.parametrize("engine", ["20.10.24+dfsg1", "25.0.6"])
-def test_older_engine_is_refused(tmp_path: Path, engine: str) -> None:
+def test_older_engine_is_refused(tmp_path, engine):
     """It has no mounts of a part of a volume: the stack would fail at its start, in words of Docker's."""
     done = ensure_docker(tmp_path, engine, "v2.40.0")
     assert done.returncode == 1

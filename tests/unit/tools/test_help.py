@@ -1,7 +1,5 @@
 """Asked for help, a script says what it does, and does nothing."""
 
-from __future__ import annotations
-
 import subprocess
 from pathlib import Path
 
@@ -12,7 +10,7 @@ SCRIPTS = [path for path in TOOLS.iterdir() if path.is_file() and not path.suffi
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
-def test_help_is_the_comment_at_the_head(script: Path) -> None:
+def test_help_is_the_comment_at_the_head(script):
     asked = subprocess.run(
         [script, "--help"], check=True, timeout=20, stdout=subprocess.PIPE, text=True
     )

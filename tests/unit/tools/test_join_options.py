@@ -1,7 +1,5 @@
 """What agent/join.sh refuses to do before it looks at the machine; tests/ansible/test_join_line.py tries the rest."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
@@ -15,9 +13,7 @@ ROOT = Path(__file__).resolve().parents[3]
 SCRIPT = ROOT / "agent/join.sh"
 
 
-def run(
-    *options: str, folder: Path | None = None, programs: Path | None = None
-) -> subprocess.CompletedProcess[str]:
+def run(*options, folder=None, programs=None):
     path = os.environ["PATH"] if programs is None else f"{programs}:{os.environ['PATH']}"
     return subprocess.run(
         ["sh", str(SCRIPT), *options],
@@ -30,7 +26,7 @@ def run(
     )
 
 
-def test_no_image_holds_an_api_token() -> None:
+def test_no_image_holds_an_api_token():
     """Every card would give whoever finds it the rights of the token's user."""
     done = run("--server", "robots.example", "--token", "rt_x", "--image")
     assert done.returncode == 1
@@ -38,7 +34,7 @@ def test_no_image_holds_an_api_token() -> None:
     assert "rt_x" not in done.stderr
 
 
-def test_certificate_that_authorities_know_needs_no_fingerprint() -> None:
+def test_certificate_that_authorities_know_needs_no_fingerprint():
     """The line that the server prints then has none; what stops this run comes after the options."""
     done = run("--server", "robots.example", "--wheelhouse", "/nowhere")
     assert done.returncode == 1
@@ -50,7 +46,7 @@ def test_certificate_that_authorities_know_needs_no_fingerprint() -> None:
 @pytest.mark.parametrize(
     "value", ["a b", "a;id", "$(id)", "`id`", 'a"b', "a\\b", "a\nb", "-x", "", "a'b", "a|b", "a>b"]
 )
-def test_no_value_is_more_than_a_word(value: str) -> None:
+def test_no_value_is_more_than_a_word(value):
     """Values become lines of a file and arguments of commands that root runs."""
     done = run("--server", value)
     assert done.returncode == 1
@@ -58,7 +54,7 @@ def test_no_value_is_more_than_a_word(value: str) -> None:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="it looks at the machine as root only")
-def test_no_module_of_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
+def test_no_module_of_the_folder_that_it_is_started_in(tmp_path):
     """Root may start it where anybody can put a file."""
     (tmp_path / "bin").mkdir()
     (tmp_path / "bin/systemctl").symlink_to("/bin/true")
@@ -71,7 +67,7 @@ def test_no_module_of_the_folder_that_it_is_started_in(tmp_path: Path) -> None:
     assert not (tmp_path / "was-run").exists()
 
 
-def test_looks_at_the_machine_without_any_package() -> None:
+def test_looks_at_the_machine_without_any_package():
     """What it takes from the agent's wheel before it installs runs on a bare Python 3.10, which has no tomllib."""
     taken = re.findall(r"^from robotether_agent\S* import .*$", SCRIPT.read_text(), re.MULTILINE)
     assert taken

@@ -1,12 +1,9 @@
 """What agent/join.sh gets from the server on a network that lets nothing out but an HTTP proxy."""
 
-from __future__ import annotations
-
 import asyncio
 import os
 import ssl
 import subprocess
-from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -18,10 +15,10 @@ SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
 
 
 @pytest.fixture
-async def server() -> AsyncIterator[str]:
+async def server():
     """A server that has one file."""
 
-    async def manifest(_: web.Request) -> web.Response:
+    async def manifest(_):
         return web.Response(text="all of it")
 
     app = web.Application()
@@ -35,7 +32,7 @@ async def server() -> AsyncIterator[str]:
     await runner.cleanup()
 
 
-async def fetch(server: str, place: Path, *options: str, **environ: str) -> str:
+async def fetch(server, place, *options, **environ):
     """Let the script get the file, and return that, or its error."""
     (place / "steps.sh").write_text(SCRIPT.read_text().removesuffix('main "$@"\n'))
     step = f'set -eu; . {place}/steps.sh; CONFIG={place}/none; read_options "$@"; get /agent/manifest {place}/file'
@@ -52,7 +49,7 @@ async def fetch(server: str, place: Path, *options: str, **environ: str) -> str:
 
 
 @pytest.mark.parametrize("way", ["option", "environment"])
-async def test_server_is_asked_through_the_proxy(server: str, tmp_path: Path, way: str) -> None:
+async def test_server_is_asked_through_the_proxy(server, tmp_path, way):
     """The agent's own proxy needs no other word; else https_proxy counts, as it does for curl."""
     async with FakeProxy() as proxy:
         if way == "option":
@@ -63,7 +60,7 @@ async def test_server_is_asked_through_the_proxy(server: str, tmp_path: Path, wa
         assert proxy.asked == [server]
 
 
-async def test_proxy_gets_its_password(server: str, tmp_path: Path) -> None:
+async def test_proxy_gets_its_password(server, tmp_path):
     login = f"{USER}:{PASSWORD.replace('/', '%2F').replace('@', '%40').replace(':', '%3A')}"
     async with FakeProxy("needs_password") as proxy:
         url = proxy.url.replace("//", f"//{login}@")
@@ -72,6 +69,5 @@ async def test_proxy_gets_its_password(server: str, tmp_path: Path) -> None:
     assert "Tunnel connection failed: 407" in refused
 
 
-async def test_without_a_proxy_the_way_is_straight(server: str, tmp_path: Path) -> None:
-    """An address in no_proxy counts, too."""
+async def test_without_a_proxy_the_way_is_straight(server, tmp_path):
     assert await fetch(server, tmp_path, https_proxy="http://127.0.0.1:1") == "all of it"

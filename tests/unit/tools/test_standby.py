@@ -1,7 +1,5 @@
 """tools/standby promote, with a program in the place of Docker; tests/images has two real databases."""
 
-from __future__ import annotations
-
 import os
 import shutil
 import subprocess
@@ -25,7 +23,7 @@ esac
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path):
     """A checkout with the tool."""
     (tmp_path / "tools").mkdir()
     for name in ("standby", "common.sh"):
@@ -35,7 +33,7 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def promote(checkout: Path) -> tuple[int, str, str]:
+def promote(checkout):
     """Run the tool: how it ended, what it said, and what it asked Docker."""
     done = subprocess.run(
         ["tools/standby", "promote"],
@@ -49,7 +47,7 @@ def promote(checkout: Path) -> tuple[int, str, str]:
     return done.returncode, done.stdout + done.stderr, (checkout / "calls").read_text()
 
 
-def test_standby_takes_records_once_it_follows_no_longer(checkout: Path) -> None:
+def test_standby_takes_records_once_it_follows_no_longer(checkout):
     """What it has received is in its tables before."""
     (checkout / "runs").touch()
     code, said, asked = promote(checkout)
@@ -59,7 +57,7 @@ def test_standby_takes_records_once_it_follows_no_longer(checkout: Path) -> None
     assert places == sorted(places)
 
 
-def test_standby_that_cannot_be_asked_is_not_promoted(checkout: Path) -> None:
+def test_standby_that_cannot_be_asked_is_not_promoted(checkout):
     """It would take records while it still follows the other one."""
     code, said, asked = promote(checkout)
     assert code == 1

@@ -1,8 +1,7 @@
 """tools/up, with programs in the place of Docker and the other tools that note how they are called."""
 
-from __future__ import annotations
-
 import os
+import re
 import shutil
 import subprocess
 from pathlib import Path
@@ -25,7 +24,7 @@ DOCKER = "#!/bin/sh\ncat volumes\n"
 
 
 @pytest.fixture
-def checkout(tmp_path: Path) -> Path:
+def checkout(tmp_path):
     """A checkout with tools/up and nothing that needs Docker, before the first start."""
     tools = tmp_path / "tools"
     tools.mkdir()
@@ -47,24 +46,25 @@ def checkout(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def up(checkout: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def up(checkout, *arguments, status=0):
     """Run tools/up there."""
     environment = {"PATH": f"{checkout / 'programs'}:{os.environ['PATH']}"}
     command = ["tools/up", *arguments]
-    return subprocess.run(
+    done = subprocess.run(
         command, cwd=checkout, env=environment, check=False, capture_output=True, text=True
     )
+    assert done.returncode == status, done.stderr
+    return done
 
 
-def calls(checkout: Path) -> str:
+def calls(checkout):
     return (checkout / "calls").read_text()
 
 
-def test_first_start_makes_a_password_that_only_its_owner_reads(checkout: Path) -> None:
+def test_first_start_makes_a_password_that_only_its_owner_reads(checkout):
     """It is told now and at each later start, also in a folder of one's own that is not there yet."""
     (checkout / "env").write_text("SECRETS_DIR=../vault\n")
     first = up(checkout)
-    assert first.returncode == 0, first.stderr
     made = checkout / "vault" / "admin_password"
     assert len(made.read_text()) > 40
     assert (made.stat().st_mode & 0o777, made.parent.stat().st_mode & 0o777) == (0o600, 0o700)
@@ -74,14 +74,14 @@ def test_first_start_makes_a_password_that_only_its_owner_reads(checkout: Path) 
     )
 
 
-def test_no_password_is_told_that_admin_does_not_have(checkout: Path) -> None:
+def test_no_password_is_told_that_admin_does_not_have(checkout):
     """A stack with data has an admin, whose password a new file would not be."""
     (checkout / "volumes").write_text("robots_mysql\n")
     assert "the one that admin had before" in up(checkout).stdout
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout: Path) -> None:
+def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout):
     """Without it in this login Docker shows no volume, and the tool would tell a password that nobody has."""
     common = checkout / "tools" / "common.sh"
     common.write_text(common.read_text().replace("/var/run/docker.sock", "/nonexistent"))
@@ -94,75 +94,61 @@ def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout: P
     for name, text in programs.items():
         (checkout / "programs" / name).write_text(f"#!/bin/sh\n{text}\n")
         (checkout / "programs" / name).chmod(0o755)
-    done = up(checkout)
-    assert done.returncode == 0, done.stderr
-    assert "the one that admin had before" in done.stdout
+    assert "the one that admin had before" in up(checkout).stdout
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_cell_without_a_database_makes_no_password(checkout: Path) -> None:
+def test_cell_without_a_database_makes_no_password(checkout):
     """The site has its admin already."""
     (checkout / "database").write_text("")
-    said = up(checkout)
-    assert said.returncode == 0, said.stderr
-    assert "the one that admin has on the other machines" in said.stdout
+    assert "the one that admin has on the other machines" in up(checkout).stdout
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_demo_is_a_profile_beside_others(checkout: Path) -> None:
-    """The command ends when the demo's robots can be driven."""
+@pytest.mark.parametrize(
+    ("option", "profiles", "count"), [("--demo", "demo", 3), ("--demo-more", "demo,demo-more", 5)]
+)
+def test_demo_is_a_profile_beside_others(checkout, option, profiles, count):
     (checkout / "env").write_text("COMPOSE_PROFILES=acme\n")
-    done = up(checkout, "--demo")
-    assert done.returncode == 0, done.stderr
-    assert "[acme,demo] up --detach --wait" in calls(checkout)
-    wait = "robotether robot wait-online"
-    for robot in ("sim1", "sim2", "sim3"):
-        assert f"{wait} {robot} --timeout 60" in calls(checkout)
-    assert f"{wait} sim4" not in calls(checkout)
+    up(checkout, option)
+    assert f"[acme,{profiles}] up --detach --wait" in calls(checkout)
+    waits = re.findall(r"robotether robot wait-online (\w+) --timeout 60", calls(checkout))
+    assert waits == [f"sim{number + 1}" for number in range(count)]
 
 
-def test_demo_of_five_has_both_profiles(checkout: Path) -> None:
-    done = up(checkout, "--demo-more")
-    assert done.returncode == 0, done.stderr
-    assert "[demo,demo-more] up --detach --wait" in calls(checkout)
-    assert "robotether robot wait-online sim5 --timeout 60" in calls(checkout)
-
-
-def test_images_from_elsewhere_are_taken_as_they_are(checkout: Path) -> None:
+def test_images_from_elsewhere_are_taken_as_they_are(checkout):
     """With --no-build nothing is built or pulled, and no base image is wanted."""
-    done = up(checkout, "--no-build")
-    assert done.returncode == 0, done.stderr
+    up(checkout, "--no-build")
     assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
     assert "ensure_base_image" not in calls(checkout)
     assert "build default" not in calls(checkout)
 
 
-def test_images_are_built_as_they_are_for_a_registry(checkout: Path) -> None:
+def test_images_are_built_as_they_are_for_a_registry(checkout):
     """By tools/build, so that they have their labels; the simulator's for those who have it started."""
-    assert up(checkout).returncode == 0
+    up(checkout)
     assert calls(checkout).index("ensure_base_image") < calls(checkout).index("build default")
     assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
     (checkout / "services").write_text("sim1\n")
-    assert up(checkout).returncode == 0
+    up(checkout)
     assert "build demo" in calls(checkout)
 
 
-def test_nothing_waits_for_an_authority(checkout: Path) -> None:
+def test_nothing_waits_for_an_authority(checkout):
     """The service acme is started when all others are healthy."""
     (checkout / "services").write_text("acme\n")
     (checkout / "env").write_text("DOMAIN=robots.example.org\n")
-    assert up(checkout).returncode == 0
+    up(checkout)
     first, last = [line for line in calls(checkout).splitlines() if line.startswith("up ")]
     assert first == "up --detach --wait --no-build --pull never secrets web mysql"
     assert last == "up --detach --no-deps --no-build --pull never acme"
 
 
 @pytest.mark.parametrize("service", ["settings", "certificate", "secrets"])
-def test_what_cannot_be_used_stops_the_start(checkout: Path, service: str) -> None:
+def test_what_cannot_be_used_stops_the_start(checkout, service):
     """The service that tries it runs alone, before anything is replaced."""
     (checkout / f"{service}_status").write_text("1")
-    done = up(checkout)
-    assert done.returncode == 1
+    done = up(checkout, status=1)
     assert "nothing was started or changed" in done.stderr
     assert "up --detach" not in calls(checkout)
 
@@ -171,20 +157,19 @@ def test_what_cannot_be_used_stops_the_start(checkout: Path, service: str) -> No
     ("service", "setting"),
     [("acme", "DOMAIN=robots.example.org"), ("direct", "DIRECT_SOURCES=192.0.2.0/24")],
 )
-def test_setting_and_its_service_go_together(checkout: Path, service: str, setting: str) -> None:
+def test_setting_and_its_service_go_together(checkout, service, setting):
     """One alone is told before anything is started; a service of before is taken away with its setting."""
     (checkout / "env").write_text(f"{setting}\n")
-    done = up(checkout)
-    assert done.returncode == 1
+    done = up(checkout, status=1)
     assert f"cannot start: {setting.partition('=')[0]} is set and the service {service} is off" in (
         done.stderr
     )
     assert "up --detach" not in calls(checkout)
     (checkout / "env").unlink()
-    assert up(checkout).returncode == 0
+    up(checkout)
     assert f"--profile {service} rm --stop --force {service}" in calls(checkout)
 
 
-def test_address_has_the_port_of_outside(checkout: Path) -> None:
+def test_address_has_the_port_of_outside(checkout):
     (checkout / "env").write_text("PUBLIC_HOST=robots.example\nHTTPS_PORT=443\nPUBLIC_PORT=8443\n")
     assert "open      https://robots.example:8443/\n" in up(checkout).stdout
