@@ -58,7 +58,6 @@ def test_drives_of_a_robot_are_found_by_all_its_names(database, admin_database):
 
 
 def test_drives_of_a_removed_user_are_not_shown_to_the_next_of_that_name(database, admin_database):
-    """Admins see them still."""
     add_drive(admin_database, "b", "ben", fence=1)
     with database.transaction() as tx:
         users.remove(tx, users.get(tx, "ben").id)
@@ -89,7 +88,6 @@ def test_frame_rate_is_that_of_the_time_with_a_video(database, admin_database):
 
 
 def test_one_drive_is_for_who_may_see_it(database, admin_database):
-    """Another's looks as one that there never was."""
     own = add_drive(admin_database, "b", "ann", fence=1)
     other = add_drive(admin_database, "b", "ben", fence=2)
     with database.transaction() as tx:

@@ -5,7 +5,7 @@ import datetime as dt
 import pytest
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import cells, credentials, fleet, robots, users
+from robotether_server.db import audit, cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     FormerSessions,
@@ -76,20 +76,19 @@ def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypat
 
 
 def test_the_snapshot_has_shell_keys_and_key_requests(database, relay_database, sim1):
-    with relay_database.transaction() as tx:
-        before = fleet.load(tx).robots[sim1]
-    assert (before.shell_port, before.fingerprint, before.previous_fingerprint) == (None,) * 3
-    assert before.rotate_key is False
+    def facts():
+        with relay_database.transaction() as tx:
+            robot = fleet.load(tx).robots[sim1]
+        fingerprints = (robot.fingerprint, robot.previous_fingerprint)
+        return (robot.shell_port, *fingerprints, robot.rotate_key)
+
+    assert facts() == (None, None, None, False)
     with database.transaction() as tx:
         tx.change(
             "UPDATE robots SET shell = TRUE, public_key = 'k', fingerprint = 'SHA256:b',"
             " previous_fingerprint = 'SHA256:a', rotate_requested_at = CURRENT_TIMESTAMP(6)"
         )
-    with relay_database.transaction() as tx:
-        after = fleet.load(tx).robots[sim1]
-    assert after.shell_port is not None
-    assert (after.fingerprint, after.previous_fingerprint) == ("SHA256:b", "SHA256:a")
-    assert after.rotate_key is True
+    assert facts() == (24000, "SHA256:b", "SHA256:a", True)
 
 
 @pytest.mark.parametrize(
@@ -110,7 +109,6 @@ def test_the_snapshot_has_shell_keys_and_key_requests(database, relay_database, 
     ],
 )
 def test_every_change_of_rights_shows(database, relay_database, sim1, change):
-    """The text for rights differs after each, and equals the one that a snapshot has."""
     with relay_database.transaction() as tx:
         before = fleet.changes(tx)
     with database.transaction() as tx:
@@ -152,7 +150,6 @@ def test_credentials_change_without_the_rights(database, relay_database, sim1, c
 
 
 def test_credentials_tell_their_users(database, relay_database, sim1):
-    """Login and token of the same call find who they belong to; unknown and old ones do not."""
     with database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
         login = credential_of("login", credentials.create_login(tx, ann, "", HOUR))
@@ -178,8 +175,7 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     assert (row["started_at"], row["ended_at"]) == (NOON, NOON + HOUR)
     assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
     assert len(row["agent_version"]) == fleet.MAX_VERSION
-    assert row["ros_exposed"]
-    assert (row["cell"], row["epoch"]) == ("a", 2**53)
+    assert (row["cell"], row["epoch"], row["ros_exposed"]) == ("a", 2**53, True)
 
 
 def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1):
@@ -202,7 +198,6 @@ def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, adm
 
 
 def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
-    """Among other entries each new session finds its own row."""
     sessions = [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")]
     entries = [FormerSessions(NOON - HOUR), sessions[0], AuditEntry(NOON, "ann", "x"), sessions[1]]
     with relay_database.transaction() as tx:
@@ -213,7 +208,6 @@ def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
 
 
 def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):
-    """A former relay's open rows get an end; those of this one stay open."""
     with relay_database.transaction() as tx:
         fleet.write(tx, [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + 2 * HOUR, "")])
         fleet.write(tx, [FormerSessions(before=NOON + HOUR)])
@@ -239,10 +233,8 @@ def test_an_audit_line_is_written_whole(database, relay_database, sim1):
     with relay_database.transaction() as tx:
         fleet.write(tx, [entry])
     with database.transaction() as tx:
-        (row,) = tx.rows("SELECT at, actor, kind, robot, address, details FROM audit_events")
-    assert (row["at"], row["actor"], row["kind"]) == (NOON, "ann", "drive_ended")
-    assert (row["robot"], row["address"]) == ("sim1", "203.0.113.9")
-    assert row["details"] == '{"end_code": "client_left"}'
+        (event,) = audit.find(tx)
+    assert vars(entry).items() <= vars(event).items()
 
 
 def test_call_for_help_is_an_open_request(database, relay_database, sim1):
@@ -269,13 +261,11 @@ def test_call_for_help_is_an_open_request(database, relay_database, sim1):
 
 
 def test_a_session_of_a_robot_that_is_gone_is_refused(relay_database, sim1):
-    """The problem is one that trying again does not help."""
     with pytest.raises(RecordRefusedError), relay_database.transaction() as tx:
         fleet.write(tx, [SessionEntry(999_999, NOON, "")])
 
 
 def test_a_robot_has_its_settings_and_site(database, relay_database, sim1):
-    """What is given differs from the defaults; the rest is theirs."""
     with database.transaction() as tx:
         site = tx.insert("INSERT INTO sites (name) VALUES ('lab')")
         tx.change(

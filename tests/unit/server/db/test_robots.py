@@ -1,7 +1,6 @@
 """Robots and their keys in the real database."""
 
 import datetime as dt
-import threading
 
 import pytest
 from allotment import mac, pair_owners
@@ -21,12 +20,10 @@ from robotether_server.problems import (
 
 MAC = "00:1b:44:11:3a:b7"
 KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
-OTHER_KEY = PublicKey("ssh-ed25519 BBBB", "SHA256:b")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
 def test_mac_is_written_in_one_spelling_on_update(database):
-    """Plain SQL may use every usual spelling."""
     with database.transaction() as tx:
         robots.add(tx, "02:00:00:00:00:01", "a")
         for spelling in ("001b.4411.3ab7", "0-1B-44-11-3A-B7"):
@@ -125,7 +122,6 @@ def test_ports_that_cannot_be_are_refused(database):
 
 
 def test_moved_ports_free_the_old_pair(database, admin_database):
-    """An UPDATE of ports moves the robot; NULL asks for a new pair."""
     with database.transaction() as tx:
         robot_id = robots.add(tx, MAC, "a")
         tx.change("UPDATE robots SET ros_port = 20010, video_port = 20011")
@@ -229,84 +225,6 @@ def test_only_old_unknown_robots_are_removed(database, admin_database):
         names = {seen.robot.name for seen in seen_robots.list_all(tx)}
     assert names == {"announced", "known", "granted", "new"}
     assert ids["old"] not in pair_owners(admin_database).values()
-
-
-def test_removed_robot_takes_its_grants_and_frees_its_ports(database, admin_database):
-    """Its MAC and its name may be given again."""
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-        give(tx, users.add(tx, "ann", "x", "user"), robot_id, "drive")
-        robots.remove(tx, robot_id)
-        assert tx.rows("SELECT * FROM grants") == []
-        assert robots.find_by_mac(tx, MAC) is None
-    assert pair_owners(admin_database) == {}
-    with database.transaction() as tx:
-        assert robots.add(tx, MAC, "a") != robot_id
-
-
-@pytest.fixture
-def robot(database):
-    with database.transaction() as tx:
-        robots.set_key(tx, robots.add(tx, MAC, "sim1"), KEY, REPORT)
-        return robots.get(tx, "sim1")
-
-
-def test_claim_waits_under_its_robots_present_name(database, robot):
-    with database.transaction() as tx:
-        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
-        robots.rename(tx, robot.id, "turtle1")
-        (claim,) = robots.list_claims(tx)
-        assert robots.find_claim(tx, OTHER_KEY.fingerprint) == claim
-        assert robots.find_claim(tx, KEY.fingerprint) is None
-        with pytest.raises(RecordExistsError):
-            robots.add_claim(tx, robot, OTHER_KEY, REPORT)
-    assert (claim.robot, claim.robot_id, claim.mac) == ("turtle1", robot.id, MAC)
-    assert (claim.key, claim.report, claim.is_rejected) == (OTHER_KEY, REPORT, False)
-
-
-def test_claim_goes_with_its_robot_and_a_rejected_key_stays(database, robot):
-    """It keeps the name that its robot had."""
-    with database.transaction() as tx:
-        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
-        robots.add_rejected_key(tx, robot, "root")
-        robots.remove(tx, robot.id)
-        assert robots.list_claims(tx) == []
-        (rejected,) = robots.list_rejected_keys(tx)
-        assert robots.get_rejected_key(tx, rejected.id) == rejected
-    assert (rejected.robot, rejected.rejected_by, rejected.key) == ("sim1", "root", KEY)
-    assert rejected.is_rejected
-
-
-def test_only_old_claims_are_removed(database, robot):
-    """Rejected keys are remembered for good."""
-    now = dt.datetime.now(dt.UTC)
-    with database.transaction() as tx:
-        robots.add_rejected_key(tx, robot, "root")
-        robots.add_claim(tx, robot, OTHER_KEY, REPORT)
-        robots.remove_old_claims(tx, now - dt.timedelta(hours=1))
-        assert len(robots.list_claims(tx)) == 1
-        robots.remove_old_claims(tx, now + dt.timedelta(hours=1))
-        assert (len(robots.list_claims(tx)), len(robots.list_rejected_keys(tx))) == (0, 1)
-
-
-def test_second_one_waits_for_the_firsts_commit(database):
-    seen = []
-
-    def count():
-        with database.transaction() as tx:
-            robots.lock_enrolment(tx)
-            seen.append(len(tx.rows("SELECT * FROM robots")))
-
-    second = threading.Thread(target=count)
-    with database.transaction() as tx:
-        robots.lock_enrolment(tx)
-        robots.lock_enrolment(tx)
-        second.start()
-        tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'a')")
-        second.join(0.3)
-        assert seen == []
-    second.join(20)
-    assert seen == [1]
 
 
 def test_who_waits_too_long_is_told_to_try_again(database, monkeypatch):

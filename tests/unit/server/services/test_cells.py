@@ -44,7 +44,6 @@ def test_cell_is_drained_and_resumed(database):
 
 
 def test_last_cell_in_service_is_not_drained(database, admin_database):
-    """Its robots would have nowhere to go."""
     with database.transaction() as tx:
         cell_service.drain(tx, ADMIN, "a")
     with database.transaction() as tx, pytest.raises(NotPossibleError, match="nowhere to go"):
@@ -92,7 +91,6 @@ def test_removed_cell_leaves_nothing_open(database, relay_database, admin_databa
 
 
 def test_unknown_cell_is_said_so(database):
-    """A name that was mistyped changes nothing."""
     for service in (cell_service.drain, cell_service.resume, cell_service.remove):
         with database.transaction() as tx, pytest.raises(RecordMissingError, match="no such cell"):
             service(tx, ADMIN, "c")

@@ -56,7 +56,6 @@ def test_each_change_of_a_collection_is_in_the_log_once(site, collection, member
 
 
 def test_missing_member_and_invalid_name_are_refused(site):
-    """The sentence says what is wrong."""
     with site.database.transaction() as tx:
         grants.add_collection(tx, ADMIN, GROUPS, "crew")
         with pytest.raises(

@@ -2,6 +2,7 @@
 
 import pytest
 from joins import MAC, OTHER_KEY, OTHER_MAC, age
+from robotether_server.db import robots
 from robotether_server.db.audit import Source
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordMissingError
@@ -18,11 +19,12 @@ def test_waiting_keys_of_both_kinds_stand_oldest_first(site):
     site.ask(key=OTHER_KEY)
     with site.database.transaction() as tx:
         age(tx, 1)
+        robots.rename(tx, robots.get(tx, "sim1").id, "turtle1")
     name = site.ask(OTHER_MAC, THIRD_KEY).robot
     with site.database.transaction() as tx:
         found = pending.waiting(tx)
     assert [(item.robot, item.mac, item.fingerprint, item.reason) for item in found] == [
-        ("sim1", MAC, "SHA256:b", "mac_in_use"),
+        ("turtle1", MAC, "SHA256:b", "mac_in_use"),
         (name, OTHER_MAC, "SHA256:c", "approval_pending"),
     ]
     assert {(item.hostname, item.address, item.agent_version) for item in found} == {

@@ -63,7 +63,6 @@ def test_what_is_no_key_is_refused(site, signer):
 
 
 def test_a_user_has_so_many_keys_at_most(site, signer, monkeypatch):
-    """Each is a line that sshd is told at a log-in."""
     monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
     with site.database.transaction() as tx, pytest.raises(NotPossibleError, match="delete one"):
         ssh_keys.add(tx, ANN, users.get(tx, "ann"), "desk", signer.line)

@@ -16,7 +16,7 @@ from robotether_server.problems import (
 )
 from robotether_server.services import ssh_keys, tokens
 
-ANN = Source("ann")
+ANN, ADMIN = Source("ann"), Source("root")
 
 
 def test_token_works_until_it_is_deleted(site):
@@ -60,7 +60,6 @@ def test_what_a_token_made_goes_with_it(site):
 
 
 def test_wrong_or_taken_name_is_refused(site):
-    """A user's tokens have different names."""
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
         tokens.create(tx, ANN, ann, "ci", None)
@@ -71,7 +70,6 @@ def test_wrong_or_taken_name_is_refused(site):
 
 
 def test_nobody_fills_the_table(site, monkeypatch):
-    """Each user has a bound of their own."""
     monkeypatch.setattr(tokens, "MAX_TOKENS", 1)
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
@@ -79,9 +77,6 @@ def test_nobody_fills_the_table(site, monkeypatch):
         with pytest.raises(NotPossibleError, match="user ann has 1"):
             tokens.create(tx, ANN, ann, "second", None)
         tokens.create(tx, ANN, users.get(tx, "root"), "first", None)
-
-
-ADMIN = Source("root")
 
 
 def hours(count):
@@ -94,6 +89,10 @@ def test_token_is_made_listed_and_deleted(site):
         text = tokens.create_join_token(tx, ADMIN, "lab", 10000, hours(8760))
         (token,) = join_tokens.list_all(tx)
         assert (token.name, token.uses, token.created_by) == ("lab", 10000, "root")
+        assert text.startswith("rj_")
+        assert text not in repr(tx.rows("SELECT * FROM join_tokens"))
+        with pytest.raises(RecordExistsError, match="join token lab"):
+            tokens.create_join_token(tx, ADMIN, "lab", 1, hours(1))
         assert tokens.delete_join_token(tx, ADMIN, token.id) == token
         with pytest.raises(RecordMissingError):
             tokens.delete_join_token(tx, ADMIN, token.id)

@@ -70,7 +70,6 @@ def test_new_password_log_out_and_disabling_end_logins(site):
 
 
 def test_role_and_state_change_once(site):
-    """Asking for what is so already leaves no line."""
     with site.database.transaction() as tx:
         for _ in range(2):
             assert user_service.set_role(tx, ADMIN, "ann", "admin").role == "admin"
@@ -104,7 +103,6 @@ def test_last_admin_stays(site, action):
 
 
 def test_two_admins_who_remove_each_other_are_not_both_heard(site):
-    """One of them is left."""
     with site.database.transaction() as tx:
         user_service.set_role(tx, ADMIN, "ann", "admin")
     together = threading.Barrier(2)
