@@ -40,11 +40,8 @@ def test_events_are_a_file_too(root, events):
     answer = root.ask("GET", f"/audit?format=csv&before={events[0]['id']}&robot=sim1")
     assert answer.content_type == "text/csv; charset=utf-8"
     (row,) = csv.DictReader(io.StringIO(answer.text))
-    assert (row["id"], row["robot"], row["kind"]) == (
-        str(events[2]["id"]),
-        "sim1",
-        events[2]["kind"],
-    )
+    shown = {"id": str(events[2]["id"]), "robot": "sim1", "kind": events[2]["kind"]}
+    assert shown.items() <= row.items()
     assert json.loads(row["details"]) == events[2]["details"]
     assert root.refused("GET", "/audit?format=pdf") == (422, "field_invalid")
 
@@ -98,6 +95,7 @@ STEPS = (
     ("PUT", "/groups/crew/members/zoe", None, "group_member_added"),
     ("POST", "/sites", {"name": "lab"}, "site_added"),
     ("PATCH", "/robots/sim2", {"site": "lab"}, "robot_site_set"),
+    ("PATCH", "/robots/sim2", {"site": None}, "robot_site_set"),
     ("PATCH", "/robots/sim2", {"name": "sim9"}, "robot_renamed"),
     ("PATCH", "/robots/sim9", {"mac": "00:1b:44:11:3a:b9"}, "robot_mac_set"),
     ("PATCH", "/robots/sim9", {"state": "disabled"}, "robot_disabled"),

@@ -1,13 +1,24 @@
 """Who asks: logins and tokens that hold, and everything else that does not."""
 
+from api_visitor import in_person
 from robotether_server.api import auth
 from robotether_server.db import credentials
 from robotether_server.relay.auth.access import LOGIN_COOKIE
 from robotether_server.tickets import TicketSigner
 from web_visitor import Browser, audit_kinds, bearer
 
+TICKET = {"robot": "sim1", "mode": "drive"}
 IN_PATHS = {"robot": "sim1", "user": "root", "group": "crew", "site": "lab"}
-METHODS = {"get", "post", "put", "patch", "delete"}
+IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id"), "1")
+
+
+def for_admins(program):
+    """Method and path of everything that the description tags so, with names that exist."""
+    paths = program.ask("GET", "/api/v1/openapi.json").json["paths"]
+    for path, item in paths.items():
+        for method in {"get", "post", "put", "patch", "delete"} & set(item):
+            if "admin" in item[method].get("tags", []):
+                yield method.upper(), path.format(**IN_PATHS).removeprefix("/api/v1")
 
 
 def test_token_tells_who_asks(program, database):
@@ -20,11 +31,15 @@ def test_token_tells_who_asks(program, database):
 
 
 def test_token_that_does_not_hold_is_refused(browser):
-    """A token that is not valid is rejected even beside a valid login."""
     browser.log_in("ann")
     for header in ("Bearer rt_nobodys", "Bearer", "Basic YTpi", ""):
         answer = browser.ask("GET", "/api/v1/me", headers={"Authorization": header})
         assert (answer.status_code, answer.json["code"]) == (401, "token_invalid"), header
+
+
+def test_removed_user_is_out(root, ann):
+    assert root.ask("DELETE", "/users/ann").status_code == 204
+    assert ann.refused("GET", "/me") == (401, "token_invalid")
 
 
 def test_login_tells_who_asks(browser):
@@ -40,22 +55,20 @@ def test_login_tells_who_asks(browser):
 
 def test_a_ticket_names_the_login_that_asked_for_it(browser):
     """What it opens ends when this browser logs out, and not when another one does."""
-    browser.log_in("ann")
-    body, headers = {"robot": "sim1", "mode": "drive"}, {"X-CSRFToken": browser.csrf_of("/")}
-    answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=headers)
+    answer = in_person(browser, "ann").ask("POST", "/tickets", TICKET)
     ticket, _ = TicketSigner("t" * 32, 30).verify(answer.json["ticket"])
     cookie = browser.client.get_cookie("__Host-robotether_login", "robots.example")
     sha256 = credentials.digest(cookie.value).hex()
     assert (ticket.credential, ticket.credential_sha256) == ("login", sha256)
 
 
-def age(admin_database, hours, total_hours=0):
-    """Have so much time pass since the last use of all logins, and since they were made."""
+def age(admin_database, hours):
+    """Have so much time pass since all logins were made, and last used."""
     with admin_database.transaction() as tx:
         tx.change(
-            "UPDATE logins SET expires_at = expires_at - INTERVAL %s SECOND, "
-            "created_at = created_at - INTERVAL %s SECOND",
-            (hours * 3600, (total_hours or hours) * 3600),
+            "UPDATE logins SET expires_at = expires_at - INTERVAL %(s)s SECOND, "
+            "created_at = created_at - INTERVAL %(s)s SECOND",
+            {"s": hours * 3600},
         )
 
 
@@ -70,35 +83,19 @@ def test_login_that_nobody_uses_ends(browser, admin_database):
 
 def test_a_page_that_nobody_touches_keeps_no_login(browser, admin_database):
     """It gets tickets by itself, as often as its connections are cut."""
-    browser.log_in("ann")
-    body, headers = {"robot": "sim1", "mode": "drive"}, {"X-CSRFToken": browser.csrf_of("/")}
+    ann = in_person(browser, "ann")
     for status in (201, 401):
         age(admin_database, 2.1)
-        answer = browser.ask("POST", "/api/v1/tickets", json=body, headers=headers)
-        assert answer.status_code == status
+        assert ann.ask("POST", "/tickets", TICKET).status_code == status
 
 
 def test_login_ends_however_much_it_is_used(browser, admin_database):
-    """A login ends after LOGIN_TTL_H."""
     browser.log_in("ann")
     for _ in range(11):
         age(admin_database, 1)
         assert browser.ask("GET", "/api/v1/me").status_code == 200
     age(admin_database, 1.1)
     assert browser.ask("GET", "/api/v1/me").status_code == 401
-
-
-IN_PATHS |= dict.fromkeys(("token_id", "key_id", "grant_id"), "1")
-
-
-def for_admins(program):
-    """Method and path of everything that the description tags so, with names that exist."""
-    paths = program.ask("GET", "/api/v1/openapi.json").json["paths"]
-    for path, item in paths.items():
-        for method in METHODS & set(item):
-            if "admin" in item[method].get("tags", []):
-                real = path.format(**IN_PATHS)
-                yield method.upper(), real.removeprefix("/api/v1")
 
 
 def test_others_are_refused_before_anything_is_looked_at(program, ann, database):
@@ -118,10 +115,8 @@ def test_login_changes_nothing_without_the_pages_token(app, program):
         answer = browser.ask(method, f"/api/v1{path}", json={"rubbish": 1})
         if method != "GET":
             assert (answer.status_code, answer.json["code"]) == (403, "csrf_refused"), path
-    headers = {"X-CSRFToken": browser.csrf_of("/")}
-    body = {"level": "observe"}
-    answer = browser.ask("PUT", "/api/v1/grants/ann/sim2", json=body, headers=headers)
-    assert answer.status_code == 200
+    root = in_person(browser, "root")
+    assert root.ask("PUT", "/grants/ann/sim2", {"level": "observe"}).status_code == 200
 
 
 def test_join_token_opens_nothing_but_enrolment(program, root, site_certificate):

@@ -18,7 +18,6 @@ def drives(root, ann, admin_database):
 
 @pytest.mark.usefixtures("drives")
 def test_each_filter_reaches_the_search(root):
-    """The list and both files have the same drives."""
     for query, found in (
         ("fence=13&since=2026-01-31T12:00:00Z", 2),
         ("robot=sim1", 1),
@@ -34,9 +33,8 @@ def test_each_filter_reaches_the_search(root):
         lines = root.ask("GET", f"/drives?{query}&format=jsonl").text.splitlines()
         assert [json.loads(line) for line in lines] == listed
         text = root.ask("GET", f"/drives?{query}&format=csv").text
-        assert [float(row["distance_m"]) for row in csv.DictReader(io.StringIO(text))] == [
-            12.34
-        ] * found
+        rows = csv.DictReader(io.StringIO(text))
+        assert [float(row["distance_m"]) for row in rows] == [12.34] * found
 
 
 def test_one_drive_is_a_file(root, ann, drives):

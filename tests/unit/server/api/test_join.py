@@ -26,19 +26,13 @@ def robot():
     return RobotSigner()
 
 
-def test_rotated_key_is_active_at_once(program, database):
-    old, new = (RobotSigner() for _ in range(2))
-    program.ask("POST", "/api/v1/join", json=old.join(MAC))
+def activate(database, name="robot-006101"):
     with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
-    signature = old.sign("robotether-rotation", f"{MAC} {new.key.line}\n")
-    previous = {"fingerprint": old.key.fingerprint, "signature": signature}
-    for _ in range(2):
-        body = new.join(MAC, previous_key=previous)
-        answer = program.ask("POST", "/api/v1/join", json=body)
-        assert (answer.status_code, answer.json["state"]) == (200, "active")
-    answer = program.ask("POST", "/api/v1/join", json=old.join(MAC))
-    assert answer.json["code"] == "mac_in_use"
+        robots.set_state(tx, robots.get(tx, name).id, "active")
+
+
+def join(program, robot, **said):
+    return program.ask("POST", "/api/v1/join", json=robot.join(MAC, **said))
 
 
 @pytest.mark.parametrize(
@@ -68,14 +62,12 @@ def test_robot_that_is_in_needs_no_proof(program, database, robot):
     """An agent that is older than the server goes on asking where its tunnel goes."""
     body = robot.join(MAC)
     program.ask("POST", "/api/v1/join", json=body)
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
+    activate(database)
     del body["signature"]
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 200
 
 
 def test_null_is_as_good_as_nothing(program, robot):
-    """Null is accepted for every field that may be missing."""
     nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
     answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | nothing)
     assert answer.status_code == 202
@@ -83,9 +75,8 @@ def test_null_is_as_good_as_nothing(program, robot):
 
 def test_joins_at_once_leave_threads_to_others(program, database, robot):
     """Unknown robots wait for each other in four threads; one that is in waits for none of them."""
-    program.ask("POST", "/api/v1/join", json=robot.join(MAC))
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
+    join(program, robot)
+    activate(database)
     body = RobotSigner().join("00:1b:44:11:3a:b7")
     with ExitStack() as held:
         for _ in range(MAX_AT_ONCE):
@@ -93,7 +84,7 @@ def test_joins_at_once_leave_threads_to_others(program, database, robot):
         refused = program.ask("POST", "/api/v1/join", json=body)
         assert (refused.status_code, refused.json["code"]) == (429, "throttled")
         assert refused.headers["Retry-After"] == "1"
-        assert program.ask("POST", "/api/v1/join", json=robot.join(MAC)).status_code == 200
+        assert join(program, robot).status_code == 200
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
@@ -119,32 +110,25 @@ def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_datab
         for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
             cell = cell_settings(name, f"{name}.example", region=region)
             cells.write_heartbeat(tx, cell, robots=count, started_at=dt.datetime.now(dt.UTC))
-    waiting = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
-    assert "ssh" not in waiting
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, waiting["robot"]).id, "active")
-    joined = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
-    # The doctor of a robot that waits asks so, and no cell is anybody's business.
-    ssh = {name: value for name, value in joined["ssh"].items() if name != "cells"}
-    assert program.ask("GET", "/api/v1/ssh").json == {"ssh": ssh}
-    body = {"mac": MAC, "public_key": robot.line}
-    admin = bearer(database, "root")
-    registered = program.ask(
-        "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
-    ).json
-    for answer in (joined, registered):
-        first, *others = answer["ssh"]["cells"]
+    assert "ssh" not in join(program, robot).json
+    activate(database)
+    body, admin = {"mac": MAC, "public_key": robot.line}, bearer(database, "root")
+
+    def cells_of_both():
+        registered = program.ask("PUT", "/api/v1/robots/robot-006101", json=body, headers=admin)
+        return [answer.json["ssh"]["cells"] for answer in (join(program, robot), registered)]
+
+    for first, *others in cells_of_both():
         assert first == {"host": "b.example", "ports": [2222, 443]}
         assert {item["host"] for item in others} == {"a.example", "c.example"}
+    # The doctor of a robot that waits asks so, and no cell is anybody's business.
+    ssh = join(program, robot).json["ssh"]
+    del ssh["cells"]
+    assert program.ask("GET", "/api/v1/ssh").json == {"ssh": ssh}
     with database.transaction() as tx:
-        robots.set_settings(tx, robots.get(tx, waiting["robot"]).id, {"region": "eu"})
-    joined = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json
-    registered = program.ask(
-        "PUT", f"/api/v1/robots/{waiting['robot']}", json=body, headers=admin
-    ).json
-    for answer in (joined, registered):
-        hosts = [item["host"] for item in answer["ssh"]["cells"]]
-        assert hosts == ["a.example", "c.example", "b.example"]
+        robots.set_settings(tx, robots.get(tx, "robot-006101").id, {"region": "eu"})
+    for items in cells_of_both():
+        assert [item["host"] for item in items] == ["a.example", "c.example", "b.example"]
 
 
 def refused(database):
@@ -161,7 +145,7 @@ def test_a_refused_join_is_kept_until_it_is_let_in(program, database, robot):
     assert (found.code, "cannot accept the join token" in found.detail) == ("token_invalid", True)
     with database.transaction() as tx:
         assert audit.find(tx) == []
-    assert program.ask("POST", "/api/v1/join", json=robot.join(MAC)).status_code == 202
+    assert join(program, robot).status_code == 202
     assert refused(database) == []
 
 
@@ -181,20 +165,18 @@ def test_refused_joins_of_one_network_push_out_its_own_alone(database, robot):
 def test_a_robot_that_refuses_the_host_key_is_shown_as_such(
     program, database, relay_database, robot
 ):
-    name = program.ask("POST", "/api/v1/join", json=robot.join(MAC)).json["robot"]
-    with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, name).id, "active")
+    join(program, robot)
+    activate(database)
     versions = []
     for said, code, other_key in (
         ({}, [], None),
         ({"host_key_refused": True}, ["host_key_changed"], "host_key"),
         ({}, [], None),
     ):
-        assert program.ask("POST", "/api/v1/join", json=robot.join(MAC, **said)).status_code == 200
+        assert join(program, robot, **said).status_code == 200
         assert [item.code for item in refused(database)] == code
         with relay_database.transaction() as tx:
             snapshot = fleet.load(tx)
-        (seen,) = [item for item in snapshot.robots.values() if item.name == name]
-        assert seen.other_key == other_key
+        assert snapshot.by_name["robot-006101"].other_key == other_key
         versions.append(snapshot.rights)
     assert versions[0] == versions[2] != versions[1]

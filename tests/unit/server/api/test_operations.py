@@ -17,7 +17,6 @@ class Answer(Struct):
 
 
 def test_moments_are_texts_of_whole_seconds():
-    """What else an answer has stays as it is."""
     moment = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
     assert plain([Answer(moment, {"a": [None, 1.5]})]) == [
         {"at": "2026-01-01T12:03:00Z", "settings": {"a": [None, 1.5]}}
@@ -46,7 +45,6 @@ def test_body_that_is_not_sent_as_json_is_refused(root, kind):
 
 
 def test_query_has_each_name_once(root):
-    """A name that is unknown or stands twice is refused."""
     assert root.get("/audit?limit=1")["events"] == []
     for wrong in ("most=1", "limit=1&limit=2"):
         assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")

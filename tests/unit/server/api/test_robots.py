@@ -1,13 +1,10 @@
 """Robots through the API: as users see them, and as admins change them and their keys."""
 
-from api_visitor import new_public_key
+import pytest
+from api_visitor import Program, new_public_key
 from robot_signer import RobotSigner
 
 MAC = "00:1b:44:11:3a:b7"
-
-
-def registration(**changes):
-    return {"mac": MAC, "public_key": new_public_key(), "hostname": "turtle"} | changes
 
 
 def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(ann, root, admin_database):
@@ -34,34 +31,31 @@ def test_driver_and_stop_are_told_to_whoever_may_see_the_robot(ann, root, admin_
 
 
 def test_state_may_be_what_it_is(root):
-    """A program that says it twice means the same."""
-    root.ask("PUT", "/robots/turtle", registration())
+    root.ask("PUT", "/robots/turtle", {"mac": MAC, "public_key": new_public_key()})
     for state in ("disabled", "disabled", "active", "active"):
         answer = root.ask("PATCH", "/robots/turtle", {"state": state})
         assert (answer.status_code, answer.json["state"]) == (200, state)
 
 
-def test_join_token_enrols_and_is_told_no_more_than_a_user(program, root, site_certificate):
+@pytest.mark.usefixtures("site_certificate")
+def test_join_token_enrols_and_is_told_no_more_than_a_user(program, root):
     """Asking again uses nothing up; the token's bearer is no admin."""
     made = root.ask("POST", "/join-tokens", {"name": "one", "uses": 1, "hours": 1}).json
-    headers = {"Authorization": f"Bearer {made['token']}"}
+    bearer = Program(program, {"Authorization": f"Bearer {made['token']}"})
     robot = RobotSigner()
-    body = registration(public_key=robot.line)
-    for shown, refusal in (({}, (401, "login_missing")), (headers, (403, "key_unproven"))):
-        answer = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=shown)
-        assert (answer.status_code, answer.json["code"]) == refusal
+    body = {"mac": MAC, "public_key": robot.line}
+    nobody = Program(program, {})
+    assert nobody.refused("PUT", "/robots/turtle", body) == (401, "login_missing")
+    assert bearer.refused("PUT", "/robots/turtle", body) == (403, "key_unproven")
     body["signature"] = robot.proof(MAC)
     for status in (201, 200):
-        answer = program.ask("PUT", "/api/v1/robots/turtle", json=body, headers=headers)
-        assert answer.status_code == status, answer.text
-        assert answer.json["level"] is None
-        assert not {"fingerprint", "address", "join_address", "driver", "stopped"} & set(
-            answer.json
-        )
+        answer = bearer.ask("PUT", "/robots/turtle", body)
+        assert (answer.status_code, answer.json["level"]) == (status, None)
+        hidden = {"fingerprint", "address", "join_address", "driver", "stopped"}
+        assert hidden.isdisjoint(answer.json)
     robot, mac = RobotSigner(), "00:1b:44:11:3a:b8"
-    other = registration(mac=mac, public_key=robot.line, signature=robot.proof(mac))
-    answer = program.ask("PUT", "/api/v1/robots/other", json=other, headers=headers)
-    assert (answer.status_code, answer.json["code"]) == (401, "token_used_up")
+    other = {"mac": mac, "public_key": robot.line, "signature": robot.proof(mac)}
+    assert bearer.refused("PUT", "/robots/other", other) == (401, "token_used_up")
 
 
 def test_only_managers_may(ann):

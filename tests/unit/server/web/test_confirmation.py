@@ -72,7 +72,6 @@ def test_question_names_what_it_affects_and_how_to_undo_it(admin):
 
 
 def test_an_action_is_done_and_told_once(admin, database):
-    """The next page has the message, the one after has not."""
     answer = send(admin, "/admin/robots/sim1/disable")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")
     assert "Robot sim1 is disabled." in admin.ask("GET", "/admin/robots/sim1").text
@@ -83,9 +82,6 @@ def test_an_action_is_done_and_told_once(admin, database):
 def test_names_are_no_templates(admin, database):
     """Braces in what people and robots call things stay what they are."""
     send(admin, "/profile/tokens", name="{token.id}{0}")
-    path = (
-        "/profile/tokens/"
-        + admin.ask("GET", "/profile").text.split("/profile/tokens/")[1].split('"')[0]
-    )
+    [path] = re.findall(r'/profile/tokens/[^"]+', admin.ask("GET", "/profile").text)
     assert "Delete API token {token.id}{0}?" in admin.ask("GET", path).text
     assert send(admin, path).status_code == 303

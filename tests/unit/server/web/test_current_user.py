@@ -15,14 +15,13 @@ def test_nobody_is_sent_to_log_in_and_back(app, browser):
 
 
 def test_a_user_who_is_no_admin_may_not(app, browser):
-    """The page says so with 403, and still leads on."""
     browser.log_in("ann")
     for path in paths(app, "/admin", "GET"):
         answer = browser.ask("GET", path)
         assert answer.status_code == 403, path
         assert "This page is for administrators." in answer.text
-    assert 'href="/profile"' in answer.text
-    assert 'href="/admin/robots"' not in answer.text
+    assert "menu-profile" in answer.text
+    assert "menu-admin" not in answer.text
 
 
 def test_a_users_forms_are_refused_too(app, browser):
@@ -49,7 +48,6 @@ def test_every_form_has_a_page_at_its_path(web_settings):
 
 
 def test_what_was_searched_survives_the_login(browser):
-    """The whole address comes back, with its query."""
     sent = browser.ask("GET", "/admin/robots?q=a%20b&state=online")
     back = browser.log_in("root", onward="/admin/robots?q=a%20b&state=online")
     assert sent.location == "/login?next=/admin/robots%3Fq%3Da%2520b%26state%3Donline"
@@ -57,16 +55,7 @@ def test_what_was_searched_survives_the_login(browser):
 
 
 def test_admins_see_everywhere_how_many_wait(browser, program):
-    """The badge stands beside the menu's Admin; users have neither."""
     assert join(program, "02:00:00:00:51:77", 1).status_code == 202
     browser.log_in("root")
     for path in ("/", "/admin/robots", "/profile"):
         assert "1 awaiting approval" in browser.ask("GET", path).text
-
-
-def test_users_have_no_menu_for_admins(browser):
-    browser.log_in("ann")
-    page = browser.ask("GET", "/").text
-    assert "menu-admin" not in page
-    assert "menu-profile" in page
-    assert '<a href="/docs/howto/driving/" data-testid="menu-docs">' in page

@@ -31,7 +31,6 @@ def test_text_that_no_column_holds_is_refused(value):
 
 @pytest.mark.parametrize("value", ["a b", "-x-", "Lift"])
 def test_name_of_a_robot_fits_an_address(value):
-    """The refusal says what such a name may have."""
     assert given("lift-7", lambda: forms.robot_name("x", "Name")) == "lift-7"
     with pytest.raises(FieldInvalidError, match="cannot use Name: use a-z"):
         given(value, lambda: forms.robot_name("x", "Name"))

@@ -7,10 +7,10 @@ from html import unescape
 
 import pytest
 import tls_front
-from admin_visitor import fingerprint, join, send
+from admin_visitor import send
 from relay_server import cell_settings
 from robot_signer import RobotSigner
-from robotether_server.db import cells, join_tokens, robots
+from robotether_server.db import cells, join_tokens
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.install_line import SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
@@ -32,6 +32,11 @@ def site_certificate(app, tmp_path):
 def names(database):
     with database.transaction() as tx:
         return [token.name.rpartition(" ")[0] for token in join_tokens.list_all(tx)]
+
+
+def live_of(page):
+    """Where the page asks who has come."""
+    return page.split('data-live="')[1].split('"')[0]
 
 
 def words_of(page):
@@ -59,8 +64,7 @@ def test_the_line_is_shown_once(admin, database):
     assert token.startswith("rj_")
     assert f'data-testid="join-token">{token}<' in answer.text
     assert token not in str(answer.headers)
-    live = answer.text.split('data-live="')[1].split('"')[0]
-    for path in (live, "/admin/add-robot"):
+    for path in (live_of(answer.text), "/admin/add-robot"):
         page = admin.ask("GET", path).text
         assert token not in page
         assert "1 of 1" in page
@@ -81,7 +85,7 @@ def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database
     form = FORM | {"name": "lift", "site": "lab", "group": "crew", "region": "eu"}
     page = send(admin, "/admin/join-tokens", **form).text
     assert "at site lab, in region eu" in page
-    live = page.split('data-live="')[1].split('"')[0]
+    live = live_of(page)
     assert 'data-testid="waits"' in admin.ask("GET", live).text
     assert arrives(program, words_of(page)) == "lift"
     page = admin.ask("GET", live).text
@@ -96,7 +100,6 @@ def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database
 
 
 def test_a_site_that_cannot_tell_its_certificate_makes_no_token(admin, database):
-    """The form comes back, filled in, with the reason."""
     answer = send(admin, "/admin/join-tokens", **(FORM | {"name": "lift"}))
     assert (answer.status_code, 'value="lift"' in answer.text) == (503, True)
     assert "certificate" in answer.text
@@ -132,22 +135,7 @@ def test_a_token_is_revoked_after_a_question(admin, database):
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
 
 
-def test_an_approved_robot_is_led_to(admin, program):
-    """The page leads to the robot that approval leads back to."""
-    join(program, "02:00:00:00:51:01", 1)
-    form = {"robot": "sim1", "fingerprint": fingerprint(1), "name": "sim1"}
-    onward = str(send(admin, "/admin/pending", **form).location)
-    assert 'data-testid="arrived-sim1"' in admin.ask("GET", onward.partition("#")[0]).text
-
-
-def test_a_robot_is_announced(admin, database):
-    """Its page follows, and its row is there; a local MAC may be allowed by a box."""
-    answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
-    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
-    assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
-    with database.transaction() as tx:
-        assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
-    assert ("robot_added", "root", "198.51.100.7") in audit_kinds(database)
+def test_a_local_mac_may_be_allowed_by_a_box(admin):
     vm = {"name": "vm", "mac": "06:00:00:00:00:01"}
     assert send(admin, "/admin/add-robot", **vm).status_code == 422
     assert send(admin, "/admin/add-robot", local_mac="yes", **vm).status_code == 303

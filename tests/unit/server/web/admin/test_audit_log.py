@@ -9,7 +9,7 @@ from robotether_server.db.audit import Source
 from robotether_server.web.filters import PER_PAGE
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def _events(database):
     """Events of two actors, more than a page has."""
     with database.transaction() as tx:
@@ -18,7 +18,6 @@ def _events(database):
             audit.record(tx, Source("ann"), "counted", "sim2", number=number)
 
 
-@pytest.mark.usefixtures("_events")
 def test_events_are_found(admin):
     for query in ("robot=sim1", "actor=zoe", "kind=grant_given"):
         page = admin.ask("GET", f"/admin/audit?{query}").text
@@ -28,7 +27,6 @@ def test_events_are_found(admin):
         assert json.loads(line)["details"] == {"user": "olga"}
 
 
-@pytest.mark.usefixtures("_events")
 def test_older_pages_go_on_where_the_newer_ended(admin):
     page = admin.ask("GET", "/admin/audit?robot=sim2").text
     assert page.count("number: ") == PER_PAGE

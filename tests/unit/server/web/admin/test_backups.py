@@ -19,7 +19,6 @@ def said(app, admin, tmp_path):
 
 
 def test_ages_are_of_the_backup_and_of_its_copy(said):
-    """Without a copy there is none."""
     now = int(time.time())
     page = said(made=now - 7200)
     assert "</time>, 2 h 0 min ago" in page
@@ -27,12 +26,7 @@ def test_ages_are_of_the_backup_and_of_its_copy(said):
     assert "</time>, 26 h 0 min ago" in said(copied=now - 93600)
 
 
-def test_none_and_unknown_are_said(said):
-    """They are not the same."""
+def test_none_unknown_and_a_clock_that_was_set_back_are_told_apart(said):
     assert "No backup has been made on this machine yet." in said()
     assert "is not known here" in said("missing")
-
-
-def test_clock_that_was_set_back_gives_no_age(said):
-    """A backup of the future is not new."""
     assert "in the future by this machine's clock" in said(made=int(time.time()) + 3600)

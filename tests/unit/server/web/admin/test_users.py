@@ -4,7 +4,6 @@ import re
 
 import pytest
 from admin_visitor import send
-from robotether_server.db import users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 
@@ -28,13 +27,9 @@ def test_a_password_that_was_made_is_shown_once_and_works(app, admin):
     assert zoe.log_in("zoe", shown[1]).status_code == 303
 
 
-def test_a_password_that_was_typed_is_not_shown(admin, database):
-    """The user's page follows."""
+def test_a_password_that_was_typed_is_not_shown(admin):
     answer = send(admin, "/admin/users", name="zoe", role="admin", password="typed by an admin")
     assert (answer.status_code, answer.location) == (303, "/admin/users/zoe")
-    with database.transaction() as tx:
-        assert users.get(tx, "zoe").role == "admin"
-    assert ("user_added", "root", "198.51.100.7") in audit_kinds(database)
 
 
 def test_a_wrong_form_comes_back(admin):
@@ -50,12 +45,7 @@ def test_a_wrong_form_comes_back(admin):
         assert "short" not in answer.text
 
 
-def is_in(visitor):
-    return visitor.ask("GET", "/").status_code == 200
-
-
 def test_each_action_is_done_and_audited(admin, database):
-    """Each leads back to the user's page; a user who is gone has none."""
     actions = (
         ("role", {"role": "admin"}, "user_role_set"),
         ("disable", {}, "user_disabled"),
@@ -75,7 +65,7 @@ def test_a_new_password_is_made_and_shown(admin, ann):
     """The old one holds no more, nor do logins made with it."""
     answer = send(admin, "/admin/users/ann/password", password="")
     shown = re.search(r'data-testid="secret">([^<]+)<', answer.text)
-    assert not is_in(ann)
+    assert ann.ask("GET", "/").status_code == 302
     assert ann.log_in("ann", PASSWORD).status_code == 401
     assert ann.log_in("ann", shown[1]).status_code == 303
 
@@ -102,7 +92,6 @@ def test_what_an_admin_leaves_behind_is_said(admin):
     ],
 )
 def test_ticked_users_are_changed_after_one_question(*, admin, database, action, form, kind, asked):
-    """The question names each; one who is not there changes nothing."""
     send(admin, "/admin/groups", name="crew")
     path = f"/admin/selected-users/{action}"
     question = admin.ask("GET", path, query_string={"user": ["ann", "olga"], **form}).text

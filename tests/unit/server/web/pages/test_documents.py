@@ -34,7 +34,6 @@ def test_a_page_is_found_by_its_folder(program, site):
 
 @pytest.mark.usefixtures("site")
 def test_its_scripts_run_by_its_own_policy(program):
-    """All other headers are those of any page."""
     _, headers = read(program, "/docs/")
     assert headers["Content-Security-Policy"] == POLICY
     assert headers["X-Content-Type-Options"] == "nosniff"

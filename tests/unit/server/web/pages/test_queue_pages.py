@@ -46,7 +46,6 @@ def test_only_who_may_drive_can_ask_for_help(visitors):
 
 
 def test_wall_names_only_robots_that_its_user_may_see(visitors):
-    """With the level, which decides whether a press drives."""
     for level, robots in (
         ("observe", {"sim1": "observe"}),
         ("drive", {"sim1": "drive"}),

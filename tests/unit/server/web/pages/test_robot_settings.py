@@ -1,6 +1,7 @@
 """The tabs of a robot's settings."""
 
 import html
+import json
 import math
 import re
 
@@ -24,15 +25,15 @@ FORMS = (SETTINGS, CAMERAS, DRIVING, PERMISSIONS, HELP)
 OF_ADMINS = (SETTINGS, PERMISSIONS, HELP, f"{SETTINGS}/defaults")
 CHANGES = {
     SETTINGS: {"guard.deadman_ms": "300"},
-    CAMERAS: {"page.fps": "10"},
+    CAMERAS: {"page.fps": "7,5"},
     DRIVING: {"page.kind": "holonomic"},
-    PERMISSIONS: {"policy.limits.message_kb": "64"},
+    PERMISSIONS: {"policy.drive.call": " /arm/*\r\n\r\n/lamp ", "policy.observe.subscribe": ""},
     HELP: {"help.geofence": "0 0\r\n9,5 0\r\n9.5 9"},
 }
 CHANGED = {
     "guard": {"deadman_ms": 300},
-    "page": {"fps": 10, "kind": "holonomic"},
-    "policy": {"limits": {"message_kb": 64}},
+    "page": {"fps": 7.5, "kind": "holonomic"},
+    "policy": {"drive": {"call": ["/arm/*", "/lamp"]}, "observe": {"subscribe": []}},
     "help": {"geofence": [[0, 0], [9.5, 0], [9.5, 9]]},
 }
 
@@ -74,7 +75,6 @@ def test_manager_has_the_tabs_of_managers(manager, database):
 
 
 def test_only_managers_have_the_forms(browser, manager):
-    """Ann may drive sim1 and not see sim2; may manages sim1."""
     browser.log_in("ann")
     for path in (
         *FORMS,
@@ -94,15 +94,6 @@ def test_old_address_leads_to_the_new_one(admin, ann):
     assert ann.ask("GET", old).status_code == 403
 
 
-def test_nothing_changed_is_nothing_kept(admin, database):
-    """What is in force is sent back as it is, and not even the log has it."""
-    for path in FORMS:
-        answer = send(admin, path, **filled(admin, path))
-        assert (answer.status_code, answer.location) == (303, path)
-    assert all_kept(database) == {}
-    assert audited(database, "robot_settings_set") == audited(database, "robot_page_set") == []
-
-
 @pytest.mark.parametrize("order", [FORMS, FORMS[::-1]], ids=["forth", "back"])
 def test_a_tab_saves_its_own_settings(admin, database, order):
     """However old its form is: what others saved meanwhile stays, whichever of two is saved first."""
@@ -110,9 +101,12 @@ def test_a_tab_saves_its_own_settings(admin, database, order):
     for path in order:
         assert send(admin, path, **opened[path]).status_code == 303
     assert all_kept(database) == CHANGED
+    # What is in force is sent back as it is, and not even the log has it.
     for path in FORMS:
         assert send(admin, path, **filled(admin, path)).status_code == 303
     assert all_kept(database) == CHANGED
+    changes = [audited(database, kind) for kind in ("robot_settings_set", "robot_page_set")]
+    assert [len(events) for events in changes] == [3, 2]
 
 
 def test_a_tab_saves_only_what_was_changed_in_it(admin, database):
@@ -137,61 +131,6 @@ def test_a_tab_saves_only_what_was_changed_in_it(admin, database):
     assert kept(database, "guard") == guard
 
 
-def test_admin_sets_safety_and_permissions(admin, database):
-    """The shell user stays; the robot's page names them; the log has what they were."""
-    send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
-    safety = {"guard.max_speed_m_s": "0,5", "guard.deadman_ms": "300"}
-    send(admin, SETTINGS, **filled(admin, SETTINGS) | safety)
-    permissions = {"policy.drive.call": " /arm/*\r\n\r\n/lamp ", "policy.observe.subscribe": ""}
-    send(admin, PERMISSIONS, **filled(admin, PERMISSIONS) | permissions)
-    guard = {"max_speed_m_s": 0.5, "deadman_ms": 300}
-    policy = {"drive": {"call": ["/arm/*", "/lamp"]}, "observe": {"subscribe": []}}
-    assert all_kept(database) == {"shell_user": "pi", "guard": guard, "policy": policy}
-    page = admin.ask("GET", "/admin/robots/sim1").text
-    for text in ("Robot&#39;s limit (m/s)", "0.5", "/arm/*, /lamp", "Observers: Subscribe to"):
-        assert text in page
-    assert filled(admin, SETTINGS)["guard.max_speed_m_s"] == "0.5"
-    newest, first, _ = audited(database, "robot_settings_set")
-    set_first = {"shell_user": "pi", "guard": guard}
-    assert first == ("root", {"was": {"shell_user": "pi"}, "settings": set_first})
-    assert newest == ("root", {"was": set_first, "settings": set_first | {"policy": policy}})
-
-
-def test_manager_sets_cameras_and_driving(manager, database):
-    cameras = filled(manager, CAMERAS) | {
-        "page.quality_max": "60",
-        "page.fps": "7,5",
-        "topic": ["", "/rear/image_raw"],
-        "name": ["", "Rear"],
-        "turned_deg": ["0", "180"],
-    }
-    driving = filled(manager, DRIVING) | {
-        "page.kind": "ackermann",
-        "page.wheelbase_m": "0.32",
-        "page.drive_topic": "/cmd_vel",
-        "page.drive_type": "geometry_msgs/TwistStamped",
-    }
-    assert send(manager, CAMERAS, **cameras).location == CAMERAS
-    assert send(manager, DRIVING, **driving).location == DRIVING
-    page = {
-        "kind": "ackermann",
-        "wheelbase_m": 0.32,
-        "drive_topic": "/cmd_vel",
-        "drive_type": "geometry_msgs/TwistStamped",
-        "quality_max": 60,
-        "fps": 7.5,
-        "cameras": [{"topic": "/rear/image_raw", "name": "Rear", "turned_deg": 180}],
-    }
-    assert kept(database, "page") == page
-    (_, newest), (actor, first) = audited(database, "robot_page_set")
-    assert (actor, first["was"], newest["page"]) == ("may", None, page)
-    assert filled(manager, CAMERAS)["topic"] == ["/rear/image_raw", "", ""]
-    for path in (CAMERAS, DRIVING):
-        assert send(manager, path, **filled(manager, path)).status_code == 303
-    assert kept(database, "page") == page
-    assert len(audited(database, "robot_page_set")) == 2
-
-
 def test_holding_is_switched_off_only_by_its_box(manager, database):
     """An empty number is a mistake; without the box driving goes on whatever the picture."""
     form = filled(manager, DRIVING)
@@ -210,19 +149,15 @@ def test_holding_is_switched_off_only_by_its_box(manager, database):
 
 
 WRONG = (
-    (SETTINGS, "guard.deadman_ms", "100", "Enter a whole number from 200 to 2000."),
     (SETTINGS, "guard.deadman_ms", "", "Enter a whole number from 200 to 2000."),
     (SETTINGS, "guard.deadman_ms", "1,000", "Enter a whole number from 200 to 2000."),
     (SETTINGS, "guard.max_speed_m_s", "0;5", "Enter a number from 0.001 to 100, or leave it empty."),
     (SETTINGS, "guard.drive_topics", "", "It must name at least one topic."),
     (SETTINGS, "guard.drive_topics", "cmd_vel", "'cmd_vel' is no full name"),
-    (PERMISSIONS, "policy.drive.publish", "/a\n/b c", "'/b c' is no full name"),
-    (CAMERAS, "page.fps", "", "Enter a number from 0.1 to 60."),
     (CAMERAS, "page.quality_min", "90", "90 is over the highest quality"),
     (CAMERAS, "page.width", "640", "Give width and height, or neither."),
     (DRIVING, "page.drive_topic", "/wheels", "an admin adds it to guard.drive_topics"),
     (DRIVING, "page.kind", "tank", "Choose one of ackermann, differential, holonomic."),
-    (DRIVING, "page.drive_type", "geometry_msgs/Pose", "Enter one of ackermann_msgs/"),
 )  # fmt: skip
 
 
@@ -247,7 +182,6 @@ def filled_is(page, field, text):
 
 
 def test_angles_are_typed_in_degrees_and_kept_in_radians(admin, database):
-    """What is saved unchanged keeps all its digits, and a bound is named in degrees."""
     write(database, '{"guard": {"max_turn_rad_s": 1.23456789}}')
     form = filled(admin, SETTINGS)
     assert form["guard.max_turn_rad_s"] == "70.736"
@@ -256,10 +190,8 @@ def test_angles_are_typed_in_degrees_and_kept_in_radians(admin, database):
     guard = all_kept(database)["guard"]
     assert guard == {"max_turn_rad_s": 1.23456789, "max_steering_rad": math.pi / 4}
     page = send(admin, SETTINGS, **form | {"guard.max_turn_rad_s": "9999"}).text
-    assert (
-        wrong(page)["guard.max_turn_rad_s"]
-        == "Enter a number from 0.058 to 5729, or leave it empty."
-    )
+    said = wrong(page)["guard.max_turn_rad_s"]
+    assert said == "Enter a number from 0.058 to 5729, or leave it empty."
 
 
 def test_wrong_camera_is_said_at_its_row(manager, database):
@@ -303,16 +235,10 @@ def test_field_that_is_missing_means_nothing(admin, database):
 
 
 def test_defaults_come_back_after_a_question(admin, database):
-    """Safety and permissions get their defaults; other settings stay."""
-    send(admin, "/admin/robots/sim1/shell-user", shell_user="pi")
-    for path in FORMS:
-        send(admin, path, **filled(admin, path) | CHANGES[path])
+    write(database, json.dumps({"shell_user": "pi", **CHANGED}))
     defaults = f"{SETTINGS}/defaults"
-    for path in (SETTINGS, PERMISSIONS):
-        assert f'href="{defaults}"' in admin.ask("GET", path).text
-    question = admin.ask("GET", defaults).text
-    assert "the audit log keeps what they were" in question
     # A robot from before that limit has none until then.
+    question = admin.ask("GET", defaults).text
     assert "the slower it drives (0.25 m and 30 degrees unseen)" in question
     assert all_kept(database) == {"shell_user": "pi", **CHANGED}
     assert send(admin, defaults).location == SETTINGS

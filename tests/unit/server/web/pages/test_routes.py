@@ -1,18 +1,10 @@
-"""The page of routes, and the same by the API."""
+"""The page of routes; the API's are in transcripts/test_rest.py."""
 
 import pytest
-from api_visitor import program_of
 from granted import give
 from robotether_server.db import robots, users
 
 TWIST = "geometry_msgs/msg/Twist"
-BODY = {
-    "source": "sim1",
-    "source_topic": "/cmd_vel",
-    "target": "sim2",
-    "target_topic": "cmd_vel",
-    "type": TWIST,
-}
 
 
 @pytest.fixture
@@ -26,14 +18,8 @@ def both(manager, database):
 
 
 def sent(browser, start, end, **more):
-    form = {
-        "csrf_token": browser.csrf_of("/routes"),
-        "from": start,
-        "to": end,
-        "rate_hz": "20",
-        **more,
-    }
-    return browser.ask("POST", "/routes", data=form, follow_redirects=True)
+    form = {"csrf_token": browser.csrf_of("/routes"), "from": start, "to": end, "rate_hz": "20"}
+    return browser.ask("POST", "/routes", data=form | more, follow_redirects=True)
 
 
 def test_the_form_makes_a_route_and_the_list_removes_it(both):
@@ -63,20 +49,3 @@ def test_types_that_differ_are_refused(both):
 
 def test_who_manages_one_robot_is_offered_no_route(manager):
     assert "You need two robots" in manager.ask("GET", "/routes").text
-
-
-def test_the_api_makes_lists_and_removes(both, program, database):
-    may, ann = (program_of(program, database, name) for name in ("may", "ann"))
-    made = may.ask("POST", "/routes", BODY)
-    assert made.status_code == 201
-    assert (made.json["target_topic"], made.json["rate_hz"], made.json["made_by"]) == (
-        "/cmd_vel",
-        20,
-        "may",
-    )
-    assert may.get("/routes")["routes"] == [made.json]
-    assert ann.get("/routes")["routes"] == []
-    assert ann.refused("POST", "/routes", BODY) == (403, "grant_missing")
-    path = f"/routes/{made.json['id']}"
-    assert ann.refused("DELETE", path) == (404, "record_missing")
-    assert may.ask("DELETE", path).status_code == 204
