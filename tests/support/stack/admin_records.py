@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -61,9 +60,3 @@ def events(database: Database) -> list[tuple[str, str, str]]:
 
 def kinds(database: Database) -> list[str]:
     return [kind for _, kind, _ in events(database)]
-
-
-def details_of(database: Database, kind: str) -> list[dict[str, object]]:
-    with database.transaction() as tx:
-        rows = tx.rows("SELECT details FROM audit_events WHERE kind = %s ORDER BY id", (kind,))
-    return [json.loads(row["details"]) for row in rows]

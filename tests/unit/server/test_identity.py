@@ -59,7 +59,6 @@ def test_usual_spellings_become_one(text):
     ],
 )
 def test_anything_else_is_refused(text):
-    """The sentence names the field and shows how to write it."""
     with pytest.raises(FieldInvalidError, match=r"cannot use mac .* write it as 00:1b:44:11:3a:b7"):
         normalise_mac(text)
 
@@ -77,16 +76,11 @@ def test_macs_of_no_single_robot_are_refused(text):
     "text", ["02:42:ac:11:00:02", "0242.ac11.0002", "2:42:ac:11:0:2", "fe0000000001"]
 )
 def test_macs_that_machines_give_themselves_are_refused_unless_allowed(text):
-    """The sentence says how an admin lets one in."""
     with pytest.raises(FieldInvalidError, match=r"locally administered.*--allow-local-mac"):
         normalise_mac(text, allow_local=False)
     with pytest.raises(FieldInvalidError, match="locally administered"):
         check_universal_mac(normalise_mac(text))
-
-
-@pytest.mark.parametrize("text", ["00:1b:44:11:3a:b7", "b8:27:eb:00:00:01"])
-def test_macs_of_makers_pass(text):
-    assert normalise_mac(text, allow_local=False) == text
+    assert normalise_mac("00:1b:44:11:3a:b7", allow_local=False) == "00:1b:44:11:3a:b7"
 
 
 def make_key(folder, kind, bits):
@@ -142,7 +136,6 @@ def test_keys_of_security_keys_are_peoples(tmp_path):
 
 
 def test_short_rsa_key_is_refused(tmp_path):
-    """The sentence says how many bits it needs; 2048 are enough."""
     parse_persons_key(make_key(tmp_path, "rsa", 2048)[0])
     with pytest.raises(FieldInvalidError, match="2048 bits or more, this has 1024"):
         parse_persons_key(f"ssh-rsa {wire(b'ssh-rsa', b'!', bytes(1) + bytes([255]) * 128)}")
@@ -176,24 +169,14 @@ def test_what_is_no_plain_key_is_refused(ed25519, change):
 
 @given(st.binary(max_size=120), st.sampled_from(["ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256"]))
 def test_rubbish_is_refused_with_a_problem(blob, kind):
-    """No bytes from outside raise anything else."""
     with pytest.raises(FieldInvalidError):
         parse_persons_key(f"{kind} {base64.b64encode(blob).decode()}")
 
 
-@pytest.fixture
-def signer():
-    return RobotSigner()
-
-
-def test_signature_of_the_key_holds(signer):
-    signature = signer.sign(NAMESPACE, MESSAGE)
-    assert signature_holds(signer.key, NAMESPACE, MESSAGE, signature)
-
-
-def test_any_other_signature_does_not(signer):
-    stranger = RobotSigner()
+def test_only_the_keys_own_signature_holds():
+    signer, stranger = RobotSigner(), RobotSigner()
     good = signer.sign(NAMESPACE, MESSAGE)
+    assert signature_holds(signer.key, NAMESPACE, MESSAGE, good)
     for wrong in (
         signer.sign(NAMESPACE, MESSAGE.strip()),
         signer.sign("file", MESSAGE),

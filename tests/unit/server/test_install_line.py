@@ -49,7 +49,6 @@ def test_known_certificate_is_left_to_the_authorities():
 
 
 def test_token_is_one_word_whatever_it_is():
-    """The shell sees it as one argument."""
     certificates = KnownCertificate("a", 443, is_known=True)
     line = enrolment_lines(certificates, "", "rj_$(reboot) '; x").install
     assert shlex.split(line)[-1] == "rj_$(reboot) '; x"
@@ -84,10 +83,8 @@ def test_an_address_that_is_the_robot_itself_is_warned_of(asked):
     "asked", ["robots.example", "10.0.0.1:8443", "[2001:db8::1]", "localhost.example"]
 )
 def test_other_addresses_are_not_warned_of(asked):
-    """Nobody knows here what a robot's network reaches."""
-    assert (
-        enrolment_lines(KnownCertificate(None, 443, is_known=False), asked, "rj_abc").warning == ""
-    )
+    here = KnownCertificate(None, 443, is_known=False)
+    assert enrolment_lines(here, asked, "rj_abc").warning == ""
 
 
 def test_each_way_has_its_line():
@@ -116,14 +113,12 @@ def test_each_way_has_its_line():
 )
 def test_public_host_and_port_win(host, port, authority):
     """An admin who works from inside still gets the line for robots outside."""
-    assert (
-        site_of(SiteAddressSettings(host, port, ("nginx", 8443)), "10.0.0.1").authority == authority
-    )
+    settings = SiteAddressSettings(host, port, ("nginx", 8443))
+    assert site_of(settings, "10.0.0.1").authority == authority
 
 
 @pytest.mark.parametrize("text", ["robots.example", "robots.example:8443", "[::1]:444", "10.0.0.1"])
 def test_sites_are_read_as_they_are_written(text):
-    """What the header Host has is what the line has."""
     assert parse_site_address(text).authority == text
 
 
@@ -180,7 +175,6 @@ def test_certificate_is_kept_for_a_minute(shown):
 
 
 def test_many_names_do_not_fill_the_memory(shown):
-    """The name comes from outside."""
     certificates = certificates_of(shown)
     for number in range(MAX_CACHED + 2):
         certificates.certificate(f"host{number}.example")

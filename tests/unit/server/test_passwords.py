@@ -9,11 +9,12 @@ from robotether_server.problems import FieldInvalidError, ThrottledError
 
 
 def test_right_password_matches_and_wrong_does_not():
-    """The hash is argon2id."""
     hashed = passwords.hash_password("correct horse battery")
     assert hashed.startswith("$argon2id$")
     assert passwords.matches("correct horse battery", hashed)
     assert not passwords.matches("correct horse batterz", hashed)
+    # A row that somebody wrote by hand does not let anybody in, nor fail the page.
+    assert not passwords.matches("anything", "plain text")
 
 
 def test_nobody_has_no_password(monkeypatch):
@@ -51,11 +52,6 @@ def test_a_burst_of_logins_leaves_threads_to_others(monkeypatch):
     assert passwords.matches("anything", "a hash")
 
 
-def test_damaged_hash_matches_nothing():
-    """A row that somebody wrote by hand does not let anybody in, nor fail the page."""
-    assert not passwords.matches("anything", "plain text")
-
-
 @pytest.mark.parametrize(
     ("password", "bound"),
     [("", "at least 12"), ("x" * 11, "at least 12"), ("x" * 1025, "at most 1024")],
@@ -66,7 +62,6 @@ def test_length_has_bounds(password, bound):
 
 
 def test_new_passwords_are_allowed_and_differ():
-    """What is generated passes its own rule."""
     made = {passwords.new_password() for _ in range(20)}
     assert len(made) == 20
     assert all(len(password) >= passwords.MIN_LENGTH for password in made)
@@ -95,11 +90,9 @@ def test_common_password_is_refused(password):
         passwords.hash_password(password)
 
 
-@pytest.mark.parametrize(
-    "password", ["correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d"]
-)
-def test_other_password_is_taken(password):
-    assert passwords.matches(password, passwords.hash_password(password))
+def test_other_password_is_taken():
+    others = ("correct horse battery", "tr0ub4dor&3xyz", "passwords I made", "9f3c1e0b7a2d")
+    assert [password for password in others if passwords.is_common(password)] == []
 
 
 def test_longest_password_is_judged_quickly():

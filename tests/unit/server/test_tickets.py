@@ -26,7 +26,6 @@ def sign_as_contract_says(fields):
 
 
 def test_ticket_comes_back_with_its_moment():
-    """Every field is the same, and the moment is aware and of now."""
     ticket, issued_at = SIGNER.verify(SIGNER.sign(TICKET))
     assert ticket == TICKET
     assert abs(dt.datetime.now(dt.UTC) - issued_at) < dt.timedelta(seconds=3)
@@ -99,7 +98,6 @@ def test_ticket_with_other_fields_is_malformed(fields):
 
 @given(st.text(max_size=200))
 def test_rubbish_is_refused_with_a_problem(text):
-    """No text from outside raises anything else."""
     with pytest.raises(TicketError):
         SIGNER.verify(text)
 

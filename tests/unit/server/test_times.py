@@ -46,7 +46,6 @@ def test_what_is_no_moment_is_refused_with_its_field(text):
 
 
 def test_day_begins_and_ends_in_utc():
-    """Its last second is still in it."""
     first = times.day_or_timestamp("d", "2026-01-31", is_end=False)
     last = times.day_or_timestamp("d", "2026-01-31", is_end=True)
     assert (first, last) == (NOON.replace(hour=0), NOON.replace(hour=23, minute=59, second=59))
@@ -66,7 +65,6 @@ def test_what_is_no_day_is_refused(text):
     [(dt.timedelta(seconds=-1), "has passed"), (dt.timedelta(days=3661), "ten years")],
 )
 def test_end_must_be_to_come_and_not_too_far(wait, why):
-    """What lies between is taken."""
     now = dt.datetime.now(dt.UTC)
     times.check_end("ends_at", now + dt.timedelta(minutes=1))
     times.check_end("ends_at", now + dt.timedelta(days=3659))

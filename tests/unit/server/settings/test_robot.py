@@ -13,21 +13,10 @@ from robotether_server.settings.robot import DEFAULTS, get_path, parse
 
 DOCUMENT = Path(__file__).resolve().parents[4] / "docs" / "reference" / "robot-settings.md"
 BUTTONS_POLICY = {"drive": {"publish": ["/lights"], "call": ["/dock"]}}
-NAMES = [
-    "page",
-    "buttons",
-    "cameras",
-    "kind",
-    "fps",
-    "guard",
-    "policy",
-    "shell_user",
-    "drive",
-    "limits",
-    "deadman_ms",
-    "publish",
-    "x",
-]
+NAMES = (
+    *("page", "buttons", "cameras", "kind", "fps", "guard", "policy"),
+    *("shell_user", "drive", "limits", "deadman_ms", "publish", "x"),
+)
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(),
     lambda inner: (
@@ -72,12 +61,10 @@ def test_settings_name_only_what_differs():
 
 
 def test_what_equals_the_default_is_not_kept():
-    """A form that sends everything leaves nothing behind."""
     assert parse(DEFAULTS.as_dict()).as_given() == {}
 
 
 def test_settings_can_be_compared_and_be_keys():
-    """The relay sees by it whether anything changed."""
     first, other = parse({"guard": {"deadman_ms": 400}}), parse({"guard": {"deadman_ms": 400.0}})
     assert first == other
     assert hash(first) == hash(other)
@@ -86,12 +73,8 @@ def test_settings_can_be_compared_and_be_keys():
 
 def test_only_drivers_have_the_drive_topics():
     """An observer's level never includes them, whatever the settings."""
-    policy = DEFAULTS.policy
-    assert [policy.of(level).drives for level in ("observe", "drive", "manage")] == [
-        False,
-        True,
-        True,
-    ]
+    levels = [DEFAULTS.policy.of(level) for level in ("observe", "drive", "manage")]
+    assert [level.drives for level in levels] == [False, True, True]
     assert parse({"policy": {"drive": {"publish": []}}}).policy.drive.drives
 
 
@@ -180,7 +163,6 @@ def test_page_and_buttons_are_kept_as_what_differs():
     [(LIGHTS, "publish /lights; an admin adds it to policy.drive.publish"), (DOCK, "call /dock")],
 )
 def test_a_button_that_no_driver_may_press_is_refused(button, missing):
-    """The refusal tells what an admin has to add, whatever managers may do."""
     with pytest.raises(FieldInvalidError, match=f"does not let a driver {missing}"):
         parse({"buttons": [button]})
 
@@ -239,7 +221,6 @@ def test_the_page_drives_on_what_the_guard_watches():
 
 @given(VALUES)
 def test_whatever_is_given_is_refused_or_kept(value):
-    """What passes means the same when it is read again from what is kept."""
     try:
         settings = parse(value)
     except FieldInvalidError:
