@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
 
 import agent_memory
+import audit_verify
 import behind_video
 import both_robots
 import closed_loop
@@ -62,6 +63,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "stopping": lambda demo, quick: stopping.measure(demo, 1 if quick else 10),
     "operations_rate": lambda _demo, _quick: operations_rate.measure(),
     "recording": lambda _, quick: recording.measure(5 if quick else recording.SECONDS),
+    "audit_verify": lambda _, quick: audit_verify.measure(10_000 if quick else audit_verify.LINES),
     "agent_memory": lambda _demo, _quick: agent_memory.measure(),
     "both_robots": lambda demo, quick: both_robots.measure(demo, 200 if quick else 2000, 1 if quick else 10),
 }  # fmt: skip

@@ -37,6 +37,8 @@ FIRST_SHELL_PORT = 24000
 LAST_SHELL_PORT = 24049
 TABLES = (
     "audit_events",
+    "audit_chains",
+    "audit_heads",
     "robot_sessions",
     "drives",
     "logins",

@@ -1,17 +1,36 @@
-"""robotether audit: who did what. The site's accounts only add to that log; the database prunes it (AUDIT_DAYS)."""
+"""robotether audit: who did what, and whether the log was changed since (docs/reference/audit-log.md).
+
+The site's accounts only add to that log; the database prunes it (AUDIT_DAYS).
+"""
 
 import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
 
 import click
+import msgspec
 
-from robotether_server.cli.common import JSON, open_database, print_records, timestamp
+from robotether_server import audit_chain, signatures
+from robotether_server.audit_chain import ChainReport, Record, SignedHead
+from robotether_server.cli.common import (
+    JSON,
+    NotDoneError,
+    harmless,
+    open_database,
+    print_json,
+    print_records,
+    timestamp,
+)
 from robotether_server.contract.audit import AuditEvent
-from robotether_server.db import audit
+from robotether_server.db import audit, audit_chains
+from robotether_server.settings.server import SessionKeySettings, load
 
 MAX_EVENTS = 10000
+FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
-@click.command("audit")
+@click.group("audit", invoke_without_command=True)
 @click.option("--robot", help="Only events of this robot.")
 @click.option("--actor", help="Only events of this user, or of `cli`.")
 @click.option("--kind", help="Only events of this kind, such as robot_approved.")
@@ -19,7 +38,9 @@ MAX_EVENTS = 10000
     "--limit", type=click.IntRange(1, MAX_EVENTS), default=50, show_default=True, help="How many."
 )
 @JSON
+@click.pass_context
 def audit_log(
+    ctx: click.Context,
     *,
     robot: str | None,
     actor: str | None,
@@ -28,10 +49,100 @@ def audit_log(
     as_json: bool,
 ) -> None:
     """Show the audit log, the newest events last."""
+    if ctx.invoked_subcommand is not None:
+        return
     with open_database().transaction() as tx:
         events = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
     heads = ("AT", "WHO", "FROM", "WHAT", "ROBOT", "DETAILS")
     print_records(events, heads, _as_row, as_json=as_json)
+
+
+@audit_log.command()
+@click.argument("file", type=FILE, required=False)
+@click.option(
+    "--server-key",
+    "server_keys",
+    multiple=True,
+    help="Fingerprint of a key that may sign for the server.",
+)
+@click.option("--against", type=FILE, help="An earlier export, whose signed heads must fit.")
+@JSON
+def verify(
+    file: Path | None, server_keys: tuple[str, ...], against: Path | None, *, as_json: bool
+) -> None:
+    """Check that no line of the database, or of an exported FILE, was changed, swapped or removed."""
+    older = _older_heads(against)
+    if file is None:
+        with open_database().transaction() as tx:
+            records = audit_chains.read_chains(tx)
+            reports = audit_chain.check(records, server_keys=server_keys, older_heads=older)
+            outside = audit_chains.lines_outside(tx)
+    else:
+        reports = audit_chain.check(read_export(file), server_keys=server_keys, older_heads=older)
+        outside = []
+    if as_json:
+        print_json([vars(report) for report in reports])
+    else:
+        for report in reports:
+            click.echo(harmless(_sentence(report)))
+    faults = [f"{report.name}: {report.fault}" for report in reports if report.fault]
+    faults += [f"line with id {number} is in no chain" for number in outside]
+    if faults:
+        raise NotDoneError(f"cannot verify the audit log: {harmless('; '.join(faults))}")
+
+
+@audit_log.command()
+@click.option("--robot", help="Only the chain of this robot.")
+def export(robot: str | None) -> None:
+    """Print the chains and their signed heads, a JSON object a line, for `audit verify FILE`."""
+    with open_database().transaction() as tx:
+        for record in audit_chains.read_chains(tx, robot):
+            click.echo(msgspec.json.encode(record).decode())
+
+
+@audit_log.command()
+def key() -> None:
+    """Print the fingerprint of the server's key, which signs heads; run it where the relay runs."""
+    secret = load(SessionKeySettings, os.environ).session_key
+    signing_key = signatures.SigningKey(secret, audit_chain.SERVER_KEY_PURPOSE)
+    click.echo(signatures.fingerprint(signing_key.public_key))
+
+
+def read_export(file: Path) -> Iterator[Record]:
+    """Read what `audit export` wrote; raise NotDoneError for another file."""
+    decoder: msgspec.json.Decoder[Record] = msgspec.json.Decoder(Record)
+    with file.open("rb") as lines:
+        for number, line in enumerate(lines, 1):
+            try:
+                yield decoder.decode(line)
+            except (msgspec.MsgspecError, UnicodeDecodeError) as error:  # noqa: PERF203 - names the line
+                raise NotDoneError(
+                    f"cannot verify {file}: line {number} of the file is not as `audit export` writes it"
+                ) from error
+
+
+def _older_heads(file: Path | None) -> dict[str, list[SignedHead]]:
+    heads: dict[str, list[SignedHead]] = {}
+    for record in () if file is None else read_export(file):
+        if isinstance(record, SignedHead):
+            heads.setdefault(record.chain, []).append(record)
+    return heads
+
+
+def _sentence(report: ChainReport) -> str:
+    if report.fault:
+        return f"{report.name}: DOES NOT FIT: {report.fault}"
+    parts = [f"{report.lines} lines fit"]
+    if report.deleted:
+        parts.append(f"lines 1 to {report.deleted} were deleted for their age")
+    for signer in ("server", "robot"):
+        if signer in report.signed:
+            keys = ", ".join(report.keys[signer])
+            parts.append(f"signed by the {signer} up to line {report.signed[signer]} ({keys})")
+        elif signer == "server" or report.chain:
+            parts.append(f"not signed by the {signer}")
+    parts += [f"the robot signed anew from line {line}" for line in report.restarts]
+    return f"{report.name}: {'; '.join(parts)}"
 
 
 def _as_row(event: AuditEvent) -> tuple[str, ...]:

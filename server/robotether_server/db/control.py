@@ -104,6 +104,15 @@ class DriveEntry:
     frames: int = 0
     frame_bytes: int = 0
     viewed_s: float = 0.0
+    # The robot's key and its agent's version when the drive began, and the relay's; None: unknown.
+    robot_key: str | None = None
+    agent_version: str | None = None
+    server_version: str | None = None
+    # Where the robot was, by the pose topic of its geofence; None: unknown.
+    start_x_m: float | None = None
+    start_y_m: float | None = None
+    end_x_m: float | None = None
+    end_y_m: float | None = None
     row_id: int | None = None
 
 
@@ -181,8 +190,19 @@ def end_lease(tx: Transaction, entry: LeaseEnd) -> None:
 def end_former(tx: Transaction, before: datetime, cell: str | None) -> None:
     """End drives and leases that a relay of this cell left open before, when they were last written.
 
-    Those without a cell are of a relay from before there were cells.
+    Those without a cell are of a relay from before there were cells. The audit log gets their end now, and until when
+    they lasted at least.
     """
+    tx.change(
+        "INSERT INTO audit_events (actor, kind, robot, details)"
+        " SELECT l.user_name, 'drive_ended', r.name, JSON_OBJECT('end_code', 'relay_restarted', 'fence', l.fence,"
+        " 'at_least_until', DATE_FORMAT(COALESCE(d.ended_at, d.updated_at, l.since),"
+        " '%%Y-%%m-%%dT%%H:%%i:%%s.%%f+00:00'))"
+        " FROM control_leases l JOIN relay_robots r ON r.id = l.robot_id"
+        " LEFT JOIN drives d ON d.robot_id = l.robot_id AND d.fence = l.fence"
+        " WHERE l.ended_at IS NULL AND l.since < %s AND (l.cell = %s OR l.cell IS NULL) ORDER BY r.name",
+        (before, cell),
+    )
     tx.change(
         "UPDATE drives SET ended_at = updated_at, end_code = 'relay_restarted'"
         " WHERE ended_at IS NULL AND started_at < %s AND (cell = %s OR cell IS NULL)",
@@ -239,6 +259,13 @@ PROGRESS = (
     "pictures",
     "picture_bytes",
     "viewed_s",
+    "robot_key",
+    "agent_version",
+    "server_version",
+    "start_x_m",
+    "start_y_m",
+    "end_x_m",
+    "end_y_m",
 )
 MEMBERS = {"pictures": "frames", "picture_bytes": "frame_bytes"}
 

@@ -23,8 +23,10 @@ class Drive:
     round trips from the driver to the robot. `seen_..._ms` is how old was what the driver saw when a command that moved
     the robot reached it, by the robot's clock, and `seen_unknown` the number of those of which nobody knows; `slowed_s`
     is the time for which the robot was slowed for that. `bytes` are rosbridge's in both directions, `frames` and
-    `frame_bytes` the driver's video, `viewed_s` the time with a video open. None: not measured; the turn: not known, as
-    of a car.
+    `frame_bytes` the driver's video, `viewed_s` the time with a video open. `robot_key` is the
+    fingerprint of the robot's key, `agent_version` that of its agent with its guard, both at the start;
+    `start_x_m`, `start_y_m`, `end_x_m` and `end_y_m` are where the robot was, by the pose topic of its geofence.
+    None: not measured or not known; the turn: not known, as of a car.
     """
 
     id: Count
@@ -55,6 +57,13 @@ class Drive:
     frames: Count | None
     frame_bytes: Count | None
     viewed_s: Amount | None
+    robot_key: str | None
+    agent_version: str | None
+    server_version: str | None
+    start_x_m: float | None
+    start_y_m: float | None
+    end_x_m: float | None
+    end_y_m: float | None
 
     @property
     def lasted_s(self) -> float | None:

@@ -299,16 +299,28 @@ def read_requests(tx: Transaction) -> list[RelayRequest]:
 
 
 def write(tx: Transaction, entries: Iterable[Entry], cell: str | None = None) -> dict[int, int]:
-    """Write entries of a cell in their order; return the new rows' ids by the entry's place.
+    """Write entries of a cell in their order, but audit lines last; return the new rows' ids by the entry's place.
 
     The caller sets `row_id` from it after the commit: before that the row may yet be rolled back.
     """
     new_rows: dict[int, int] = {}
-    for place, entry in enumerate(entries):
+    # Each robot's lines form a chain, whose lock the first of them takes: so all relays take these locks briefly, and
+    # in one order.
+    ordered = sorted(enumerate(entries), key=lambda item: _chain_key(item[1]))
+    for place, entry in ordered:
         row_id = _write_one(tx, entry, cell)
         if row_id is not None:
             new_rows[place] = row_id
     return new_rows
+
+
+def _chain_key(entry: Entry) -> tuple[bool, str]:
+    match entry:
+        case AuditEntry():
+            return True, entry.robot or ""
+        case RouteEnd():
+            return True, entry.target
+    return False, ""
 
 
 def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
@@ -347,9 +359,28 @@ def _end_former_sessions(tx: Transaction, entry: FormerSessions, cell: str | Non
 
 def _write_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int | None:
     if entry.row_id is None:
-        return _add_session(tx, entry, cell)
+        row_id = _add_session(tx, entry, cell)
+        _audit_version(tx, entry, row_id)
+        return row_id
+    row = tx.row("SELECT agent_version FROM robot_sessions WHERE id = %s", (entry.row_id,))
     _update_session(tx, entry)
+    if row is not None and row["agent_version"] is None:
+        _audit_version(tx, entry, entry.row_id)
     return None
+
+
+def _audit_version(tx: Transaction, entry: SessionEntry, row_id: int) -> None:
+    """Note the version of agent and guard, if it is another one than in the robot's session before."""
+    version = _cut(entry.agent_version, MAX_VERSION)
+    if version is not None:
+        tx.change(
+            "INSERT INTO audit_events (actor, kind, robot, details)"
+            " SELECT r.name, 'robot_version', r.name, JSON_OBJECT('was', s.agent_version, 'agent_version', %s)"
+            " FROM relay_robots r LEFT JOIN robot_sessions s ON s.id = (SELECT MAX(p.id) FROM robot_sessions p"
+            " WHERE p.robot_id = r.id AND p.id < %s AND p.agent_version IS NOT NULL)"
+            " WHERE r.id = %s AND NOT s.agent_version <=> %s",
+            (version, row_id, entry.robot_id, version),
+        )
 
 
 def _add_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int:

@@ -419,6 +419,13 @@ class CellSettings:
 
 
 @dataclass(frozen=True)
+class SessionKeySettings:
+    """What `robotether audit key` needs."""
+
+    session_key: Annotated[str, "SESSION_KEY"] = field(repr=False)
+
+
+@dataclass(frozen=True)
 class RelaySettings:
     """All that the relay needs."""
 

@@ -2,7 +2,13 @@
 
 import json
 
+import pytest
 from admin_records import ADD
+from robotether_common.audit_head import NAMESPACE, statement
+from robotether_server.audit_chain import SERVER_KEY_PURPOSE
+from robotether_server.db import audit, audit_chains
+from robotether_server.db.audit import Source
+from robotether_server.signatures import SigningKey, fingerprint
 
 
 def test_log_is_shown_newest_last(run):
@@ -16,3 +22,67 @@ def test_log_is_shown_newest_last(run):
         [row] = json.loads(run("audit", *question, "--json").out)
         assert (row["kind"], row["actor"], row["robot"]) == ("robot_added", "cli", "sim1")
     assert json.loads(run("audit", "--actor", "nobody", "--json").out) == []
+
+
+@pytest.mark.parametrize("from_file", [False, True])
+def test_log_is_verified_and_the_first_line_that_does_not_fit_is_named(
+    run, admin_database, tmp_path, from_file
+):
+    """In the database and in an exported file; a name with a line's end feigns no line of its own."""
+    run(*ADD)
+    run("user", "add", "ann")
+    with admin_database.transaction() as tx:
+        audit.record(tx, Source("x\nsim1: all fits"), "login_failed", note="a\n{}")
+        audit.record(tx, Source("ann"), "robot_stopped", "sim1")
+
+    def verify():
+        file = tmp_path / "export"
+        file.write_text(run("audit", "export").out)
+        return run("audit", "verify", *([file] if from_file else []))
+
+    done = verify()
+    assert (done.status, done.err) == (0, "")
+    assert [line.split(":")[0] for line in done.out.splitlines()] == [
+        "lines without a robot",
+        "sim1",
+    ]
+    assert "not signed by the robot" in done.out.splitlines()[1]
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE audit_events SET actor = 'ben' WHERE kind = 'robot_stopped'")
+    done = verify()
+    assert done.status == 1
+    assert "sim1: line 2 of" in done.err
+
+
+def test_file_that_is_no_export_is_refused(run, tmp_path):
+    for text in ("{}", "\x00", '{"type": "line"}'):
+        (tmp_path / "export").write_text(text)
+        assert run("audit", "verify", tmp_path / "export").status == 1
+
+
+def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
+    """Also a chain that is gone."""
+    run(*ADD)
+    head = SigningKey("x" * 32, "x")
+    with admin_database.transaction() as tx:
+        (_, line) = audit_chains.read_chains(tx, "sim1")
+        text = statement("sim1", 1, line.hash, None)
+        values = (line.hash, head.public_key, head.sign(NAMESPACE, text))
+        tx.change(
+            "INSERT INTO audit_heads (chain, position, hash, signer, public_key, signature) "
+            "VALUES ('sim1', 1, UNHEX(%s), 'server', %s, %s)",
+            values,
+        )
+    (tmp_path / "older").write_text(run("audit", "export", "--robot", "sim1").out)
+    assert run("audit", "verify", "--against", tmp_path / "older").status == 0
+    with admin_database.transaction() as tx:
+        for table in ("audit_events", "audit_chains", "audit_heads"):
+            tx.change(f"DELETE FROM {table}")
+    assert run("audit", "verify").status == 0
+    assert "sim1" in run("audit", "verify", "--against", tmp_path / "older").err
+
+
+def test_servers_key_is_that_of_the_session_key(run, monkeypatch):
+    monkeypatch.setenv("SESSION_KEY", "x" * 32)
+    expected = SigningKey("x" * 32, SERVER_KEY_PURPOSE).public_key
+    assert run("audit", "key").out.strip() == fingerprint(expected)

@@ -168,6 +168,7 @@ def test_a_drive_is_written_while_it_lasts_and_at_its_end(relay_database, sim1):
     drive.seen_max_ms, drive.seen_unknown, drive.slowed_s = 512.3, 4, 12.0
     drive.frames, drive.frame_bytes, drive.viewed_s = 30, 90_000, 2.5
     drive.turned_rad = drive.top_turn_rad_s = None
+    drive.robot_key, drive.agent_version, drive.end_y_m = "SHA256:x", "0.2.0", -1.5
     write(relay_database, drive)
     (row,) = rows(relay_database, "drives")
     names = {"user": "user_name", "frames": "pictures", "frame_bytes": "picture_bytes"}

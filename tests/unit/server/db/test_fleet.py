@@ -1,6 +1,7 @@
 """What the relay reads and writes, in the real database, with the relay's own account."""
 
 import datetime as dt
+import json
 
 import pytest
 from granted import give
@@ -176,6 +177,24 @@ def test_a_session_is_written_twice_into_one_row(database, relay_database, sim1)
     assert (row["address"], row["end_code"]) == ("198.51.100.7", "timeout")
     assert len(row["agent_version"]) == fleet.MAX_VERSION
     assert (row["cell"], row["epoch"], row["ros_exposed"]) == ("a", 2**53, True)
+
+
+def test_another_version_of_the_agent_is_in_the_audit_log(database, relay_database, sim1):
+    """A session begins before the robot has said its version, and is written several times."""
+    for version in ("0.1.0", "0.1.0", "0.2.0"):
+        entry = SessionEntry(sim1, NOON, "198.51.100.7")
+        with relay_database.transaction() as tx:
+            (entry.row_id,) = fleet.write(tx, [entry], "a").values()
+        entry.agent_version = version
+        for _ in range(2):
+            with relay_database.transaction() as tx:
+                fleet.write(tx, [entry], "a")
+    with database.transaction() as tx:
+        rows = tx.rows("SELECT details FROM audit_events WHERE kind = 'robot_version' ORDER BY id")
+    assert [json.loads(row["details"]) for row in rows] == [
+        {"was": None, "agent_version": "0.1.0"},
+        {"was": "0.1.0", "agent_version": "0.2.0"},
+    ]
 
 
 def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1):

@@ -87,7 +87,7 @@ def test_removed_cell_leaves_nothing_open(database, relay_database, admin_databa
             rows = tx.rows(f"SELECT cell FROM {table} WHERE ended_at IS NULL")
             assert [row["cell"] for row in rows] == ["b"], table
         assert [cell.name for cell in cells.read(tx)] == ["b"]
-    assert kinds(database) == ["cell_removed"]
+    assert kinds(database) == ["drive_ended", "cell_removed"]
 
 
 def test_unknown_cell_is_said_so(database):

@@ -259,7 +259,7 @@ async def test_rights_in_the_real_database_end_a_connection(patient, database, a
         (cell,) = cells.read(tx)
     assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
     assert session["ended_at"] is not None
-    assert kinds == ["drive_started", "drive_ended"]
+    assert kinds == ["robot_version", "drive_started", "drive_ended"]
     assert drive == {
         "robot": "sim1",
         "user_name": "ann",

@@ -1,0 +1,116 @@
+"""Signs and verifies with Ed25519 in OpenSSH's format (PROTOCOL.sshsig), which `ssh-keygen -Y verify` reads, too.
+
+Used for the heads of the audit log's chains. Pure.
+"""
+
+import base64
+import binascii
+import hashlib
+import struct
+import textwrap
+
+from cryptography.exceptions import InvalidSignature
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
+from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.kdf.hkdf import HKDF
+from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+
+MAGIC = b"SSHSIG"
+KEY_TYPE = b"ssh-ed25519"
+KEY_BYTES = 32
+BEGIN, END = (f"-----{edge} SSH SIGNATURE-----" for edge in ("BEGIN", "END"))
+
+
+class SigningKey:
+    """An Ed25519 key that is derived from a secret, for one purpose."""
+
+    def __init__(self, secret: str, purpose: str) -> None:
+        """Derive the key; `purpose` tells it from other keys of the same secret."""
+        seed = HKDF(SHA256(), KEY_BYTES, salt=None, info=purpose.encode()).derive(secret.encode())
+        self._private = Ed25519PrivateKey.from_private_bytes(seed)
+        public = self._private.public_key().public_bytes(Encoding.OpenSSH, PublicFormat.OpenSSH)
+        # Type and base64, as in a file of OpenSSH.
+        self.public_key = public.decode()
+
+    def sign(self, namespace: str, message: str) -> str:
+        """Return the armoured signature over a message."""
+        header = _fields(namespace.encode(), b"", b"sha512")
+        signature = self._private.sign(_signed_bytes(header, message, "sha512"))
+        blob = MAGIC + struct.pack(">I", 1) + _fields(_blob(self.public_key)) + header
+        blob += _fields(_fields(KEY_TYPE, signature))
+        lines = textwrap.wrap(base64.b64encode(blob).decode(), 70)
+        return "\n".join((BEGIN, *lines, END, ""))
+
+
+def fingerprint(public_key: str) -> str:
+    """Return a key's fingerprint, as `ssh-keygen -l` prints it; raise ValueError when it is no key."""
+    digest = hashlib.sha256(_blob(public_key)).digest()
+    return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
+
+
+def key_of(signature: str) -> str | None:
+    """Return the public key that a signature claims to be of, None: it is no signature with Ed25519."""
+    try:
+        blob = _parse(signature)[0]
+    except (ValueError, struct.error):
+        return None
+    return f"{KEY_TYPE.decode()} {base64.b64encode(blob).decode()}"
+
+
+def is_signed(public_key: str, namespace: str, message: str, signature: str) -> bool:
+    """Return whether the armoured signature over the message is that Ed25519 key's, for that namespace."""
+    try:
+        key, header, hash_name, raw = _parse(signature)
+        if key != _blob(public_key) or not header.startswith(_fields(namespace.encode(), b"")):
+            return False
+        kind, point = _split(key)
+        if kind != KEY_TYPE:
+            return False
+        Ed25519PublicKey.from_public_bytes(point).verify(
+            raw, _signed_bytes(header, message, hash_name)
+        )
+    except (InvalidSignature, ValueError, struct.error):
+        return False
+    return True
+
+
+def _parse(signature: str) -> tuple[bytes, bytes, str, bytes]:
+    """Return key, signed header, name of the hash and the signature itself; raise ValueError or struct.error."""
+    lines = signature.strip().splitlines()
+    if len(lines) < 3 or (lines[0], lines[-1]) != (BEGIN, END):  # noqa: PLR2004 - two edges and one line
+        raise ValueError("no signature of SSH")
+    blob = base64.b64decode("".join(lines[1:-1]), validate=True)
+    if not blob.startswith(MAGIC + struct.pack(">I", 1)):
+        raise ValueError("no signature of SSH")
+    key, namespace, reserved, hash_name, outer = _split(blob[len(MAGIC) + 4 :])
+    kind, raw = _split(outer)
+    if kind != KEY_TYPE or hash_name not in (b"sha256", b"sha512"):
+        raise ValueError("of another kind")
+    return key, _fields(namespace, reserved, hash_name), hash_name.decode(), raw
+
+
+def _signed_bytes(header: bytes, message: str, hash_name: str) -> bytes:
+    return MAGIC + header + _fields(hashlib.new(hash_name, message.encode()).digest())
+
+
+def _blob(public_key: str) -> bytes:
+    try:
+        return base64.b64decode(public_key.split()[1], validate=True)
+    except (IndexError, binascii.Error) as error:
+        raise ValueError("no public key") from error
+
+
+def _fields(*fields: bytes) -> bytes:
+    return b"".join(struct.pack(">I", len(field)) + field for field in fields)
+
+
+def _split(blob: bytes) -> list[bytes]:
+    """Split fields of a length of four bytes and that many bytes each; raise ValueError or struct.error."""
+    fields, at = [], 0
+    while at < len(blob):
+        (length,) = struct.unpack_from(">I", blob, at)
+        if len(blob) < at + 4 + length:
+            raise ValueError("cut short")
+        fields.append(blob[at + 4 : at + 4 + length])
+        at += 4 + length
+    return fields

@@ -1,0 +1,163 @@
+"""The chains of the audit log: what was changed is found."""
+
+import random
+
+import msgspec
+import pytest
+from robot_signer import RobotSigner
+from robotether_common.audit_head import NAMESPACE, statement
+from robotether_server import audit_chain, identity
+from robotether_server.audit_chain import ChainEnd, ChainLine, SignedHead
+from robotether_server.signatures import SigningKey, fingerprint, is_signed
+
+LINES = 12
+SERVER = SigningKey("x" * 32, audit_chain.SERVER_KEY_PURPOSE)
+ROBOT = RobotSigner(1)
+
+
+def chain_of(count=LINES):
+    line_hash, lines = audit_chain.start_hash("sim1"), []
+    for position in range(1, count + 1):
+        line = ChainLine(
+            position,
+            f"1764373339.{position:06}",
+            "ann\n2:x",
+            "robot_stopped",
+            "sim1",
+            "192.0.2.1" if position % 2 else None,
+            '{"reason": "é"}',
+            "",
+        )
+        line_hash = audit_chain.next_hash(line_hash, audit_chain.content_hash(line))
+        lines.append(msgspec.structs.replace(line, hash=line_hash))
+    return lines
+
+
+def head_of(line, signer, previous=None):
+    text = statement("sim1", line.position, line.hash, previous)
+    if signer == "server":
+        key, signature = SERVER.public_key, SERVER.sign(NAMESPACE, text)
+    else:
+        key, signature = ROBOT.key.line, ROBOT.sign(NAMESPACE, text)
+    return SignedHead("sim1", line.position, line.hash, signer, key, previous, signature)
+
+
+def check(lines, heads, end=None, **options):
+    """The report of one chain; the database counts what is there, as somebody who changes lines makes it."""
+    if end is None:
+        end = lines[-1] if lines else chain_of(1)[0]
+    records = [ChainEnd("sim1", end.position, end.hash), *heads, *lines]
+    (report,) = audit_chain.check(records, **options)
+    return report
+
+
+def rehash(lines):
+    """As somebody does who may write anything but has no key."""
+    line_hash, again = audit_chain.start_hash("sim1"), []
+    for line in lines:
+        line_hash = audit_chain.next_hash(line_hash, audit_chain.content_hash(line))
+        again.append(msgspec.structs.replace(line, hash=line_hash))
+    return again
+
+
+def change(lines, dice):
+    """Change, cut, swap or repeat lines, and perhaps write all hashes anew; never nothing."""
+    lines, place = list(lines), dice.randrange(len(lines))
+    match dice.randrange(4):
+        case 0:
+            field = dice.choice(("at", "actor", "kind", "robot", "address", "details"))
+            new = (getattr(lines[place], field) or "") + dice.choice("0 \n:-é")
+            lines[place] = msgspec.structs.replace(lines[place], **{field: new})
+        case 1:
+            del lines[place : place + dice.randint(1, len(lines))]
+        case 2:
+            other = (place + dice.randint(1, len(lines) - 1)) % len(lines)
+            lines[place], lines[other] = lines[other], lines[place]
+        case _:
+            lines.insert(place, lines[place - 1])
+    if dice.random() < 0.5:
+        lines = rehash(
+            msgspec.structs.replace(line, position=number) for number, line in enumerate(lines, 1)
+        )
+    return lines
+
+
+def test_ten_thousand_changes_cuts_and_swaps_are_found(monkeypatch):
+    lines = chain_of()
+    heads = [head_of(lines[-1], "server"), head_of(lines[-1], "robot")]
+    assert check(lines, heads).fault is None
+    # The same two signatures each time.
+    monkeypatch.setattr(SignedHead, "is_signed", True)
+    dice = random.Random(38)
+    for _ in range(10_000):
+        changed = change(lines, dice)
+        assert check(changed, heads).fault is not None, changed
+
+
+def test_cut_end_is_found_by_the_signed_head_and_by_what_was_counted():
+    lines = chain_of()
+    assert check(lines[:-2], []).fault is None
+    assert (
+        check(lines[:-2], [], end=lines[-1]).fault == "line 11 is missing; the newest was line 12"
+    )
+    for signer in ("server", "robot"):
+        report = check(lines[:-2], [head_of(lines[-1], signer)])
+        assert report.fault == "line 11 is missing; the newest was line 12"
+
+
+def test_first_line_that_does_not_fit_is_named():
+    lines = chain_of()
+    for place in (3, 7):
+        lines[place] = msgspec.structs.replace(lines[place], actor="ben")
+    assert "line 4 of" in check(lines, []).fault
+
+
+@pytest.mark.parametrize("kept", [True, False])
+def test_deleted_lines_need_a_head_that_the_server_signed(kept):
+    lines = chain_of()
+    heads = [head_of(lines[4], "server" if kept else "robot"), head_of(lines[-1], "server")]
+    report = check(lines[5:], heads)
+    assert (report.fault is None, report.deleted) == (kept, 5 if kept else 0)
+    assert check(lines[6:], heads).fault is not None
+
+
+def test_robot_statement_that_was_taken_away_is_found():
+    lines = chain_of()
+    first = head_of(lines[2], "robot")
+    second = head_of(lines[5], "robot", first.statement_hash)
+    assert check(lines, [first, second]).fault is None
+    assert check(lines, [second]).fault == "what the robot signed before line 6 is missing"
+    assert check(lines, [first, head_of(lines[5], "robot")]).restarts == [6]
+
+
+def test_heads_of_an_earlier_export_must_fit():
+    older = {"sim1": [head_of(chain_of()[5], "robot")]}
+    rewritten = rehash(msgspec.structs.replace(line, actor="ben") for line in chain_of())
+    heads = [head_of(rewritten[-1], "server")]
+    assert check(rewritten, heads).fault is None
+    assert "line 6" in check(rewritten, heads, older_heads=older).fault
+    assert audit_chain.check([], older_heads=older)[0].fault is not None
+
+
+def test_key_of_somebody_else_signs_nothing():
+    lines = chain_of()
+    head = head_of(lines[-1], "server")
+    own = fingerprint(SERVER.public_key)
+    assert check(lines, [head], server_keys=[own]).fault is None
+    assert check(lines, [head], server_keys=["SHA256:x"]).fault is not None
+    forged = msgspec.structs.replace(head, public_key=SigningKey("y" * 32, "x").public_key)
+    assert check(lines, [forged]).fault is not None
+
+
+@pytest.mark.parametrize("signature", ["", "x", "-----BEGIN SSH SIGNATURE-----\n\n"])
+def test_damaged_signature_is_none(signature):
+    assert not is_signed(SERVER.public_key, "a", "b", signature)
+
+
+def test_signature_is_of_one_namespace_and_message_and_openssh_reads_it(tmp_path):
+    signature = SERVER.sign("a", "b")
+    key = identity.parse_robots_key(SERVER.public_key)
+    assert identity.signature_holds(key, "a", "b", signature)
+    for namespace, message, fits in (("a", "b", True), ("b", "b", False), ("a", "c", False)):
+        assert is_signed(SERVER.public_key, namespace, message, signature) is fits
+    assert not is_signed(ROBOT.key.line, "a", "b", signature)
