@@ -46,6 +46,7 @@ from robotether_agent.settings import Settings
 from robotether_agent.status import CONNECTED, StatusWriter
 from robotether_agent.systemd import Notifier
 from robotether_agent.tasks import first_of, within
+from robotether_agent.tunnel.audit_heads import sign_heads
 from robotether_agent.tunnel.connection import Report, Role
 from robotether_agent.tunnel.connector import Connector
 from robotether_agent.tunnel.openssh import ServiceAddress, target_of
@@ -280,8 +281,10 @@ class Agent:
             partial(report_health, self._health, self._guard, self._epochs),
             partial(report_vitals, self._vitals),
             partial(ask_for_help, self._help),
+            partial(report_position, self._help),
             self._connector.ask_for_nearer,
             partial(follow_drive_topic, self._graph),
+            partial(sign_heads, self._settings.state_dir, self._enroller.key),
         ]
         if self._guard is not None:
             reporters.append(partial(report_guard, self._guard))
@@ -403,6 +406,12 @@ async def ask_for_help(caller: HelpCaller, session: Session) -> None:
     """Pass on the robot's calls for help."""
     await session.new_config(None)
     await caller.report(session.send, session.until_read)
+
+
+async def report_position(caller: HelpCaller, session: Session) -> None:
+    """Report where the robot is, if that is known."""
+    await session.new_config(None)
+    await caller.report_position(session.send, lambda: session.is_used)
 
 
 async def follow_drive_topic(graph: RosGraph, session: Session) -> None:

@@ -92,6 +92,8 @@ ASK_ADDRESS_EVERY_S = 60.0
 # Time limit for a join of an enrolled robot; joins of many robots take turns of up to 3 s at the
 # server.
 QUICK_ANSWER_S = 4.0
+# What the robot signed of the server's audit log (tunnel/audit_heads.py).
+AUDIT_HEADS_FILE = "audit_heads.json"
 # The private keys first: whatever stops this half-way, the machine has then ceased to be that robot.
 FILES = (
     keys.NAME,
@@ -101,6 +103,7 @@ FILES = (
     ENROLMENT_FILE,
     keys.KNOWN_HOSTS,
     IDENTITY_FILE,
+    AUDIT_HEADS_FILE,
 )
 
 log = logging.getLogger(__name__)

@@ -19,7 +19,7 @@ import aiohttp
 from robotether_common.session import Battery, HelpCall, HelpSource
 
 from robotether_agent.fields import JsonObject
-from robotether_agent.help.rules import HelpConfig, HelpRules, call_in
+from robotether_agent.help.rules import HelpConfig, HelpRules, Point, call_in, position_in
 from robotether_agent.rosbridge import Rosbridge, RosGraph, connected, own_topic
 from robotether_agent.tasks import first_of, within
 
@@ -36,6 +36,10 @@ THROTTLE_MS = 500
 CHECK_EVERY_S = 1.0
 # Interval before a topic that is not there, or a rosbridge that is not, is tried again.
 RETRY_S = 10.0
+# Interval between two positions of a robot that somebody uses.
+POSITION_EVERY_S = 1.0
+# Time after which a position that was read is unknown again.
+POSITION_HOLDS_S = 3.0
 # Minimum interval between two messages to the server.
 SEND_EVERY_S = 5.0
 
@@ -66,6 +70,8 @@ class HelpCaller:
         # The newest call of each source that the server may not have read.
         self._waiting: dict[HelpSource, HelpCall] = {}
         self._has_calls = asyncio.Event()
+        # Where the robot is, by the geofence's topic, and when that came; None: unknown.
+        self._position: tuple[Point, float] | None = None
 
     def use(self, config: HelpConfig) -> None:
         """Follow other settings; the rules begin anew."""
@@ -94,6 +100,23 @@ class HelpCaller:
                 self._has_calls.clear()
             await asyncio.sleep(SEND_EVERY_S)
 
+    async def report_position(self, send: Send, is_used: Callable[[], bool]) -> NoReturn:
+        """Send where the robot is, while somebody uses it and a geofence has it known."""
+        sent: tuple[Point, float] | None = None
+        while True:
+            await asyncio.sleep(POSITION_EVERY_S)
+            if self._position is None or self._position is sent or not is_used():
+                continue
+            sent = self._position
+            (x, y), at = sent
+            if _now_s() - at < POSITION_HOLDS_S:
+                send({"type": "position", "x": x, "y": y})
+
+    def _on_pose(self, rules: HelpRules, message: JsonObject, now_s: float) -> HelpCall | None:
+        point = position_in(message)
+        self._position = None if point is None else (point, now_s)
+        return rules.on_pose(message, now_s)
+
     def _readers(self) -> list[Coroutine[Any, Any, NoReturn]]:
         config, rules = self._config, self._rules
         readers: list[Coroutine[Any, Any, NoReturn]] = []
@@ -107,7 +130,9 @@ class HelpCaller:
             readers.append(self._keep_trying(partial(self._read_found, find, rules.on_diagnostics)))
         if config.geofence:
             find = partial(self._find, config.pose_topic, ODOMETRY_TYPE, USUAL_ODOMETRY)
-            readers.append(self._keep_trying(partial(self._read_found, find, rules.on_pose)))
+            readers.append(
+                self._keep_trying(partial(self._read_found, find, partial(self._on_pose, rules)))
+            )
         if config.navigation_topic is not None:
             read = partial(self._read_navigation, config.navigation_topic)
             readers.append(self._keep_trying(read, lambda: self._on_navigation(None)))

@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import NoReturn, Protocol, cast, get_args
 
+from robotether_common.audit_head import MAX_POSITION
 from robotether_common.services import SERVICES, ForwardedService, ServiceName
 from robotether_common.session import MAX_FENCE, ServiceState
 
@@ -58,6 +59,7 @@ FROZEN_S = 0.5
 MAX_UNSENT_BYTES = 64 * 1024
 MAX_PINGS = 16
 SERVICE = re.compile("|".join(get_args(ServiceState)))
+SHA256 = re.compile(r"[0-9a-f]{64}")
 CODE = re.compile(r"[a-z][a-z0-9_]{0,49}")
 
 BYE_ADVICE = {
@@ -190,6 +192,16 @@ class SessionConfig:
         return self.idle_heartbeat_s or self.heartbeat_s
 
 
+@dataclass(frozen=True)
+class HeadRequest:
+    """A line of the audit log to sign; `newest` is the SHA-256 of the newest statement that the server has."""
+
+    chain: str
+    position: int
+    hash: str
+    newest: str | None
+
+
 def _port(message: JsonObject, service: ForwardedService) -> int | None:
     name = service.port_member
     return (
@@ -252,11 +264,14 @@ class Session:
         self._ping_seq = self._pong_seq = 0
         self._answered = asyncio.Event()
         self._heartbeat_due = asyncio.Event()
+        # Holds the newest request alone: it takes the place of one that waits.
+        self._head_request: asyncio.Queue[HeadRequest] = asyncio.Queue()
         self._handlers: Mapping[str, Callable[[JsonObject], None]] = {
             "config": self._on_config,
             "ping": self._on_ping,
             "pong": self._on_pong,
             "checked": self._on_checked,
+            "sign_head": self._on_sign_head,
             "bye": self._on_bye,
             **({} if drive_handler is None else message_handlers(drive_handler)),
         }
@@ -271,6 +286,10 @@ class Session:
             self._configured.clear()
             await self._configured.wait()
         return self.config
+
+    async def next_head_request(self) -> HeadRequest:
+        """Wait until the server asks for a signature of its audit log."""
+        return await self._head_request.get()
 
     def send(self, message: Mapping[str, object]) -> None:
         """Send one message; a server that takes none for long ends the session."""
@@ -391,6 +410,19 @@ class Session:
             service.name: get_match(message, service.name, SERVICE, "ok, down or unknown")
             for service in SERVICES
         }
+
+    def _on_sign_head(self, message: JsonObject) -> None:
+        request = HeadRequest(
+            chain=get_match(message, "chain", ROBOT_NAME, "a robot's name"),
+            position=get_int(message, "position", 1, MAX_POSITION),
+            hash=get_match(message, "hash", SHA256, "a SHA-256 in hex"),
+            newest=None
+            if message.get("newest") is None
+            else get_match(message, "newest", SHA256, "a SHA-256 in hex"),
+        )
+        if not self._head_request.empty():
+            self._head_request.get_nowait()
+        self._head_request.put_nowait(request)
 
     def _on_bye(self, message: JsonObject) -> None:
         code = get_match(message, "code", CODE, "a short code")

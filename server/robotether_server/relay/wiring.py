@@ -12,6 +12,7 @@ from secrets import token_hex
 
 from aiohttp import web
 
+from robotether_server.audit_chain import SERVER_KEY_PURPOSE
 from robotether_server.backups import RECORD
 from robotether_server.db.fleet import FormerSessions
 from robotether_server.relay.app import Cors, Listen, inside_app, peer_app, public_app, serve
@@ -42,6 +43,7 @@ from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi, OtherCells
+from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import start_task
 from robotether_server.relay.http.sockets import robot_client
@@ -61,6 +63,7 @@ from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
+from robotether_server.signatures import SigningKey
 from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
 
@@ -130,6 +133,7 @@ class Relay:
             start_task("rebalancing", self.rebalancing.run()),
             start_task("fleet", self.fleet.run()),
             start_task("event_writer", self.event_writer.run()),
+            start_task("head_signer", self.head_signer.run()),
             start_task("drives", self.observer.run(self._timing.drives_every_s)),
             start_task("stops", self.stored_control.run()),
             start_task("routes", self.routes.run()),
@@ -203,6 +207,12 @@ class Relay:
         self.observer = RelayObserver(
             self.event_writer, self.metrics, self.registry, self.fleet.state
         )
+        self.head_signer = HeadSigner(
+            self._database,
+            self.registry,
+            self.fleet.state,
+            SigningKey(settings.session_key, SERVER_KEY_PURPOSE),
+        )
         self.sessions = SessionServer(
             registry=self.registry,
             snapshot=self.fleet.snapshot,
@@ -219,6 +229,7 @@ class Relay:
                 prepare=self.stored_control.read,
                 on_help=self.observer.help_called,
                 on_nearer=self.rebalancing.on_nearer,
+                on_signed_head=self.head_signer.on_signed_head,
             ),
             checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
             refused=self.observer.session_refused,
@@ -323,6 +334,7 @@ class Relay:
 
     def _notify(self) -> None:
         """Say who is notified of what, in which order."""
+        self.event_writer.listen(self.head_signer.on_written)
         self.fleet.restore_into(self.registry.remember, self.control.remember)
         # Operators first: they must be notified that their right ended, and not that a link was lost.
         self.fleet.listen(

@@ -168,6 +168,12 @@ class MemoryDatabase(RelayDatabase):
         self.routes = [route for route in self.routes if route.id not in ended]
         return {position: position + 1 for position, _ in enumerate(entries)}
 
+    async def sign_newest(self, chain: str, sign: object) -> None:
+        """No chain is here."""
+
+    async def chains_to_sign(self) -> list[str]:
+        return []
+
     def close(self) -> None:
         """Nothing to let go."""
 

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import TypeVar
 
-from robotether_server.db import Database, Transaction, cells, control, fleet
+from robotether_server.audit_chain import ChainEnd, SignedHead
+from robotether_server.db import Database, Transaction, audit_chains, cells, control, fleet
 from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayRequest, RelayUser, Snapshot
@@ -124,6 +125,20 @@ class RelayDatabase:
                 log.exception("cannot count the database's connections")
                 self.connections = None
             await asyncio.sleep(COUNT_EVERY_S)
+
+    async def sign_newest(
+        self, chain: str, sign: Callable[[ChainEnd], SignedHead]
+    ) -> tuple[ChainEnd, str | None] | None:
+        """Sign the newest line of a chain of the audit log; return what its robot is to sign, if anything."""
+        return await self._ask(lambda tx: audit_chains.sign_newest(tx, chain, sign))
+
+    async def add_robots_head(self, head: SignedHead) -> bool:
+        """Write what a robot signed; return whether the server has signed the same line."""
+        return await self._ask(lambda tx: audit_chains.add_robots_head(tx, head))
+
+    async def chains_to_sign(self) -> list[str]:
+        """Read which chains of the audit log were last signed a day ago, and are longer now."""
+        return await self._ask(audit_chains.chains_to_sign)
 
     def close(self) -> None:
         """Let the threads go; does not wait for a database that hangs."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from robotether_server.db.control import DriveEntry, StopEntry
 from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
@@ -47,6 +47,11 @@ class EventWriter:
         self._idle = asyncio.Event()
         self._idle.set()
         self.dropped = 0
+        self._on_written: Callable[[Sequence[Entry]], None] = lambda _: None
+
+    def listen(self, on_written: Callable[[Sequence[Entry]], None]) -> None:
+        """Call this with entries that the database has."""
+        self._on_written = on_written
 
     def restore(self) -> tuple[list[StopEntry], list[RouteEnd]]:
         """Write what the relay before this one did not; return the stops and the ends of routes, to be taken over.
@@ -144,6 +149,7 @@ class EventWriter:
     async def _write_together(self, batch: Sequence[Entry]) -> None:
         for position, row_id in (await self._database.write(batch)).items():
             _set_row(batch[position], row_id)
+        self._on_written(batch)
 
     async def _write_alone(self, entry: Entry) -> None:
         try:

@@ -152,6 +152,10 @@ class Presence:
 
 
 NEVER_SEEN = Presence()
+# x and y in metres, in the frame of the robot's own pose.
+Position = tuple[float, float]
+# Time after which a robot's position is unknown again; its agent sends a new one each second while somebody uses it.
+POSITION_KEPT_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -205,6 +209,8 @@ class Robot:
     def __init__(self, robot_id: int, *, always_needed: bool = False) -> None:
         self.id = robot_id
         self.presence = NEVER_SEEN
+        # Where it is, and since when, by the monotonic clock, that is known.
+        self._position: tuple[Position, float] | None = None
         # At most one current link of a kind.
         self.links: dict[Kind, Link] = {}
         self.lease = Lease()
@@ -250,6 +256,15 @@ class Robot:
     def session(self) -> Link | None:
         """The session's link of a robot that is online."""
         return self.links.get("session") if self.presence.online else None
+
+    def on_position(self, position: Position) -> None:
+        """The agent reported where the robot is."""
+        self._position = position, time.monotonic()
+
+    def position_now(self) -> Position | None:
+        """Return where the robot is, None: unknown."""
+        position, at = self._position or (None, 0.0)
+        return position if time.monotonic() - at < POSITION_KEPT_S else None
 
     def current_links(self) -> list[Link]:
         """List the current links, the session first."""

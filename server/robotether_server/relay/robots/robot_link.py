@@ -50,7 +50,7 @@ class LinkRules:
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
     before, and reads what other cells wrote of the robot. A robot that nobody uses sends and gets heartbeats every
     `idle_heartbeat_s`. `cells` gives where it connects. `on_help` is called when a robot asks for a person, `on_nearer`
-    when it asks for a move to another cell.
+    when it asks for a move to another cell, `on_signed_head` when it has signed a line of the audit log.
     """
 
     tunnel_host: str
@@ -64,6 +64,7 @@ class LinkRules:
     prepare: Callable[[int], Awaitable[None]] | None = None
     on_help: Callable[[int, HelpCall], None] = lambda *_: None
     on_nearer: Callable[[int, SshAddresses], None] = lambda *_: None
+    on_signed_head: Callable[[int, lines.SignedHeadLine], None] = lambda *_: None
 
 
 class RobotLink:
@@ -282,10 +283,10 @@ class RobotLink:
                 self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
             case lines.VitalsLine():
                 self._registry.on_battery(self, message.rounded)
-            case lines.HelpLine() | lines.NearerLine() | lines.CheckLine():
+            case _:
                 self._handle_request(message)
 
-    def _handle_request(self, message: lines.HelpLine | lines.NearerLine | lines.CheckLine) -> None:
+    def _handle_request(self, message: lines.Line) -> None:
         if self._registry.session_of(self.robot_id) is not self:
             return
         match message:
@@ -293,6 +294,10 @@ class RobotLink:
                 self._rules.on_help(self.robot_id, message.call)
             case lines.NearerLine(host, ports):
                 self._rules.on_nearer(self.robot_id, SshAddresses(host, ports))
+            case lines.PositionLine(x, y):
+                self._registry.robot(self.robot_id).on_position((x, y))
+            case lines.SignedHeadLine():
+                self._rules.on_signed_head(self.robot_id, message)
             case lines.CheckLine():
                 self._checks.ask()
 

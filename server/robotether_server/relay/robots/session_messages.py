@@ -12,6 +12,7 @@ from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta, Struct
+from robotether_common.audit_head import MAX_POSITION
 from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS, STOP_CAUSES
 from robotether_common.services import SERVICES
 from robotether_common.session import (
@@ -46,6 +47,12 @@ Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 # Maximum number of ages in a report, and age in ms.
 MAX_AGES, MAX_AGE_MS = 64, 60_000
 AgeMs = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
+
+# Maximum of a coordinate, in metres; a float of JSON is finite.
+Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
+Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
+# Maximum length of an armoured signature; Ed25519's have some 300 characters.
+MAX_SIGNATURE = 1000
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
@@ -210,6 +217,22 @@ class NearerLine(Struct, tag="nearer"):
     ports: tuple[int, ...]
 
 
+class PositionLine(Struct, tag="position"):
+    """Where the robot is, in metres, by the pose topic of its geofence."""
+
+    x: Coordinate
+    y: Coordinate
+
+
+class SignedHeadLine(Struct, tag="signed_head"):
+    """The robot's signature of a line of its chain in the audit log."""
+
+    position: Annotated[int, Meta(ge=1, le=MAX_POSITION)]
+    hash: Sha256
+    signature: Annotated[str, Meta(max_length=MAX_SIGNATURE)]
+    previous: Sha256 | None = None
+
+
 class CheckLine(Struct, tag="check"):
     """The agent asks whether its ports are reached."""
 
@@ -229,6 +252,8 @@ Line = (
     | VitalsLine
     | HelpLine
     | NearerLine
+    | PositionLine
+    | SignedHeadLine
     | CheckLine
 )
 _HEAD = msgspec.json.Decoder(_Head)
@@ -323,6 +348,11 @@ def stop_line(message_id: str, by: str) -> bytes:
 def release_line(message_id: str, by: str) -> bytes:
     """Build the line that releases the stop."""
     return _line("release", id=message_id, by=by)
+
+
+def sign_head_line(chain: str, position: int, line_hash: str, newest: str | None) -> bytes:
+    """Build the request to sign a line; `newest` is the SHA-256 of the robot's newest statement that the server has."""
+    return _line("sign_head", chain=chain, position=position, hash=line_hash, newest=newest)
 
 
 def checked_line(*, ros: ServiceState, video: ServiceState, shell: ServiceState) -> bytes:

@@ -18,6 +18,7 @@ from aiohttp import web
 from fake_cloud import FakeCloud, agent_environ, is_signed
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import (
+    AUDIT_HEADS_FILE,
     FILES,
     Enroller,
     enrolment_files,
@@ -384,6 +385,7 @@ async def enrolled(make_cloud, place) -> Settings:
     (place / "state/identity.json").write_text('{"mac": "00:1b:44:11:3a:b7", "interface": "lo"}')
     await Enroller(made).enrolment()
     await ensure_next_key(made.state_dir)
+    (made.state_dir / AUDIT_HEADS_FILE).write_text("{}")
     return made
 
 

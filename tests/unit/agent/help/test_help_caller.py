@@ -95,6 +95,29 @@ async def test_every_source_asks(start):
         assert ("robot", "lost", 2) in world.sent
 
 
+async def test_position_is_sent_while_somebody_uses_the_robot(start, monkeypatch):
+    """One that was read long ago is unknown."""
+    monkeypatch.setattr(caller_module, "POSITION_EVERY_S", 0.05)
+    sent, used = [], []
+    async with TopicRosbridge(ALL) as robot:
+        world = start(robot.url, HelpConfig(geofence=FENCE))
+        task = asyncio.ensure_future(world.caller.report_position(sent.append, lambda: bool(used)))
+        await eventually(lambda: robot.subscribed("/odom"), lambda: str(robot.got))
+        place = {"pose": {"pose": {"position": {"x": 5.0, "y": 1.0}}}}
+        await robot.publish("/odom", place)
+        await asyncio.sleep(0.3)
+        assert sent == []
+        used.append(True)
+        await eventually(
+            lambda: sent == [{"type": "position", "x": 5.0, "y": 1.0}], lambda: str(sent)
+        )
+        monkeypatch.setattr(caller_module, "POSITION_HOLDS_S", 0.0)
+        await robot.publish("/odom", place)
+        await asyncio.sleep(0.3)
+        assert len(sent) == 1
+        task.cancel()
+
+
 async def test_robot_without_rules_is_left_alone(start):
     async with TopicRosbridge(ALL) as robot:
         world = start(robot.url, HelpConfig())

@@ -29,7 +29,7 @@ from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.delivered_frames import NamedFrame
 from robotether_server.relay.robots.recorders import Outcome
-from robotether_server.relay.robots.robot import SeenReport
+from robotether_server.relay.robots.robot import Position, SeenReport
 from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
 # Maximum number of unanswered pings; beyond it the oldest are dropped.
@@ -249,13 +249,14 @@ class DriveCounters:
 
     Bytes that its connection passed; the robot's own round trip in ms, None: unknown; what the driver got of the
     robot's video, counted from any time before the drive. `on_round_trip` is told each one of the driver, and of the
-    robot, in ms.
+    robot, in ms. `position` is where the robot is now, None: unknown.
     """
 
     passed_bytes: Callable[[], int] = lambda: 0
     robot_rtt_ms: Callable[[], float | None] = lambda: None
     viewer_counts: Callable[[], ViewerCounts] = lambda: NOTHING
     on_round_trip: Callable[[float, float | None], None] = lambda _driver_ms, _robot_ms: None
+    position: Callable[[], Position | None] = lambda: None
 
 
 class DriveLog:
@@ -286,6 +287,7 @@ class DriveLog:
         self._deadman_s = deadman_s
         # When the last command was sent, with its speeds.
         self._last = (0.0, 0.0, 0.0)
+        entry.start_x_m, entry.start_y_m = counters.position() or (None, None)
 
     def command(self, now: float, speed_m_s: float, turn_rad_s: float | None) -> None:
         """A command went to the robot."""
@@ -362,6 +364,7 @@ class DriveLog:
         entry.bytes = counters.passed_bytes()
         entry.frames, entry.frame_bytes = viewer_counts.frames, viewer_counts.bytes
         entry.viewed_s = round(viewer_counts.viewed_s, 3)
+        entry.end_x_m, entry.end_y_m = counters.position() or (None, None)
         entry.latency_p50_ms = self._latency.quantile(0.5)
         entry.latency_p95_ms = self._latency.quantile(0.95)
 

@@ -15,6 +15,7 @@ from typing import Protocol
 
 from aiohttp import web
 
+from robotether_server import __version__
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import Credential
 from robotether_server.problems import HttpError
@@ -247,7 +248,15 @@ class OperatorSession:
     def _lease(self, driver: Driver) -> DriveLease:
         robot, guard = self.connection.robot, self.connection.robot.settings.guard
         entry = DriveEntry(
-            robot.id, robot.name, self.connection.user, driver.fence, utc_now(), self.address
+            robot.id,
+            robot.name,
+            self.connection.user,
+            driver.fence,
+            utc_now(),
+            self.address,
+            robot_key=robot.fingerprint,
+            agent_version=self.context.registry.presence(robot.id).agent_version,
+            server_version=__version__,
         )
         self.drive = DriveLog(
             entry,
@@ -313,6 +322,7 @@ class OperatorSession:
             robot_rtt_ms=lambda: robot.presence.rtt_ms,
             viewer_counts=partial(robot.viewer_stats.of, user_id),
             on_round_trip=self._record_round_trip,
+            position=robot.position_now,
         )
 
     def _end_lease(self) -> None:

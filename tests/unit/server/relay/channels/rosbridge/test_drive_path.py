@@ -290,6 +290,17 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
     assert (entry.bytes, entry.frames, entry.refused) == (800, 30, {"guard_old": 1})
 
 
+def test_positions_are_those_of_start_and_end(refused):
+    """Unknown ones are None, also of a robot whose position was known before."""
+    places = iter([(1.0, 2.0), None, (3.0, 4.0)])
+    counters = DriveCounters(position=lambda: next(places))
+    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counters)
+    assert (log.entry.start_x_m, log.entry.start_y_m) == (1.0, 2.0)
+    assert (log.written().end_x_m, log.entry.end_y_m) == (None, None)
+    ended = log.end(1.0, NOON, "client_left")
+    assert (ended.start_x_m, ended.end_x_m, ended.end_y_m) == (1.0, 3.0, 4.0)
+
+
 def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
     counts = Counts()
     log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())

@@ -1,0 +1,130 @@
+"""Signs the audit log's chains at each drive's end and once a day, and has robots sign theirs (docs/adr/0054).
+
+`event_writer` says what is written, `robot_link` what a robot signed; a task of its own does all the work, so that no
+message, stop or lease waits for it. What cannot be signed now is signed at the next drive's end, or a day later.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+
+from robotether_common.audit_head import MAX_STATEMENTS, NAMESPACE, statement
+
+from robotether_server import signatures
+from robotether_server.audit_chain import ChainEnd, SignedHead
+from robotether_server.db.fleet import AuditEntry, Entry, RelayRobot, Snapshot
+from robotether_server.problems import StoreError
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.session_messages import SignedHeadLine, sign_head_line
+from robotether_server.signatures import SigningKey
+
+log = logging.getLogger(__name__)
+
+SWEEP_EVERY_S = 3600.0
+# Maximum number of robots' answers that wait.
+MAX_ANSWERS = 1000
+
+
+class HeadSigner:
+    """The server's key, what is to be signed, and what robots have signed."""
+
+    def __init__(
+        self,
+        database: RelayDatabase,
+        registry: SessionRegistry,
+        snapshot: Callable[[], Snapshot],
+        key: SigningKey,
+    ) -> None:
+        self._database = database
+        self._registry = registry
+        self._snapshot = snapshot
+        self._key = key
+        self._due: set[str] = set()
+        # By robot: number of answers that it may still send to what it was asked.
+        self._expected: dict[int, int] = {}
+        self._answers: deque[tuple[int, SignedHeadLine]] = deque(maxlen=MAX_ANSWERS)
+        self._wake = asyncio.Event()
+        self._sweep_at = 0.0
+
+    def on_written(self, entries: Sequence[Entry]) -> None:
+        """Sign the chains of robots whose drives have ended."""
+        for entry in entries:
+            if isinstance(entry, AuditEntry) and entry.kind == "drive_ended" and entry.robot:
+                self._due.add(entry.robot)
+                self._wake.set()
+
+    def on_signed_head(self, robot_id: int, line: SignedHeadLine) -> None:
+        """Keep a robot's signature; what it was not asked for is dropped."""
+        expected = self._expected.pop(robot_id, 0)
+        if expected > 1:
+            self._expected[robot_id] = expected - 1
+        if expected > 0:
+            self._answers.append((robot_id, line))
+            self._wake.set()
+
+    async def run(self) -> None:
+        """Sign for ever."""
+        while True:
+            with suppress(TimeoutError):
+                async with asyncio.timeout(max(self._sweep_at - time.monotonic(), 1.0)):
+                    await self._wake.wait()
+            self._wake.clear()
+            try:
+                await self._work()
+            except StoreError as problem:
+                log.info("cannot sign the audit log now: %s", problem.detail)
+
+    async def _work(self) -> None:
+        while self._answers:
+            await self._keep(*self._answers.popleft())
+        if time.monotonic() >= self._sweep_at:
+            self._sweep_at = time.monotonic() + SWEEP_EVERY_S
+            self._due.update(await self._database.chains_to_sign())
+        while self._due:
+            chain = next(iter(self._due))
+            await self._sign(chain)
+            self._due.discard(chain)
+
+    async def _sign(self, chain: str) -> None:
+        request = await self._database.sign_newest(chain, self._signed)
+        robot = self._snapshot().by_name.get(chain)
+        link = None if robot is None else self._registry.session_of(robot.id)
+        if request is None or robot is None or link is None:
+            return
+        end, newest = request
+        self._expected[robot.id] = MAX_STATEMENTS
+        link.send(sign_head_line(chain, end.position, end.hash, newest))
+
+    def _signed(self, end: ChainEnd) -> SignedHead:
+        text = statement(end.chain, end.position, end.hash, None)
+        signature = self._key.sign(NAMESPACE, text)
+        return SignedHead(
+            end.chain, end.position, end.hash, "server", self._key.public_key, None, signature
+        )
+
+    async def _keep(self, robot_id: int, line: SignedHeadLine) -> None:
+        robot = self._snapshot().robots.get(robot_id)
+        head = None if robot is None else _robots_head(robot, line)
+        if head is None or not await self._database.add_robots_head(head):
+            name = robot_id if robot is None else robot.name
+            log.warning(
+                "robot %s: what it signed of the audit log does not fit: %r", name, line.position
+            )
+
+
+def _robots_head(robot: RelayRobot, line: SignedHeadLine) -> SignedHead | None:
+    """Return what a robot signed, None: not with its key."""
+    key = signatures.key_of(line.signature)
+    keys = (robot.fingerprint, robot.previous_fingerprint)
+    if key is None or signatures.fingerprint(key) not in keys:
+        return None
+    head = SignedHead(
+        robot.name, line.position, line.hash, "robot", key, line.previous, line.signature
+    )
+    return head if head.is_signed else None

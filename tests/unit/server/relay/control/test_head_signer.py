@@ -1,0 +1,125 @@
+"""Heads of the audit log's chains, signed by relay and robot, in the real database."""
+
+import asyncio
+import datetime as dt
+import json
+from types import SimpleNamespace
+
+import pytest
+from relay_server import until
+from robot_signer import RobotSigner
+from robotether_common.audit_head import NAMESPACE, statement
+from robotether_server import audit_chain
+from robotether_server.audit_chain import SERVER_KEY_PURPOSE
+from robotether_server.db import Database, audit_chains, fleet
+from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
+from robotether_server.relay.control import head_signer
+from robotether_server.relay.control.head_signer import HeadSigner
+from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.robots.session_messages import SignedHeadLine
+from robotether_server.signatures import SigningKey
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
+ROBOT = RobotSigner(1)
+DRIVE_END = AuditEntry(NOON, "ann", "drive_ended", "sim1", None, {"fence": 1})
+
+
+class Robot:
+    """A robot's session: what the relay sends it."""
+
+    def __init__(self):
+        self.asked = []
+
+    def session_of(self, _robot_id):
+        return self
+
+    def send(self, line):
+        self.asked.append(json.loads(line))
+
+
+def signed(request, signer=ROBOT, previous=None, **changes):
+    """The robot's answer to a request."""
+    position, line_hash = request["position"], changes.get("hash", request["hash"])
+    text = statement(request["chain"], position, line_hash, previous)
+    return SignedHeadLine(position, line_hash, signer.sign(NAMESPACE, text), previous)
+
+
+@pytest.fixture
+def quick_sweeps(monkeypatch):
+    monkeypatch.setattr(head_signer, "SWEEP_EVERY_S", 0.2)
+
+
+@pytest.fixture
+async def parts(mariadb, relay_database):
+    """The signer at work, the robot, and what writes the end of a drive."""
+    robot = Robot()
+    row = RelayRobot(1, "sim1", "active", 20000, 20001, fingerprint=ROBOT.key.fingerprint)
+    database = RelayDatabase(Database(mariadb.settings("relay")), "main", answer_within_s=30)
+    signer = HeadSigner(
+        database, robot, lambda: Snapshot({1: row}, {}), SigningKey("x" * 32, SERVER_KEY_PURPOSE)
+    )
+
+    def end_drive():
+        with relay_database.transaction() as tx:
+            fleet.write(tx, [DRIVE_END])
+        signer.on_written([DRIVE_END])
+
+    task = asyncio.create_task(signer.run())
+    yield SimpleNamespace(signer=signer, robot=robot, end_drive=end_drive)
+    task.cancel()
+    await asyncio.gather(task, return_exceptions=True)
+    database.close()
+
+
+def report(database):
+    with database.transaction() as tx:
+        (only,) = audit_chain.check(audit_chains.read_chains(tx))
+    return only
+
+
+async def test_server_and_robot_sign_at_each_drives_end(parts, database):
+    """A robot that does not answer is shown as not having signed."""
+    parts.end_drive()
+    await until(lambda: parts.robot.asked, "what the relay asks and stores")
+    assert (report(database).fault, report(database).signed) == (None, {"server": 1})
+    first = parts.robot.asked[0]
+    assert (first["type"], first["chain"], first["newest"]) == ("sign_head", "sim1", None)
+    parts.signer.on_signed_head(1, signed(first))
+    await until(
+        lambda: report(database).signed == {"server": 1, "robot": 1},
+        "what the relay asks and stores",
+    )
+    parts.end_drive()
+    await until(lambda: len(parts.robot.asked) == 2, "what the relay asks and stores")
+    known = parts.robot.asked[1]["newest"]
+    parts.signer.on_signed_head(1, signed(parts.robot.asked[1], previous=known))
+    await until(
+        lambda: report(database).signed == {"server": 2, "robot": 2},
+        "what the relay asks and stores",
+    )
+    assert report(database).fault is None
+
+
+async def test_lines_without_a_drive_are_signed_too(quick_sweeps, parts, database, admin_database):
+    """Once a day, as are lines without a robot."""
+    with admin_database.transaction() as tx:
+        fleet.write(tx, [AuditEntry(NOON, "ann", "login")])
+    await until(lambda: report(database).signed == {"server": 1}, "what the relay asks and stores")
+
+
+@pytest.mark.parametrize("wrong", ["key", "hash", "signature", "unasked"])
+async def test_wrong_answer_is_dropped(parts, database, caplog, wrong):
+    parts.end_drive()
+    await until(lambda: parts.robot.asked, "what the relay asks and stores")
+    (request,) = parts.robot.asked
+    answers = {
+        "key": signed(request, RobotSigner(2)),
+        "hash": signed(request, hash="0" * 64),
+        "signature": SignedHeadLine(1, request["hash"], "x"),
+        "unasked": signed(request),
+    }
+    parts.signer.on_signed_head(2 if wrong == "unasked" else 1, answers[wrong])
+    # What comes behind shows that it was handled.
+    parts.end_drive()
+    await until(lambda: len(parts.robot.asked) == 2, "what the relay asks and stores")
+    assert (report(database).fault, report(database).signed) == (None, {"server": 2})
