@@ -1,4 +1,4 @@
-"""/api/v1/audit: the audit log; for admins."""
+"""/api/v1/audit: the audit log; for admins. /api/v1/robots/NAME/controller: who held control; for its managers."""
 
 from functools import partial
 from typing import Annotated
@@ -11,9 +11,10 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation
 from robotether_server.contract.audit import AuditEvent
-from robotether_server.db import audit
+from robotether_server.db import audit, controllers
 from robotether_server.db.audit import AuditSearch
-from robotether_server.schemas import Label
+from robotether_server.db.controllers import Controller
+from robotether_server.schemas import GivenTimestamp, Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 
@@ -46,6 +47,24 @@ def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Res
         return download(search, query.format, before, query.limit or None)
     limit = query.limit or USUAL_LIMIT
     return AuditEventList(audit.find(caller.tx, search, before=before, limit=limit))
+
+
+class ControllerQuery(Struct, forbid_unknown_fields=True):
+    """At which time."""
+
+    at: GivenTimestamp
+
+
+@operation("GET", "/robots/<robot>/controller", "manager", tag="robots")
+def show_controller(caller: Caller, robot: str, query: ControllerQuery) -> Controller:
+    """Get who held control of a robot at a time, with proof.
+
+    `nobody` and `unknown` are different answers; `reason` says why it is unknown: the time is in the future (`future`),
+    too new for all lines to be there (`too_new`), before the log's first line (`before_log`), or in a drive whose end
+    nobody recorded (`end_unknown`). The proof has the lines of control as they are, of all others the hash, up to the
+    next signed heads (docs/reference/audit-log.md). Times are by the clock of the machine that wrote the line.
+    """
+    return controllers.find(caller.tx, robot, query.at)
 
 
 def download(

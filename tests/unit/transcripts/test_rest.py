@@ -337,6 +337,12 @@ def test_history(
     talk.ask("ann", "GET", "/audit")
     for path in ("/audit", "/audit?since=yesterday", "/audit?format=xml", "/audit?colour=red"):
         talk.ask("root", "GET", path)
+    for name, at in (
+        ("ann", "2020-01-01T00:00:00Z"),
+        ("olga", "2020-01-01T00:00:00Z"),
+        ("olga", "noon"),
+    ):
+        talk.ask(name, "GET", f"/robots/sim1/controller?at={at}")
     assert talk.transcript == recorded
 
 

@@ -128,6 +128,7 @@ class Leasing:
             driver.calls -= 1
             if driver.for_calls and not driver.calls and isinstance(driver.holder, Connection):
                 self.end(driver.holder)
+                self._audit_calls("calls_ended", driver)
 
     async def _begin_for_calls(self, connection: Connection, claimant: Holder | None) -> Driver:
         # A page of the same user that is about to drive must not lose that to a call.
@@ -139,7 +140,17 @@ class Leasing:
             self.end(connection)
             raise
         driver.for_calls = True
+        self._audit_calls("calls_started", driver)
         return driver
+
+    def _audit_calls(self, kind: str, driver: Driver) -> None:
+        """Note who has control for calls, which are no drive."""
+        if isinstance(driver.holder, Connection):
+            holder, robot = driver.holder, driver.holder.robot
+            details = {"fence": driver.fence}
+            self._event_writer.add(
+                AuditEntry(utc_now(), holder.user, kind, robot.name, None, details)
+            )
 
     def why_lost(self, connection: Connection) -> CloseReason:
         """Say why a call may not drive any more, whose lease is over."""

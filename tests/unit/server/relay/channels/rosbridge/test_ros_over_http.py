@@ -221,12 +221,13 @@ async def test_a_call_has_the_lease_while_it_waits(
     assert (call["service"], call["type"], call["args"]) == ("/arm/move", "a/B", {"x": 1})
     assert guarded.handshakes[-1]["Robotether-Fence"] == str(lease.fence)
     await relay.relay.event_writer.flush(5)
-    [line] = audit_lines(memory_database)
-    assert (line.kind, line.actor, line.details) == (
-        "service_called",
-        "ann",
-        {"service": "/arm/move"},
-    )
+    held = {"fence": lease.fence}
+    assert [(line.kind, line.details) for line in audit_lines(memory_database)] == [
+        ("calls_started", held),
+        ("service_called", {"service": "/arm/move"}),
+        ("calls_ended", held),
+    ]
+    assert {line.actor for line in audit_lines(memory_database)} == {"ann"}
 
 
 async def test_a_call_shares_its_users_drive(*, relay, guarded, sim1, ask, serving, ros):

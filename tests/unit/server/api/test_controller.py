@@ -1,0 +1,143 @@
+"""Who held control of a robot at a time."""
+
+import datetime as dt
+from urllib.parse import quote
+
+import msgspec
+import pytest
+from robotether_server import audit_chain
+from robotether_server.audit_chain import ChainLine
+from robotether_server.db import control, fleet
+from robotether_server.db.control import DriveEntry
+from robotether_server.db.fleet import AuditEntry, FormerSessions
+
+NOW = dt.datetime.now(dt.UTC).replace(microsecond=0)
+ROBOT = "sim1"
+
+
+def minutes(count):
+    """The time as long before the tests."""
+    return NOW - dt.timedelta(minutes=count)
+
+
+def line(kind, at, actor="ann", robot=ROBOT, **details):
+    return AuditEntry(at, actor, kind, robot, "192.0.2.1", details)
+
+
+@pytest.fixture
+def write(relay_database):
+    def write_entries(*entries):
+        with relay_database.transaction() as tx:
+            fleet.write(tx, entries, "main")
+
+    return write_entries
+
+
+@pytest.fixture
+def at(root):
+    """Ask as admin."""
+
+    def ask(time, robot=ROBOT):
+        return root.get(f"/robots/{robot}/controller?at={quote(time.isoformat())}")
+
+    return ask
+
+
+@pytest.fixture
+def older_log(admin_database, root):
+    """The lines that the other fixtures wrote are an hour old."""
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE audit_events SET at = at - INTERVAL 60 MINUTE")
+
+
+@pytest.fixture
+def first_line(write, older_log):
+    write(line("robot_added", minutes(50), "root"))
+
+
+def answer(reply):
+    return reply["answer"], reply["user"], reply["reason"]
+
+
+def test_driver_holds_control_from_start_to_end(at, write, first_line):
+    """The start is within the drive, the end is not."""
+    write(line("drive_started", minutes(30), fence=1), line("login", minutes(29)))
+    write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
+    write(line("drive_started", minutes(20), "ben", fence=2))
+    write(line("drive_ended", minutes(10), "ben", fence=2, lasted_s=600.0))
+    moment = dt.timedelta(microseconds=1)
+    for time, expected in (
+        (minutes(30) - moment, ("nobody", None, None)),
+        (minutes(30), ("driver", "ann", None)),
+        (minutes(20) - moment, ("driver", "ann", None)),
+        (minutes(20), ("driver", "ben", None)),
+        (minutes(10), ("nobody", None, None)),
+        (minutes(70), ("unknown", None, "before_log")),
+        (NOW + dt.timedelta(minutes=1), ("unknown", None, "future")),
+        (dt.datetime.now(dt.UTC), ("unknown", None, "too_new")),
+    ):
+        assert answer(at(time)) == expected, time
+
+
+def test_proof_has_the_lines_of_control_and_the_hashes_of_others(at, write, first_line):
+    """They lead from the hash before them to the last; who is no admin reads no other line there."""
+    write(line("drive_started", minutes(30), fence=1))
+    write(line("login", minutes(29)))
+    write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
+    proof = at(minutes(25))["proof"]
+    line_hash = proof["before"]
+    for item in proof["lines"]:
+        content = bytes.fromhex(item["content_hash"])
+        if item["line"] is not None:
+            shown = {name: value for name, value in item["line"].items() if name != "type"}
+            assert audit_chain.content_hash(msgspec.convert(shown, ChainLine)) == content
+        line_hash = audit_chain.next_hash(line_hash, content)
+        assert item["hash"] == line_hash
+    assert [item["line"] and item["line"]["kind"] for item in proof["lines"]] == [
+        "drive_started",
+        None,
+        "drive_ended",
+    ]
+    assert (proof["server_head"], proof["robot_head"]) == (None, None)
+
+
+def test_end_that_nobody_recorded_is_unknown(at, write, first_line, admin_database):
+    """A relay that was killed says at its next start until when the drive lasted at least."""
+    with admin_database.transaction() as tx:
+        row = tx.row("SELECT id FROM robots WHERE name = %s", (ROBOT,))
+        lease = control.NewLease(row["id"], None, "ann", minutes(30))
+        assert control.next_fence(tx, lease, "main") == 1
+    write(DriveEntry(row["id"], ROBOT, "ann", 1, minutes(30)))
+    write(line("drive_started", minutes(30), fence=1))
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE drives SET updated_at = %s", (minutes(20),))
+    for ended in (False, True):
+        if ended:
+            write(FormerSessions(NOW))
+        assert answer(at(minutes(20))) == ("driver", "ann", None)
+        assert answer(at(minutes(15))) == ("unknown", None, "end_unknown")
+    assert at(minutes(15))["at_least_until"].startswith(minutes(20).isoformat()[:19])
+
+
+def test_log_that_begins_in_a_drive_has_its_driver(at, write, older_log, admin_database):
+    write(line("robot_added", minutes(50), "root"))
+    write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
+    assert answer(at(minutes(25))) == ("driver", "ann", None)
+    assert answer(at(minutes(35))) == ("nobody", None, None)
+
+
+def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
+    write(line("drive_started", minutes(30), fence=1))
+    write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
+    root.ask("PATCH", f"/robots/{ROBOT}", {"name": "new"})
+    assert answer(at(minutes(25), "new")) == ("driver", "ann", None)
+    assert at(minutes(25), "new")["robot"] == ROBOT
+
+
+def test_only_managers_of_the_robot_may_ask(root, ann):
+    """Who may not see a robot does not learn whether there is one; ann drives sim1 alone."""
+    path = f"/controller?at={quote(minutes(1).isoformat())}"
+    assert ann.refused("GET", f"/robots/{ROBOT}{path}") == (403, "grant_missing")
+    for robot in ("sim2", "nothing"):
+        assert ann.refused("GET", f"/robots/{robot}{path}") == (404, "robot_unknown")
+    assert root.refused("GET", f"/robots/{ROBOT}/controller?at=yesterday")[0] == 422
