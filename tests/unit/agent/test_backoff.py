@@ -142,14 +142,3 @@ def test_two_problems_that_take_turns_are_thinned_out_too(caplog):
     repeats.forget()
     repeats.log_problem("session", LinkLostError("lost it"), 1)
     assert len(caplog.records) == 9
-
-
-def test_uptime_counts_from_when_it_stood():
-    now = [10.0]
-    uptime = Uptime(lambda: now[0])
-    assert uptime.uptime_s == 0
-    now[0] = 15
-    uptime.is_up()
-    now[0] = 18
-    uptime.is_up()
-    assert uptime.uptime_s == 3

@@ -13,13 +13,7 @@ from pathlib import Path
 import namespaces
 import pytest
 from local_network import free_port
-from robotether_agent.exposure import (
-    ADDRESS_ADVICE,
-    FIREWALL_ADVICE,
-    exposed_at,
-    port_of,
-    rosbridge_advice,
-)
+from robotether_agent.exposure import ADDRESS_ADVICE, FIREWALL_ADVICE, exposed_at, rosbridge_advice
 from tcp_service import TcpService
 
 FIREWALL = Path(__file__).resolve().parents[3] / "ros" / "robotether-ros.nft"
@@ -69,14 +63,6 @@ def test_connections_are_no_listeners():
 def test_a_kernel_that_does_not_show_its_sockets_ends_no_agent(tmp_path):
     (tmp_path / "tcp").mkdir()
     assert exposed_at("ws://127.0.0.1:9090", tmp_path) == ""
-
-
-@pytest.mark.parametrize(
-    ("url", "port"),
-    [("ws://127.0.0.1:9090/", 9090), ("http://robot/", 80), ("wss://robot", 443)],
-)
-def test_port_of_a_url(url, port):
-    assert port_of(url) == port
 
 
 @needs_root

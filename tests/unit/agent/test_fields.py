@@ -50,11 +50,6 @@ def test_wrong_field_is_named(get, why):
         get()
 
 
-@pytest.mark.parametrize("said", [{}, {"cells": None}, {"cells": []}])
-def test_a_server_may_list_no_cells(said):
-    assert fields.get_cells(said, "cells") == ()
-
-
 def test_of_a_long_list_of_cells_the_first_count():
     """Each that does not answer costs time, so a robot never tries dozens of them."""
     said = {"cells": [{"host": f"{at}.example", "ports": [2222, 443]} for at in range(30)]}

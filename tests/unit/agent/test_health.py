@@ -133,13 +133,6 @@ async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
         assert "rosbridge, the source of its video, does not answer" in report.video_detail
 
 
-async def test_video_of_rosbridge_without_rosapi(watch, nowhere, monkeypatch):
-    monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
-    async with TopicRosbridge(None) as robot:
-        health = watch(robot.url, nowhere, "rosbridge")
-        await until(health, lambda report: report.video == "ok")
-
-
 async def test_video_of_cameras_of_the_settings(watch, nowhere):
     with socket.create_server(("127.0.0.1", 0)) as camera:
         url = f"http://127.0.0.1:{camera.getsockname()[1]}/video"

@@ -105,17 +105,6 @@ def test_reads_the_file_of_an_earlier_agent(place):
     assert (found.state, found.robot, found.guard) == ("connected", "sim1", "unknown")
 
 
-def test_a_problem_and_what_to_do(place):
-    board = StatusWriter(place, "robots.example.com", on_state=lambda _: None, clock=lambda: NOW)
-    board.report_problem(KeyRefusedError("cannot log in", advice="approve it"), "waiting")
-    why = "not connected, tries again by itself: cannot log in [key_refused]"
-    assert headline(board.status) == why
-    text = render(board.status, NOW)
-    assert "not connected, tries again by itself" in text
-    assert "cannot log in [key_refused]" in text
-    assert "what to do    approve it" in text
-
-
 def test_a_problem_that_is_over(place):
     clock = [NOW]
     board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])

@@ -123,6 +123,16 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path):
         PendingUpgrade(tmp_path).clear()
 
 
+def test_a_folder_that_cannot_be_changed_is_told(robot, tmp_path):
+    """Without sudo, or on a read-only disk, or before the first installation."""
+    (robot.layout.base / ".current.new").mkdir()
+    with pytest.raises(StateUnusableError, match="run this with sudo"):
+        robot.layout.use(robot.add("2"))
+    assert robot.in_use == "1"
+    with pytest.raises(UpgradeFailedError, match="current leads to no version"):
+        Layout(tmp_path / "none").in_use()
+
+
 @pytest.mark.skipif(shutil.which("systemd-analyze") is None, reason="needs systemd")
 def test_systemd_reads_it(tmp_path):
     PendingUpgrade(tmp_path).note(Path("/usr"), TARGET, "connected", 60)

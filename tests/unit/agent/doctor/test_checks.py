@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import os
+import sys
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,9 +14,10 @@ from fake_cameras import TopicRosbridge
 from fake_root import FakeRoot
 from local_network import free_port
 from robotether_agent import rosbridge as rosbridge_module
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, checks
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, checks, encoder
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.settings import Settings
+from robotether_agent.video.encoder import VideoEncoder
 
 MAC = "00:1b:44:11:3a:b7"
 
@@ -157,3 +159,33 @@ async def test_the_robots_own_ssh_server(settings):
         assert "no SSH server" in (await checks.check_shell(there)).detail
     for none in ("", address):
         assert (await checks.check_shell(replace(settings, shell_address=none))).state == SKIPPED
+
+
+@pytest.mark.parametrize(
+    ("setting", "changes", "state", "reason"),
+    [
+        ("off", {}, SKIPPED, "video_encoder is off"),
+        ("auto", {"os.cpu_count": 1}, SKIPPED, "one processor core"),
+        ("auto", {"robotether_agent.video.encoder.has_pyav": False}, SKIPPED, "PyAV is not inst"),
+        ("auto", {}, WARNING, "the encoder ended: exit code 3"),
+    ],
+)
+async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, changes, state, reason):
+    for name, value in {"os.cpu_count": 2, **changes}.items():
+        monkeypatch.setattr(name, lambda value=value: value)
+    command = (sys.executable, "-c", "raise SystemExit(3)")
+    monkeypatch.setattr(encoder, "VideoEncoder", lambda *how: VideoEncoder(*how, command))
+    finding = await encoder.check_encoder(Settings(server="a.example", video_encoder=setting))
+    assert finding.state == state
+    assert "so video is JPEG" in finding.detail
+    assert reason in finding.detail
+
+
+async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
+    async with TopicRosbridge({}) as rosbridge:
+        monkeypatch.setattr(
+            rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"
+        )
+        checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
+    assert checked.state == WARNING
+    assert "roscore has restarted" in checked.detail

@@ -41,13 +41,6 @@ def test_the_join(settings, place):
     assert tunnel.check_join(settings, None).state == FAIL
 
 
-async def test_the_pinned_host_key_is_there(settings, cloud):
-    found = await tunnel.check_ssh(settings, None, ())
-    assert [(finding.state, finding.step) for finding in found] == [(OK, f"ssh {cloud.ssh.port}")]
-    assert "Accepted publickey" not in cloud.ssh.log_text()
-    assert cloud.links == []
-
-
 async def test_one_port_is_enough(settings, cloud):
     both = replace(settings, ssh_ports=(cloud.other_ports[0], cloud.ssh.port))
     blocked, open_port = await tunnel.check_ssh(both, None, ())

@@ -226,16 +226,6 @@ async def test_a_worthless_token_keeps_a_fresh_robot_out(cloud, settings):
     assert len(cloud.joins) == 1
 
 
-async def test_a_full_disk_keeps_no_enrolled_robot_out(cloud, settings, caplog):
-    enroller = await enrol(settings)
-    await enroller.key()
-    cloud.mode, cloud.answer = "refuses_key", renamed(cloud)
-    with full_disk():
-        assert (await enroller.enrolment()).robot == "sim1"
-    assert "cannot write" in caplog.text
-    assert (await enroller.enrolment()).robot == "turtle"
-
-
 async def test_a_fresh_robot_needs_a_disk(cloud, settings):
     """Host keys that cannot be pinned are trusted not even once."""
     cloud.mode = "refuses_key"

@@ -48,7 +48,8 @@ def test_knows_ipv6_default_routes(root):
     line = (
         f"{zeros} 00 {zeros} 00 fe8000000000000000000000000000ff 00000400 1 0 00000003    wlan0\n"
     )
-    (root.path / "proc/self/net/ipv6_route").write_text(line)
+    other = line.replace(f"{zeros} 00", f"fe80{zeros[4:]} 40", 1).replace("wlan0", "eth0")
+    (root.path / "proc/self/net/ipv6_route").write_text(other + line)
     assert root.find() == "00:1b:44:00:00:02"
 
 

@@ -10,15 +10,7 @@ from pathlib import Path
 import pytest
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.problems import StateUnusableError
-from robotether_common.session import MAX_FENCE
 from sim_client import until
-
-
-def test_a_number_is_kept(tmp_path: Path) -> None:
-    file = FenceFile(tmp_path)
-    assert file.read() == 0
-    file.write(MAX_FENCE)
-    assert FenceFile(tmp_path).read() == MAX_FENCE
 
 
 @pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"fence": "3"}', '{"fence": -1}', "\udcff"])

@@ -16,6 +16,7 @@ import aiohttp
 import pytest
 from fake_pipe import FakePipe
 from guard_process import WAIT_S, GuardClient, GuardEnd, GuardHere, GuardProcess
+from robotether_agent.clock import robot_time
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.latch import StopFile
 from robotether_agent.guard.process import Guard
@@ -235,6 +236,23 @@ async def test_a_killed_guards_successor_stops_the_robot_and_knows_the_newest_le
             assert refused.value.status == 409
         async with GuardClient(guard.port, 15):
             await guard.until(lambda: guard.state["fence"] == 15, "it reports the next one")
+
+
+def seen_by(guard: GuardEnd) -> list[Any]:
+    return [age for line in guard.lines if line["type"] == "seen" for age in line["ages_ms"]]
+
+
+async def test_the_guard_reports_how_old_is_what_the_driver_sees(place: Path, robot: Robot) -> None:
+    """The age counts from the frame's time to the command, by the robot's clock."""
+    async with driven(place, robot) as (guard, client):
+        taken_ms = robot_time() * 1000 - 300
+        guard.tell(type="frame", camera="/a", frame=41, taken_ms=taken_ms)
+        await guard.heard()
+        stamp = {"t_ms": robot_time() * 1000, "fence": 13}
+        await client.drive(0.5, robotether=stamp | {"seen": [{"camera": "/a", "frame": 41}]})
+        await guard.until(lambda: bool(seen_by(guard)), "it is reported")
+        [age_ms] = seen_by(guard)
+        assert 300 <= age_ms <= robot_time() * 1000 - taken_ms
 
 
 async def test_direct_connections_drive_while_nobody_has_the_lease(place, robot):

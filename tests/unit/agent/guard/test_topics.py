@@ -128,6 +128,7 @@ async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
     await world.send(op="advertise", type="geometry_msgs/Twist", latch=True)
     await world.send(op="advertise", type="geometry_msgs/Twist")
     advertise = {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
+    await world.send(op="unadvertise")
     assert world.publisher.sent == [advertise]
     world.controller.on_rosbridge_lost()
     world.controller.on_rosbridge_connected()

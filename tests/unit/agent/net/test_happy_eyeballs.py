@@ -40,15 +40,6 @@ def attempts() -> Attempts:
     return Attempts()
 
 
-async def test_a_failure_starts_the_next_at_once(attempts):
-    ways = [
-        attempts.that("refused", ServerUnreachableError("no")),
-        attempts.that("second", "works"),
-    ]
-    race = HappyEyeballs(ways, pause=never, drop=attempts.dropped.append)
-    assert await asyncio.wait_for(race.winner(), 5) == "second"
-
-
 async def test_two_that_work_in_the_same_moment(attempts):
     now = asyncio.Event()
     ways = [attempts.that(name, when=now) for name in ("one", "other")]

@@ -245,14 +245,6 @@ async def test_a_new_network_takes_over_when_the_server_answers_there(watched, m
     assert OTHER not in dialer.targets
 
 
-async def test_an_address_that_is_gone_ends_it_at_once(watched, monkeypatch):
-    _, dialer, task = watched
-    monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)
-    with pytest.raises(NetworkChangedError, match="another address"):
-        await asyncio.wait_for(task, 5)
-    assert dialer.asked == 0
-
-
 async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch):
     monkeypatch.setattr(liveness, "CHECK_EVERY_S", 60)
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)

@@ -20,7 +20,7 @@ from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import LinkLostError, SshMissingError
 from robotether_agent.tunnel.openssh import Forward, SshFiles
-from robotether_agent.tunnel.tunnel import Tunnel, _run
+from robotether_agent.tunnel.tunnel import Tunnel, _run, _signal
 
 # The differentiated services code point, of which TOS has the upper six bits.
 AF21 = 18
@@ -127,6 +127,12 @@ async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch)
 
 async def test_a_command_that_hangs_is_ended():
     assert await _run(["sleep", "60"], 0.05) == (None, [])
+
+
+async def test_a_client_that_has_ended_is_no_harm():
+    ended = await asyncio.create_subprocess_exec("true")
+    await ended.wait()
+    _signal(ended, signal.SIGTERM)
 
 
 def clients() -> list[int]:

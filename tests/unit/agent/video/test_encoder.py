@@ -121,19 +121,6 @@ async def test_a_frame_has_the_bits_of_its_request_and_another_size_begins_a_str
     assert 0.3 < means[3] / means[0] < 0.5
 
 
-async def test_a_key_frame_by_request_begins_a_stream(start):
-    encoder = await start()
-    jpegs = [jpeg_of(picture) for picture in clip(4, step=2)]
-    frames = [
-        await encoder.encode(replace(NOTHING, jpeg=jpeg, requests_key=number == 2))
-        for number, jpeg in enumerate(jpegs)
-    ]
-    assert [frame.is_key for frame in frames] == [True, False, True, False]
-    late = Decoder()
-    for frame in frames[2:]:
-        late.decode(frame.data)
-
-
 def lying_twice(jpeg: bytes) -> bytes:
     """A JPEG with another frame header after its own."""
     header = b"\xff\xc0" + struct.pack("!HBHHB", 17, 8, 60000, 60000, 3)

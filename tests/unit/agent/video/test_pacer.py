@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import fcntl
 import logging
 import socket
-import struct
 from collections.abc import Iterator
 
 import pytest
@@ -258,15 +256,3 @@ def test_nothing_is_told_of_what_is_no_tcp_connection() -> None:
     here, there = socket.socketpair()
     with here, there:
         assert read(here, 0.0) is None
-
-
-def test_a_kernel_that_tells_too_little_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Before Linux 4.6 the answer is shorter."""
-
-    class OldKernel(socket.socket):
-        def getsockopt(self, level: int, option: int, size: int = 0) -> bytes:  # type: ignore[override]
-            return struct.pack("104x")[:size]
-
-    monkeypatch.setattr(fcntl, "ioctl", lambda *_: bytes(4))
-    with OldKernel() as connection:
-        assert read(connection, 0.0) is None

@@ -77,15 +77,6 @@ def test_the_new_source_is_open_before_the_old_one_ends(shared_sources, switch, 
     assert moments == sorted(set(moments))
 
 
-def test_a_new_source_that_is_first_with_a_frame(shared_sources, switch, got):
-    switch.follow(HIGH)
-    shared_sources.give(HIGH, 1.0)
-    switch.follow(LOW)
-    shared_sources.give(LOW, 1.066)
-    assert got == [(1.0, 80), (1.066, 40)]
-    assert set(shared_sources.open) == {LOW}
-
-
 def test_an_older_frame_does_not_go_on(shared_sources, switch, got):
     switch.follow(HIGH)
     shared_sources.give(HIGH, 5.0)

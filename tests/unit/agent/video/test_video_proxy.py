@@ -259,3 +259,8 @@ async def test_a_close_that_is_cancelled_listens_no_more() -> None:
         await closing
     with pytest.raises(ConnectionRefusedError):
         await asyncio.open_connection("127.0.0.1", port)
+
+
+def test_a_url_names_its_port() -> None:
+    with pytest.raises(ValueError, match="no host and port"):
+        VideoProxy("http://127.0.0.1")
