@@ -1,4 +1,4 @@
-// As much of an element as the panels need; each of its parts is made when it is asked for.
+// As much of an element as the pages need; each of its parts is made when it is asked for.
 export class FakeElement extends EventTarget {
   hidden = true;
   dataset = {};
@@ -21,6 +21,28 @@ export class FakeElement extends EventTarget {
   }
   removeAttribute(name) {
     this.attributes.delete(name);
+  }
+  parent = null;
+  children = [];
+  get firstElementChild() {
+    return this.children[0] ?? null;
+  }
+  get nextElementSibling() {
+    return this.parent.children[this.parent.children.indexOf(this) + 1] ?? null;
+  }
+  append(...children) {
+    for (const child of children) this.insertBefore(child, null);
+  }
+  insertBefore(child, next) {
+    if (child instanceof FakeElement) {
+      child.remove();
+      child.parent = this;
+    }
+    this.children.splice(next ? this.children.indexOf(next) : this.children.length, 0, child);
+  }
+  remove() {
+    this.parent?.children.splice(this.parent.children.indexOf(this), 1);
+    this.parent = null;
   }
   replaceChildren() {}
   contains() {

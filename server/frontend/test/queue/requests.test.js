@@ -1,8 +1,9 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
 import { KeyedRows, requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { figureTexts, offeredOperators, operatorFacts } from "../../src/queue/supervision.js";
+import { FakeElement } from "../control/fakes.js";
 
 const REQUEST = {
   id: 7,
@@ -57,46 +58,19 @@ test("a request can be assigned to who is available, then to who wraps up", () =
   );
 });
 
-// A list of elements, as far as KeyedRows needs one.
-class FakeElement {
-  constructor(parent = null) {
-    this.parent = parent;
-    this.children = [];
-    this.moves = 0;
-  }
-
-  get firstElementChild() {
-    return this.children[0] ?? null;
-  }
-
-  get nextElementSibling() {
-    return this.parent.children[this.parent.children.indexOf(this) + 1] ?? null;
-  }
-
-  insertBefore(element, next) {
-    this.moves += 1;
-    element.remove();
-    element.parent = this;
-    this.children.splice(next ? this.children.indexOf(next) : this.children.length, 0, element);
-  }
-
-  remove() {
-    if (this.parent) this.parent.children = this.parent.children.filter((other) => other !== this);
-  }
-}
-
 test("rows that stay are not moved, so that focus and choices stay with them", () => {
   const container = new FakeElement();
+  mock.method(container, "insertBefore");
   const template = { content: { firstElementChild: { cloneNode: () => new FakeElement() } } };
   const rows = new KeyedRows({ container, template, keyOf: String, fill: (element, item) => (element.text = item) });
   const show = (...items) => {
-    container.moves = 0;
+    container.insertBefore.mock.resetCalls();
     rows.show(items);
     assert.deepEqual(
       container.children.map(({ text }) => text),
       items,
     );
-    return container.moves;
+    return container.insertBefore.mock.callCount();
   };
   assert.equal(show("a", "b", "c"), 3);
   const [, b] = container.children;

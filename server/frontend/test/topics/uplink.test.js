@@ -2,32 +2,9 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { TopicSwitch, Uplink, totalText, uplinkRows } from "../../src/topics/uplink.js";
+import { FakeElement } from "../control/fakes.js";
 
-// Elements as far as the list uses them.
-class Element {
-  constructor() {
-    Object.assign(this, { children: [], attributes: {}, listeners: {}, textContent: "", hidden: false });
-  }
-
-  setAttribute(name, value) {
-    this.attributes[name] = value;
-  }
-
-  addEventListener(name, act) {
-    this.listeners[name] = act;
-  }
-
-  append(...children) {
-    for (const child of children) if (child instanceof Element) child.parent = this;
-    this.children.push(...children);
-  }
-
-  remove() {
-    this.parent.children = this.parent.children.filter((child) => child !== this);
-  }
-}
-
-globalThis.document = { createElement: () => new Element(), addEventListener() {}, hidden: false };
+globalThis.document = { createElement: () => new FakeElement(), addEventListener() {}, hidden: false };
 
 const MAP = { kind: "topic", name: "/map", bytes_per_s: 118_000, people: 2, yours: true };
 const CAMERA = { kind: "camera", name: "/a", bytes_per_s: 64_000, people: 1, yours: false };
@@ -38,8 +15,8 @@ let parts, root, answer, begun, ended, probes, topicSwitch, list;
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout"] });
-  parts = { "uplink-total": new Element(), "uplink-list": new Element() };
-  root = new Element();
+  parts = { "uplink-total": new FakeElement(), "uplink-list": new FakeElement() };
+  root = new FakeElement();
   Object.assign(root, { open: true, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] });
   answer = { ok: true, body: { streams: [MAP, CAMERA, REST], line_bytes_per_s: null } };
   [begun, ended] = [[], []];
@@ -92,7 +69,7 @@ test("a rate that is not measured makes the sum unknown, and a full line is said
 test("a topic that is switched off ends, keeps its row, and begins again", async () => {
   const end = topicSwitch.subscribe({ name: "/map" }, () => {});
   await list.renew();
-  const press = () => parts["uplink-list"].children.at(-1).children[1].listeners.click();
+  const press = () => parts["uplink-list"].children.at(-1).children[1].dispatchEvent(new Event("click"));
   answer = { ok: true, body: { streams: [], line_bytes_per_s: null } };
   list.press("topic", "/map");
   await list.renew();

@@ -4,26 +4,17 @@ import { beforeEach, test } from "node:test";
 import { SourceButtons } from "../../src/video/sourceButtons.js";
 import { FakeElement } from "../control/fakes.js";
 
-// What has an order of children.
-class FakeParent extends FakeElement {
-  children = [];
+// A group, or a button with its parts.
+class FakeButton extends FakeElement {
   get value() {
     return this.attributes.get("value");
   }
   addEventListener(name, act) {
     this[name] = act;
   }
-  append(...children) {
-    for (const child of children) this.insertBefore(child, null);
-  }
-  insertBefore(child, before) {
-    child.parent?.children.splice(child.parent.children.indexOf(child), 1);
-    child.parent = this;
-    this.children.splice(before === null ? this.children.length : this.children.indexOf(before), 0, child);
+  insertBefore(child, next) {
+    super.insertBefore(child, next);
     inserted.push(child);
-  }
-  remove() {
-    this.parent.children.splice(this.parent.children.indexOf(this), 1);
   }
   scrollIntoView() {
     scrolled.push(this.value);
@@ -39,8 +30,8 @@ beforeEach(() => {
   inserted = [];
   chosen = [];
   scrolled = [];
-  globalThis.document = { createElement: () => new FakeParent() };
-  group = new FakeParent();
+  globalThis.document = { createElement: () => new FakeButton() };
+  group = new FakeButton();
   buttons = new SourceButtons(group, { onChoose: (id) => chosen.push(id) });
 });
 
