@@ -122,12 +122,12 @@ def open_drawer(page: Page) -> None:
         page.get_by_test_id("drawer-open").click()
 
 
-def expect_mode(page: Page, mode: str, seconds: float = 10) -> None:
+def expect_mode(page: Page, mode: str) -> None:
     """Wait until the page drives or watches, with a connection that stands."""
     # In one look: the connection may be that of the mode before, and the mode that of the connection to come.
     control = f"[data-testid=control][data-mode={mode}]"
     stands = page.locator(f"body:has({control}):has({LIVE})")
-    expect(stands).to_have_count(1, timeout=seconds * 1000)
+    expect(stands).to_have_count(1, timeout=10_000)
 
 
 def expect_live(page: Page, seconds: float) -> None:

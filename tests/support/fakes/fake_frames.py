@@ -64,13 +64,12 @@ class FakeFrames:
         *,
         quality: int = 70,
         codec: int = 1,
-        age_ms: float = 0,
         is_key: bool = False,
     ) -> int:
-        """Have a picture taken now, or so long ago; it goes out where there is credit. Return its number."""
+        """Have a picture taken now; it goes out where there is credit. Return its number."""
         self.sequence += 1
         flags = 1 | 2 * is_key
-        header = HEADER.pack(codec, flags, quality, self.sequence, self.clock_ms() - age_ms)
+        header = HEADER.pack(codec, flags, quality, self.sequence, self.clock_ms())
         self._newest = (self.sequence, header + jpeg)
         for socket in list(self.connections):
             await self._send(socket)

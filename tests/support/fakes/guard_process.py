@@ -30,14 +30,12 @@ WAIT_S = 20.0
 class GuardEnd(ABC):
     """The agent's end of a guard in `place`: it sends a tick every 0.2 s until `silence`."""
 
-    def __init__(
-        self, place: Path, rosbridge_port: int, rosbridge_host: str = "127.0.0.1", **guard: Any
-    ) -> None:
+    def __init__(self, place: Path, rosbridge_port: int, **guard: Any) -> None:
         self.place = place
         self.lines: list[dict[str, Any]] = []
         self.config: dict[str, Any] = {
             "type": "config",
-            "rosbridge_url": f"ws://{rosbridge_host}:{rosbridge_port}/",
+            "rosbridge_url": f"ws://127.0.0.1:{rosbridge_port}/",
             "guard": {"key": KEY, **guard},
             "direct": False,
         }
@@ -193,9 +191,9 @@ class GuardProcess(GuardEnd):
 class GuardClient(SocketClient):
     """A WebSocket to the guard, as the relay opens it; fence 0 observes, None has no key."""
 
-    def __init__(self, port: int, fence: int | None = 0, key: str = KEY) -> None:
+    def __init__(self, port: int, fence: int | None = 0) -> None:
         mode = "drive" if fence else "observe"
-        headers = {"Robotether-Key": key, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
+        headers = {"Robotether-Key": KEY, "Robotether-Mode": mode, "Robotether-Fence": str(fence)}
         super().__init__(port, **({} if fence is None else headers))
         self._fence = fence
 

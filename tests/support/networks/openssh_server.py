@@ -16,7 +16,7 @@ import sys
 import tempfile
 import textwrap
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
@@ -71,22 +71,18 @@ class OpenSshServer:
         self,
         relay_port: int,
         *,
-        port: int | None = None,
         address: str = "127.0.0.1",
         session_key: str = "none",
-        more: Sequence[str] = (),
     ) -> None:
-        """`more` are lines of sshd_config that stand at its end."""
         if not SSHD.exists():
             raise RuntimeError(
                 f"cannot start an SSH server: {SSHD} is missing; install openssh-server"
             )
-        self.port = port or free_port()
+        self.port = free_port()
         self.address = address
         self.user = getpass.getuser()
         self._relay_port = relay_port
         self._session_key = session_key
-        self._more = more
         self._place = Path(tempfile.mkdtemp(prefix="rt-sshd-"))
         self._process: subprocess.Popen[bytes] | None = None
         self._authorized = self._place / "authorized_keys"
@@ -107,9 +103,9 @@ class OpenSshServer:
             shutil.copy(other._place / name, self._place / name)
         self.host_keys = other.host_keys
 
-    def authorize(self, public_key: str, ports: tuple[int, ...], robot_id: int = 7) -> None:
+    def authorize(self, public_key: str, ports: tuple[int, ...]) -> None:
         """Let a robot's key in and no other, with the line that the key look-up prints."""
-        self._authorized.write_text(self._line(public_key, ports, robot_id))
+        self._authorized.write_text(self._line(public_key, ports, robot_id=7))
 
     def authorize_too(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> None:
         with self._authorized.open("a") as lines:
@@ -160,7 +156,7 @@ class OpenSshServer:
         return listens(self.port, self.address)
 
     def _config(self) -> str:
-        own = textwrap.dedent(
+        return textwrap.dedent(
             f"""
             ListenAddress {self.address}
             Port {self.port}
@@ -183,7 +179,6 @@ class OpenSshServer:
             SetEnv SHLVL=2
             """
         )
-        return own + "".join(f"{line}\n" for line in self._more)
 
 
 def make_key(path: Path, passphrase: str = "", *, kind: str = "ed25519", comment: str = "") -> str:

@@ -156,9 +156,9 @@ class Person:
     def remove(self) -> None:
         self.stack.sql(f"DELETE FROM users WHERE name = '{self.name}'")
 
-    def reach(self, port: int, host: str = "127.0.0.1") -> subprocess.CompletedProcess[str]:
-        """`ssh -W HOST:PORT jump@...` to its end; nothing is sent."""
-        return self.key.ssh("-W", f"{host}:{port}", JUMP)
+    def reach(self, port: int) -> subprocess.CompletedProcess[str]:
+        """`ssh -W 127.0.0.1:PORT jump@...` to its end; nothing is sent."""
+        return self.key.ssh("-W", f"127.0.0.1:{port}", JUMP)
 
     @contextmanager
     def connected(self, port: int) -> Iterator[subprocess.Popen[str]]:

@@ -215,14 +215,12 @@ class RobotHosts:
         """The address of this machine that both its own programs and the hosts reach."""
         return machine_address(self.engine)
 
-    def boot(
-        self, name: str, *, image: str = IMAGE, mac: str | None = None, **options: Any
-    ) -> RobotHost:
-        """Boot a new host and wait until it takes logins; `options` go to Docker, `mac` is eth0's.
+    def boot(self, name: str, *, image: str = IMAGE, **options: Any) -> RobotHost:
+        """Boot a new host and wait until it takes logins; `options` go to Docker.
 
         With a `command` among the options that runs in place of systemd, and nobody waits for it.
         """
-        mac = mac or _new_mac()
+        mac = _new_mac()
         ssh_port = free_port()
         container = self.engine.containers.create(
             image,
