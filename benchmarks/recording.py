@@ -74,7 +74,6 @@ CONTROL = {
     "stopped_by": "",
     "stop_confirmed": False,
     "guard": "ready",
-    "rtt_ms": 20.0,
 }
 
 

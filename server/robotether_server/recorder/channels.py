@@ -17,6 +17,8 @@ from robotether_server.recorder.ros_types import RosType, parse_definition
 NAMESPACE = "/robotether/"
 STAMP = struct.Struct("<iI")
 NS_PER_S = 1_000_000_000
+# Maximum time of a stamp; a robot's clock may say anything.
+MAX_STAMP_NS = (2**31 - 1) * NS_PER_S
 
 # A number that is not known is NaN, or -1 where it is a whole one.
 DRIVE_COMMAND = """\
@@ -43,9 +45,11 @@ builtin_interfaces/Time stamp
 int64 fence
 float64[] ages_ms  # of what the driver saw, at the newest commands that reached the robot
 float64 slowed_s  # for which the robot was slowed since the last of these
+float64 max_speed_m_s  # to which the newest command was slowed
+float64 max_turn_rad_s
 """
 CONTROL = """\
-builtin_interfaces/Time stamp
+builtin_interfaces/Time stamp  # a message comes when something of it changes
 bool online
 string driver  # empty: nobody
 int64 fence
@@ -53,7 +57,6 @@ bool stopped
 string stopped_by
 bool stop_confirmed  # by the robot's guard
 string guard
-float64 rtt_ms
 """
 TEXT = "string data  # JSON\n"
 COMPRESSED_IMAGE = "std_msgs/Header header\nstring format\nuint8[] data\n"
@@ -125,7 +128,8 @@ class CameraWriter:
 
     def message(self, data: bytes, *, log_ns: int, taken_ns: int, sequence: int) -> RecordedMessage:
         """Return the message of a frame that was taken at `taken_ns`; `sequence` is its number at the relay."""
-        sec, nanosec = divmod(max(taken_ns, 0), NS_PER_S)
+        taken_ns = min(max(taken_ns, 0), MAX_STAMP_NS)
+        sec, nanosec = divmod(taken_ns, NS_PER_S)
         begin = STAMP.pack(sec, nanosec) + self._frame_id
         if self._is_image:
             begin = _aligned(begin) + COUNT.pack(len(self._codec)) + self._codec
@@ -134,7 +138,7 @@ class CameraWriter:
         if not self._is_image:
             padding = bytes(-(len(begin) + len(data)) % COUNT.size)
             parts += [padding, COUNT.pack(len(self._codec)), self._codec]
-        return RecordedMessage(self._channel, log_ns, max(taken_ns, 0), sequence, b"".join(parts))
+        return RecordedMessage(self._channel, log_ns, taken_ns, sequence, b"".join(parts))
 
 
 def _aligned(data: bytes) -> bytes:

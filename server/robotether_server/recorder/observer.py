@@ -19,7 +19,7 @@ import msgspec
 from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType
 from msgspec import Raw, Struct
 from robotether_common.codecs import CODECS
-from robotether_common.frames import HEADER, MAX_CREDITS
+from robotether_common.frames import HEADER, KEY, MAX_CREDITS
 from robotether_common.ros import camera_topics
 
 from robotether_server.db.recordings import RecordableRobot
@@ -46,6 +46,8 @@ MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
 MAX_TOPIC_LENGTH = 255
 # Interval between two questions for the relay's clock.
 CLOCK_EVERY_S = 10.0
+# Interval without a key frame after which the recorder requests one: a reader cannot begin before it.
+KEY_FRAME_EVERY_S = 10.0
 # Types that would fill the uplink: cameras are recorded by their frames.
 LARGE = frozenset(
     [
@@ -279,6 +281,8 @@ class CameraObserver:
         self._writers: dict[int, CameraWriter] = {}
         # How far Unix time is ahead of the relay's clock; None until it is known.
         self._ahead_ms: float | None = None
+        # When the last key frame came or was requested, by the monotonic clock.
+        self._key_at = 0.0
 
     async def run(self) -> None:
         """Read until the connection ends."""
@@ -299,7 +303,7 @@ class CameraObserver:
             await asyncio.gather(asking, return_exceptions=True)
 
     async def _on_frame(self, data: bytes) -> None:
-        number, _, _, sequence, taken_ms = HEADER.unpack_from(data)
+        number, flags, _, sequence, taken_ms = HEADER.unpack_from(data)
         if self._ahead_ms is not None:
             writer = self._writers.get(number)
             if writer is None:
@@ -311,6 +315,12 @@ class CameraObserver:
                 )
             )
         await self._send(op="credit", frames=1, taken=sequence)
+        now = time.monotonic()
+        if flags & KEY or not CODECS[number].depends_on_earlier:
+            self._key_at = now
+        elif now - self._key_at >= KEY_FRAME_EVERY_S:
+            self._key_at = now
+            await self._send(op="key_frame")
 
     def _on_text(self, text: str) -> None:
         message = json.loads(text)

@@ -59,10 +59,11 @@ class OpenRecording:
 
 
 class RecentMessages:
-    """The messages of the last seconds, in bounded memory."""
+    """The messages of the last seconds, in bounded memory; `control` is the one of that topic before them."""
 
-    def __init__(self) -> None:
+    def __init__(self, control: RecordedMessage | None = None) -> None:
         self.max_bytes = MAX_WAITING_BYTES
+        self._control = control
         self._messages: deque[RecordedMessage] = deque()
         self._bytes = 0
 
@@ -74,11 +75,17 @@ class RecentMessages:
         while self._messages and (
             self._messages[0].log_ns < oldest_ns or self._bytes > self.max_bytes
         ):
-            self._bytes -= len(self._messages.popleft().data)
+            oldest = self._messages.popleft()
+            self._bytes -= len(oldest.data)
+            if oldest.channel == OWN_TOPICS["control"].channel:
+                self._control = oldest
 
     def all(self) -> list[RecordedMessage]:
-        """Return all that are kept, the oldest first."""
-        return list(self._messages)
+        """Return all that are kept, the oldest first, which begin with what was the case before them."""
+        messages = list(self._messages)
+        if messages and self._control is not None:
+            messages.insert(0, self._control._replace(log_ns=messages[0].log_ns))
+        return messages
 
 
 @dataclass
@@ -119,8 +126,9 @@ class RobotRecorder:
         self._client = client
         self._folder = folder
         self._observing: asyncio.Task[None] | None = None
-        # The last message of the topic control, with which each file begins.
+        # The last message of the topic control, with which each file begins, and what it says.
         self._control: RecordedMessage | None = None
+        self._control_members: Mapping[str, Any] | None = None
 
     @property
     def is_collecting(self) -> bool:
@@ -140,7 +148,7 @@ class RobotRecorder:
     def keep_recent(self, keeps: bool) -> None:
         """Keep the last seconds in memory, or no longer."""
         if keeps != (self._recent is not None):
-            self._recent = RecentMessages() if keeps else None
+            self._recent = RecentMessages(self._control) if keeps else None
         self._observe()
 
     def begin(self, recording_id: int, *, with_recent: bool = False) -> OpenRecording:
@@ -176,6 +184,11 @@ class RobotRecorder:
             self.state.update(message, time.monotonic())
             for recording in self.recordings.values():
                 recording.note_driver(self.state.driver)
+            # Round trips change the robot object each 2 s; readers look for changes of this in a file's index.
+            members = {name: value for name, value in message.items() if name != "stamp"}
+            if members == self._control_members:
+                return
+            self._control_members = members
         with suppress(EncodingError):
             now_ns = time.time_ns()
             recorded = RecordedMessage(own.channel, now_ns, now_ns, 0, own.encode(message))

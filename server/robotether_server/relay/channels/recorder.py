@@ -119,6 +119,8 @@ class RecorderConnection:
             "fence": report.fence,
             "ages_ms": report.ages_ms,
             "slowed_s": report.slowed_s,
+            "max_speed_m_s": report.max_speed_m_s,
+            "max_turn_rad_s": report.max_turn_rad_s,
         }
         self._send(change.robot_id, "seen_ages", stamped(members))
 
@@ -152,7 +154,6 @@ class RecorderConnection:
             "stopped_by": "" if stop is None else stop.by,
             "stop_confirmed": stop is not None and stop.confirmed,
             "guard": control.guard,
-            "rtt_ms": live.rtt_ms,
         }
         self._send(robot_id, "control", stamped(members))
 

@@ -137,6 +137,13 @@ def test_frames_are_read_by_rosbags(tmp_path, codec, size):
     assert frame.format == codec
 
 
+@pytest.mark.parametrize("taken_ns", [-1, 2**62])
+def test_a_frame_of_any_time_is_recorded(tmp_path, taken_ns):
+    """A robot says when it took a frame."""
+    message = CameraWriter("/camera", "jpeg").message(b"x", log_ns=1, taken_ns=taken_ns, sequence=2)
+    assert bytes(read_back(tmp_path, message).data) == b"x"
+
+
 def test_what_waits_for_a_stop_is_bounded():
     recent = RecentMessages()
     for second in range(40):
@@ -147,6 +154,18 @@ def test_what_waits_for_a_stop_is_bounded():
     assert [len(message.data) for message in recent.all()] == [48]
     recent.add(count(0)._replace(log_ns=41 * 10**9, data=bytes(51)))
     assert recent.all() == []
+
+
+def test_what_waits_for_a_stop_begins_with_who_drove():
+    """A message of it comes at changes alone, so the newest may be older than all that is kept."""
+    control = count(0)._replace(channel=OWN_TOPICS["control"].channel, log_ns=0)
+    recent = RecentMessages()
+    for message in (control, count(0)._replace(log_ns=40 * 10**9)):
+        recent.add(message)
+    assert [(each.channel, each.log_ns) for each in recent.all()] == [
+        (control.channel, 40 * 10**9),
+        (CHANNEL, 40 * 10**9),
+    ]
 
 
 def typedef(name, *types, length=-1):

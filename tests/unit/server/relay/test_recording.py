@@ -18,8 +18,9 @@ import pytest
 import pytest_asyncio
 from recorded_messages import RecordedTopicMessage, read_messages
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
+from robotether_common.codecs import H264
 from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
-from robotether_server.recorder import relay_client, service
+from robotether_server.recorder import observer, relay_client, service
 from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
@@ -155,6 +156,10 @@ def topics_of(settings: RecorderSettings, number: int = 1) -> set[str]:
     return {message.topic for message in messages_of(settings, number)}
 
 
+def frames_of(settings: RecorderSettings) -> list[RecordedTopicMessage]:
+    return [each for each in messages_of(settings) if each.topic == "/camera/video"]
+
+
 async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     *, recorder, relay, robot, sim1, store, settings, program
 ):
@@ -192,6 +197,31 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
         names = {each.topic: each.msgtype for each in bag.connections}
         assert names["/speed"] == "demo/msg/Speed"
         assert sum(1 for _ in bag.messages()) == len(messages)
+
+
+async def test_video_is_recorded_with_key_frames_and_without_gaps(
+    *, recorder, relay, robot, store, settings, monkeypatch
+):
+    """A reader of the file begins at a key frame; nobody else may ask for one."""
+    monkeypatch.setattr(observer, "KEY_FRAME_EVERY_S", 0.0)
+    store.ask()
+    await robot.frames.wait_for("credit")
+    for number, data in enumerate((b"key", b"one", b"two")):
+        await robot.frames.show(data, codec=H264.number, is_key=data == b"key")
+        await until(lambda seen=number + 1: len(frames_of(settings)) == seen, "it is in the file")
+    await robot.frames.wait_for("key_frame")
+
+
+async def test_the_file_says_who_drives_at_changes_alone(recorder, relay, robot, store, settings):
+    """However often the robot's round trip changes."""
+    store.ask()
+    await until(lambda: "/robotether/control" in topics_of(settings), "it records")
+    for _ in range(5):
+        relay.relay.fleet_events.changed(7)
+        await asyncio.sleep(0.05)
+    await asyncio.sleep(0.6)
+    topics = [message.topic for message in messages_of(settings)]
+    assert topics.count("/robotether/control") == 1
 
 
 @pytest.mark.parametrize(

@@ -177,6 +177,9 @@ class FramesSession(OperatorConnection):
                 request if self._permit.may_drive else replace(request, prefers=None)
             )
             self._feed.due.set()
+        elif operation == "key_frame" and self.is_recorder:
+            # A reader of the file needs one; the recorder itself goes on with what comes until then.
+            self._feed.request_key_frame()
         elif operation == "key_frame":
             self._cursor.restart()
 
