@@ -1,4 +1,7 @@
-// Bundles src/ into the static folder of the web package. Run by `npm run build`, also in the image.
+// Bundles src/ into the static folder of the web package, with the licences of the packages in it. Run by `npm run build`, also in the
+// image.
+
+import { readdir, readFile, writeFile } from "node:fs/promises";
 
 import { build, context } from "esbuild";
 
@@ -11,6 +14,7 @@ const options = {
     grants: "src/pages/grants.js",
     health: "src/pages/health.js",
     queue: "src/pages/queue.js",
+    replay: "src/pages/replay.js",
     routes: "src/pages/routes.js",
     "robotether-client": "src/client/index.js",
     supervise: "src/pages/supervise.js",
@@ -22,11 +26,24 @@ const options = {
   minify: true,
   format: "esm",
   target: ["safari15", "chrome100", "firefox100"],
+  metafile: true,
   logLevel: "info",
 };
+
+// Of each package of which something is in a bundle.
+async function licences({ inputs }) {
+  const folders = new Set(Object.keys(inputs).flatMap((path) => path.match(/^node_modules\/(?:@[^/]+\/)?[^/]+/) ?? []));
+  const texts = [...folders].sort().map(async (folder) => {
+    const file = (await readdir(folder)).find((name) => /^licen[cs]e/i.test(name));
+    if (!file) throw new Error(`cannot build: ${folder} has no licence`);
+    return `${folder.replace("node_modules/", "")}\n\n${await readFile(`${folder}/${file}`, "utf8")}`;
+  });
+  return (await Promise.all(texts)).join("\n\n");
+}
 
 if (process.argv.includes("--watch")) {
   await (await context(options)).watch();
 } else {
-  await build(options);
+  const { metafile } = await build(options);
+  await writeFile(`${options.outdir}/licences.txt`, await licences(metafile));
 }

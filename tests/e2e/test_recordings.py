@@ -12,7 +12,7 @@ import page_holds
 import pytest
 from local_network import insecure_tls
 from mcap.reader import make_reader
-from pages import drive_live, expect_mode
+from pages import drive_live, expect_mode, open_drawer
 from playwright.sync_api import Page, expect
 from rosbags.highlevel import AnyReader
 from sim_watch import SimWatch
@@ -25,6 +25,12 @@ WANTED = {
     "/robotether/commands": "robotether_msgs/msg/DriveCommand",
     "/robotether/control": "robotether_msgs/msg/Control",
 }
+
+# What a canvas shows, as a number.
+PIXELS = """(canvas) => {
+  const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+  return data.reduce((sum, value, i) => (sum * 31 + value * (i % 7)) % 1000003, 0);
+}"""
 
 
 class People:
@@ -118,6 +124,49 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
         lambda: f"{number}.mcap" not in stack.exec("recorder", "ls", folder),
         "recorder",
     )
+
+
+def test_a_drive_is_recorded_by_the_page_and_played_back(
+    page: Page, stack: Stack, people: People
+) -> None:
+    """By keyboard alone; all that the page reads of the file is one line of the audit log."""
+    drive_live(page, stack, ROBOT)
+    open_drawer(page)
+    record = page.get_by_test_id("record")
+    record.click()
+    expect(page.get_by_test_id("record-state")).to_contain_text("Recorded since", timeout=10_000)
+    page.keyboard.press("Escape")
+    with SimWatch(stack, ROBOT) as watch:
+        page_holds.drive(page, watch)
+        page.wait_for_timeout(3000)
+        page.keyboard.up("w")
+    open_drawer(page)
+    record.click()
+    expect(record).to_have_text("Record", timeout=10_000)
+    number = people.ask("mark", "GET", f"/recordings?robot={ROBOT}")[1]["recordings"][0]["id"]
+    stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
+    page.goto(f"{stack.url}/recordings/{number}")
+    video, root = page.get_by_test_id("replay-video"), page.get_by_test_id("replay")
+    expect(page.get_by_test_id("clock")).to_contain_text("0:00 of")
+    page.keyboard.press("ArrowRight")
+    expect(video).to_have_attribute("data-frame", "live")
+    expect(page.get_by_test_id("replay-words")).to_be_empty()
+    expect(page.get_by_test_id("driver")).to_have_text("admin")
+    before = video.locator("canvas").evaluate(PIXELS)
+    page.keyboard.press("Space")
+    expect(root).to_have_attribute("data-playing", "true")
+    expect(page.get_by_test_id("asked")).to_contain_text("m/s")
+    expect(page.get_by_test_id("measured")).to_contain_text("m/s")
+    page.keyboard.press("Space")
+    expect(root).to_have_attribute("data-playing", "false")
+    page.keyboard.press("End")
+    expect(page.get_by_test_id("replay-words")).to_be_empty()
+    assert video.locator("canvas").evaluate(PIXELS) != before
+    lines = (
+        "SELECT kind FROM audit_events WHERE kind IN ('recording_viewed', 'recording_downloaded')"
+    )
+    rows = stack.sql(f"{lines} AND JSON_VALUE(details, '$.recording') = {number}")
+    assert [row[0] for row in rows] == ["recording_viewed"]
 
 
 def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(

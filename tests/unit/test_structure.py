@@ -30,7 +30,7 @@ SCRIPT_RANKS = (
     "client",
     "dom",
     "control input overlays topics",
-    "fleet health queue video",
+    "fleet health queue replay video",
     "pages",
 )
 SCRIPT_RANK = {folder: rank for rank, row in enumerate(SCRIPT_RANKS) for folder in row.split()}

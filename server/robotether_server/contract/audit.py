@@ -200,6 +200,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "recording_started": ("Recording started", "started recording {recording} of {robot}"),
     "recording_ended": ("Recording ended", _recording_sentence),
     "recording_downloaded": ("Recording downloaded", "downloaded recording {recording} of {robot}"),
+    "recording_viewed": ("Recording viewed", "viewed recording {recording} of {robot}"),
     "recording_deleted": ("Recording deleted", "deleted recording {recording} of {robot}"),
     "route_made": ("Route made", _route_sentence("made")),
     "route_removed": ("Route removed", _route_sentence("removed")),

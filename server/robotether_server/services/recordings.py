@@ -64,16 +64,31 @@ def delete(tx: Transaction, source: Source, user: User, recording_id: int) -> Re
     return recording
 
 
-def download(tx: Transaction, source: Source, user: User, recording_id: int) -> Recording:
+def view(tx: Transaction, source: Source, user: User, recording_id: int) -> Recording:
+    """Let the user play a recording back, by pieces of its file. Raises RecordMissingError or NotPossibleError."""
+    recording = _find_file(tx, user, recording_id)
+    audit.record(tx, source, "recording_viewed", recording.robot, recording=recording_id)
+    return recording
+
+
+def download(
+    tx: Transaction, source: Source, user: User, recording_id: int, *, is_viewed: bool = False
+) -> Recording:
     """Let the user have the file of a recording, or a piece; many pieces are one line of the audit log.
 
-    Raises RecordMissingError or NotPossibleError.
+    `is_viewed`: the audit log has the viewing for which a page wants the piece. Raises RecordMissingError or
+    NotPossibleError.
     """
+    recording = _find_file(tx, user, recording_id)
+    if not is_viewed and recordings.note_download(tx, recording_id, user.id):
+        audit.record(tx, source, "recording_downloaded", recording.robot, recording=recording_id)
+    return recording
+
+
+def _find_file(tx: Transaction, user: User, recording_id: int) -> Recording:
     recording = recordings.get(tx, user, "manage", recording_id)
     if recording.started_at is None:
         raise NotPossibleError("cannot send the recording: it has not begun")
-    if recordings.note_download(tx, recording_id, user.id):
-        audit.record(tx, source, "recording_downloaded", recording.robot, recording=recording_id)
     return recording
 
 

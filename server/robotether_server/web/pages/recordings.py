@@ -1,8 +1,13 @@
-"""/recordings: the recordings of robots that a user may drive; those who manage a robot download and delete them."""
+"""/recordings: the recordings of robots that a user may drive; those who manage a robot play, download and delete them.
+
+The page that plays one reads its file by pieces. It has a signed word with which the pieces are part of its viewing,
+one line of the audit log; what a user may have is decided anew for each piece.
+"""
 
 from functools import partial
 
-from flask import Blueprint, Response, render_template, request
+from flask import Blueprint, Response, current_app, render_template, request
+from itsdangerous import BadSignature, URLSafeTimedSerializer
 
 from robotether_server.api.context import context
 from robotether_server.api.recordings import file_response
@@ -17,6 +22,8 @@ blueprint = Blueprint("recordings", __name__, url_prefix="/recordings")
 blueprint.before_request(current_user.require_user)
 
 PAGE = "/recordings"
+# Time for which a page reads a file as part of one viewing.
+VIEWING_S = 12 * 3600
 
 
 @blueprint.get("")
@@ -39,14 +46,40 @@ def show() -> str:
     )
 
 
+@blueprint.get("/<int:recording_id>")
+def play(recording_id: int) -> str:
+    """Show the page that plays a recording back."""
+    user = current_user.get()
+    with context().database.transaction() as tx:
+        recording = recording_service.view(tx, current_user.source(), user, recording_id)
+    viewing = _viewings().dumps([recording_id, user.id])
+    return render_template("recording.html", recording=recording, viewing=viewing)
+
+
 @blueprint.get("/<int:recording_id>/file")
 def send_file(recording_id: int) -> Response:
     """Send the file, or a piece of it."""
+    user = current_user.get()
     with context().database.transaction() as tx:
         recording = recording_service.download(
-            tx, current_user.source(), current_user.get(), recording_id
+            tx,
+            current_user.source(),
+            user,
+            recording_id,
+            is_viewed=_is_viewed(request.args.get("viewing", ""), [recording_id, user.id]),
         )
     return file_response(recording)
+
+
+def _viewings() -> URLSafeTimedSerializer:
+    return URLSafeTimedSerializer(current_app.config["SECRET_KEY"], salt="robotether.viewing")
+
+
+def _is_viewed(viewing: str, members: list[int]) -> bool:
+    try:
+        return bool(_viewings().loads(viewing, max_age=VIEWING_S) == members)
+    except BadSignature:
+        return False
 
 
 def _find(recording_id: int) -> Words:

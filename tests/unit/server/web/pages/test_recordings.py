@@ -1,4 +1,6 @@
-"""The list of recordings: who sees what, stops, downloads and deletes."""
+"""Recordings: who sees what, plays, stops, downloads and deletes."""
+
+import re
 
 import pytest
 from admin_visitor import send
@@ -45,3 +47,29 @@ def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
     assert "There is no recording." in browser.ask("GET", "/recordings").text
     kinds = {(kind, actor) for kind, actor, _ in audit_kinds(database)}
     assert {("recording_downloaded", "olga"), ("recording_deleted", "olga")} <= kinds
+
+
+def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number, database):
+    """Whoever else reads the file meanwhile; a page of another viewing, or of nobody's, is a download."""
+
+    def kinds():
+        lines = audit_kinds(database)
+        return [
+            (kind, actor)
+            for kind, actor, _ in lines
+            if kind.startswith(("recording_v", "recording_do"))
+        ]
+
+    browser.log_in("olga")
+    page = browser.ask("GET", f"/recordings/{number}").text
+    [piece] = re.findall(r'data-file="(/recordings/\d+/file\?viewing=[^"]+)"', page)
+    for _ in range(3):
+        answer = browser.ask("GET", piece)
+        assert answer.headers["X-Accel-Redirect"] == f"/recording-files/{number}.mcap"
+    assert kinds() == [("recording_viewed", "olga")]
+    browser.ask("GET", piece + "x")
+    assert kinds() == [("recording_viewed", "olga"), ("recording_downloaded", "olga")]
+    browser.log_in("ann")
+    for path in (piece, f"/recordings/{number}"):
+        assert browser.ask("GET", path).status_code == 404
+    assert len(kinds()) == 2

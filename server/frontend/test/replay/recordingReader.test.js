@@ -1,0 +1,111 @@
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { BrokenFileError, RangeFile, RangeFileError } from "../../src/replay/rangeFile.js";
+import { RecordingReader } from "../../src/replay/recordingReader.js";
+import { recordingOf, serverOf, text } from "./recordings.js";
+
+const at = (atMs, topic = "/a") => ({ topic, atMs });
+const MESSAGES = [at(0), at(500, "/b"), at(1000), at(5000), at(5500, "/b")];
+const TOPICS = ["/a", "/b"];
+
+async function opened(bytes, options) {
+  const server = serverOf(bytes, options);
+  const file = await new RangeFile("/file", { load: server.load, wait: async () => {} }).open();
+  return { reader: await RecordingReader.open(file), asked: server.asked };
+}
+
+async function times(messages) {
+  const list = [];
+  for await (const { atMs } of messages) list.push(atMs);
+  return list;
+}
+
+test("messages come by their times, also backwards, and a gap is a gap", async () => {
+  const { reader } = await opened((await recordingOf(MESSAGES)).bytes);
+  assert.deepEqual(await times(reader.messages({ topics: TOPICS })), [0, 500, 1000, 5000, 5500]);
+  assert.deepEqual(await times(reader.messages({ topics: TOPICS, afterMs: 500, toMs: 5000 })), [1000, 5000]);
+  assert.deepEqual(await times(reader.backwards({ topics: ["/a"], toMs: 4999 })), [1000, 0]);
+  assert.deepEqual(reader.spans(), [
+    { fromMs: 0, toMs: 1000 },
+    { fromMs: 5000, toMs: 5500 },
+  ]);
+  assert.deepEqual(reader.spans(["/b"]).length, 2);
+  assert.deepEqual([reader.durationMs, reader.isWhole], [5500, true]);
+});
+
+test("a large file is never loaded as a whole", async () => {
+  const data = text("x".repeat(100_000));
+  const messages = Array.from({ length: 200 }, (_, i) => ({ ...at(i * 500), data }));
+  const { bytes } = await recordingOf(messages);
+  const { reader, asked } = await opened(bytes);
+  assert.deepEqual(await times(reader.messages({ topics: TOPICS, afterMs: 50_000, toMs: 52_000 })), [50_500, 51_000, 51_500, 52_000]);
+  const loaded = asked.reduce((sum, size) => sum + size, 0);
+  assert.ok(loaded < bytes.length / 5, `${loaded} of ${bytes.length}`);
+});
+
+test("a file that is cut anywhere plays as far as it is whole", async () => {
+  const { bytes, ends } = await recordingOf(MESSAGES);
+  for (let size = ends[0]; size < bytes.length; size += 13) {
+    const { reader } = await opened(bytes.subarray(0, size));
+    const whole = ends.filter((end) => end <= size).length;
+    assert.deepEqual(
+      await times(reader.messages({ topics: TOPICS })),
+      MESSAGES.slice(0, whole).map(({ atMs }) => atMs),
+    );
+    assert.equal(reader.isWhole, false);
+  }
+});
+
+test("what is damaged is left out, and said", async () => {
+  const { bytes, ends } = await recordingOf(MESSAGES);
+  const damaged = Buffer.from(bytes);
+  damaged[ends[1] + 80] ^= 255; // in the third chunk
+  const { reader } = await opened(damaged);
+  const read = await times(reader.messages({ topics: TOPICS }));
+  assert.deepEqual(
+    read.filter((atMs) => atMs !== 1000),
+    [0, 500, 5000, 5500],
+  );
+  assert.ok(reader.damages > 0);
+});
+
+test("a file that lies about where its parts are is refused, and costs nothing", async () => {
+  const { bytes } = await recordingOf(MESSAGES);
+  const footer = bytes.length - 8 - 20;
+  for (const start of [1n, 2n ** 62n, BigInt(bytes.length)]) {
+    const lying = Buffer.from(bytes);
+    lying.writeBigUInt64LE(start, footer);
+    await assert.rejects(opened(lying));
+  }
+  const file = await new RangeFile("/file", serverOf(bytes)).open();
+  await assert.rejects(file.read(0n, 2n ** 40n), BrokenFileError);
+});
+
+test("enormous times are none of a recording", async () => {
+  const messages = [at(0), { topic: "/a", logNs: 2n ** 64n - 1n }, at(500), { topic: "/a", logNs: 1n }, at(1000)];
+  const { reader } = await opened((await recordingOf(messages)).bytes);
+  assert.deepEqual([reader.durationMs, reader.left], [1000, 2]);
+  assert.deepEqual(await times(reader.messages({ topics: TOPICS })), [0, 500, 1000]);
+});
+
+test("messages of a definition that is none are counted and left out", async () => {
+  const { bytes } = await recordingOf([at(0)], { definition: "<b>x</b> data\n" });
+  const { reader } = await opened(bytes);
+  for await (const message of reader.messages({ topics: TOPICS })) assert.equal(reader.decode(message), null);
+  assert.equal(reader.unreadable, 1);
+});
+
+test("a busy server is asked again, and one that refuses says why", async () => {
+  const { bytes } = await recordingOf([at(0)]);
+  const busy = new Response(null, { status: 429 });
+  assert.equal((await opened(bytes, { answers: [busy] })).reader.durationMs, 0);
+  const refusal = new Response('{"detail":"cannot send the recording: its file is gone"}', {
+    status: 404,
+    headers: { "Content-Type": "application/problem+json" },
+  });
+  const isRefused = (error) => error instanceof RangeFileError && error.status === 404 && error.detail.includes("gone");
+  await assert.rejects(opened(bytes, { answers: [refusal] }), isRefused);
+  const whole = new Response(bytes, { status: 200 });
+  await assert.rejects(opened(bytes, { answers: [whole] }), RangeFileError);
+});
