@@ -9,6 +9,7 @@ import { Arming, NO_CONTROLS, VideoInterlock } from "../control/arming.js";
 import { Banner, ControlPanel, isSlow, silenceOf } from "../control/controlPanel.js";
 import { DriveMode, ReloadStore } from "../control/driveMode.js";
 import { Summary } from "../control/driveSummary.js";
+import { RecordButton } from "../control/recordButton.js";
 import { Buttons } from "../control/robotButtons.js";
 import { StopBar } from "../control/stopBar.js";
 import { setUpControls } from "../input/controls.js";
@@ -16,13 +17,13 @@ import { AskForHelp } from "../queue/askForHelp.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { Readback, Readings } from "../overlays/readings.js";
 import { SeenAge } from "../overlays/seenAge.js";
-import { RECORDED, watchers } from "../texts/common.js";
+import { recorded, watchers } from "../texts/common.js";
 import { Discovery } from "../topics/discovery.js";
 import { Topics } from "../topics/topicList.js";
 import { ObserverConnection } from "../topics/topicProbe.js";
 import { TopicSwitch, Uplink } from "../topics/uplink.js";
 import { View } from "../video/view.js";
-import { LoginUse, api } from "../dom/calls.js";
+import { LoginUse, api, serverClock } from "../dom/calls.js";
 import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { driveSettings } from "./settings.js";
@@ -37,7 +38,7 @@ const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
-const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0 };
+const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -103,6 +104,9 @@ new Uplink(part(root, "uplink"), {
 // Drivers have these.
 const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;
 const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
+const recordButton = driveMode.mayDrive
+  ? new RecordButton(root, { robot, me: user, level, api, now: () => Date.now() + serverClock.aheadMs })
+  : null;
 
 const askForHelp = new AskForHelp(root, {
   robot,
@@ -216,6 +220,7 @@ function showBanner() {
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
   const drive = { driving, armed, control, stopped, mayDrive, free, again: driveMode.wasStopped };
   banner.show(connection.state, { ...facts, ...drive, video: interlock.kind });
+  setText(byTestId(root, "recording"), facts.recording ? recorded(Boolean(control.driver)) : "");
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 
@@ -239,16 +244,18 @@ function receiveRobot(update) {
   const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers } = update;
   Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   facts.observers = observers;
+  receiveRecording(Boolean(update.recording));
   view.overlays.showBattery(update);
   showWatchers();
-  showRecording(update.recording);
   if (control) session.controlState.fromFeed(control);
   showBanner();
   if (!wasOnline && online && ros !== "down") retryNow();
 }
 
-function showRecording(recorded) {
-  setText(byTestId(root, "recording"), recorded ? RECORDED : "");
+// The banner says so.
+function receiveRecording(recording) {
+  facts.recording = recording;
+  recordButton?.receive(recording);
 }
 
 function checkSilence() {

@@ -214,7 +214,7 @@ export const seen = {
 };
 
 // So that nobody is recorded without knowing.
-export const RECORDED = "This drive is being recorded.";
+export const recorded = (drives) => (drives ? "This drive is being recorded." : "This robot is being recorded.");
 
 // Not counting this page.
 export const watchers = (count) => (count > 0 ? `${count} watching.` : "");

@@ -1,6 +1,6 @@
 // Sentences of the pages: buttons, topics, uplink and the summary of a drive. No logic beyond filling in.
 
-import { sentence } from "./common.js";
+import { because, sentence } from "./common.js";
 
 export const buttons = {
   idle: "",
@@ -54,6 +54,18 @@ export const topics = {
 };
 
 // `people` and rates are null where nothing is known.
+export const recording = {
+  begin: "Record",
+  stop: "Stop recording",
+  unknown: "Whether this robot is recorded is not known.",
+  bySettings: "The robot is recorded by its settings.",
+  begins: "The recording is about to begin.",
+  ends: "The recording ends.",
+  since: (at, by) => `Recorded since ${at}${by ? `, asked for by ${by}` : ""}.`,
+  notBegun: (detail) => `Not recorded. ${detail ? because(detail) : "The server does not answer. Try again."}`,
+  notStopped: (detail) => `Not stopped. ${detail ? because(detail) : "The server does not answer. Try again."}`,
+};
+
 export const uplink = {
   kinds: { camera: "Camera", topic: "Topic", video: "Snapshots and other video", rosbridge: "Services and the rest of rosbridge" },
   measuring: "Measuring",

@@ -1,0 +1,79 @@
+// Recording the robot from the drive page, in its drawer: who records it, and a button that begins or stops that. What the page says
+// to everybody while the robot is recorded is in drive.js. It must never touch what drives.
+
+import { localTime, part, setText } from "../dom/page.js";
+import { recording as texts } from "../texts/panels.js";
+
+const BEGINS_MS = 60_000; // time within which the recorder begins what it was asked for, or nobody does
+const AGAIN_MS = 2000; // delay before the next look at one that is about to begin or end
+const LISTED = 20; // recordings by the robot's settings may be newer than one that a person asked for
+
+/** @typedef {{id: number, cause: string, state: string, asked_by: string | null, asked_at: string, started_at: string | null}} Recording */
+
+// The recording that a person asked for and that goes on, or is about to begin; null for none. Pure.
+/** @param {Recording[]} recordings @param {number} now the server's, in ms */
+export function recordingUnderWay(recordings, now) {
+  const isNew = ({ asked_at: at }) => now - Date.parse(at) < BEGINS_MS;
+  const goesOn = (each) => each.state === "recording" || (each.state === "requested" && isNew(each));
+  return recordings.find((each) => each.cause === "asked" && goesOn(each)) ?? null;
+}
+
+export class RecordButton {
+  // `api` as of client/api.js; `now()` gives the server's time of day in ms.
+  constructor(root, { robot, me, level, api, now }) {
+    this.root = root;
+    this.robot = robot;
+    this.mayStop = ({ asked_by: asker }) => level === "manage" || asker === me;
+    this.api = api;
+    this.now = now;
+    /** @type {boolean | undefined} */
+    this.recorded = undefined; // whether anything records the robot, as the robot object says
+    /** @type {Recording | null | undefined} */
+    this.underWay = undefined; // null for none, undefined for unknown
+    this.button = part(root, "record");
+    this.button.addEventListener("click", () => this.press());
+  }
+
+  // Comes with each robot object.
+  receive(recorded) {
+    if (recorded === this.recorded) return;
+    this.recorded = recorded;
+    this.refresh();
+  }
+
+  async refresh() {
+    clearTimeout(this.timer);
+    const { ok, body } = await this.api.get("/api/v1/recordings", { robot: this.robot, limit: LISTED });
+    this.underWay = ok ? recordingUnderWay(body.recordings, this.now()) : undefined;
+    this.show();
+    if (this.underWay?.state === "requested" || (this.underWay && this.ending)) this.timer = setTimeout(() => this.refresh(), AGAIN_MS);
+    else this.ending = false;
+  }
+
+  async press() {
+    if (this.pressed) return;
+    this.pressed = true;
+    const { underWay } = this;
+    const path = underWay ? `/api/v1/recordings/${underWay.id}/stop` : `/api/v1/robots/${encodeURIComponent(this.robot)}/recordings`;
+    const { ok, detail } = await this.api.post(path);
+    this.pressed = false;
+    this.ending = Boolean(ok && underWay);
+    this.problem = ok ? "" : (underWay ? texts.notStopped : texts.notBegun)(detail);
+    await this.refresh();
+  }
+
+  show() {
+    const { button, underWay } = this;
+    setText(button, underWay ? texts.stop : texts.begin);
+    button.disabled = underWay === undefined || this.ending || (underWay !== null && !this.mayStop(underWay));
+    setText(part(this.root, "record-state"), this.problem || this.words);
+  }
+
+  get words() {
+    const { underWay } = this;
+    if (underWay === undefined) return texts.unknown;
+    if (!underWay) return this.recorded ? texts.bySettings : "";
+    if (this.ending) return texts.ends;
+    return underWay.state === "requested" ? texts.begins : texts.since(localTime(underWay.started_at), underWay.asked_by ?? "");
+  }
+}
