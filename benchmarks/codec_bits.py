@@ -1,4 +1,4 @@
-"""How many bits codecs need for the PSNR of JPEG, and what encoding costs a robot, on clips that a seed draws.
+"""How many bits codecs need for the PSNR of JPEG, and what encoding costs a robot, on the clips of clips.py.
 
 The camera gives JPEGs of web_video_server's default quality, and the agent's own encoder process makes access units of
 them. Between some rates is that at which the decoded frames are as near to the raw ones as JPEGs of quality 50 are.
@@ -9,11 +9,15 @@ camera's JPEGs.
 from __future__ import annotations
 
 import asyncio
+import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from clips import CLIPS, FPS, SIZES, Clip, RawFrame, Size, jpeg_of
+from numpy.typing import NDArray
 from paper.costs import trees_cpu_s
+from PIL import Image
 from report import Row, Section
 from robotether_agent.video.av_process import av_process
 from robotether_agent.video.encoder import COMMAND
@@ -24,33 +28,16 @@ from robotether_agent.video.encoder_messages import (
     unpacked_answer,
 )
 from robotether_common.codecs import H264, VP8, Codec
-from video_clips import Decoder, Picture, clip, jpeg_of, pixels_of, psnr
+from video_clips import Decoder
 
-SECONDS, FPS = 5.0, 15
-SIZES = ((640, 480), (1280, 720))
+SECONDS = 5.0
 # Quality whose PSNR is the measure, and that of the camera's JPEGs.
 MEASURE, CAMERA = 50, 95
 # Least part of the JPEGs' bits that is tried, and number of rates from there up to all of them.
 LEAST_PART, RATES = 1 / 40, 8
+AIM_PARTS = {"easy": 1 / 4, "slow": 1 / 3, "fast": 1 / 1.7}
 AIM_PERCENT = 6
-Size = tuple[int, int]
-
-
-@dataclass(frozen=True)
-class Clip:
-    """How the camera turns, in widths of its frame a second; its noise, a deviation of levels; the part to aim at."""
-
-    name: str
-    turn_per_s: float
-    noise: float
-    aim: float
-
-
-CLIPS = (
-    Clip("easy", turn_per_s=0.0, noise=2.0, aim=1 / 4),
-    Clip("slow", turn_per_s=0.06, noise=2.0, aim=1 / 3),
-    Clip("fast", turn_per_s=0.9, noise=5.0, aim=1 / 1.7),
-)
+LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 
 @dataclass(frozen=True)
@@ -66,43 +53,55 @@ CODINGS = (Coding(H264, PRESETS[0]), Coding(H264, PRESETS[-1]), Coding(VP8, PRES
 
 @dataclass(frozen=True)
 class RatePoint:
-    """What a codec made of all frames at one rate."""
+    """What a codec made of all frames at one rate; errors are the mean square ones of luma."""
 
     bits_per_s: float
-    psnr_db: float
+    error: float
     cpu_s_a_frame: float | None = None
+
+    @property
+    def psnr_db(self) -> float:
+        return float(10 * np.log10(255**2 / self.error))
 
 
 @dataclass(frozen=True)
 class Footage:
-    """A clip's raw frames, and as the camera gives them."""
+    """A clip's raw frames, as luma, and as the camera gives them."""
 
     clip: Clip
     size: Size
-    raw: Sequence[Picture]
+    raw: Sequence[NDArray[np.float32]]
     camera: Sequence[bytes]
     # The same frames as JPEGs of quality MEASURE.
     jpeg: RatePoint
 
 
-def make_footage(kind: Clip, size: Size, count: int) -> Footage:
+def make_footage(clip: Clip, size: Size, count: int) -> Footage:
     """Draw a clip, and encode it as the camera does and as JPEGs of quality MEASURE."""
-    step = round(kind.turn_per_s * size[0] / FPS)
-    raw = list(clip(count, step=step, size=size, noise=kind.noise))
-    measure = [jpeg_of(frame, MEASURE) for frame in raw]
-    near = [psnr(frame, pixels_of(jpeg)) for frame, jpeg in zip(raw, measure, strict=True)]
-    point = RatePoint(sum(map(len, measure)) * 8 * FPS / count, float(np.mean(near)))
-    return Footage(kind, size, raw, [jpeg_of(frame, CAMERA) for frame in raw], point)
+    raw, camera, total, errors = [], [], 0, []
+    for frame in clip.frames(size, count):
+        raw.append(frame @ LUMA)
+        camera.append(jpeg_of(frame, CAMERA))
+        measure = jpeg_of(frame, MEASURE)
+        total += len(measure)
+        with Image.open(io.BytesIO(measure)) as opened:
+            errors.append(error_of(np.asarray(opened), raw[-1]))
+    point = RatePoint(total * 8 * FPS / count, float(np.mean(errors)))
+    return Footage(clip, size, raw, camera, point)
+
+
+def error_of(decoded: RawFrame, raw_luma: NDArray[np.float32]) -> float:
+    return float(np.mean((decoded @ LUMA - raw_luma) ** 2))
 
 
 async def encoded(footage: Footage, coding: Coding, bits_per_s: float) -> RatePoint:
     """Encode all frames at one rate, one after the other, and decode them."""
-    decoder, total, near = Decoder(coding.codec.name), 0, []
+    decoder, total, errors = Decoder(coding.codec.name), 0, []
     async with av_process(COMMAND) as process:
         # Empty: it has started.
         await process.message(MAX_ANSWER_BYTES)
         [started_cpu_s] = trees_cpu_s([process._process.pid])
-        for jpeg, raw in zip(footage.camera, footage.raw, strict=True):
+        for jpeg, raw_luma in zip(footage.camera, footage.raw, strict=True):
             request = EncodeRequest(
                 jpeg,
                 coding.codec,
@@ -115,10 +114,10 @@ async def encoded(footage: Footage, coding: Coding, bits_per_s: float) -> RatePo
             await process.send(request.packed())
             unit = unpacked_answer(await process.message(MAX_ANSWER_BYTES)).data
             total += len(unit)
-            near.append(psnr(raw, decoder.decode(unit)))
+            errors.append(error_of(decoder.decode(unit), raw_luma))
         cpu_s = trees_cpu_s([process._process.pid])[0] - started_cpu_s
     count = len(footage.raw)
-    return RatePoint(total * 8 * FPS / count, float(np.mean(near)), cpu_s / count)
+    return RatePoint(total * 8 * FPS / count, float(np.mean(errors)), cpu_s / count)
 
 
 def rows_of(footage: Footage) -> Iterator[Row]:
@@ -132,7 +131,7 @@ def rows_of(footage: Footage) -> Iterator[Row]:
         # Between two rates the logarithm of bits grows evenly with the PSNR.
         bits = np.exp(np.interp(goal, levels, np.log([point.bits_per_s for point in points])))
         cpu_s = np.interp(goal, levels, [point.cpu_s_a_frame for point in points])
-        found = RatePoint(float(bits), goal, float(cpu_s))
+        found = RatePoint(float(bits), footage.jpeg.error, float(cpu_s))
         name = f"{coding.codec.name}, {coding.preset}"
         yield row(footage, name, found if levels[0] <= goal <= levels[-1] else None)
 
@@ -147,7 +146,7 @@ def row(footage: Footage, codec: str, point: RatePoint | None) -> Row:
         "PSNR, dB": f"{point.psnr_db:.1f}",
         "kbit/s": point.bits_per_s / 1000,
         "of JPEG's bits": point.bits_per_s / footage.jpeg.bits_per_s,
-        "aim": footage.clip.aim if cpu_s else None,
+        "aim": AIM_PARTS[footage.clip.name] if cpu_s else None,
         "encoding, ms a frame": cpu_s and cpu_s * 1000,
         f"% of a core at {FPS}/s": cpu_s and cpu_s * FPS * 100,
     }
@@ -157,12 +156,12 @@ def measure(seconds: float = SECONDS, sizes: Sequence[Size] = SIZES) -> Section:
     """Measure all clips, one after the other."""
     count = round(seconds * FPS)
     rows = [
-        row for size in sizes for kind in CLIPS for row in rows_of(make_footage(kind, size, count))
+        row for size in sizes for clip in CLIPS for row in rows_of(make_footage(clip, size, count))
     ]
     text = (
-        f"Clips of {seconds:g} s at {FPS} frames a second, drawn by a seed: a camera that stands (easy), pans slowly "
-        "(slow), and turns fast in poor light (fast). A turn only shifts a texture, without perspective or blur: "
-        "codecs predict that better than what most cameras see. The "
+        f"Clips of {seconds:g} s at {FPS} frames a second, drawn by a seed: a camera that stands, with a thing that "
+        "moves (easy), one that pans slowly (slow), and one that turns fast in poor light (fast). A turn only shifts "
+        "what is seen, without perspective or blur: codecs predict that better than what most cameras see. The "
         f"camera gives JPEGs of quality {CAMERA}. The agent's encoder process makes H.264 and VP8 of them, without "
         f"hardware, at {RATES} rates; between two of them is that at which luma's PSNR against the raw frames is that "
         f"of JPEG at quality {MEASURE}. Bits include the key frame at the start. Encoding is the process's processor "

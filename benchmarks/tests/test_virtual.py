@@ -47,13 +47,16 @@ async def virtual_robot(server: RecordingServer, place: Path) -> AsyncIterator[N
     environ = agent_environ(server, place)
     await Enroller(agent_settings.load(None, environ)).join()
     told = {"server": environ["ROBOTETHER_SERVER"], "state_dir": environ["ROBOTETHER_STATE_DIR"]}
-    robot = VirtualRobot(Account.read(told), Services(), Random(7))
+    services = Services()
+    await services.start()
+    robot = VirtualRobot(Account.read(told), services, Random(7))
     running = asyncio.ensure_future(robot.run())
     try:
         yield
     finally:
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)
+        services.close()
 
 
 class Played:

@@ -15,21 +15,23 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import asyncssh
 from aiohttp import web
 from fake_cameras import FakeVideoServer
-from robotether_agent.daemon import Agent
+from robotether_agent.daemon import Agent, report_guard
 from robotether_agent.fields import JsonObject
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.drive_messages import DriveMessage
 from robotether_agent.guard.process import Guard
-from robotether_agent.guard.supervisor import NO_STATUS, GuardSupervisor
+from robotether_agent.guard.supervisor import GuardSupervisor
 from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.systemd import Notifier
 from robotether_agent.topics_service import TopicsService
+from robotether_agent.tunnel.openssh import ServiceAddress
+from robotether_agent.tunnel.session import Session
 from robotether_common.guard import STAMP
+from robotether_common.topics import PATH
 from sim_robot.graph import Node, TopicMessage
 
 from paper.cells.history import History
@@ -44,7 +46,7 @@ from paper.fleet.worker import (
     watch_children,
 )
 from paper.virtual.robot import Account, VirtualRobot
-from paper.virtual.services import Channel, Services
+from paper.virtual.services import LOCALHOST
 
 # A turn of this loop that comes so much later than it should is written down.
 TURN_EVERY_S, LATE_S = 0.02, 0.01
@@ -155,59 +157,41 @@ class WatchedSupervisor(SupervisorHere):
         return self.now  # type: ignore[return-value] # as its base
 
 
-class GuardedServices(Services):
-    """Behind a virtual robot's forward: a guard as an agent has it, with its rosbridge."""
+class GuardedSide:
+    """Behind a virtual robot's forwards: a guard as an agent has it, and the robot's topics."""
 
-    def __init__(self, supervisor: WatchedSupervisor, rosbridge_url: str) -> None:
-        super().__init__()
-        self._supervisor = supervisor
-        self._topics_service = TopicsService(rosbridge_url)
-        self._media = web.Server(self._topics_service.answer, access_log=None)
-        self._status: JsonObject = {**NO_STATUS, "state": "down", "stopped": False, "by": ""}
+    def __init__(self, settings: Settings, watch: Watch) -> None:
+        self.moved = asyncio.Event()
+        self.supervisor = WatchedSupervisor(settings, watch, on_change=lambda _: self.moved.set())
+        self.on_config, self.on_lease = self.supervisor.on_config, self.supervisor.on_lease
+        self.on_stop, self.on_release = self.supervisor.on_stop, self.supervisor.on_release
+        self.on_session_lost = self.supervisor.on_session_lost
+        self._topics_service = TopicsService(settings.rosbridge_url)
+        self._topics_port = 0
 
     async def run(self) -> None:
-        """Keep the guard, and pass on what it says."""
+        """Keep the guard and the topics' port."""
+        app = web.Application()
+        app.router.add_get(PATH, self._topics_service.answer)
+        runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
+        await runner.setup()
         try:
-            with self._supervisor.following() as lines:
-                async with asyncio.TaskGroup() as group:
-                    group.create_task(self._supervisor.run())
-                    group.create_task(self._follow(lines))
+            await web.TCPSite(runner, LOCALHOST, 0).start()
+            self._topics_port = runner.addresses[0][1]
+            await self.supervisor.run()
         finally:
+            await runner.cleanup()
             await self._topics_service.close()
 
-    async def _follow(self, lines: asyncio.Queue[JsonObject]) -> None:
-        while True:
-            line = dict(await lines.get())
-            line.pop("type")
-            answers = line.pop("answers")
-            self._status = line
-            self.on_guard_changed(answers)  # type: ignore[arg-type] # text or nothing
+    def ros_target(self) -> ServiceAddress | None:
+        port = self.supervisor.view.port
+        return None if port is None else ServiceAddress(LOCALHOST, port)
 
-    def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
-        here = self._supervisor.now
-        if here is None or here.guard is None or self._supervisor.view.port is None:
-            raise asyncssh.ChannelOpenError(asyncssh.OPEN_CONNECT_FAILED, "no guard")
-        make = here.guard._server._runner.server
-        assert make is not None
-        return Channel(make())
+    def topics_target(self) -> ServiceAddress:
+        return ServiceAddress(LOCALHOST, self._topics_port)
 
-    @property
-    def guard(self) -> Mapping[str, Any]:
-        return self._status
-
-    def on_config(self, guard: Mapping[str, Any], *, direct: bool) -> None:
-        self._supervisor.on_config(guard, direct=direct)
-
-    def on_session_lost(self) -> None:
-        self._supervisor.on_session_lost()
-
-    def on_lease(self, fence: int, *, held: bool) -> None:
-        self._supervisor.on_lease(fence, held=held)
-
-    def on_order(self, order: str, message_id: str, by: str) -> None:
-        (self._supervisor.on_stop if order == "stop" else self._supervisor.on_release)(
-            message_id, by
-        )
+    async def report(self, session: Session) -> None:
+        await report_guard(self.supervisor, session)
 
 
 class CellRobot(RosRobot):
@@ -254,14 +238,13 @@ class PlayedRobot(CellRobot):
     """A virtual one with a real guard."""
 
     async def play(self) -> None:
-        settings = self.settings()
-        self.supervisor = WatchedSupervisor(settings, self._watch)
-        services = GuardedServices(self.supervisor, settings.rosbridge_url)
-        robot = VirtualRobot(Account.read(self._given), services, random.SystemRandom())
+        side = GuardedSide(self.settings(), self._watch)
+        self.supervisor = side.supervisor
+        robot = VirtualRobot(Account.read(self._given), side, random.SystemRandom())
         robot.on_session = lambda target, epoch: self.is_up(f"{target.host}:{target.port}", epoch)
         robot.on_session_lost = self._watch.on_session_lost
         async with asyncio.TaskGroup() as group:
-            group.create_task(services.run())
+            group.create_task(side.run())
             group.create_task(robot.run())
 
 

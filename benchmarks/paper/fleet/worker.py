@@ -141,7 +141,8 @@ class Robot(ABC):
         self._given = given
         self._running: asyncio.Task[None] | None = None
 
-    async def open(self) -> None:  # noqa: B027 (a virtual robot needs nothing)
+    @abstractmethod
+    async def open(self) -> None:
         """Have all that needs no server."""
 
     def start(self) -> None:
@@ -197,8 +198,20 @@ class LightRobot(RosRobot):
 class FleetRobot(Robot):
     """A virtual one."""
 
+    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+        super().__init__(name, given)
+        self._services = Services()
+
+    async def open(self) -> None:
+        await self._services.start()
+
+    async def close(self) -> None:
+        await super().close()
+        self._services.close()
+
     async def play(self) -> None:
-        await VirtualRobot(Account.read(self._given), Services(), random.SystemRandom()).run()
+        account = Account.read(self._given)
+        await VirtualRobot(account, self._services, random.SystemRandom()).run()
 
 
 class Robots:

@@ -1,25 +1,24 @@
 """A virtual robot: what an agent says to the server, without the programs of a robot; hundreds fit into a process.
 
-Played by paper.fleet.worker and paper.cells.worker. Its SSH connection is asyncssh's, dialled and tried again by the
-agent's own rules, at the cells of the server's newest list, of which it keeps none on disk; its lines are the agent's,
-in the agent's order (benchmarks/tests/test_virtual.py compares them). What lies behind its forwards is services.py. It
-has no guard that could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand
-for a robot that moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
+Played by paper.fleet.worker and paper.cells.worker. Its SSH connections are asyncssh's, with the agent's own session
+and forwards; they are dialled and tried again by the agent's own rules, at the cells of the server's newest list, of
+which it keeps none on disk. What lies behind its forwards, and what it says as a guard, is services.py. It has no guard
+that could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand for a robot
+that moves. Its key exchange is the newest of OpenSSH 10's that both ends know. benchmarks/tests/test_virtual.py
+compares it with the agent.
 """
 
 from __future__ import annotations
 
 import asyncio
-import json
-import logging
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from random import Random
-from typing import Any
+from typing import Any, NoReturn, Protocol
 
 import asyncssh
 from asyncssh.constants import MSG_IGNORE
@@ -29,7 +28,6 @@ from robotether_agent.clock import EpochClock, robot_time
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess
-from robotether_agent.fields import get_cells, line_of
 from robotether_agent.net.server_dialer import NEXT_CELL_AFTER_S, ServerDialer, SshAddress
 from robotether_agent.net.tcp import Address, Resolver, resolve
 from robotether_agent.problems import (
@@ -38,32 +36,50 @@ from robotether_agent.problems import (
     KeyRefusedError,
     LinkLostError,
     PortTakenError,
-    ProtocolBrokenError,
     ServerSilentError,
     SessionEndedError,
 )
 from robotether_agent.settings import Settings
+from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.connection import (
-    CHECK_EVERY_S,
-    CHECK_PAUSE_S,
-    IDLE_CHECK_EVERY_S,
     RELAY_ANSWERS_WITHIN_S,
+    Role,
+    _ask_for_checks,
+    _keep_forward,
 )
 from robotether_agent.tunnel.connector import has_no_relay
-from robotether_agent.tunnel.session import FIRST_TIMEOUT_S, retry_after_bye
-from robotether_common.session import Kind
-
-from paper.virtual.services import Services
+from robotether_agent.tunnel.openssh import Forward, ServiceAddress
+from robotether_agent.tunnel.session import (
+    DriveMessageHandler,
+    RequestedFeatures,
+    Session,
+    SessionConfig,
+)
+from robotether_common.session import MAX_LINE_BYTES, Kind
 
 ANY_ADDRESS = "0.0.0.0"  # the server's own, as `ssh -R` names it
 LOGIN_WITHIN_S = 60.0
-MEDIA_PAUSE_S = 0.2
 # What OpenSSH 10 offers first; with an older sshd it is curve25519. The cipher is its second choice, as asyncssh makes
 # three contexts a packet for the first; sshd needs about as long for either.
 KEY_EXCHANGES = ["mlkem768x25519-sha256", "curve25519-sha256"]
 CIPHERS = ["aes256-gcm@openssh.com"]
-Line = Mapping[str, Any]
-log = logging.getLogger(__name__)
+HEALTH = {"type": "health", "ros": "ok", "video": "ok", "detail": "", "ros_exposed": False}
+
+
+class Side(DriveMessageHandler, Protocol):
+    """What a virtual robot has behind its forwards, and what speaks as its guard."""
+
+    # Set when the forward may lead somewhere else now.
+    moved: asyncio.Event
+
+    def ros_target(self) -> ServiceAddress | None:
+        """Where guard and rosbridge listen."""
+
+    def topics_target(self) -> ServiceAddress | None:
+        """Where topics are served."""
+
+    async def report(self, session: Session) -> NoReturn:
+        """Say what the guard has to say."""
 
 
 class Numeric(Resolver):
@@ -151,293 +167,213 @@ asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[met
 )
 
 
-class Connection(asyncssh.SSHClientSession[bytes]):
-    """One SSH connection, of a session or beside one, with its lines both ways, and its heartbeat."""
+class VirtualTunnel(asyncssh.SSHClientSession[bytes]):
+    """A connection as the agent's Tunnel is one, and its session's writer."""
 
-    def __init__(self, on_line: Callable[[Connection, Line], None]) -> None:
-        self.config: dict[str, Any] = {}
-        self.configs = 0
-        self.target: SshAddress
-        # Of a session.
-        self.epoch = 0
-        self.ended: asyncio.Future[None] = asyncio.get_running_loop().create_future()
-        self._on_line = on_line
+    def __init__(self, target: SshAddress) -> None:
+        self.lines_in = asyncio.StreamReader(limit=MAX_LINE_BYTES)
+        self.lines_out = self
+        self._target = target
         self._ssh: asyncssh.SSHClientConnection
-        self._channel: asyncssh.SSHClientChannel[bytes] | None = None
-        self._rest = b""
-        self._seq = 0
-        self._first_timeout_s = FIRST_TIMEOUT_S
-        self._received_at = robot_time()
-        self._timer: asyncio.TimerHandle | None = None
-        self._tasks: set[asyncio.Task[None]] = set()
+        self._channel: asyncssh.SSHClientChannel[bytes]
+        self._forwards: dict[Forward, asyncssh.SSHListener] = {}
+        self._why = "without a word"
 
-    @property
-    def idle_heartbeat_s(self) -> float | None:
-        """The time between heartbeats while nobody uses the robot."""
-        return self.config.get("idle_heartbeat_s")
-
-    @property
-    def is_used(self) -> bool:
-        """Whether the server says that somebody uses the robot."""
-        config = self.config
-        return bool(config) and self.idle_heartbeat_s is None and not config["direct"]
-
-    async def open(
-        self,
-        account: Account,
-        targets: Sequence[SshAddress],
-        *,
-        kind: Kind = "session",
-        unreached_s: float = 0.0,
-    ) -> None:
+    @classmethod
+    async def open(cls, account: Account, target: SshAddress, kind: Kind) -> VirtualTunnel:
         """Log in and ask for a session of this kind; the agent's problems say why not."""
-        if len(targets) > 1:
-            self._first_timeout_s = RELAY_ANSWERS_WITHIN_S
-        self.target = target = await account.dialer.find(targets, unreached_s=unreached_s)
+        tunnel = cls(target)
         sock = await account.dialer.open(target)
         try:
-            self._ssh = await asyncssh.connect(sock=sock, options=account.options)
+            tunnel._ssh = await asyncssh.connect(sock=sock, options=account.options)
         except asyncssh.PermissionDenied as error:
             raise KeyRefusedError(f"cannot log in at {target}: {error}") from error
         except (asyncssh.Error, OSError) as error:
             raise LinkLostError(f"cannot log in at {target}: {error}") from error
         try:
-            await self._ssh.create_session(lambda: self, kind, encoding=None)
+            await tunnel._ssh.create_session(lambda: tunnel, kind, encoding=None)
         except (asyncssh.Error, OSError) as error:
-            self._ssh.abort()
+            tunnel._ssh.abort()
             raise LinkLostError(f"cannot open the session at {target}: {error}") from error
+        return tunnel
 
-    async def forward(self, port: int, make: Callable[[], asyncssh.SSHTCPSession[bytes]]) -> None:
-        """Have the server listen at `port`; each connection there is a session of `make`."""
+    async def add(self, forward: Forward) -> None:
+        port = forward.listen_port
         try:
-            await self._ssh.create_server(lambda _host, _port: make(), ANY_ADDRESS, port)
+            self._forwards[forward] = await self._ssh.forward_remote_port(
+                ANY_ADDRESS, port, forward.host, forward.port
+            )
         except asyncssh.ChannelListenError as error:
             raise PortTakenError(f"cannot open port {port} on the server: {error}") from error
         except (asyncssh.Error, OSError) as error:
             raise ForwardFailedError(f"cannot open port {port} on the server: {error}") from error
 
-    def send(self, message: Line) -> None:
-        if self._channel is not None and not self._channel.is_closing():
-            self._channel.write(line_of(message))
+    async def cancel(self, forward: Forward) -> None:
+        self._forwards.pop(forward).close()
 
-    def run(self, work: Any) -> None:
-        """Run a coroutine beside the connection; its problem ends it."""
-        task = asyncio.create_task(work)
-        self._tasks.add(task)
-        task.add_done_callback(self._done)
+    def on_connected(self) -> None:
+        """Nothing that was said before counts."""
 
-    def fail(self, problem: AgentError) -> None:
-        """End with this problem; the first one counts."""
-        if not self.ended.done():
-            self.ended.set_exception(problem)
+    def why_ended(self) -> AgentError:
+        return LinkLostError(f"lost the connection to {self._target}: {self._why}")
 
     async def close(self) -> None:
-        if self._timer is not None:
-            self._timer.cancel()
-        for task in self._tasks:
-            task.cancel()
         self._ssh.abort()
         with suppress(asyncssh.Error, OSError):
             await self._ssh.wait_closed()
+
+    # As a writer.
+
+    @property
+    def transport(self) -> asyncssh.SSHClientChannel[bytes]:
+        return self._channel
+
+    def write(self, data: bytes) -> None:
+        if not self._channel.is_closing():
+            self._channel.write(data)
 
     # What asyncssh calls.
 
     def connection_made(self, chan: asyncssh.SSHClientChannel[bytes]) -> None:
         self._channel = chan
 
-    def session_started(self) -> None:
-        self._received_at = robot_time()
-        self._tick()
-
     def data_received(self, data: bytes, datatype: int | None) -> None:
-        if datatype is not None:
-            # The session command's last words.
-            log.debug("session: %r", data)
-            return
-        self._received_at = robot_time()
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
-            self._handle(json.loads(line))
+        # The other kind has the session command's last words.
+        if datatype is None:
+            self.lines_in.feed_data(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        self.fail(LinkLostError(f"lost the connection: {exc or 'without a word'}"))
-
-    def _handle(self, line: Line) -> None:
-        kind = line["type"]
-        if kind == "ping":
-            self.send({"type": "pong", "seq": line["seq"]})
-        elif kind == "config":
-            idle = self.idle_heartbeat_s
-            self.config, self.configs = dict(line), self.configs + 1
-            if idle is not None and self.idle_heartbeat_s is None:
-                self._tick()
-            self._on_line(self, line)
-        elif kind == "bye":
-            self.fail(_ending(line))
-        elif kind != "pong":
-            self._on_line(self, line)
-
-    def configured(self, then: Callable[[], None]) -> None:
-        """Begin with heartbeats and `then`, when what came with the configuration has been read, as the agent does."""
-
-        def begin() -> None:
-            if not self.ended.done():
-                self._tick()
-                then()
-
-        asyncio.get_running_loop().call_soon(begin)
-
-    def _tick(self) -> None:
-        """Send a heartbeat, and see whether the server is silent."""
-        if self._timer is not None:
-            self._timer.cancel()
-        timeout_s = self.config.get("timeout_s", self._first_timeout_s)
-        now = robot_time()
-        if now - self._received_at > timeout_s:
-            why = f"the server was silent for {timeout_s:g} s"
-            self.fail(ServerSilentError(f"lost the session: {why}"))
-            return
-        if self.config:
-            self._seq += 1
-            self.send({"type": "ping", "seq": self._seq, "t_ms": round(now * 1000, 3)})
-        wait_s = self.idle_heartbeat_s or self.config.get("heartbeat_s", self._first_timeout_s)
-        self._timer = asyncio.get_running_loop().call_later(wait_s, self._tick)
-
-    def _done(self, task: asyncio.Task[None]) -> None:
-        self._tasks.discard(task)
-        if not task.cancelled() and (error := task.exception()) is not None:
-            why = error if isinstance(error, AgentError) else ProtocolBrokenError(repr(error))
-            self.fail(why)
-
-
-def _ending(bye: Line) -> SessionEndedError:
-    retry = retry_after_bye(bye["code"])
-    return SessionEndedError(f"the server ended it: {bye['detail']}", code=bye["code"], retry=retry)
+        self._why = str(exc or self._why)
+        self.lines_in.feed_eof()
 
 
 class VirtualRobot:
     """One robot; connected for as long as `run` is awaited."""
 
-    def __init__(self, account: Account, services: Services, rng: Random) -> None:
-        self._account = account
-        self._services = services
-        self._rng = rng
+    def __init__(self, account: Account, side: Side, rng: Random) -> None:
+        self._account, self._side, self._rng = account, side, rng
         self._epochs = EpochClock()
+        self._epoch = 0
+        self._features = RequestedFeatures(allows_shell=False)
         # The server's own view of the forwards may be another one.
         self._recheck = asyncio.Event()
-        self._media_wanted = asyncio.Event()
-        self._session: Connection | None = None
-        self._applied: Line = {}
+        self._up, self._down = asyncio.Event(), asyncio.Event()
+        self._at: SshAddress
         # When an address last led to no session, for those since the last one; and the one that fell silent last.
         self._failed_at: dict[SshAddress, float] = {}
         self._fell_silent: SshAddress | None = None
         # Called when a session is up, with its address and epoch, and when it is lost.
         self.on_session: Callable[[SshAddress, int], None] = lambda _target, _epoch: None
         self.on_session_lost: Callable[[], None] = lambda: None
-        services.on_guard_changed = self._report_guard
 
     async def run(self) -> None:
-        """Keep a session; ends with the problem that no retry mends."""
-        backoff = Backoff(self._rng)
-        await keep_going("session", self._session_attempt, backoff, lambda _: None, asyncio.sleep)
+        """Keep a session, and topics beside it; ends with the problem that no retry mends."""
+        works = {"session": self._session_attempt, "video tunnel": self._media_attempt}
+        await first_of(
+            *(
+                keep_going(what, attempt, Backoff(self._rng), lambda _: None, asyncio.sleep)
+                for what, attempt in works.items()
+            )
+        )
 
     async def _session_attempt(self, uptime: Uptime) -> None:
-        connection = Connection(partial(self._on_session_line, uptime))
         # As the agent: a cell that let the robot begin, and led to no session, comes after the others.
         targets = self._account.targets()
         targets.sort(key=lambda item: self._failed_at.get(item, 0.0))
         # One that fell silent has had its time to answer.
         unreached_s = NEXT_CELL_AFTER_S if targets[0] == self._fell_silent else 0.0
         self._fell_silent = None
-        await connection.open(self._account, targets, unreached_s=unreached_s)
-        self._failed_at[connection.target] = robot_time()
+        self._at = target = await self._account.dialer.find(targets, unreached_s=unreached_s)
+        role = Role(
+            kind="session",
+            target=self._side.ros_target,
+            moved=self._side.moved,
+            on_up=partial(self._is_up, uptime),
+            reports=(self._report, *([_leave_silent_relay] if len(targets) > 1 else [])),
+            recheck=self._recheck,
+            guard=self._side,
+            on_config=self._on_config,
+        )
         try:
-            self._session = connection
-            who = {"hostname": socket.gethostname(), "agent_version": __version__}
-            connection.epoch = self._epochs.next()
-            connection.send({"type": "hello", **who, "guard": "on", "epoch": connection.epoch})
-            await connection.ended
+            await self._connect(role, uptime)
         except AgentError as problem:
             if isinstance(problem, ServerSilentError):
-                self._fell_silent = connection.target
+                self._fell_silent = target
             if has_no_relay(problem):
-                self._failed_at[connection.target] = robot_time()
+                self._failed_at[target] = robot_time()
             raise
         finally:
-            uptime.was_used = connection.is_used
-            self._session = None
-            self._services.on_session_lost()
+            self._up.clear()
+            self._down.set()
             self.on_session_lost()
-            await connection.close()
 
-    def _on_session_line(self, uptime: Uptime, connection: Connection, line: Line) -> None:
-        kind = line["type"]
-        if kind == "config":
-            if cells := get_cells(line, "cells"):
-                ssh = replace(self._account.ssh, cells=cells)
-                self._account = replace(self._account, ssh=ssh)
-            self._services.on_config(line["guard"], direct=line["direct"])
-            (self._media_wanted.set if line["media"] else self._media_wanted.clear)()
-            if connection.configs == 1:
-                connection.configured(partial(self._begin_session, uptime, connection))
-            else:
-                self._apply(connection)
-        elif kind == "lease":
-            self._services.on_lease(line["fence"], held=line["held"])
-        elif kind in ("stop", "release"):
-            self._services.on_order(kind, line["id"], line["by"])
+    async def _media_attempt(self, uptime: Uptime) -> None:
+        await self._features.media.wait()
+        await self._up.wait()
+        number = self._features.media.number
+        role = Role(kind="media", target=self._side.topics_target, on_up=lambda *_: uptime.is_up())
+        try:
+            await first_of(self._connect(role, uptime), self._until_down())
+        except SessionEndedError as problem:
+            if problem.code != "unwatched":
+                raise
+            self._features.media.end(number)
 
-    def _begin_session(self, uptime: Uptime, connection: Connection) -> None:
-        connection.send(HEALTH)
-        self._report_guard(None)
-        connection.run(self._open_session(uptime, connection))
+    async def _until_down(self) -> None:
+        await self._down.wait()
 
-    async def _open_session(self, uptime: Uptime, connection: Connection) -> None:
-        await connection.forward(connection.config["ros_port"], self._services.ros_channel)
+    async def _connect(self, role: Role, uptime: Uptime) -> NoReturn:
+        """Connect where the session is, and serve until an AgentError is raised, as the agent's run_connection."""
+        tunnel = await VirtualTunnel.open(self._account, self._at, role.kind)
+        session = Session(
+            tunnel.lines_in,  # type: ignore[arg-type] # and a writer that has what it needs
+            tunnel.lines_out,
+            drive_handler=role.guard,
+            on_config=role.on_config,
+        )
+        if role.kind == "session":
+            self._failed_at[self._at] = robot_time()
+        checks = [] if role.recheck is None else [_ask_for_checks(session, role.recheck)]
+        try:
+            await first_of(
+                session.run(),
+                _keep_forward(tunnel, session, role, self._at),  # type: ignore[arg-type] # as Tunnel
+                *(report(session) for report in role.reports),
+                *checks,
+            )
+            raise tunnel.why_ended()
+        finally:
+            if role.guard is not None:
+                uptime.was_used = session.is_used
+                role.guard.on_session_lost()
+            await tunnel.close()
+
+    def _on_config(self, config: SessionConfig) -> None:
+        self._features.apply(config)
+        if config.cells:
+            ssh = replace(self._account.ssh, cells=config.cells)
+            self._account = replace(self._account, ssh=ssh)
+
+    def _is_up(self, uptime: Uptime, target: SshAddress, *_: object) -> None:
         uptime.is_up()
         self._failed_at.clear()
-        self.on_session(connection.target, connection.epoch)
-        self._apply(connection)
-        connection.run(self._keep_media(connection.target))
-        await self._keep_asking_for_checks(connection)
+        self._down.clear()
+        self._up.set()
+        self._recheck.set()
+        self.on_session(target, self._epoch)
 
-    async def _keep_media(self, target: SshAddress) -> None:
-        """Have a connection for topics beside the session while the server wants one."""
-        while True:
-            await self._media_wanted.wait()
-            media = Connection(self._on_media_line)
-            with suppress(AgentError):
-                await media.open(self._account, [target], kind="media")
-                try:
-                    await media.ended
-                finally:
-                    await media.close()
-            await asyncio.sleep(MEDIA_PAUSE_S)
-
-    def _on_media_line(self, media: Connection, line: Line) -> None:
-        if line["type"] == "config" and media.configs == 1:
-            port, make = line["video_port"], self._services.topics_channel
-            media.configured(lambda: media.run(media.forward(port, make)))
-
-    def _apply(self, connection: Connection) -> None:
-        """Follow a configuration, once the session's forward is up, if more of it is new than the heartbeats."""
-        applied, self._applied = self._applied, {**connection.config, "idle_heartbeat_s": None}
-        if applied != self._applied:
-            self._recheck.set()
-
-    async def _keep_asking_for_checks(self, connection: Connection) -> None:
-        while True:
-            self._recheck.clear()
-            connection.send({"type": "check"})
-            await asyncio.sleep(CHECK_PAUSE_S)
-            every_s = IDLE_CHECK_EVERY_S if connection.idle_heartbeat_s else CHECK_EVERY_S
-            with suppress(TimeoutError):
-                async with asyncio.timeout(every_s - CHECK_PAUSE_S):
-                    await self._recheck.wait()
-
-    def _report_guard(self, answers: str | None) -> None:
-        if self._session is not None:
-            self._session.send({"type": "guard", **self._services.guard, "answers": answers})
+    async def _report(self, session: Session) -> None:
+        self._epoch = self._epochs.next()
+        who = {"hostname": socket.gethostname(), "agent_version": __version__}
+        session.send({"type": "hello", **who, "guard": "on", "epoch": self._epoch})
+        await session.new_config(None)
+        session.send(HEALTH)
+        await self._side.report(session)
 
 
-HEALTH = {"type": "health", "ros": "ok", "video": "ok", "detail": "", "ros_exposed": False}
+async def _leave_silent_relay(session: Session) -> None:
+    """Raise ServerSilentError when the cell, which is not the only one, sends no configuration."""
+    await asyncio.sleep(RELAY_ANSWERS_WITHIN_S)
+    if session.config is None:
+        raise ServerSilentError("cannot open the session: the relay does not answer")
+    await asyncio.Event().wait()

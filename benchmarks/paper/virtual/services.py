@@ -1,11 +1,11 @@
 """What lies behind a virtual robot's forwards: a guard's answers, a rosbridge that echoes, and its topics.
 
     services = Services()
-    await ssh.create_server(lambda *_: services.ros_channel(), "0.0.0.0", 20000)
+    await services.start()
+    await VirtualRobot(account, services, rng).run()
 
-aiohttp serves each channel as if it was a TCP connection, so no port of this machine is used. Who may enter is decided
-by the guard's own rules. A published message goes to all who subscribe to its topic, without the relay's
-stamp; a command is neither limited nor followed by zeros, as nothing moves here.
+Who may enter is decided by the guard's own rules. A published message goes to all who subscribe to its topic, without
+the relay's stamp; a command is neither limited nor followed by zeros, as nothing moves here.
 """
 
 from __future__ import annotations
@@ -15,16 +15,18 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Any, cast
+from typing import Any, NoReturn
 
-import asyncssh
 from aiohttp import WSMsgType, web
 from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedError
 from robotether_agent.guard.topics import Authorization
-from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP
+from robotether_agent.tunnel.openssh import ServiceAddress
+from robotether_agent.tunnel.session import Session
+from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP, STOP_CAUSES
 from robotether_common.topics import PATH
 
 # What a fleet's operators and drivers use, and what its pages find.
+LOCALHOST = "127.0.0.1"
 TOPICS = {"/cmd_vel": "geometry_msgs/Twist"}
 # A guard publishes zeros for so long, at a stop and when no command has come for the deadman's time.
 ZEROS_S = 0.5
@@ -32,40 +34,16 @@ RESTS_AFTER_S = DEFAULT_MS / 1000 + ZEROS_S
 Said = dict[str, Any]
 
 
-class Channel(asyncssh.SSHTCPSession[bytes]):
-    """Hands a forwarded connection to aiohttp, for which the channel is a transport like any other."""
-
-    def __init__(self, protocol: asyncio.Protocol) -> None:
-        self._protocol = protocol
-
-    def connection_made(self, chan: asyncssh.SSHTCPChannel[bytes]) -> None:
-        self._protocol.connection_made(cast(asyncio.Transport, chan))
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        self._protocol.connection_lost(exc)
-
-    def data_received(self, data: bytes, datatype: int | None) -> None:
-        self._protocol.data_received(data)
-
-    def eof_received(self) -> bool:
-        self._protocol.eof_received()
-        return False
-
-    def pause_writing(self) -> None:
-        self._protocol.pause_writing()
-
-    def resume_writing(self) -> None:
-        self._protocol.resume_writing()
-
-
 class Services:
-    """One robot's."""
+    """One robot's, on ports of this machine once it is started."""
 
     def __init__(self) -> None:
-        self.on_guard_changed: Callable[[str | None], None] = lambda _: None
+        self.moved = asyncio.Event()
+        self._say: Callable[[str | None], None] = lambda _: None
         self._authorizer = Authorizer(time.monotonic())
         self._by = ""
         self._reported_fence = 0
+        self._lost = 0
         self._moving = False
         self._was_driven = False
         self._rests_at = 0.0
@@ -73,17 +51,40 @@ class Services:
         self._clients: dict[web.WebSocketResponse, Authorization] = {}
         # By whoever hears it.
         self._topics: dict[web.WebSocketResponse, str] = {}
-        how = {"access_log": None, "handler_cancellation": True}
-        self._ros = web.Server(self._answer_ros, **how)
-        self._media = web.Server(self._answer_topics, **how)
+        self._servers: list[asyncio.Server] = []
 
-    def ros_channel(self) -> asyncssh.SSHTCPSession[bytes]:
-        """A new connection to the port of guard and rosbridge."""
-        return Channel(self._ros())
+    async def start(self) -> None:
+        loop = asyncio.get_running_loop()
+        for answer in (self._answer_ros, self._answer_topics):
+            server = web.Server(answer, access_log=None, handler_cancellation=True)
+            self._servers.append(await loop.create_server(server, LOCALHOST, 0))
 
-    def topics_channel(self) -> asyncssh.SSHTCPSession[bytes]:
-        """A new connection to the port of topics."""
-        return Channel(self._media())
+    def close(self) -> None:
+        for server in self._servers:
+            server.close()
+
+    def ros_target(self) -> ServiceAddress:
+        return self._address(0)
+
+    def topics_target(self) -> ServiceAddress:
+        return self._address(1)
+
+    def _address(self, number: int) -> ServiceAddress:
+        return ServiceAddress(LOCALHOST, self._servers[number].sockets[0].getsockname()[1])
+
+    async def report(self, session: Session) -> NoReturn:
+        """Say how the guard is, now and at each change."""
+
+        def say(answers: str | None) -> None:
+            session.send({"type": "guard", **self.guard, "answers": answers})
+
+        self._say = say
+        say(None)
+        try:
+            await asyncio.Event().wait()
+        finally:
+            self._say = lambda _: None
+        raise AssertionError
 
     @property
     def guard(self) -> Mapping[str, Any]:
@@ -96,6 +97,7 @@ class Services:
             "unheard": [],
             "blind_limits": True,
             "refused": dict.fromkeys(REFUSED_KINDS, 0),
+            "stops": dict.fromkeys(STOP_CAUSES, 0) | {"lost": self._lost},
         }
 
     # What the session brings.
@@ -112,29 +114,36 @@ class Services:
         self._authorizer.lease(fence, held=held)
         self._rights_changed()
 
-    def on_order(self, order: str, message_id: str, by: str) -> None:
-        """Stop or release, and answer as the guard does."""
-        if order == "stop":
-            if self._was_driven:
-                self._moves_for(ZEROS_S)
-            self._authorizer.stop()
-            self._by = by
-            self._rights_changed()
-        else:
-            self._authorizer.release()
-            self._by = ""
-            self.on_guard_changed(None)
-        self.on_guard_changed(message_id)
+    def on_stop(self, message_id: str, by: str) -> None:
+        if self._was_driven:
+            self._moves_for(ZEROS_S)
+        self._authorizer.stop()
+        self._by = by
+        self._rights_changed()
+        self._say(message_id)
+
+    def on_release(self, message_id: str, by: str) -> None:
+        del by
+        self._authorizer.release()
+        self._by = ""
+        self._say(None)
+        self._say(message_id)
 
     def _rights_changed(self) -> None:
         if self._authorizer.fence != self._reported_fence:
             self._reported_fence = self._authorizer.fence
-            self.on_guard_changed(None)
+            self._say(None)
         for client, authorization in list(self._clients.items()):
             if not self._authorizer.keeps(authorization):
+                self._leaves(client)
                 closing = asyncio.ensure_future(client.close(code=1001))
                 self._closing.add(closing)
                 closing.add_done_callback(self._closing.discard)
+
+    def _leaves(self, client: web.WebSocketResponse) -> None:
+        """Count a stop if a driver is lost, who is the only client while the robot moves."""
+        if self._clients.pop(client, None) is not None:
+            self._lost += self._moving
 
     async def _answer_ros(self, request: web.BaseRequest) -> web.StreamResponse:
         client = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=16 * 1024 * 1024)
@@ -153,7 +162,7 @@ class Services:
                     if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                         await self._handle(client, json.loads(message.data))
             finally:
-                del self._clients[client]
+                self._leaves(client)
         return client
 
     async def _answer_topics(self, request: web.BaseRequest) -> web.StreamResponse:
@@ -201,7 +210,7 @@ class Services:
         self._rests_at = loop.time() + seconds
         if not self._moving:
             self._moving = True
-            self.on_guard_changed(None)
+            self._say(None)
             loop.call_later(seconds, self._rest)
 
     def _rest(self) -> None:
@@ -212,7 +221,7 @@ class Services:
             loop.call_later(left_s, self._rest)
         elif self._moving:
             self._moving = False
-            self.on_guard_changed(None)
+            self._say(None)
 
 
 def _service_response(said: Said) -> Said:
