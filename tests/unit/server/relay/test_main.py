@@ -7,7 +7,7 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from fake_robot import HOST, WAIT_S, RobotSession
-from relay_clients import closing, configured, ended
+from relay_clients import closing, configured
 from relay_server import (
     ANN,
     FAST,
@@ -127,15 +127,6 @@ async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
     async with running_relay(memory_database, replace(FAST, drives_every_s=0.05)) as relay:
         relay.relay.observer.write_drives = fail
         await until(lambda: "task drives failed" in caplog.text, "the log says so")
-
-
-async def test_a_disabled_robots_operators_hear_of_their_rights(robot, sim1, memory_database, ros):
-    """Right and link end together; what the operator hears is the cause."""
-    async with ros() as socket:
-        await until(lambda: robot.clients, "the operator has reached rosbridge")
-        memory_database.robots = {sim1.id: replace(sim1, state="disabled")}
-        assert await closing(socket) == (4001, "your rights on robot sim1 have ended or changed")
-        assert await ended(robot.session) == "robot_disabled"
 
 
 async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, ros):

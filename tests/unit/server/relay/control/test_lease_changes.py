@@ -43,8 +43,9 @@ class Bare:
             send=lambda line: self.lines.append(json.loads(line)),
             until_guard_reported=self.reported.wait,
         )
-        self.registry.ensure_robot(sim1.id).links["session"] = link
-        self.presence = Presence(online=True)
+        self.state = self.registry.ensure_robot(sim1.id)
+        self.state.links["session"] = link
+        self.state.presence = Presence(online=True)
         self.leasing = leasing.Leasing(
             database=memory_database,
             event_writer=SimpleNamespace(add=self.written.append),
@@ -52,14 +53,6 @@ class Bare:
             stopped=lambda _robot: None,
             changed=self.changed.append,
         )
-
-    @property
-    def presence(self):
-        return self.registry.presence(self.robot.id)
-
-    @presence.setter
-    def presence(self, presence):
-        self.registry.ensure_robot(self.robot.id).presence = presence
 
     async def drives(self, user):
         connection = Connection(user.id, user.name, self.robot, "drive", self.ends.append)
@@ -200,11 +193,11 @@ async def test_a_lease_without_the_database_is_written_as_it_began(
     memory_database.down = True
     bare.leasing.remember({sim1.id: 41})
     reports = GuardReport("down", fence=50)
-    bare.presence = Presence(online=True, guard_mode="on", report=reports)
+    bare.state.presence = Presence(online=True, guard_mode="on", report=reports)
     with pytest.raises(ConnectionClosedError):
         await bare.drives(ANN)
     assert bare.written == []
-    bare.presence = Presence(online=True, guard_mode="on", report=replace(reports, state="ready"))
+    bare.state.presence = replace(bare.state.presence, report=replace(reports, state="ready"))
     await bare.drives(ANN)
     assert bare.written == [LeaseStart(sim1.id, 51, ANN.id, "ann", NOON)]
 

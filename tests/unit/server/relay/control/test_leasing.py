@@ -9,7 +9,6 @@ from msgspec import structs
 from relay_clients import SlowFences, closing
 from relay_server import ANN, BEN, CARL, until
 from robotether_common.session import MAX_FENCE
-from robotether_server.db.control import LeaseEnd, LeaseStart
 from robotether_server.relay.control import leasing
 from robotether_server.relay.robots import lease as lease_module
 
@@ -101,32 +100,6 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, monkeyp
     free = []
     relay.relay.control.listen(lambda _robot_id: free.append(control(relay, sim1).reserved is None))
     await until(lambda: True in free, "those who watch are told")
-
-
-async def test_without_a_database_who_drove_lately_drives_again(
-    relay, guarded, sim1, memory_database, ros
-):
-    async with ros():
-        await driven(relay, sim1)
-    await until(lambda: memory_database.fences == {sim1.id: 1}, "the first has its number")
-    memory_database.down = True
-    guarded.session.send_guard_status(fence=7)
-    await until(lambda: relay.relay.registry.presence(sim1.id).report.fence == 7, "it is known")
-    async with ros():
-        handshakes = await guarded.connections(2)
-    await until(lambda: control(relay, sim1).driver is None, "nobody drives")
-    assert handshakes[-1]["Robotether-Fence"] == "8"
-    assert memory_database.fences == {sim1.id: 1}
-    memory_database.down = False
-    await until(lambda: leases_written(memory_database)[-1:] == [(LeaseEnd, 8)], "it is written")
-    assert leases_written(memory_database)[-2:] == [(LeaseStart, 8), (LeaseEnd, 8)]
-
-
-def leases_written(memory_database):
-    kinds = LeaseStart | LeaseEnd
-    return [
-        (type(entry), entry.fence) for entry in memory_database.written if isinstance(entry, kinds)
-    ]
 
 
 @pytest.mark.parametrize("has_older", [False, True])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import pytest
 from relay_server import utc
@@ -18,10 +18,6 @@ class FakeLink:
     robot_id: int = 7
     kind: str = "session"
     address: str = "198.51.100.7"
-    ended: list[str] = field(default_factory=list)
-
-    def end(self, code, detail):
-        self.ended.append(code)
 
 
 @pytest.fixture

@@ -10,7 +10,6 @@ from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, until
 from robotether_common.services import BY_CONNECTION
-from robotether_server.db.cells import Cell
 from robotether_server.db.fleet import HelpEntry
 from stopwatch import Stopwatch
 
@@ -33,23 +32,6 @@ async def port_taken(port):
     """Listen on a robot's port in the block, as a tunnel that sshd has not given up yet."""
     async with await asyncio.start_server(lambda _r, w: w.close(), HOST, port):
         yield
-
-
-async def test_a_robot_hears_where_else_it_can_connect(relay, memory_database, connect):
-    other = Cell("b", "b.example", 443, (2222, 443), None, "0.1.0", 3, False, True)
-    memory_database.cells["b"] = other
-    await until(lambda: relay.relay.cells.addresses(7), "b is known")
-    session, media = await configured(await connect()), await configured(await connect("media"))
-    assert session.configs[0]["cells"] == [{"host": "b.example", "ports": [2222, 443], "rank": 0}]
-    memory_database.cells["b"] = replace(other, robots=4)
-    await relay.relay.cells.poll()
-    memory_database.cells["b"] = replace(other, ssh_ports=(22,))
-    await until(lambda: len(session.configs) == 2, "the new port is told")
-    assert session.configs[1]["cells"] == [{"host": "b.example", "ports": [22], "rank": 0}]
-    memory_database.cells["b"] = replace(other, is_alive=False)
-    await until(lambda: len(session.configs) == 3, "it is gone")
-    assert "cells" not in session.configs[2]
-    assert ["cells" in config for config in media.configs] == [False]
 
 
 @pytest.mark.parametrize(
