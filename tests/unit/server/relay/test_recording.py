@@ -1,30 +1,23 @@
 """A robot that is recorded through a real relay: what its file has, and what ends it."""
 
-from __future__ import annotations
-
 import asyncio
 import datetime as dt
 import errno
 import json
 import struct
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import replace
 
 import aiohttp
 import pytest
 import pytest_asyncio
-from recorded_messages import RecordedTopicMessage, read_messages
+from recorded_messages import read_messages
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
-from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
+from robotether_server.db.recordings import RecordableRobot, RecordingRow
 from robotether_server.recorder import observer, relay_client, service
 from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
-from robotether_server.recorder.store import RecordingEnd
 from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
 from robotether_server.times import utc_now
 from rosbags.highlevel import AnyReader
@@ -39,86 +32,67 @@ TYPEDEFS = [
 ]
 
 
-@dataclass
 class MemoryStore:
     """The recordings of a database, as a test sets them."""
 
-    robots: list[RecordableRobot] = field(default_factory=list)
-    rows: dict[int, RecordingRow] = field(default_factory=dict)
-    endings: list[RecordingEnd] = field(default_factory=list)
-    down: bool = False
+    def __init__(self):
+        self.robots = [RecordableRobot(7, "sim1", None, ("/camera",))]
+        self.rows = {}
+        self.endings = []
+        self.down = False
 
-    def ask(self, number: int = 1) -> None:
+    def ask(self, number=1):
         self.rows[number] = RecordingRow(
             number, 7, "sim1", "asked", "ann", utc_now(), False, False, None, None, True, None
         )
 
-    def change(self, number: int, **members: Any) -> None:
+    def change(self, number, **members):
         self.rows[number] = replace(self.rows[number], **members)
 
-    async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]] | None:
+    async def read(self):
         return None if self.down else (list(self.rows.values()), self.robots)
 
-    async def begin(self, row: RecordingRow, robot: RecordableRobot) -> bool:
+    async def begin(self, row, _robot):
         self.change(row.id, started_at=utc_now(), cell="main")
         return True
 
-    async def add(
-        self, robot: RecordableRobot, cause: RecordingCause, started_at: dt.datetime
-    ) -> int:
+    async def add(self, _robot, cause, started_at):
         number = len(self.rows) + 1
         self.ask(number)
         self.change(number, cause=cause, asked_by=None, started_at=started_at, cell="main")
         return number
 
-    async def write_progress(self, progress: dict[int, Progress]) -> None:
-        """Nobody reads it."""
+    async def write_progress(self, _progress): ...
 
-    def end(self, ending: RecordingEnd) -> None:
+    def end(self, ending):
         self.endings.append(ending)
         self.change(ending.id, ended_at=ending.ended_at, started_at=utc_now())
 
-    async def note_deleted(self, number: int) -> None:
+    async def note_deleted(self, number):
         del self.rows[number]
 
-    async def read_older(self, before: dt.datetime) -> list[int]:
+    async def read_older(self, _before):
         return []
 
-    async def flush(self) -> None:
-        """Nothing waits."""
+    async def flush(self): ...
 
-    def code(self, number: int = 1) -> str:
+    def code(self, number=1):
         """Why a recording ended; empty: it did not."""
         return next((ending.code for ending in self.endings if ending.id == number), "")
 
 
 @pytest.fixture
-def store() -> MemoryStore:
-    return MemoryStore([RecordableRobot(7, "sim1", None, ("/camera",))])
+def store():
+    return MemoryStore()
 
 
 @pytest.fixture
-def settings(tmp_path: Path) -> RecorderSettings:
+def settings(tmp_path):
     database = DatabaseSettings("nowhere", 1, "none", "none", "none")
     tickets = TicketSettings(TICKET_KEY, 30)
     return RecorderSettings(
         database, tickets, "main", "127.0.0.1", tmp_path, 10**9, 0, MESSAGE_LIMIT, "info"
     )
-
-
-@asynccontextmanager
-async def running_recorder(
-    settings: RecorderSettings, store: MemoryStore
-) -> AsyncIterator[RecorderService]:
-    async with aiohttp.ClientSession() as session:
-        recorder = RecorderService(settings, RelayClient(settings, session), store)
-        working = asyncio.create_task(recorder.run())
-        try:
-            yield recorder
-        finally:
-            working.cancel()
-            await asyncio.gather(working, return_exceptions=True)
-            await recorder.close()
 
 
 @pytest_asyncio.fixture
@@ -127,14 +101,19 @@ async def recorder(relay, robot, settings, store, monkeypatch):
     monkeypatch.setattr(relay_client, "INSIDE_PORT", relay.relay.inside_port)
     monkeypatch.setattr(service, "STEP_S", 0.05)
     robot.frames.mode = "behaves"
-    async with running_recorder(settings, store) as running:
-        yield running
+    async with aiohttp.ClientSession() as session:
+        recorder = RecorderService(settings, RelayClient(settings, session), store)
+        working = asyncio.create_task(recorder.run())
+        yield recorder
+        working.cancel()
+        await asyncio.gather(working, return_exceptions=True)
+        await recorder.close()
 
 
-async def answer_rosapi(robot, service_name: str, **values: Any) -> None:
+async def answer_rosapi(robot, service_name, **values):
     """Answer the recorder's next call of a service of rosapi as the robot."""
 
-    def calls() -> list[dict[str, Any]]:
+    def calls():
         messages = [json.loads(text) for text in robot.received]
         return [each for each in messages if each.get("service") == f"/rosapi/{service_name}"]
 
@@ -143,20 +122,20 @@ async def answer_rosapi(robot, service_name: str, **values: Any) -> None:
     await robot.send_to_clients(json.dumps(answer).encode())
 
 
-def file_of(settings: RecorderSettings, number: int = 1) -> Path:
-    return settings.folder / f"{number}.mcap"
+def file_of(settings):
+    return settings.folder / "1.mcap"
 
 
-def messages_of(settings: RecorderSettings, number: int = 1) -> list[RecordedTopicMessage]:
-    path = file_of(settings, number)
+def messages_of(settings):
+    path = file_of(settings)
     return list(read_messages(path)) if path.exists() else []
 
 
-def topics_of(settings: RecorderSettings, number: int = 1) -> set[str]:
-    return {message.topic for message in messages_of(settings, number)}
+def topics_of(settings):
+    return {message.topic for message in messages_of(settings)}
 
 
-def frames_of(settings: RecorderSettings) -> list[RecordedTopicMessage]:
+def frames_of(settings):
     return [each for each in messages_of(settings) if each.topic == "/camera/video"]
 
 
@@ -295,7 +274,7 @@ async def test_a_full_disk_ends_the_recording_and_not_the_drive(
         store.ask()
         await until(lambda: "/robotether/control" in topics_of(settings), "it records")
 
-        def fill(_file: McapFile) -> None:
+        def fill(_file):
             raise OSError(errno.ENOSPC, "no space left on the device")
 
         monkeypatch.setattr(McapFile, "end_chunk", fill)

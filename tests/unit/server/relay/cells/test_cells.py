@@ -40,13 +40,6 @@ def cells(memory_database, count):
     return cells
 
 
-async def test_it_writes_its_own_and_knows_the_others(cells, memory_database):
-    await cells.poll()
-    assert (memory_database.cells["a"].robots, cells.name) == (2, "a")
-    assert cells.peers() == [OTHER]
-    assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
-
-
 async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
     cells, memory_database
 ):

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 from fake_robot import HOST, WAIT_S
-from relay_server import running_relay, until
+from relay_server import until
 from robotether_server.relay.cells import feed as feed_module
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.cells.messages import PeerRobot
@@ -137,8 +137,3 @@ async def test_a_stop_does_not_wait_until_a_fleet_is_sent(
     connection = await follow()
     received = [(await connection.receive_json())["type"] for _ in range(16)]
     assert received == ["hello", *["robot"] * 3, "stop", *["robot"] * 11]
-
-
-async def test_a_relay_without_a_pair_serves_no_cells(memory_database):
-    async with running_relay(memory_database) as server:
-        assert server.relay.peer_port == 0

@@ -2,8 +2,7 @@
 
 import hashlib
 
-import pytest
-from robotether_server.relay.cells.keys import CERTIFICATE, KEY, read_peer_keys
+from robotether_server.relay.cells.keys import KEY, read_peer_keys
 
 
 def test_the_proof_is_the_hash_that_nginx_makes(keys_dir):
@@ -14,10 +13,3 @@ def test_the_proof_is_the_hash_that_nginx_makes(keys_dir):
     assert not keys.is_proof("")
     assert not keys.is_proof("ä")
     assert proof not in repr(keys)
-
-
-@pytest.mark.parametrize("missing", [CERTIFICATE, KEY])
-def test_a_cell_without_a_pair_has_no_peers(keys_dir, tmp_path, missing):
-    for name in {CERTIFICATE, KEY} - {missing}:
-        (tmp_path / name).write_bytes((keys_dir / name).read_bytes())
-    assert read_peer_keys(tmp_path) is None

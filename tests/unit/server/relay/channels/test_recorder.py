@@ -1,7 +1,5 @@
 """The channel of the stack's recorder, and its tickets: what they open, and whom they leave alone."""
 
-from __future__ import annotations
-
 import secrets
 
 import aiohttp

@@ -1,7 +1,5 @@
 """Each rule of stops by itself, without a network: what is sent, written, shown, repeated and told to other cells."""
 
-from __future__ import annotations
-
 import asyncio
 import itertools
 import json

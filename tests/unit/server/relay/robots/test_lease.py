@@ -1,7 +1,5 @@
 """Who drives, as rules: without network, clock and database."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import dataclass
 from datetime import timedelta

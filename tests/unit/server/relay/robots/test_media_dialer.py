@@ -1,7 +1,5 @@
 """How the relay comes to a robot's media services, and what people read when it does not."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from types import SimpleNamespace
 

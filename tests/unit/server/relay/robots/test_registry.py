@@ -1,7 +1,5 @@
 """The registry of robots' links, without a network."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pytest

@@ -1,7 +1,5 @@
 """The relay's WebSocket to a robot's frames service: what it asks, and what it does when that goes wrong."""
 
-from __future__ import annotations
-
 import asyncio
 
 import pytest
@@ -109,7 +107,7 @@ async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
     """Connections that hold for no time must not follow each other without a pause."""
     pauses = []
 
-    async def paused(pause_s: float) -> None:
+    async def paused(pause_s):
         pauses.append(pause_s)
 
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.pause", paused)

@@ -1,20 +1,16 @@
 """A feed and the books that it keeps of credits, without a network; and all feeds of a relay."""
 
-from __future__ import annotations
-
 import asyncio
 import struct
 import time
 
 import pytest
 from relay_server import until
-from robotether_common.frames import StreamRequest
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video import feeds as feeds_module
 from robotether_server.relay.channels.video.feeds import Feed, Feeds, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import SenderClock
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Presence
 from robotether_server.relay.robots.viewer_stats import CameraCounts
@@ -25,40 +21,38 @@ JPEG = b"\xff\xd8\xff\xd9"
 class Eye:
     is_recorder = False
 
-    def __init__(
-        self, stream_request: StreamRequest | None = None, *, breaks: bool = False
-    ) -> None:
+    def __init__(self, stream_request=None, *, breaks=False):
         self.stream_request = stream_request
         self.on_status = 0
-        self.close_reasons: list[CloseReason] = []
+        self.close_reasons = []
         self._breaks = breaks
 
-    def user_ids(self) -> tuple[int]:
+    def user_ids(self):
         return (1,)
 
-    def notify(self) -> None:
+    def notify(self):
         self.on_status += 1
         if self._breaks:
             raise RuntimeError("a defect of this viewer")
 
-    def end(self, close_reason: CloseReason) -> None:
+    def end(self, close_reason):
         self.close_reasons.append(close_reason)
 
 
-def clock() -> SenderClock:
+def clock():
     clock = SenderClock()
     clock.on_answer(time.monotonic(), 0.0, 0.0)
     return clock
 
 
-def come(feed: Feed, sequence: int, *, codec: int = 1, is_key: bool = False) -> None:
+def come(feed, sequence, *, codec=1, is_key=False):
     now_s = time.monotonic()
     header = struct.pack("!BBHId", codec, 2 * is_key, 70, sequence, now_s * 1000)
     feed.on_frame(header + JPEG, now_s, clock())
 
 
 @pytest.fixture
-async def feed(sim1) -> Feed:
+async def feed(sim1):
     """A feed that has its connection and has told its first credit."""
     feed = Feed(sim1, "/a", FeedTraffic(), CameraCounts())
     feed.on_connected()
@@ -108,11 +102,11 @@ async def test_one_viewers_defect_is_its_own(feed, caplog):
     assert "a defect of this viewer" in caplog.text
 
 
-async def _for_ever() -> CloseReason:
+async def _for_ever():
     return await asyncio.get_running_loop().create_future()
 
 
-def feeds_that(work) -> Feeds:
+def feeds_that(work):
     return Feeds(SessionRegistry(), lambda _feed: work())
 
 
@@ -148,7 +142,7 @@ async def test_few_feeds_linger(sim1, monkeypatch):
 async def test_the_end_of_a_link_reaches_the_viewers(sim1):
     close_reason = close_reasons.video_down("sim1", "the test says so")
 
-    async def ends() -> CloseReason:
+    async def ends():
         return close_reason
 
     feeds, eye = feeds_that(ends), Eye()
@@ -161,7 +155,7 @@ async def test_the_end_of_a_link_reaches_the_viewers(sim1):
 
 
 async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
-    async def fails() -> CloseReason:
+    async def fails():
         raise RuntimeError("a defect of the link")
 
     feeds, eye = feeds_that(fails), Eye()

@@ -1,7 +1,5 @@
 """The frames protocol in bytes and texts."""
 
-from __future__ import annotations
-
 import math
 import struct
 
@@ -33,9 +31,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
 JPEG = b"\xff\xd8 a picture \xff\xd9"
 
 
-def sent(
-    sequence: int = 5, timestamp_ms: float = 1234.5, codec: int = 1, jpeg: bytes = JPEG
-) -> bytes:
+def sent(sequence=5, timestamp_ms=1234.5, codec=1, jpeg=JPEG):
     return struct.pack("!BBHId", codec, 1, 70, sequence, timestamp_ms) + jpeg
 
 

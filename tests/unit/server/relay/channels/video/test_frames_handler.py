@@ -1,7 +1,5 @@
 """Viewers of cameras over the frames protocol, through the real relay from a robot's frames service."""
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
 import time
@@ -17,7 +15,7 @@ from robotether_server.relay.robots.delivered_frames import NamedFrame
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
-def frames_url(relay, robot, query: str) -> str:
+def frames_url(relay, robot, query):
     return f"{relay.url}/robots/{robot.name}/video/frames?{query}"
 
 

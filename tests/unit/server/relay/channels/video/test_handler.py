@@ -1,9 +1,6 @@
 """Video from a fake robot's web server through the real relay."""
 
-from __future__ import annotations
-
 import asyncio
-from collections.abc import AsyncIterator
 
 import aiohttp
 import pytest
@@ -89,11 +86,11 @@ CLOSES, STAYS_SILENT, BEGINS_A_STREAM = range(3)
 
 
 @pytest.fixture
-async def silent_server(robot, sim1) -> AsyncIterator[dict[str, int]]:
+async def silent_server(robot, sim1):
     """A web_video_server that has no frames, in the ways of the real one, as `how` says."""
     mood = {"how": CLOSES}
 
-    async def answer(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    async def answer(reader, writer):
         await reader.readuntil(b"\r\n\r\n")
         if mood["how"] == BEGINS_A_STREAM:
             writer.write(STREAM_HEAD)
@@ -212,7 +209,7 @@ async def test_too_many_streams_are_refused(relay, robot, video):
         assert answer.status == 200
 
 
-async def _read_until_cut(answer: aiohttp.ClientResponse) -> None:
+async def _read_until_cut(answer):
     async with asyncio.timeout(5):
         with pytest.raises(aiohttp.ClientError):
             await answer.read()

@@ -1,7 +1,5 @@
 """What passes between a viewer and a robot's web server, header by header."""
 
-from __future__ import annotations
-
 import pytest
 from robotether_server.problems import DestinationRefusedError
 from robotether_server.relay.channels.video.headers import (

@@ -1,7 +1,5 @@
 """MPEG transport streams: as the standard says, and as a player reads them."""
 
-from __future__ import annotations
-
 import io
 from collections import defaultdict
 from itertools import pairwise
@@ -32,15 +30,15 @@ def test_tables_have_their_checksums():
 class Demuxer:
     """Reads a stream by the letter of the standard."""
 
-    def __init__(self, stream: bytes) -> None:
+    def __init__(self, stream):
         assert len(stream) % PACKET_BYTES == 0
-        self.payloads: dict[int, list[bytes]] = defaultdict(list)
-        self.clocks: list[int] = []
-        self._counters: dict[int, int] = {}
+        self.payloads = defaultdict(list)
+        self.clocks = []
+        self._counters = {}
         for begin in range(0, len(stream), PACKET_BYTES):
             self._read(stream[begin : begin + PACKET_BYTES])
 
-    def _read(self, packet: bytes) -> None:
+    def _read(self, packet):
         pid, counter = int.from_bytes(packet[1:3], "big"), packet[3] & 0x0F
         starts, pid = bool(pid & 0x4000), pid & 0x1FFF
         assert packet[0] == 0x47
@@ -56,11 +54,11 @@ class Demuxer:
             self.payloads[pid].append(b"")
         self.payloads[pid][-1] += packet[begin:]
 
-    def frames(self) -> list[tuple[int, bytes]]:
+    def frames(self):
         return [(self._timestamp(pes), pes[14:]) for pes in self.payloads[VIDEO_PID]]
 
     @staticmethod
-    def _timestamp(pes: bytes) -> int:
+    def _timestamp(pes):
         assert pes[:4] == b"\0\0\1\xe0"
         length = int.from_bytes(pes[4:6], "big")
         assert length == (len(pes) - 6 if len(pes) < 2**16 + 6 else 0)

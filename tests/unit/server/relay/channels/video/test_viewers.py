@@ -1,16 +1,13 @@
 """Which frame of a feed one viewer gets next."""
 
-from __future__ import annotations
-
 import asyncio
 import struct
 from types import SimpleNamespace
-from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_common.codecs import H264, JPEG, NAMES, VP8, Codec, decoded_by
+from robotether_common.codecs import H264, JPEG, NAMES, VP8, decoded_by
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS, StreamRequest
 from robotether_server.relay.channels.video.feeds import Feed, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
@@ -24,16 +21,14 @@ EYE = SimpleNamespace(stream_request=StreamRequest(codecs=NAMES))
 class Books(Feed):
     """A feed whose frames a test sets, and that notes what was taken."""
 
-    def __init__(self, robot) -> None:
+    def __init__(self, robot):
         super().__init__(robot, "/a", FeedTraffic(), CameraCounts())
-        self.was_taken: list[int] = []
+        self.was_taken = []
 
-    def taken(self, sequence: int) -> None:
+    def taken(self, sequence):
         self.was_taken.append(sequence)
 
-    def show(
-        self, position: int, received_s: float = 0.0, codec: Codec = JPEG, flags: int = 0
-    ) -> Frame:
+    def show(self, position, received_s=0.0, codec=JPEG, flags=0):
         data = HEADER.pack(codec.number, flags, 70, 0, 0) + b"frame"
         frame = Frame(
             data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
@@ -42,12 +37,12 @@ class Books(Feed):
         return frame
 
     @property
-    def skipped(self) -> int:
+    def skipped(self):
         return self._traffic.skipped
 
 
 @pytest.fixture
-async def feed(sim1) -> Books:
+async def feed(sim1):
     return Books(sim1)
 
 
@@ -103,45 +98,45 @@ async def test_who_cannot_decode_gets_nothing_before_the_next_key_frame(feed, co
 class Watcher:
     """A viewer that decodes what it gets, and fails when it cannot."""
 
-    def __init__(self, feed: Feed, codecs: list[str], now_s: float) -> None:
+    def __init__(self, feed, codecs, now_s):
         self.stream_request = StreamRequest(codecs=decoded_by(codecs))
         self.newest = -1
         self._feed = feed
         self._credits = 0
-        self._under_way: list[int] = []
+        self._under_way = []
         # Chain and number within it that a decoder expects next.
-        self._expected: tuple[int, int] | None = None
+        self._expected = None
         feed.join(self)
         self._cursor = Cursor(feed, self, now_s)
 
-    def user_ids(self) -> tuple[int]:
+    def user_ids(self):
         return (1,)
 
-    def end(self, close_reason: object) -> None:
+    def end(self, close_reason):
         raise AssertionError(close_reason)
 
-    def notify(self) -> None:
+    def notify(self):
         while self._credits and (frame := self._cursor.next()) is not None:
             self._credits -= 1
             self._cursor.sent(frame)
             self._under_way.append(frame.sequence)
             self._decode(frame)
 
-    def _decode(self, frame: Frame) -> None:
+    def _decode(self, frame):
         assert frame.codec.name in self.stream_request.codecs
         assert frame.position > self.newest
         chain, number = struct.unpack("!II", frame.data)
         assert frame.is_key or self._expected == (chain, number)
         self.newest, self._expected = frame.position, (chain, number + 1)
 
-    def credit(self, frames: int) -> None:
+    def credit(self, frames):
         self._credits = min(MAX_CREDITS, self._credits + frames)
         if self._under_way:
             self._feed.taken(self._under_way[-1])
             self._under_way.clear()
         self.notify()
 
-    def restart(self) -> None:
+    def restart(self):
         self._expected = None
         self._cursor.restart()
         self.notify()
@@ -150,24 +145,24 @@ class Watcher:
 class Scene:
     """A robot that encodes on credit, and its viewers. What a chain of frames is, it alone knows."""
 
-    def __init__(self) -> None:
+    def __init__(self):
         self.feed = Feed(SimpleNamespace(name="sim1", id=7), "/a", FeedTraffic(), CameraCounts())
-        self.viewers: list[Watcher] = []
+        self.viewers = []
         self.codec = H264
         self.now_s = 1000.0
         self._sequence = self._chain = self._number = self.credits = 0
         self._clock = SenderClock()
         self.reconnect()
 
-    def reconnect(self, *_: Any) -> None:
+    def reconnect(self, *_):
         self.feed.on_connected()
         self.credits = 0
         self.encoder(self.codec)
 
-    def encoder(self, codec: Codec) -> None:
+    def encoder(self, codec):
         self.codec, self._number = codec, 0
 
-    def frame(self, *, is_true: bool = True, has_clock: bool = True) -> None:
+    def frame(self, *, is_true=True, has_clock=True):
         """Send the next frame; one that is not true is no key frame although it should be."""
         self.now_s += 0.05
         credit = self.feed.credit()
@@ -190,7 +185,7 @@ class Scene:
         self.feed.on_frame(data, self.now_s, clock)
         assert len(self.feed.held) <= MAX_HELD
 
-    def act(self, kind: str, value: Any, who: int) -> None:
+    def act(self, kind, value, who):
         """Do one thing that may happen, to the viewer with this number if it concerns one."""
         viewer = self.viewers[who % len(self.viewers)] if self.viewers else None
         if kind == "frames":
@@ -211,7 +206,7 @@ class Scene:
         elif viewer is not None:
             self._act_on(viewer, kind, value)
 
-    def _act_on(self, viewer: Watcher, kind: str, value: Any) -> None:
+    def _act_on(self, viewer, kind, value):
         if kind == "credit":
             viewer.credit(value)
         elif kind == "key_frame":
@@ -240,7 +235,7 @@ ACTS = st.one_of(
 def test_each_viewer_can_decode_what_it_gets_and_none_waits_for_ever(acts, codecs):
     """Whatever frames, viewers, connections and encoders do, as long as key frames come on request."""
 
-    async def play() -> None:
+    async def play():
         scene = Scene()
         for (kind, value), who in [*acts, (("join", codecs), 0)]:
             scene.act(kind, value, who)
@@ -258,7 +253,7 @@ def test_each_viewer_can_decode_what_it_gets_and_none_waits_for_ever(acts, codec
 
 
 def test_what_is_held_is_bounded():
-    def add(position: int, size: int, received_s: float, flags: int = 0) -> None:
+    def add(position, size, received_s, flags=0):
         data = HEADER.pack(H264.number, flags, 70, 0, 0) + b"x" * size
         frame = Frame(
             data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
