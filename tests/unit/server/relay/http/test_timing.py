@@ -14,7 +14,6 @@ from robotether_server.relay.http.timing import (
     WindowedMaximum,
 )
 
-LIMITS = LivenessLimits()
 timestamps = st.floats(0, 1e6)
 
 
@@ -39,9 +38,9 @@ def test_a_limiter_says_when_it_may_be_used_again():
     assert limiter.allow(2.0)
 
 
-def verdicts(looks):
+def verdicts(looks, limits=None):
     """Judge (now, heard at, to client, to robot) one after the other."""
-    liveness = Liveness(LIMITS, 0.0)
+    liveness = Liveness(limits or LivenessLimits(), 0.0)
     return [
         liveness.check(now, received_at=received_at, to_client=to_client, to_robot=to_robot)
         for now, received_at, to_client, to_robot in looks
@@ -89,19 +88,10 @@ def test_a_robot_that_takes_nothing_is_the_slow_one():
 
 def test_a_driver_is_silent_whatever_waits_for_it():
     """Data on its way to a driver is no sign of it; a full robot's side is, for it is not read then."""
-    liveness = Liveness(DRIVER_LIMITS, 0.0)
-    moving = [(t / 10, (10_000_000, 9_000_000 - t)) for t in range(1, 27)]
-    found = [
-        liveness.check(now, received_at=0.0, to_client=waiting, to_robot=(0, 0))
-        for now, waiting in moving
-    ]
-    assert (found[24], found[25]) == ("ok", "client_silent")
-    liveness = Liveness(DRIVER_LIMITS, 0.0)
-    full = [
-        liveness.check(t / 10, received_at=0.0, to_client=(0, 0), to_robot=(9000, 9000 - t))
-        for t in range(1, 40)
-    ]
-    assert set(full) == {"ok"}
+    moving = [(t / 10, 0.0, (10_000_000, 9_000_000 - t), (0, 0)) for t in range(1, 27)]
+    assert verdicts(moving, DRIVER_LIMITS)[-2:] == ["ok", "client_silent"]
+    full = [(t / 10, 0.0, (0, 0), (9000, 9000 - t)) for t in range(1, 40)]
+    assert set(verdicts(full, DRIVER_LIMITS)) == {"ok"}
 
 
 @given(st.lists(st.tuples(st.floats(0, 5), st.integers(-100, 100)), max_size=30))
