@@ -13,6 +13,7 @@ from relay_clients import PUBLISH, audit_lines
 from relay_server import BEN, CARL, EVE, MemoryDatabase, RelayServer, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.control.leasing import LeaseRequester, now
+from robotether_server.relay.robots import lease
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
 from robotether_server.times import utc_now
@@ -221,6 +222,16 @@ async def test_it_never_begins_beside_a_person_who_is_about_to_drive(world, monk
     await until(world.ends, "the route ended")
     assert world.ends() == ["lease_held"]
     assert target_lease.fence == 0
+
+
+async def test_who_asks_for_control_gets_it_although_commands_come(world, monkeypatch):
+    monkeypatch.setattr(lease, "PASSES_AFTER_S", 0.3)
+    await world.start(FOLLOW)
+    world.relay.relay.control.leasing.ask(world.database.robots[TARGET], LeaseRequester(BEN))
+    while not world.ends():
+        await world.send(0.5)
+        await asyncio.sleep(0.02)
+    assert world.ends() == ["lease_lost"]
 
 
 async def test_a_robot_that_is_away_is_waited_for(world, start_robot):

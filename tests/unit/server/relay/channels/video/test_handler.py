@@ -224,6 +224,16 @@ async def test_a_viewer_that_does_not_read_is_bounded_and_ends(relay, robot, mon
         answer.close()
 
 
+async def test_login_video_without_a_database_says_so(relay, robot, sim1, memory_database, video):
+    memory_database.down = True
+    async with video("snapshot") as answer:
+        assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
+    path = f"snapshot?ticket={relay.ticket(sim1)}"
+    for _ in range(2):
+        async with video(path, {}) as answer:
+            assert answer.status == 200
+
+
 @pytest.mark.parametrize(
     ("path", "query", "expected"),
     [
