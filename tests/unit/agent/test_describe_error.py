@@ -7,9 +7,7 @@ import errno
 import re
 import socket
 import ssl
-import struct
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
-from contextlib import asynccontextmanager
+from collections.abc import Iterator
 
 import aiohttp
 import pytest
@@ -19,13 +17,13 @@ from robotether_agent.describe_error import BY_ERRNO, UNKNOWN, cause_of, describ
 # What no person can use: a class, an object, an address in memory.
 FOREIGN = re.compile(r"0x[0-9a-f]|<|\bobject at\b|\w(?:Error|Exception)\b|\.py\b|_ssl|\w\(['\"]")
 NASTY = "<aiohttp.Fingerprint object at 0x7f12> ValueError('x') (_ssl.c:1007)"
+REQUEST = aiohttp.RequestInfo("http://a", "GET", {}, "http://a")
 OF_LIBRARIES = {
     "_os_error": OSError(NASTY),
     "_certificate_error": ssl.SSLCertVerificationError(1, NASTY),
     "status": 0,
     "message": NASTY,
 }
-Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 
 
 @pytest.mark.parametrize(
@@ -47,6 +45,9 @@ Talk = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
         (socket.gaierror(-2, "x"), "no name service knows this name (Name or service not known)"),
         (socket.gaierror(-3, "x"), "no name service answers"),
         (ConnectionResetError(), "it cuts the connection"),
+        (aiohttp.ServerDisconnectedError(), "closes the connection without an answer"),
+        (aiohttp.ClientPayloadError(), "its answer is cut short"),
+        (aiohttp.ClientResponseError(REQUEST, (), status=400), "what it answers is not HTTP"),
         (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "x"), "is no text"),
         (ValueError("first\nsecond"), UNKNOWN.sentence),
     ],
@@ -104,43 +105,6 @@ async def test_proxys_password_is_not_told():
     assert describe_error(refused.value, 4) == "the HTTP proxy answers 403 Forbidden"
 
 
-@asynccontextmanager
-async def serving(talk: Talk) -> AsyncIterator[int]:
-    server = await asyncio.start_server(talk, "127.0.0.1", 0)
-    async with server:
-        yield server.sockets[0].getsockname()[1]
-
-
-async def reset(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    connection = writer.get_extra_info("socket")
-    connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
-    writer.transport.abort()
-
-
-def saying(words: bytes) -> Talk:
-    async def say(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        await reader.read(1)
-        writer.write(words)
-        writer.close()
-
-    return say
-
-
-async def _get(url: str, context: ssl.SSLContext | None) -> None:
-    async with aiohttp.ClientSession() as http, http.get(url, ssl=context or True) as answer:
-        await answer.read()
-
-
-async def told(port: int, context: ssl.SSLContext | None = None) -> str:
-    scheme = "http" if context is None else "https"
-    url = f"{scheme}://localhost:{port}/"
-    with pytest.raises((aiohttp.ClientError, OSError, asyncio.TimeoutError)) as caught:
-        await asyncio.wait_for(_get(url, context), 9)
-    sentence = describe_error(caught.value, 9)
-    assert not FOREIGN.search(sentence), sentence
-    return sentence
-
-
 @pytest.mark.parametrize(
     ("code", "sentence"),
     [
@@ -166,28 +130,6 @@ def test_each_fault_of_a_certificate_has_its_sentence(code, sentence):
 )
 def test_each_fault_of_a_handshake_has_its_sentence(reason, sentence):
     assert sentence in describe_error(ssl.SSLError(1, f"[SSL: {reason}] x"), 9)
-
-
-async def test_what_is_no_tls_is_told():
-    for talk, words in (
-        (saying(b"HTTP/1.1 302 Found\r\n\r\n"), "does not speak TLS"),
-        (saying(b""), "it cuts the connection"),
-        (reset, "it cuts the connection"),
-    ):
-        async with serving(talk) as port:
-            assert words in await told(port, ssl.create_default_context())
-
-
-async def test_each_fault_of_an_answer_has_its_sentence():
-    half = b"HTTP/1.1 200 OK\r\nContent-Length: 9\r\n\r\nhalf"
-    cases = [
-        (saying(b""), "closes the connection without an answer"),
-        (saying(half), "its answer is cut short"),
-        (saying(b"SSH-2.0-OpenSSH_9.2\r\n"), "what it answers is not HTTP"),
-    ]
-    for talk, words in cases:
-        async with serving(talk) as port:
-            assert words in await told(port)
 
 
 def test_faults_that_are_not_the_servers_come_with_their_advice():

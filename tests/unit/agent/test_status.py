@@ -39,25 +39,6 @@ UP = Status(
 )
 
 
-def test_a_connected_robot():
-    text = render(UP, NOW)
-    assert text.splitlines() == [
-        "state         connected since 2023-11-14 22:12:20 UTC",
-        "robot         sim1",
-        "server        robots.example.com",
-        "mac           00:1b:44:11:3a:b7 (eth0)",
-        "key           SHA256:abc",
-        "ssh           b.example.com port 443",
-        "round trip    12.3 ms",
-        "video tunnel  open",
-        "shell tunnel  off",
-        "end to end    rosbridge unknown, video down",
-        "guard         ready",
-        "rosbridge     ok",
-        "video         down: web_video_server at http://127.0.0.1:8080 does not answer: Connection refused",
-    ]
-
-
 @pytest.mark.parametrize(
     ("changes", "lines"),
     [

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import logging
 import os
 import socket
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from pathlib import Path
 import pytest
 from robotether_agent import systemd
 from robotether_agent.problems import UpgradeFailedError
-from robotether_agent.systemd import JournalFormatter, Notifier
+from robotether_agent.systemd import Notifier
 
 
 @pytest.fixture
@@ -70,9 +69,3 @@ async def test_without_systemd_nothing_happens():
     assert not task.done()
     task.cancel()
     await asyncio.wait({task})
-
-
-def test_journal_lines_carry_their_priority():
-    formatter = JournalFormatter("%(message)s")
-    record = logging.LogRecord("x", logging.WARNING, __file__, 1, "one\ntwo", None, None)
-    assert formatter.format(record) == "<4>one\n<4>two"

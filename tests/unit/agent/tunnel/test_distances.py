@@ -60,32 +60,22 @@ def known(**rtts_ms: float) -> Distances:
     return distances
 
 
+@pytest.mark.parametrize("begin", range(3))
 @pytest.mark.parametrize("nearest", range(3))
-async def test_robot_is_at_its_nearest_cell_within_one_move(cells, nearest):
-    ports = [cell.ports[0] for cell in cells]
-    delays_s = {port: 0.01 if at == nearest else 0.2 for at, port in enumerate(ports)}
+async def test_robot_is_at_its_nearest_cell_within_one_move(cells, spawn, begin, nearest):
+    delays_s = {cell.ports[0]: 0.01 if at == nearest else 0.2 for at, cell in enumerate(cells)}
+    places = [cells[begin]]
     async with SlowProxy(delays_s) as proxy:
-        for begin in range(3):
-            distances = Distances(ServerDialer(proxy_of(proxy.url)))
-            places, moves = [cells[begin]], []
-
-            def move(cell: ListedCell, places=places, moves=moves) -> None:
-                places[:] = [cell]
-                moves.append(cell)
-
-            asking = asyncio.ensure_future(
-                distances.keep_asking(lambda places=places: (places[0], cells), move)
-            )
-            await eventually(
-                lambda places=places, distances=distances: (
-                    places == [cells[nearest]] and len(distances._rtts_s) == 3
-                ),
-                lambda moves=moves: str(moves),
-            )
-            await asyncio.sleep(0.1)
-            asking.cancel()
-            assert moves == ([] if begin == nearest else [cells[nearest]])
-            assert distances.by_distance(cells)[0] == cells[nearest]
+        distances = Distances(ServerDialer(proxy_of(proxy.url)))
+        asking = spawn(distances.keep_asking(lambda: (places[-1], cells), places.append))
+        await eventually(
+            lambda: places[-1] == cells[nearest] and len(distances._rtts_s) == 3,
+            lambda: str(places),
+        )
+        await asyncio.sleep(0.1)
+        asking.cancel()
+    assert places == [cells[begin]] + ([] if begin == nearest else [cells[nearest]])
+    assert distances.by_distance(cells)[0] == cells[nearest]
 
 
 async def test_round_trips_of_connections_are_measured(cells):
