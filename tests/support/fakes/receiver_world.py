@@ -5,12 +5,12 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from typing import cast
+from typing import Any, cast
 
 from aiohttp import WSMsgType, web
 from fake_cameras import fake_jpeg, number_of
 from fake_cloud import eventually
-from frame_header import SIZE
+from frame_header import SIZE, unpacked
 from robotether_agent.video.frame_encoder import EncoderPool
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import SharedSources
@@ -104,6 +104,20 @@ class World:
         self.now_s += after_s
         for take in tuple(self.open.values()):
             take(CameraFrame(data, self.now_s, self.now_s, codec=codec, is_key=is_key))
+
+    async def pass_on(self, data: bytes, after_s: float = 0.1, **frame: Any) -> bytes:
+        """Have a frame go out, and return it as it went."""
+        count = len(self.socket.pictures) + 1
+        self.socket.ask("credit")
+        self.give_data(data, after_s, **frame)
+        await self.got(count)
+        return self.socket.pictures[-1]
+
+    async def have_taken(self, after_s: float) -> None:
+        """Have the receiver take the newest frame so much later, which asks for the next one."""
+        self.now_s += after_s
+        self.socket.ask("credit", taken=unpacked(self.socket.pictures[-1]).sequence)
+        await eventually(lambda: not self.receiver._in_flight, lambda: "it was taken")
 
     async def got(self, count: int) -> list[int]:
         await eventually(lambda: len(self.socket.pictures) >= count, lambda: str(self.socket.texts))

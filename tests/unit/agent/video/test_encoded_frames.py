@@ -59,11 +59,6 @@ async def until_encoding(world: World, **fields: Any) -> None:
     )
 
 
-async def sent(world: World, count: int) -> list[bytes]:
-    await eventually(lambda: len(world.socket.pictures) >= count, lambda: str(world.socket.texts))
-    return world.socket.pictures
-
-
 async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(make_world):
     """Though two of three are skipped for want of credit, and the source is asked for a size alone."""
     world, decoder = make_world(), Decoder()
@@ -72,7 +67,7 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
         world.give_data(jpeg_of(picture))
         if number % 3 == 2:
             world.socket.ask("credit")
-            await sent(world, (number + 1) // 3)
+            await world.got((number + 1) // 3)
     headers = [unpacked(message) for message in world.socket.pictures]
     # The camera's source is opened again for its encoder, and the first frame comes from both.
     assert [header.sequence - headers[0].sequence for header in headers] == [*range(0, 30, 3)]
@@ -91,9 +86,7 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(mak
         if number:
             # A storm of requests.
             world.socket.ask("key_frame")
-        world.socket.ask("credit")
-        world.give_data(jpeg_of(picture), 0.11)
-        await sent(world, number + 1)
+        await world.pass_on(jpeg_of(picture), 0.11)
     keys = [n for n, data in enumerate(world.socket.pictures) if unpacked(data).is_key]
     assert keys == [0, 5, 10, 15, 20]
 
@@ -102,15 +95,11 @@ async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
     world = make_world(steps_quality=False)
     await until_encoding(world, quality_min=50, quality_max=60, latency_ms=100)
     decoder, shapes, qualities = Decoder(), [], []
-    for number, picture in enumerate(clip(8, step=2)):
-        world.socket.ask("credit")
-        world.give_data(jpeg_of(picture))
-        message = (await sent(world, number + 1))[-1]
+    for picture in clip(8, step=2):
+        message = await world.pass_on(jpeg_of(picture))
         shapes.append(decoder.decode(message[SIZE:]).shape[:2])
         qualities.append(unpacked(message).quality)
-        world.now_s += 0.15
-        world.socket.ask("credit", taken=unpacked(message).sequence)
-        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+        await world.have_taken(0.15)
     assert qualities == 3 * [60] + 5 * [50]
     assert shapes == 6 * [(240, 320)] + 2 * [(180, 240)]
     assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0, passes_h264=True)]
@@ -127,18 +116,13 @@ async def test_encoded_frames_begin_with_the_best_quality(make_world, tmp_path):
     world = make_world(sys.executable, "-c", code)
     world.socket.ask("stream_request", codecs=CODECS, latency_ms=100, quality_max=60)
     await world.until_open()
-    for number, picture in enumerate(clip(9, step=2)):
-        world.socket.ask("credit")
-        world.give_data(jpeg_of(picture))
-        message = (await sent(world, number + 1))[-1]
-        world.now_s += 0.3
-        world.socket.ask("credit", taken=unpacked(message).sequence)
-        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+    for picture in clip(9, step=2):
+        message = await world.pass_on(jpeg_of(picture))
+        await world.have_taken(0.3)
     assert (unpacked(message).codec, unpacked(message).quality) == (JPEG, 20)
     begins.touch()
     await until_encoding(world, latency_ms=100, quality_max=60)
-    world.give_data(jpeg_of(picture))
-    message = (await sent(world, 10))[-1]
+    message = await world.pass_on(jpeg_of(picture))
     assert (unpacked(message).codec, unpacked(message).quality) == (H264, 60)
 
 
@@ -190,10 +174,8 @@ async def test_without_its_encoder_a_receiver_gets_jpegs_and_the_reason(
 async def test_a_frame_that_cannot_be_encoded_goes_out_as_it_came(make_world):
     world, good = make_world(), [jpeg_of(picture) for picture in clip(3, step=2)]
     await until_encoding(world)
-    for number, jpeg in enumerate((good[0], fake_jpeg(9), good[1], good[2]), 1):
-        world.socket.ask("credit")
-        world.give_data(jpeg, 1.0)
-        await sent(world, number)
+    for jpeg in (good[0], fake_jpeg(9), good[1], good[2]):
+        await world.pass_on(jpeg, 1.0)
     headers = [unpacked(message) for message in world.socket.pictures]
     assert [(header.codec, header.is_key) for header in headers] == [
         (H264, True),
@@ -216,10 +198,7 @@ async def test_no_encoder_runs_that_nobody_wants(make_world, setting, codecs, re
     world = make_world(setting=setting)
     world.socket.ask("stream_request", codecs=codecs)
     assert (await world.until_open()).quality == 80
-    world.socket.ask("credit")
-    world.give(1)
-    assert await world.got(1) == [1]
-    header = unpacked(world.socket.pictures[0])
+    header = unpacked(await world.pass_on(fake_jpeg(1)))
     assert (header.codec, header.quality, header.is_key) == (JPEG, 80, False)
     assert world.socket.texts[0]["no_encoder"] == reason
     assert descendants(os.getpid()) == []
@@ -228,9 +207,8 @@ async def test_no_encoder_runs_that_nobody_wants(make_world, setting, codecs, re
 async def test_what_a_camera_encodes_itself_needs_no_encoder(make_world):
     world = make_world()
     await until_encoding(world)
-    world.socket.ask("credit")
-    world.give_data(b"one access unit", codec=H264, is_key=True)
-    assert (await sent(world, 1))[0][SIZE:] == b"one access unit"
+    message = await world.pass_on(b"one access unit, as it is", codec=H264, is_key=True)
+    assert message[SIZE:] == b"one access unit, as it is"
     await eventually(lambda: descendants(os.getpid()) == [], lambda: "the process ends")
 
 

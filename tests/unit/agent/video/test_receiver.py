@@ -106,9 +106,7 @@ async def take_late(world: World, count: int) -> None:
     for number in range(1, count + 1):
         world.give(number)
         await world.got(number)
-        world.now_s += 0.15
-        world.socket.ask("credit", taken=FIRST + number)
-        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+        await world.have_taken(0.15)
 
 
 async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
@@ -161,8 +159,7 @@ async def test_a_camera_that_takes_no_requests_is_asked_for_none():
         for number in range(1, 8):
             world.give(number)
             await world.got(number)
-            world.now_s += 1
-            world.socket.ask("credit", taken=FIRST + number)
+            await world.have_taken(1.0)
         assert len(world.open) == 1
         assert {unpacked(data).quality for data in world.socket.pictures} == {0}
     finally:
@@ -177,12 +174,11 @@ async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
     for second in range(1, 9):
         for _ in range(10):
             world.give(second)
-        taken = unpacked((await world.got(second) and world.socket.pictures)[-1]).sequence
+        await world.got(second)
         world.receiver._check()
         if len(world.open) > 1:
             break
-        world.socket.ask("credit", taken=taken)
-        await eventually(lambda: not world.receiver._in_flight, lambda: "it was taken")
+        await world.have_taken(0.0)
     assert list(world.open)[-1].quality < begun.quality
 
 
