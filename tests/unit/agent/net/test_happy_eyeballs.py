@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-from itertools import repeat
 
 import pytest
 from fake_cloud import eventually
@@ -48,23 +47,6 @@ async def test_two_that_work_in_the_same_moment(attempts):
     await eventually(lambda: len(attempts.started) == 2, lambda: "both have started")
     now.set()
     assert {await asyncio.wait_for(winner, 5), *attempts.dropped} == {"one", "other"}
-
-
-async def test_one_that_is_not_eager_goes_on_until_something_refuses(attempts):
-    """Silence is tried again without end and with pauses; a refusal ends it."""
-    outcomes = iter([NoAnswerError("x"), NoAnswerError("x"), ServerUnreachableError("no")])
-    pauses: list[int] = []
-
-    async def attempt() -> str:
-        raise next(outcomes)
-
-    async def pause() -> None:
-        pauses.append(1)
-
-    race = HappyEyeballs(repeat(attempt), pause=pause, drop=attempts.dropped.append, eager=False)
-    with pytest.raises(ServerUnreachableError):
-        await asyncio.wait_for(race.winner(), 5)
-    assert len(pauses) >= 2
 
 
 async def test_a_defect_is_not_hidden(attempts):

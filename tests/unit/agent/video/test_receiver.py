@@ -150,22 +150,6 @@ async def test_the_size_goes_down_when_the_quality_is_at_its_least(world):
     assert list(world.open)[-1] == SourceRequest("/camera", 50, 480, 360, 15.0)
 
 
-async def test_a_camera_that_takes_no_requests_is_asked_for_none():
-    world = World(steps_quality=False)
-    try:
-        world.socket.ask("stream_request", latency_ms=50)
-        world.socket.ask("credit")
-        assert await world.until_open() == SourceRequest("/camera", 0, None, None, 15.0)
-        for number in range(1, 8):
-            world.give(number)
-            await world.got(number)
-            await world.have_taken(1.0)
-        assert len(world.open) == 1
-        assert {unpacked(data).quality for data in world.socket.pictures} == {0}
-    finally:
-        await world.end()
-
-
 async def test_fewer_frames_than_the_camera_gives_bring_the_quality_down(world):
     """Though each comes in time: what goes out is compared with what there is once a second."""
     world.socket.ask("stream_request")
