@@ -10,7 +10,7 @@ import tls_front
 from admin_visitor import send
 from relay_server import cell_settings
 from robot_signer import RobotSigner
-from robotether_server.db import cells, join_tokens
+from robotether_server.db import cells, join_tokens, robots
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.install_line import SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
@@ -135,7 +135,13 @@ def test_a_token_is_revoked_after_a_question(admin, database):
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
 
 
-def test_a_local_mac_may_be_allowed_by_a_box(admin):
+def test_a_robot_is_announced(admin, database):
+    """Its page follows; a local MAC may be allowed by a box."""
+    answer = send(admin, "/admin/add-robot", name="lift", mac="00-1B-44-11-3A-B7")
+    assert (answer.status_code, answer.location) == (303, "/admin/robots/lift")
+    assert "Robot lift is announced" in admin.ask("GET", "/admin/robots/lift").text
+    with database.transaction() as tx:
+        assert robots.get(tx, "lift").mac == "00:1b:44:11:3a:b7"
     vm = {"name": "vm", "mac": "06:00:00:00:00:01"}
     assert send(admin, "/admin/add-robot", **vm).status_code == 422
     assert send(admin, "/admin/add-robot", local_mac="yes", **vm).status_code == 303

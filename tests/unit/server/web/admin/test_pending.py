@@ -28,6 +28,23 @@ def test_a_refused_join_is_shown_with_its_reason(admin, program):
         assert text in page
 
 
+def test_a_key_is_shown_in_full_with_what_to_compare(admin, program):
+    join(program, MAC, 1)
+    page = admin.ask("GET", "/admin/pending").text
+    assert fingerprint(1) in page.replace("</span><span>", "")
+    for text in ("robotether-agent status", MAC, "turtle", "198.51.100.7", "0.1.0"):
+        assert text in page
+
+
+def test_an_unknown_robot_is_approved_under_another_name(admin, program, database):
+    """The page leads to the robot that approval leads back to."""
+    join(program, "02:00:00:00:51:77", 1)
+    form = {"robot": "robot-005177", "fingerprint": fingerprint(1), "name": "lift"}
+    onward = send(admin, "/admin/pending", **form).location
+    assert key_of(database, "lift") == ("active", fingerprint(1))
+    assert 'data-testid="arrived-lift"' in admin.ask("GET", onward.partition("#")[0]).text
+
+
 def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     admin, program, database
 ):

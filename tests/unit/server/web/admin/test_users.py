@@ -4,6 +4,7 @@ import re
 
 import pytest
 from admin_visitor import send
+from robotether_server.db import users
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 
@@ -27,9 +28,11 @@ def test_a_password_that_was_made_is_shown_once_and_works(app, admin):
     assert zoe.log_in("zoe", shown[1]).status_code == 303
 
 
-def test_a_password_that_was_typed_is_not_shown(admin):
+def test_a_password_that_was_typed_is_not_shown(admin, database):
     answer = send(admin, "/admin/users", name="zoe", role="admin", password="typed by an admin")
     assert (answer.status_code, answer.location) == (303, "/admin/users/zoe")
+    with database.transaction() as tx:
+        assert users.get(tx, "zoe").role == "admin"
 
 
 def test_a_wrong_form_comes_back(admin):

@@ -25,6 +25,17 @@ def two(manager):
 
 
 @pytest.mark.usefixtures("two")
+def test_manager_adds_buttons(manager, database):
+    """They stand in the order in which they came, in settings, audit log and list."""
+    assert kept(database, "buttons") == [LIGHTS, DOCK]
+    newest, _ = audited(database, "robot_buttons_set")
+    assert newest == ("may", {"was": [LIGHTS], "buttons": [LIGHTS, DOCK]})
+    page = manager.ask("GET", BUTTONS).text
+    assert page.index('data-testid="button-1"') < page.index('data-testid="button-2"')
+    assert "Publishes to <code>/lights</code>" in page
+
+
+@pytest.mark.usefixtures("two")
 def test_button_is_changed_where_it_stands(manager, database):
     path = f"{BUTTONS}/1"
     page = manager.ask("GET", path).text
@@ -74,11 +85,13 @@ def test_a_form_of_before_changes_no_other_button(manager, database):
 
 def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
     for changes, sentence in (
+        ({"sends": "{data: true}"}, "at line 1, column 2"),
         ({"sends": '{"data": NaN}'}, "Sends: NaN"),
         ({"name": ""}, "Name: Fill in Name."),
         ({"kind": "push"}, "What it does: Choose one of publish, call."),
         ({"target": "lights"}, "Topic or service: Enter a full name"),
         ({"type": "Bool"}, "Type: Enter a type of ROS"),
+        ({"target": "/arm"}, "an admin adds it to policy.drive.publish, or the button goes"),
     ):
         answer = send(manager, NEW, **LIGHTS_FORM | changes)
         assert answer.status_code == 422

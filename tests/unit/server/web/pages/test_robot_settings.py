@@ -107,6 +107,9 @@ def test_a_tab_saves_its_own_settings(admin, database, order):
     assert all_kept(database) == CHANGED
     changes = [audited(database, kind) for kind in ("robot_settings_set", "robot_page_set")]
     assert [len(events) for events in changes] == [3, 2]
+    page = admin.ask("GET", "/admin/robots/sim1").text
+    for text in ("Stop if no command arrives for (ms)", "300", "/arm/*, /lamp"):
+        assert text in page
 
 
 def test_a_tab_saves_only_what_was_changed_in_it(admin, database):
