@@ -362,10 +362,11 @@ def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
 
 
 def test_metrics(talk: Conversation, recorded: SnapshotAssertion) -> None:
-    """Admins alone are led to the relay's numbers, and get web's."""
+    """Admins alone are led to the relay's numbers, and get web's and how the site is."""
     talk.ask("root", "GET", "/metrics")
-    talk.ask("ann", "GET", "/metrics")
-    talk.ask("ann", "GET", "/metrics/web")
+    for path in ("/metrics", "/metrics/web", "/health", "/health/history"):
+        talk.ask("ann", "GET", path)
+    talk.ask("root", "GET", "/health/history?range=year")
     assert talk.transcript == recorded
 
 
