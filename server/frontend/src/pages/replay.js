@@ -207,7 +207,7 @@ export class ReplayPage {
       isCut && texts.cut,
       left && texts.otherTimes,
       damages && texts.damaged,
-      unreadable && texts.unreadable(unreadable),
+      unreadable && texts.unreadable,
     ].filter(Boolean);
   }
 }

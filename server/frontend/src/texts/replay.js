@@ -49,7 +49,7 @@ export const replay = {
   unfinished: "This recording was not ended properly. It plays as far as it was written.",
   cut: "Its end was not searched, because that takes too long.",
   damaged: "A part of the recording cannot be read and is left out.",
-  unreadable: (count) => `${count === 1 ? "1 message is" : `${count} messages are`} not of the type that the recording says, and left out.`,
+  unreadable: "Messages that are not of the type that the recording says are left out.",
   otherTimes: "A part of the recording has times that are none of a recording and is left out.",
   failed: (status, detail) => {
     if (status === 401) return "Your login has ended. Log in again.";
