@@ -44,8 +44,9 @@ from paper.programs import write_line
 
 # A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.
 ORDER_S = 5.0
-# A driver whose commands are not heard for so long goes to the next cell.
-SILENT_S = 1.0
+# A driver whose commands are not heard for so long goes to the next cell; first the robot has to open a connection for
+# its topics.
+SILENT_S, FIRST_S = 1.0, 3.0
 AGAIN_S, STOPPED_AGAIN_S = 0.1, 0.5
 # How long one drives a robot; who cannot, waits that much longer before it gives up.
 DRIVE_S, PATIENCE_S = (6.0, 15.0), 60.0
@@ -172,7 +173,7 @@ class Driver(Person):
             while time.monotonic() < end:
                 if listening.done():
                     raise RefusedError(f"closed with {socket.close_code}", socket.close_code or 0)
-                if time.monotonic() - echoes.at_s > SILENT_S:
+                if time.monotonic() - echoes.at_s > (SILENT_S if echoes.count else FIRST_S):
                     raise RefusedError("no command is heard")
                 await self._send(socket, listening, echoes, number)
                 number += 1

@@ -27,6 +27,8 @@ from paper.histogram import Histogram
 from paper.programs import write_line
 
 READY_WITHIN_S, AGAIN_S, LAST_WITHIN_S = 60.0, 0.2, 2.0
+# Number of commands that do not count.
+BEFORE = -1
 # A busy server answers late, and is asked again then.
 REQUEST_S = 20.0
 
@@ -57,9 +59,16 @@ class Driver:
         self._listening: asyncio.Task[None] | None = None
 
     async def open(self) -> None:
-        """Have the lease, and listen from now on: a client that answers no ping drives with old commands."""
+        """Have the lease, and be heard; listen from now on: a client that answers no ping drives with old commands."""
         await self._dial()
         self._listening = asyncio.create_task(self._keep_listening())
+        # The robot opens a connection for topics when somebody listens.
+        async with asyncio.timeout(READY_WITHIN_S):
+            while not self._echoes.count:
+                with suppress(ConnectionError):
+                    await self._socket.send_json(command(BEFORE))
+                await asyncio.sleep(AGAIN_S)
+        self._echoes.refused.clear()
 
     async def _dial(self) -> None:
         """Have the lease, trying again for a while."""
