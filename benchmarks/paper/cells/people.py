@@ -12,6 +12,7 @@ import asyncio
 import json
 import sys
 import time
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
@@ -71,18 +72,32 @@ class CellAddress:
     address: str
 
 
-class Person(Client):
-    """Somebody with a token, at one cell after the other."""
+class Scene:
+    """What all people share: cells and robots, as the order has them, and the history."""
 
-    def __init__(
-        self, name: str, token: str, cells: Sequence[CellAddress], http: aiohttp.ClientSession
-    ) -> None:
-        super().__init__(http, "", token)
+    def __init__(self, order: Mapping[str, Any], source: str, http: aiohttp.ClientSession) -> None:
+        self.order = order
+        self.http = http
+        self.cells = [CellAddress(**cell) for cell in order["cells"]]
+        self.history = History.open(Path(order["folder"]), source)
+
+
+class Person(Client, ABC):
+    """Somebody with a token, at one cell after the other, who chooses by the seed."""
+
+    def __init__(self, scene: Scene, name: str, token: str) -> None:
+        super().__init__(scene.http, "", token)
         self.name = name
-        self._cells = cells
+        self._order, self._history = scene.order, scene.history
+        self._rng = Random(f"{scene.order['seed']} {name}")
+        self._cells = scene.cells
         self._at = 0
         # What stood in the way, by the words of the server, and how often.
         self.met: Counter[str] = Counter()
+
+    @abstractmethod
+    async def run(self) -> None:
+        """Be at work until this is cancelled."""
 
     @property
     def cell(self) -> CellAddress:
@@ -120,36 +135,27 @@ class Driver(Person):
         self.sent = 0
         self.round_trips = Histogram()
 
-    async def run(
-        self,
-        robots: Sequence[str],
-        hot: Sequence[str],
-        rate_hz: float,
-        rng: Random,
-        history: History,
-    ) -> None:
+    async def run(self) -> None:
         while True:
-            robot = rng.choice(hot if rng.random() < HOT_SHARE else robots)
-            history.add("wants", robot=robot, what=self.name)
+            which = "hot" if self._rng.random() < HOT_SHARE else "robots"
+            robot = self._rng.choice(self._order[which])
+            self._history.add("wants", robot=robot, what=self.name)
             try:
-                await self._drive(robot, rng.uniform(*DRIVE_S), rate_hz, rng, history)
+                await self._drive(robot, self._rng.uniform(*DRIVE_S))
             finally:
-                history.add("leaves", robot=robot, what=self.name)
+                self._history.add("leaves", robot=robot, what=self.name)
 
-    async def _drive(
-        self, robot: str, seconds: float, rate_hz: float, rng: Random, history: History
-    ) -> None:
+    async def _drive(self, robot: str, seconds: float) -> None:
         """Drive for so long, by as many connections as it takes; give up when somebody else does."""
         began = time.monotonic()
         end, patience = began + seconds, began + seconds + PATIENCE_S
         while time.monotonic() < end:
             echoes = Echoes(round_trips=self.round_trips, refused=self.met)
             try:
-                straight = rng.random() < 0.5
-                await self._connection(robot, end, rate_hz, echoes, straight=straight)
+                await self._connection(robot, end, echoes)
             except FAILURES as error:
-                why = self.meet(error)
-                history.add("refused", robot=robot, cell=self.cell.name, what=f"{self.name}: {why}")
+                what = f"{self.name}: {self.meet(error)}"
+                self._history.add("refused", robot=robot, cell=self.cell.name, what=what)
                 code = error.code if isinstance(error, RefusedError) else 0
                 if code in HELD_CODES:
                     return
@@ -162,10 +168,9 @@ class Driver(Person):
                     end = min(max(end, time.monotonic() + DRIVE_S[0]), patience)
                 await asyncio.sleep(AGAIN_S)
 
-    async def _connection(
-        self, robot: str, end: float, rate_hz: float, echoes: Echoes, *, straight: bool
-    ) -> None:
-        socket = await self.connect(robot, straight=straight)
+    async def _connection(self, robot: str, end: float, echoes: Echoes) -> None:
+        period_s = 1 / self._order["rate_hz"]
+        socket = await self.connect(robot, straight=self._rng.random() < 0.5)
         self._dials += 1
         async with echoes.listening(socket, self._dials) as listening:
             echoes.at_s = due = time.monotonic()
@@ -177,7 +182,7 @@ class Driver(Person):
                     raise RefusedError("no command is heard")
                 await self._send(socket, listening, echoes, number)
                 number += 1
-                due = max(due + 1 / rate_hz, time.monotonic() - 1 / rate_hz)
+                due = max(due + period_s, time.monotonic() - period_s)
                 await asyncio.sleep(due - time.monotonic())
 
     async def _send(
@@ -204,12 +209,13 @@ class Observer(Person):
 
     frames = messages = 0
 
-    async def run(self, robots: Sequence[str], cameras: Sequence[str], rng: Random) -> None:
-        self.begin_at(rng.randrange(len(self._cells)))
+    async def run(self) -> None:
+        self.begin_at(self._rng.randrange(len(self._cells)))
+        cameras = self._order["cameras"]
         while True:
-            robot = rng.choice(cameras or robots)
+            robot = self._rng.choice(cameras or self._order["robots"])
             with suppress(TimeoutError):
-                async with asyncio.timeout(rng.uniform(*OBSERVE_S)):
+                async with asyncio.timeout(self._rng.uniform(*OBSERVE_S)):
                     await asyncio.gather(
                         self._again(partial(self._topic, robot)),
                         *[self._again(partial(self._video, robot))] * (robot in cameras),
@@ -246,10 +252,9 @@ class Observer(Person):
 class Operator(Person):
     """Stops robots of its own and releases them, each request at any cell."""
 
-    def __init__(self, robots: Sequence[str], rng: Random, history: History, *person: Any) -> None:
+    def __init__(self, robots: Sequence[str], *person: Any) -> None:
         super().__init__(*person)
         self.robots = robots
-        self._rng, self._history = rng, history
         self._numbers = 0
         self.confirmed = 0
 
@@ -328,68 +333,40 @@ class Operator(Person):
 class Recorder(Person):
     """An admin who adds one site after the other, at one cell after the other."""
 
-    async def run(self, prefix: str, history: History) -> None:
+    async def run(self) -> None:
         number = 0
         while True:
             await asyncio.sleep(RECORD_EVERY_S)
             self.go_on()
             number += 1
-            name = f"{prefix}-{number}"
+            name = f"{self._order['prefix']}-{number}"
             try:
                 await self.ask("/sites", {"name": name})
             except FAILURES as error:
                 self.meet(error)
             else:
-                history.add("recorded", what=name, cell=self.cell.name)
+                self._history.add("recorded", what=name, cell=self.cell.name)
 
 
 class People:
     """All of them."""
 
-    def __init__(self, order: Mapping[str, Any], http: aiohttp.ClientSession) -> None:
-        self._order = order
-        seed = order["seed"]
-        cells = [CellAddress(**cell) for cell in order["cells"]]
-        self.history = History.open(Path(order["folder"]), "people")
-        self.drivers = [
-            Driver(number, driver["name"], driver["token"], cells, http)
-            for number, driver in enumerate(order["drivers"], 1)
-        ]
-        self.observers = [
-            Observer(observer["name"], observer["token"], cells, http)
-            for observer in order["observers"]
-        ]
-        hot = order["hot"]
+    def __init__(self, scene: Scene) -> None:
+        order = scene.order
+        drivers, observers, operators = (
+            [(scene, person["name"], person["token"]) for person in order[kind]]
+            for kind in ("drivers", "observers", "operators")
+        )
+        self.drivers = [Driver(number, *person) for number, person in enumerate(drivers, 1)]
+        self.observers = [Observer(*person) for person in observers]
         self.operators = [
-            Operator(
-                hot[number :: len(order["operators"])],
-                Random(f"{seed} {operator['name']}"),
-                self.history,
-                operator["name"],
-                operator["token"],
-                cells,
-                http,
-            )
-            for number, operator in enumerate(order["operators"])
+            Operator(order["hot"][number :: len(operators)], *person)
+            for number, person in enumerate(operators)
         ]
-        self.recorder = Recorder("admin", order["admin"], cells, http)
-
-    def begin(self) -> list[asyncio.Task[None]]:
-        order, tasks = self._order, []
-        for driver in self.drivers:
-            rng = Random(f"{order['seed']} {driver.name}")
-            work = driver.run(order["robots"], order["hot"], order["rate_hz"], rng, self.history)
-            tasks.append(asyncio.create_task(work))
-        for watcher in self.observers:
-            rng = Random(f"{order['seed']} {watcher.name}")
-            work = watcher.run(order["robots"], order["cameras"], rng)
-            tasks.append(asyncio.create_task(work))
-        tasks += [asyncio.create_task(operator.run()) for operator in self.operators]
-        tasks.append(asyncio.create_task(self.recorder.run(order["prefix"], self.history)))
-        return tasks
+        self.recorder = Recorder(scene, "admin", order["admin"])
+        self.all = [*self.drivers, *self.observers, *self.operators, self.recorder]
 
     def seen(self) -> dict[str, Any]:
-        everybody: list[Person] = [*self.drivers, *self.observers, *self.operators, self.recorder]
         trips = Histogram.merged(driver.round_trips.as_json() for driver in self.drivers)
         return {
             "sent": sum(driver.sent for driver in self.drivers),
@@ -398,7 +375,7 @@ class People:
             "frames": sum(observer.frames for observer in self.observers),
             "messages": sum(observer.messages for observer in self.observers),
             "confirmed_stops": sum(operator.confirmed for operator in self.operators),
-            "met": dict(sum((person.met for person in everybody), Counter[str]()).most_common(30)),
+            "met": dict(sum((person.met for person in self.all), Counter[str]()).most_common(30)),
         }
 
 
@@ -409,8 +386,9 @@ async def _line() -> Any:
 async def work() -> None:
     order = await _line()
     async with new_http(force_close=True) as http:
-        people = People(order, http)
-        tasks = people.begin()
+        scene = Scene(order, "people", http)
+        people = People(scene)
+        tasks = [asyncio.create_task(person.run()) for person in people.all]
         write_line({"begun": True})
         await _line()
         for task in tasks:
@@ -425,7 +403,7 @@ async def work() -> None:
         for operator in people.operators:
             for robot in operator.robots:
                 await operator.release(robot)
-        people.history.close()
+        scene.history.close()
         write_line({"ended": True})
 
 

@@ -77,6 +77,10 @@ class GuardHere:
     def send(self, message: Mapping[str, object]) -> None:
         self._messages.feed_data(line_of(message))
 
+    def offer(self, message: Mapping[str, object]) -> None:
+        """Send what may be left out; here nothing has to be."""
+        self.send(message)
+
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
         """Tick, and hand on each line of the guard; raise GuardDownError when it has ended."""
         await first_of(self._until_end(), self._listen(on_line), self._tick())

@@ -11,16 +11,13 @@ import asyncio
 import json
 import sys
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from pathlib import Path
-from random import Random
+from collections.abc import Mapping
 from typing import Any
 
 import uvloop
 from robotether_server.relay.http.event_loop import EventLoop
 
-from paper.cells.history import History
-from paper.cells.people import CellAddress, Person
+from paper.cells.people import Person, Scene
 from paper.client import FAILURES, new_http
 from paper.programs import write_line
 
@@ -51,13 +48,13 @@ class QueuePerson(Person):
 class Asker(QueuePerson):
     """Asks for help with one robot after the other."""
 
-    async def run(self, robots: Sequence[str], rng: Random, history: History) -> None:
+    async def run(self) -> None:
         while True:
-            robot = rng.choice(robots)
-            body = {"reason": "the nemesis asks", "priority": rng.choice(PRIORITIES)}
+            robot = self._rng.choice(self._order["robots"])
+            body = {"reason": "the nemesis asks", "priority": self._rng.choice(PRIORITIES)}
             request = await self.call("POST", f"/robots/{robot}/requests", body)
             if request is not None:
-                history.add("request_made", robot=robot, what=str(request["id"]))
+                self._history.add("request_made", robot=robot, what=str(request["id"]))
             await asyncio.sleep(ASK_EVERY_S)
 
     async def wait_for_none(self) -> None:
@@ -73,35 +70,35 @@ class Asker(QueuePerson):
 class QueueOperator(QueuePerson):
     """Accepts what is offered, helps for a while, and closes it."""
 
-    async def run(self, rng: Random, history: History) -> None:
+    async def run(self) -> None:
         while True:
-            history.add("polled", connection=self.name, cell=self.cell.name)
+            self._history.add("polled", connection=self.name, cell=self.cell.name)
             view = await self.call("PUT", "/queue/me", {"state": "available"})
             if view is not None and view["current"] is not None:
-                await self._help(view["current"], rng, history)
+                await self._help(view["current"])
             elif view is not None and view["offer"] is not None:
-                await self._answer(view["offer"], rng, history)
+                await self._answer(view["offer"])
             else:
                 await asyncio.sleep(POLL_EVERY_S)
 
-    async def _answer(self, offer: Mapping[str, Any], rng: Random, history: History) -> None:
-        if rng.random() < LEAVES_SHARE:
+    async def _answer(self, offer: Mapping[str, Any]) -> None:
+        if self._rng.random() < LEAVES_SHARE:
             await asyncio.sleep(GONE_S)
             return
-        await asyncio.sleep(rng.uniform(*THINKS_S))
+        await asyncio.sleep(self._rng.uniform(*THINKS_S))
         accepted = await self.call("POST", f"/requests/{offer['id']}/accept", {})
         if accepted is not None:
-            self._note(history, offer)
+            self._note(offer)
 
-    async def _help(self, request: Mapping[str, Any], rng: Random, history: History) -> None:
+    async def _help(self, request: Mapping[str, Any]) -> None:
         """Close the request that this operator has, accepted with or without an answer."""
-        self._note(history, request)
-        await asyncio.sleep(rng.uniform(*HELPS_S))
+        self._note(request)
+        await asyncio.sleep(self._rng.uniform(*HELPS_S))
         await self.call("POST", f"/requests/{request['id']}/close", {"note": "done"})
 
-    def _note(self, history: History, request: Mapping[str, Any]) -> None:
+    def _note(self, request: Mapping[str, Any]) -> None:
         what = str(request["id"])
-        history.add("accepted", robot=request["robot"], connection=self.name, what=what)
+        self._history.add("accepted", robot=request["robot"], connection=self.name, what=what)
 
 
 async def _line() -> Any:
@@ -110,19 +107,14 @@ async def _line() -> Any:
 
 async def work() -> None:
     order = await _line()
-    history = History.open(Path(order["folder"]), "people")
-    cells = [CellAddress(**cell) for cell in order["cells"]]
     async with new_http(force_close=True) as http:
-        asker = Asker("admin", order["admin"], cells, http)
+        scene = Scene(order, "people", http)
+        asker = Asker(scene, "admin", order["admin"])
         operators = [
-            QueueOperator(person["name"], person["token"], cells, http)
-            for person in order["operators"]
+            QueueOperator(scene, person["name"], person["token"]) for person in order["operators"]
         ]
-        tasks = [
-            asyncio.create_task(operator.run(Random(f"{order['seed']} {operator.name}"), history))
-            for operator in operators
-        ]
-        asking = asyncio.create_task(asker.run(order["robots"], Random(order["seed"]), history))
+        tasks = [asyncio.create_task(operator.run()) for operator in operators]
+        asking = asyncio.create_task(asker.run())
         for number, operator in enumerate(operators):
             operator.begin_at(number)
         write_line({"begun": True})
@@ -136,7 +128,7 @@ async def work() -> None:
         met = sum((person.met for person in (asker, *operators)), Counter[str]())
         write_line({"met": dict(met.most_common(30)), "failed": failed})
         await _line()
-        history.close()
+        scene.history.close()
         write_line({"ended": True})
 
 
