@@ -73,7 +73,7 @@ def test_driver_holds_control_from_start_to_end(at, write, first_line):
         (minutes(20), ("driver", "ben", None)),
         (minutes(10), ("nobody", None, None)),
         (minutes(70), ("unknown", None, "before_log")),
-        (NOW + dt.timedelta(minutes=1), ("unknown", None, "future")),
+        (dt.datetime.now(dt.UTC) + dt.timedelta(minutes=1), ("unknown", None, "future")),
         (dt.datetime.now(dt.UTC), ("unknown", None, "too_new")),
     ):
         assert answer(at(time)) == expected, time
