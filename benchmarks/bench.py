@@ -18,7 +18,6 @@ import agent_memory
 import audit_verify
 import behind_video
 import both_robots
-import closed_loop
 import codec_bits
 import comebacks
 import drive_page
@@ -52,7 +51,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "codecs": lambda _, quick: codec_bits.measure(*((2, codec_bits.SIZES[:1]) if quick else ())),
     "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
-    "closed_loop": lambda _, quick: closed_loop.measure(5 if quick else closed_loop.SECONDS),
+    "closed_loop": lambda _, quick: seen_age.measure_loop(5 if quick else seen_age.SECONDS),
     "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),
     "fan_out": lambda demo, quick: fan_out.measure(demo, 6 if quick else fan_out.SECONDS),
     "beside_clouds": lambda demo, quick: fan_out.measure_beside(demo, 5 if quick else fan_out.DRIVEN_S),
