@@ -20,8 +20,7 @@ from typing import Any
 
 from paper.costs import cpu_between
 from paper.density.report import RATE_HZ, report
-from paper.fleet.fleet import SERVICES, Fleet, robots_of, with_fleet
-from paper.fleet.report import AGENTS
+from paper.fleet.fleet import AGENTS, SERVICES, Fleet, robots_of, with_fleet
 from paper.programs import LineProgram
 from paper.step import Part, Scale, Step, Values
 from paper.world import World

@@ -1,24 +1,15 @@
-"""The rows of fleets that are driven and last, and the aims for all of density's figures. Pure."""
+"""The rows of fleets that start, idle, are driven, return and last, and the aims for density's figures. Pure."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import pandas as pd
 from report import Row, plain, quantiles
 
-from paper.fleet.report import (
-    AGENTS,
-    FAILED_AFTER_S,
-    MIB,
-    MS_PER_S,
-    SERVER,
-    FleetOutcome,
-    cost_rows,
-    return_rows,
-    start_rows,
-)
+from paper.fleet.fleet import AGENTS, FAILED_AFTER_S
 from paper.histogram import Histogram
 from paper.step import Comparison, Report, Results, Values, against_aim, succeeded
 
@@ -28,8 +19,108 @@ AIM_RETURN_P50_S = 30.0
 AIM_IDLE_MS, AIM_MEMORY_MIB, AIM_START_MS = 0.2, 2.0, 60.0
 AIM_DRIVE_P99_MS = 50.0
 AIM_SOAK_PERCENT = 3.0
+SERVER = ("nginx", "web", "relay", "sshd", "mysql")
+# Columns of processor time and memory, and whose they are.
+SERVER_PARTS = {
+    "server": SERVER,
+    "sshd": ("sshd",),
+    "relay": ("relay",),
+    "nginx, web, database": ("nginx", "web", "mysql"),
+}
+BESIDE = {"robots' side": ("robots",), "operators": ("operators",), "rest": ("rest",)}
+MIB = 1024 * 1024
+MS_PER_S = 1000.0
 KINDS = {"agent": "agents", "virtual": "virtual robots"}
 Drives = Sequence[Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class FleetOutcome:
+    """A start or a return of a fleet, with the values of Fleet.run."""
+
+    title: str
+    count: int
+    values: Values
+
+    def seconds(self, name: str) -> pd.Series:
+        """`drivable_s` or `online_s` of each robot that got so far."""
+        return pd.Series(self.values[name], dtype=float).dropna()
+
+    @property
+    def in_time(self) -> int:
+        """How many robots answered before they count as failed."""
+        return int((self.seconds("drivable_s") <= FAILED_AFTER_S).sum())
+
+    @property
+    def late(self) -> int:
+        return len(self.seconds("drivable_s")) - self.in_time
+
+    @property
+    def never(self) -> int:
+        """How many robots never answered."""
+        return self.count - len(self.seconds("drivable_s"))
+
+    def per_robot(
+        self, values: str, names: Iterable[str] = SERVER, factor: float = 1.0
+    ) -> float | None:
+        """Some members of `cpu_s` or `memory_bytes` for a robot online; None without one."""
+        robots = len(self.seconds("online_s"))
+        used = sum(self.values[values].get(name, 0) for name in names)
+        return factor * used / robots if robots else None
+
+    def idle_ms(self, names: Iterable[str] = SERVER) -> float | None:
+        """Processor time in ms that a robot costs in each second in which nobody uses it; None: not measured."""
+        lasted = self.values.get("idle_s", 0) * len(self.seconds("online_s"))
+        if not lasted:
+            return None
+        used = sum(self.values["idle_cpu_s"].get(name, 0.0) for name in names)
+        return float(MS_PER_S * used / lasted)
+
+
+def start_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
+    return [
+        {
+            "robots": run.title,
+            **_arrivals(run),
+            "online p50, s": run.seconds("online_s").quantile(0.5),
+        }
+        for run in runs
+    ]
+
+
+def return_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
+    return [
+        {"robots": run.count, **_arrivals(run), "server answers, s": run.values["server_s"]}
+        for run in runs
+    ]
+
+
+def _arrivals(run: FleetOutcome) -> Row:
+    return {
+        "drivable in time": f"{run.in_time} of {run.count}",
+        "later": run.late,
+        "never": run.never,
+        **quantiles(run.seconds("drivable_s"), 0.5, 0.99, 1),
+        "tried again": sum(run.values["waits"].values()),
+    }
+
+
+def cost_rows(runs: Iterable[FleetOutcome]) -> list[Row]:
+    """What a robot costs: processor time of a start, memory, and processor time while nobody uses it."""
+    rows = []
+    for run in runs:
+        columns: dict[str, object] = {
+            "robots": run.title,
+            "cores busy": sum(run.values["cpu_s"].values()) / run.values["took_s"],
+        }
+        for name, members in {**SERVER_PARTS, **BESIDE}.items():
+            columns[f"start, ms: {name}"] = run.per_robot("cpu_s", members, MS_PER_S)
+        for name, members in SERVER_PARTS.items():
+            columns[f"memory, MiB: {name}"] = run.per_robot("memory_bytes", members, 1 / MIB)
+        for name, members in {**SERVER_PARTS, "robots' side": ("robots",)}.items():
+            columns[f"idle, ms a s: {name}"] = run.idle_ms(members)
+        rows.append(columns)
+    return rows
 
 
 def report(results: Results) -> Report:
@@ -48,7 +139,7 @@ def report(results: Results) -> Report:
         )
         for fleet in fleets
     ]
-    returns = [FleetOutcome("all containers", fleet["count"], fleet["return"]) for fleet in fleets]
+    returns = [FleetOutcome("", fleet["count"], fleet["return"]) for fleet in fleets]
     whole = [start for start in starts if not start.never]
     return Report(
         values={

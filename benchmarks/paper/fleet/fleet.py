@@ -27,7 +27,6 @@ from robotether_server.relay.robots.robot import USE_KEPT_S
 from paper.client import Client, new_http
 from paper.costs import PROC, Reading, cpu_between, memory_between
 from paper.fleet.operators import REQUEST_S, Operators
-from paper.fleet.report import AGENTS, FAILED_AFTER_S
 from paper.fleet.worker import allow_files
 from paper.programs import LineProgram
 from paper.world import Enrolled, World
@@ -41,6 +40,10 @@ MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 VIRTUAL_IN_A_WORKER = 100
 # Larger fleets are watched for longer than a robot may take, to see when the last one comes.
 WATCHED_A_ROBOT_S = 0.5
+# A robot without an answer after this has failed, whatever comes later.
+FAILED_AFTER_S = 60.0
+# How many of a fleet are the real agent; all more are virtual robots.
+AGENTS = 50
 OPENS_WITHIN_S, ENDS_WITHIN_S = 60.0, 120.0
 # Also for a relay that holds two connections of each robot, and for this process.
 FILES_OF_OPERATORS = 4096
