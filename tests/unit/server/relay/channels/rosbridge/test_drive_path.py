@@ -9,6 +9,7 @@ import time
 from collections import Counter
 
 import pytest
+import pytest_asyncio
 from relay_clients import PUBLISH
 from relay_server import FAST, until, utc
 from robotether_server.db.control import DriveEntry
@@ -148,17 +149,28 @@ def log(refused):
     return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused)
 
 
-def path_to(socket, log, sizes, *, max_age_s):
+@pytest.fixture
+def socket():
+    return FullSocket()
+
+
+@pytest.fixture
+def max_age_s():
+    return 0.5
+
+
+@pytest_asyncio.fixture
+async def path(socket, log, sizes, max_age_s):
     lease = DriveLease(fence=1, max_age_s=max_age_s, clock=None, log=log, on_command=lambda: None)
-    return DrivePath(
-        lease, socket, CommandTimestamps(time.monotonic()), lambda size, _age_s: sizes.append(size)
-    )
-
-
-async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
-    socket = FullSocket()
-    path = path_to(socket, log, sizes, max_age_s=0.5)
+    timestamps = CommandTimestamps(time.monotonic())
+    path = DrivePath(lease, socket, timestamps, lambda size, _age_s: sizes.append(size))
     running = asyncio.create_task(path.run())
+    yield path
+    running.cancel()
+    await asyncio.gather(running, return_exceptions=True)
+
+
+async def test_only_the_newest_command_of_a_topic_waits(path, socket, log, sizes):
     for speed in (0.1, 0.2, 0.3):
         await path.submit(command(speed))
     await path.submit(command(1.0, "/arm/cmd_vel"))
@@ -169,26 +181,18 @@ async def test_only_the_newest_command_of_a_topic_waits(log, sizes):
     assert sizes == [len(data) for data in socket.sent]
     assert [json.loads(data)["msg"]["linear"]["x"] for data in socket.sent] == [0.3, 1.0]
     assert log.entry.dropped_old == 2
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_a_command_that_waited_too_long_does_not_go(log, sizes):
-    socket = FullSocket()
-    path = path_to(socket, log, sizes, max_age_s=0.1)
-    running = asyncio.create_task(path.run())
+@pytest.mark.parametrize("max_age_s", [0.1])
+async def test_a_command_that_waited_too_long_does_not_go(path, socket, log):
     await path.submit(command(0.1))
     await asyncio.sleep(0.15)
     socket.full = False
     await until(lambda: log.entry.dropped_old == 1, "it is dropped")
     assert socket.sent == []
-    running.cancel()
-    await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_many_topics_do_not_make_a_queue(log, sizes):
-    socket = FullSocket()
-    path = path_to(socket, log, sizes, max_age_s=5)
+async def test_many_topics_do_not_make_a_queue(path):
     for number in range(50):
         await path.submit(command(0.1, f"/r{number}/cmd_vel"))
     assert len(path._waiting) == 8
@@ -336,23 +340,21 @@ def test_what_the_driver_saw_is_counted_by_its_age(refused):
     assert [report.ages_ms[-1] for report in shown] == [None, 140.2, None]
 
 
-def test_the_time_of_slow_driving_is_the_drives(refused):
+def test_the_time_of_slow_driving_is_the_drives(log):
     """Of an older guard nothing is claimed; one that slows nothing counts 0."""
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused)
-    log.on_seen(SeenReport(5, (140.0,)))
+    log.on_seen(SeenReport(1, (140.0,)))
     assert log.written().slowed_s is None
-    log.on_seen(SeenReport(5, (140.0,), 0.0))
+    log.on_seen(SeenReport(1, (140.0,), 0.0))
     assert log.written().slowed_s == 0
-    log.on_seen(SeenReport(5, (340.0,), 0.45, 0.6, None))
-    log.on_seen(SeenReport(5, (), 0.05))
-    log.on_seen(SeenReport(4, (), 9.0))
+    log.on_seen(SeenReport(1, (340.0,), 0.45, 0.6, None))
+    log.on_seen(SeenReport(1, (), 0.05))
+    log.on_seen(SeenReport(0, (), 9.0))
     assert log.written().slowed_s == 0.5
 
 
-def test_no_part_of_what_was_seen_is_older_than_the_oldest(refused):
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused)
+def test_no_part_of_what_was_seen_is_older_than_the_oldest(log):
     for age_ms in range(100, 200):
-        log.on_seen(SeenReport(5, (float(age_ms),)))
+        log.on_seen(SeenReport(1, (float(age_ms),)))
         entry = log.written()
         assert max(entry.seen_p50_ms, entry.seen_p95_ms, entry.seen_p99_ms) <= age_ms
 
