@@ -180,6 +180,23 @@ async def test_a_ticket_that_web_asked_the_database_for_makes_its_login_known(
     assert credentials.held_lately(login)
 
 
+@pytest.mark.parametrize(("granted", "may_drive"), [("observe", False), ("drive", True)])
+async def test_a_login_sees_video_and_is_known_as_who_could_drive(granted, may_drive):
+    """Without a ticket, too, a viewer only observes, and drivers keep their places."""
+    database, ann = MemoryDatabase(), RelayUser(3, "ann")
+    login = database.add_credential("login", ann)
+    request = Request("robots.example", None, ticket=None, login=login, authorization=None)
+    permit = await access_of(database, granted).for_video(request, "sim1")
+    assert (permit.user, permit.robot.name, permit.use, permit.level) == (
+        ann,
+        "sim1",
+        "video",
+        "observe",
+    )
+    assert permit.credential == credential_of("login", login)
+    assert permit.may_drive is may_drive
+
+
 @pytest.mark.parametrize(
     ("length", "is_asked_for"), [(0, False), (1, True), (512, True), (513, False)]
 )

@@ -122,6 +122,14 @@ async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
     assert set(bare.changed) == {sim1.id}
 
 
+async def test_robot_hears_of_a_lease_and_of_its_end(bare, sim1):
+    connection = await bare.drives(ANN)
+    assert bare.lines[-1] == {"type": "lease", "fence": 1, "held": True}
+    bare.leasing.end(connection)
+    assert bare.lines[-1] == {"type": "lease", "fence": 1, "held": False}
+    assert (bare.ended(), bare.leasing.of(sim1.id).driver) == ([(sim1.id, 1)], None)
+
+
 async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_database, monkeypatch):
     next_fence, asked = memory_database.next_fence, []
 

@@ -110,6 +110,15 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
     assert lease.driver.holder is older
 
 
+def test_a_number_that_is_not_newer_is_no_lease(lease):
+    """What the guard would refuse is not granted."""
+    lease.fence = 5
+    holder = FakeHolder(ANN)
+    lease.claim(holder, at(0))
+    assert not lease.grant(holder, 5, at(0))
+    assert lease.grant(holder, 6, at(0))
+
+
 def test_a_claim_that_was_revoked_is_not_granted(lease):
     """A stop that comes while the database numbers the drive wins."""
     holder = FakeHolder(ANN)

@@ -124,6 +124,12 @@ def test_the_field_that_says_what_is_needed(operation):
     assert refused({"op": operation}, validator("manage"))[0] == "shape"
 
 
+def test_a_field_that_is_null_counts_as_absent():
+    """Clients write null for what they do not want."""
+    message = {"op": "subscribe", "topic": "/pose", "type": None, "compression": None}
+    assert sent(message, validator()) == {"op": "subscribe", "topic": "/pose"}
+
+
 LOOK_UPS = {
     "observe": ["topics", "topic_type", "get_time"],
     "drive": ["topics", "topic_type", "get_time", "get_param", "get_param_names", "service_type"],
