@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import gc
+from collections.abc import Coroutine
+from typing import Any
 
 import pytest
 from robotether_agent.tasks import first_of, within
@@ -64,6 +66,19 @@ async def test_within_returns_or_times_out():
         await within(0.01, asyncio.Event().wait())
 
 
+async def cancel_as_it_ends(work: Coroutine[Any, Any, object], ends: asyncio.Event) -> None:
+    """Cancel `work` in the turn in which what it waits for has its result."""
+    task = asyncio.ensure_future(work)
+    for _ in range(3):
+        await asyncio.sleep(0)
+    ends.set()
+    # One turn lets the inner work end; its result and the cancellation then arrive together.
+    await asyncio.sleep(0)
+    task.cancel()
+    await asyncio.wait({task}, timeout=1)
+    assert task.cancelled()
+
+
 async def test_within_loses_no_result_to_a_cancellation():
     """What was opened in the very moment of a cancellation reaches the one who closes it."""
     opened, log = asyncio.Event(), []
@@ -81,15 +96,7 @@ async def test_within_loses_no_result_to_a_cancellation():
         finally:
             log.append("closed it")
 
-    task = asyncio.ensure_future(using())
-    for _ in range(3):
-        await asyncio.sleep(0)
-    opened.set()
-    # One turn lets the inner work end; its result and the cancellation then arrive together.
-    await asyncio.sleep(0)
-    task.cancel()
-    await asyncio.wait({task}, timeout=1)
-    assert task.cancelled()
+    await cancel_as_it_ends(using(), opened)
     assert log == ["has a socket", "closed it"]
 
 
@@ -101,14 +108,6 @@ async def test_within_drops_an_error_when_it_is_cancelled():
         await failing.wait()
         raise ValueError("too late")
 
-    task = asyncio.ensure_future(within(5, fails()))
-    for _ in range(3):
-        await asyncio.sleep(0)
-    failing.set()
-    await asyncio.sleep(0)
-    task.cancel()
-    await asyncio.wait({task}, timeout=1)
-    assert task.cancelled()
-    del task
+    await cancel_as_it_ends(within(5, fails()), failing)
     gc.collect()
     assert reported == []

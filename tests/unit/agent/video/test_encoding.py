@@ -56,37 +56,29 @@ class Clock:
         return keeps
 
 
-def test_a_busy_processor_brings_the_next_faster_preset():
+BUSY, ROOM = (1.5, 0.5), 0.05
+
+
+@pytest.mark.parametrize(
+    ("runs", "preset"),
+    [
+        ([(10, 0.25)], "veryfast"),
+        ([(10, 0.25), (1, 0.5)], "superfast"),
+        ([(10, 0.25), (1, 0.5), (1, 0.5)], "ultrafast"),
+        # One slow frame changes nothing.
+        ([(2, 0.1), (1 / 15, 20), (2, 0.1)], "veryfast"),
+        # A change costs a key frame: it waits for half a minute of room, or a minute if the last one was wrong.
+        ([BUSY, (25, ROOM)], "superfast"),
+        ([BUSY, (25, ROOM), (10, ROOM)], "veryfast"),
+        ([BUSY, (25, ROOM), (10, ROOM), (1, 0.5), (50, ROOM)], "superfast"),
+        ([BUSY, (25, ROOM), (10, ROOM), (1, 0.5), (50, ROOM), (15, ROOM)], "veryfast"),
+    ],
+)
+def test_the_preset_follows_the_processor(runs, preset):
     clock = Clock()
-    assert clock.run(10, 0.25)
-    assert clock.steps.preset == "veryfast"
-    clock.run(1, 0.5)
-    assert clock.steps.preset == "superfast"
-    clock.run(1, 0.5)
-    assert clock.steps.preset == "ultrafast"
-
-
-def test_one_slow_frame_changes_nothing():
-    clock = Clock()
-    clock.run(2, 0.1)
-    clock.run(1 / 15, 20)
-    clock.run(2, 0.1)
-    assert clock.steps.preset == "veryfast"
-
-
-def test_a_slower_preset_returns_seldom_and_later_where_it_was_wrong():
-    """A change costs a key frame: it waits for half a minute of room, or a minute if the last one was wrong."""
-    clock = Clock()
-    clock.run(1.5, 0.5)
-    clock.run(25, 0.05)
-    assert clock.steps.preset == "superfast"
-    clock.run(10, 0.05)
-    assert clock.steps.preset == "veryfast"
-    clock.run(1, 0.5)
-    clock.run(50, 0.05)
-    assert clock.steps.preset == "superfast"
-    clock.run(15, 0.05)
-    assert clock.steps.preset == "veryfast"
+    for seconds, share in runs:
+        assert clock.run(seconds, share)
+    assert clock.steps.preset == preset
 
 
 def test_the_fastest_preset_is_given_up_after_seconds_of_overload():
