@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from unittest.mock import Mock
 
 import pytest
 from aiohttp import WSMsgType
@@ -40,34 +41,15 @@ async def _send_on(socket: RosbridgeSocket, frame: bytes) -> None:
         await socket.send_frame(frame, WSMsgType.TEXT)
 
 
-class MonitoredSession:
-    def __init__(self) -> None:
-        self.events: list[str] = []
-        self.said: list[bytes] = []
-
-    def on_rosbridge_connected(self) -> None:
-        self.events.append("up")
-
-    def on_rosbridge_lost(self) -> None:
-        self.events.append("lost")
-
-    def on_rosbridge_drained(self) -> None:
-        self.events.append("free")
-
-    def on_rosbridge_message(self, data: bytes) -> None:
-        self.said.append(data)
-
-
 @asynccontextmanager
-async def running(
-    rosbridge: FakeRosbridge,
-) -> AsyncIterator[tuple[CmdVelPublisher, MonitoredSession]]:
-    heard = MonitoredSession()
+async def running(rosbridge: FakeRosbridge) -> AsyncIterator[tuple[CmdVelPublisher, Mock]]:
+    """A line that is connected, and who listens to it."""
+    heard = Mock()
     async with new_http() as http:
         line = CmdVelPublisher(http, time.monotonic)
         task = asyncio.create_task(line.run(heard))
         line.use(f"ws://127.0.0.1:{rosbridge.port}/")
-        await until("it is up", lambda: "up" in heard.events)
+        await until("it is up", lambda: heard.on_rosbridge_connected.called)
         yield line, heard
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -77,11 +59,13 @@ async def test_what_is_sent_is_known_to_be_read() -> None:
     async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
         assert line.up
         assert line.can_send
-        assert await line.send(b'{"op":"publish","topic":"/echo"}')
+        message = b'{"op":"publish","topic":"/echo"}'
+        assert await line.send(message)
         sent_at = time.monotonic()
-        await until("it is read", lambda: "free" in heard.events)
+        await until("it is read", lambda: heard.on_rosbridge_drained.called)
         assert 0 < line.read_until <= sent_at
-        await until("it is answered", lambda: heard.said == [b'{"op":"publish","topic":"/echo"}'])
+        await until("it is answered", lambda: heard.on_rosbridge_message.called)
+        heard.on_rosbridge_message.assert_called_once_with(message)
 
 
 async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(monkeypatch):
@@ -103,64 +87,51 @@ async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> No
     )
     async with FakeRosbridge() as rosbridge, running(rosbridge) as (line, heard):
         await rosbridge.stop()
-        await until("it is lost", lambda: "lost" in heard.events)
+        await until("it is lost", lambda: heard.on_rosbridge_lost.called)
         assert not line.up
         assert not line.can_send
         assert not await line.send(b"{}")
         await until("it has failed", lambda: len(failures) > 1)
         await rosbridge.start()
-        await until("it is up again", lambda: heard.events.count("up") == 2)
+        await until("it is up again", lambda: heard.on_rosbridge_connected.call_count == 2)
 
 
 async def test_another_address_is_used_at_once() -> None:
     async with FakeRosbridge() as old, FakeRosbridge() as new, running(old) as (line, heard):
         line.use(f"ws://127.0.0.1:{new.port}/")
-        await until("it is up there", lambda: heard.events.count("up") == 2)
+        await until("it is up there", lambda: heard.on_rosbridge_connected.call_count == 2)
         assert (old.connections, new.connections) == (1, 1)
 
 
-class FakeDriver:
-    def __init__(self) -> None:
-        self.unheard: list[frozenset[str] | None] = []
-        self.unregistered: list[str] = []
-
-    def driven_now(self) -> list[str]:
-        return ["/cmd_vel"]
-
-    def on_unheard(self, names: frozenset[str] | None) -> None:
-        self.unheard.append(names)
-
-    def on_unregistered(self, name: str) -> None:
-        self.unregistered.append(name)
-
-
-async def test_the_watch_says_what_nothing_listens_to(monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
-    driver = FakeDriver()
+    driver = Mock(**{"driven_now.return_value": ["/cmd_vel"]})
     async with TopicRosbridge({}) as rosbridge:
-        watch = asyncio.ensure_future(SubscriberWatch(driver, lambda: rosbridge.url).run())
+        watch = spawn(SubscriberWatch(driver, lambda: rosbridge.url).run())
+
+        def unheard() -> frozenset[str] | None:
+            return driver.on_unheard.call_args.args[0]
 
         async def answers(publishers: list[str] | None, subscribers: list[str] | None) -> bool:
             rosbridge.publishers, rosbridge.subscribers = publishers, subscribers
-            count = len(driver.unheard)
+            count = driver.on_unheard.call_count
             # The answer after the next one was asked for with these lists.
-            await until("two answers", lambda: len(driver.unheard) >= count + 2)
-            return bool(driver.unheard[-1])
+            await until("two answers", lambda: driver.on_unheard.call_count >= count + 2)
+            return bool(unheard())
 
         assert not await answers(None, None)
-        assert driver.unheard[-1] == frozenset()
+        assert unheard() == frozenset()
         assert not await answers([], [])
         assert not await answers(["/rosbridge"], ["/base"])
         assert await answers(["/rosbridge"], [])
-        assert driver.unregistered == []
+        driver.on_unregistered.assert_not_called()
         # A new master knows the base, which began with it, and not rosbridge.
         assert await answers([], ["/base"])
-        assert "/cmd_vel" in driver.unregistered
+        driver.on_unregistered.assert_called_with("/cmd_vel")
         assert not await answers(["/rosbridge"], ["/base"])
-        assert driver.unheard[-1] == frozenset()
+        assert unheard() == frozenset()
         # As of a rosapi that the new master does not know: what was an answer is one no more.
         assert not await answers(None, None)
-        assert driver.unheard[-1] is None
+        assert unheard() is None
         watch.cancel()
-        await asyncio.gather(watch, return_exceptions=True)

@@ -6,6 +6,8 @@ import asyncio
 import socket
 from contextlib import nullcontext
 from dataclasses import dataclass, field
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import pytest
 from fake_cloud import eventually
@@ -25,17 +27,9 @@ from robotether_agent.tunnel.liveness import (
 )
 
 
-@dataclass
-class Connection:
-    here: tuple[str | int, ...]
-    there: tuple[str | int, ...]
-    family: int = socket.AF_INET
-
-    def getsockname(self):
-        return self.here
-
-    def getpeername(self):
-        return self.there
+def ends(here: tuple[object, ...], there: tuple[object, ...], family: int = socket.AF_INET) -> Mock:
+    """A connection with these two ends."""
+    return Mock(family=family, getsockname=lambda: here, getpeername=lambda: there)
 
 
 @pytest.mark.parametrize(("host", "path"), [("127.0.0.1", Path.SAME), ("127.0.0.2", Path.MOVED)])
@@ -48,7 +42,7 @@ def test_a_real_connection(host, path):
 
 
 def test_its_address_is_gone():
-    assert path_of(Connection(("192.0.2.1", 1), ("127.0.0.1", 2))) is Path.GONE
+    assert path_of(ends(("192.0.2.1", 1), ("127.0.0.1", 2))) is Path.GONE
 
 
 @pytest.mark.parametrize(
@@ -58,12 +52,12 @@ def test_an_address_that_ipv6_renews(monkeypatch, now, path):
     """The old one goes on working for days, and somebody may drive."""
     monkeypatch.setattr(liveness, "_is_ours", lambda *_: True)
     monkeypatch.setattr(liveness, "_source_towards", lambda *_: now)
-    ends = ("2001:db8::a", 1, 0, 0), ("2001:db8:9::1", 2222, 0, 0)
-    assert path_of(Connection(*ends, socket.AF_INET6)) is path
+    both = ("2001:db8::a", 1, 0, 0), ("2001:db8:9::1", 2222, 0, 0)
+    assert path_of(ends(*both, socket.AF_INET6)) is path
 
 
 def test_no_route():
-    assert path_of(Connection(("127.0.0.1", 1), ("255.255.255.255", 2))) is Path.SAME
+    assert path_of(ends(("127.0.0.1", 1), ("255.255.255.255", 2))) is Path.SAME
 
 
 def test_a_connection_that_has_ended():
@@ -99,12 +93,6 @@ def test_what_the_signs_mean(signs, problem, certain):
 
 
 @dataclass
-class Session:
-    silent_s: float = 0.0
-    idle_delay_s: float = 0.0
-
-
-@dataclass
 class FakeDialer:
     """Reaches a server that answers when the test lets it."""
 
@@ -135,14 +123,9 @@ class FakeDialer:
 OTHER = SshAddress("127.0.0.1", 9, "tunnel", cell=ListedCell("127.0.0.1", (9,)))
 
 
-@dataclass
-class Tunnel:
-    socket: socket.socket
-
-
 @pytest.fixture(autouse=True)
-def in_haste(monkeypatch):
-    monkeypatch.setattr(liveness, "CHECK_EVERY_S", 0.02)
+def check_every_s(request, monkeypatch):
+    monkeypatch.setattr(liveness, "CHECK_EVERY_S", getattr(request, "param", 0.02))
 
 
 @pytest.fixture
@@ -153,17 +136,18 @@ def network(monkeypatch):
 
 
 @pytest.fixture
-async def watched(network):
-    session, dialer = Session(), FakeDialer()
+async def watched(network, spawn):
+    """A watch over a connection of this machine's, with a session, a dialer and a network that the test moves."""
+    session, dialer = SimpleNamespace(silent_s=0.0, idle_delay_s=0.0), FakeDialer()
     with (
         socket.create_server(("127.0.0.1", 0)) as server,
         socket.create_connection(server.getsockname()) as connection,
     ):
         target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", dialer)
-        task = asyncio.ensure_future(watch(session, Tunnel(connection), target, lambda: [OTHER]))
+        tunnel = SimpleNamespace(socket=connection)
+        task = spawn(watch(session, tunnel, target, lambda: [OTHER]))
         yield session, dialer, task
         task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
 
 async def test_silence_ends_it_when_the_server_answers_elsewhere(watched):
@@ -245,19 +229,14 @@ async def test_a_new_network_takes_over_when_the_server_answers_there(watched, m
     assert OTHER not in dialer.targets
 
 
-async def test_a_change_of_the_network_is_looked_at_at_once(network, monkeypatch):
-    monkeypatch.setattr(liveness, "CHECK_EVERY_S", 60)
+@pytest.mark.parametrize("check_every_s", [60], indirect=True)
+async def test_a_change_of_the_network_is_looked_at_at_once(network, watched, monkeypatch):
+    _, _, task = watched
     monkeypatch.setattr(liveness, "path_of", lambda _: Path.GONE)
-    with (
-        socket.create_server(("127.0.0.1", 0)) as server,
-        socket.create_connection(server.getsockname()) as connection,
-    ):
-        target = SshAddress("127.0.0.1", server.getsockname()[1], "tunnel", FakeDialer())
-        watching = asyncio.ensure_future(watch(Session(), Tunnel(connection), target, lambda: []))
-        assert not (await asyncio.wait({watching}, timeout=0.1))[0]
-        network._event.set()
-        with pytest.raises(NetworkChangedError):
-            await asyncio.wait_for(watching, 5)
+    assert not (await asyncio.wait({task}, timeout=0.1))[0]
+    network._event.set()
+    with pytest.raises(NetworkChangedError):
+        await asyncio.wait_for(task, 5)
 
 
 async def test_a_change_during_an_attempt_has_another_follow(network, watched, monkeypatch):
