@@ -99,7 +99,7 @@ class FleetEvents:
         registry: SessionRegistry,
         connections: Connections,
         control: Control,
-        elsewhere: Callable[[int], LiveState | None] = lambda _robot_id: None,
+        elsewhere: Callable[[int], LiveState | None],
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
