@@ -123,6 +123,7 @@ def test_a_supervisor_assigns_what_the_drive_page_asks_for(
     quinn.get_by_test_id("help-withdraw").click()
     expect(quinn.get_by_test_id("help-badge")).to_be_hidden()
     expect(tess.get_by_test_id("offer-robot")).to_be_hidden()
+    expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
     stack.admin.ask("POST", f"/robots/{ROBOT}/requests", {"reason": REASON})
     sven.get_by_test_id("close").click()
     expect(sven.get_by_test_id("assign-outcome")).to_have_text(f"The request of {ROBOT} is closed.")

@@ -161,7 +161,7 @@ def test_a_drive_is_recorded_by_the_page_and_played_back(
     expect(root).to_have_attribute("data-playing", "false")
     page.keyboard.press("End")
     expect(page.get_by_test_id("replay-words")).to_be_empty()
-    assert video.locator("canvas").evaluate(PIXELS) != before
+    stack.wait("another picture", lambda: video.locator("canvas").evaluate(PIXELS) != before)
     lines = (
         "SELECT kind FROM audit_events WHERE kind IN ('recording_viewed', 'recording_downloaded')"
     )

@@ -76,6 +76,7 @@ def environment(settings: Mapping[str, str]) -> list[str]:
 
 
 def test_alertmanager_sends_where_the_settings_say_and_else_nowhere(tmp_path: Path) -> None:
+    tmp_path.chmod(0o755)
     (tmp_path / "alert_smtp_password").write_text("x" * 12)
     (tmp_path / "alert_webhook_url").write_text("https://hooks.lab.example/abc")
     secrets = ("--mount", f"type=bind,source={tmp_path},target=/run/secrets,readonly")
