@@ -110,6 +110,8 @@ def test_approved_claim_replaces_the_key(run, database):
     done = run("robot", "approve", "sim1", terminal="y\n")
     assert done.out.endswith("robot sim1 is active with key SHA256:other\n")
     assert robot(database).fingerprint == "SHA256:other"
+    again = run("robot", "approve", "sim1")
+    assert again == (0, "robot sim1 is active with key SHA256:other\n", "")
 
 
 def test_of_several_keys_one_is_named(run, database):
