@@ -5,6 +5,8 @@ import { MapTile } from "../overlays/mapTile.js";
 import { World } from "../overlays/world.js";
 import { chooseTopic } from "../topics/ownTopics.js";
 
+// Zoom of a map that has a third of the page.
+const MEMORY = { zoom: 1 };
 const KINDS = ["scan", "map", "located", "tf", "tfStatic"];
 
 export class MapOfDrive {
@@ -19,7 +21,7 @@ export class MapOfDrive {
     this.clockMs = 0;
     this.handlers = new Map();
     this.world = this.newWorld();
-    this.tile = new MapTile(element, { world: this.world });
+    this.tile = new MapTile(element, { world: this.world, memory: () => MEMORY });
     this.tile.start();
     element.hidden = !this.names.length;
   }
