@@ -4,6 +4,7 @@ Pure. The contract is docs/reference/audit-log.md; lines are written by a trigge
 hashes the same. Hashes are SHA-256 in hex.
 """
 
+import datetime as dt
 import hashlib
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -241,4 +242,9 @@ class _ChainCheck:
 
 
 def _time(line: ChainLine) -> str:
-    return f"Unix time {line.at}"
+    try:
+        at = dt.datetime.fromtimestamp(float(line.at), dt.UTC)
+    except (OverflowError, ValueError, OSError):
+        # In a file anything may stand here.
+        return f"Unix time {line.at!r}"
+    return f"{at:%Y-%m-%d %H:%M:%S} UTC"
