@@ -34,11 +34,11 @@ PIXELS = """(canvas) => {
 
 
 class People:
-    """Programs of dora, who drives sim1, and mark, who manages it."""
+    """Programs of rhea, who drives sim1, and mark, who manages it."""
 
     def __init__(self, stack: Stack) -> None:
         self._stack = stack
-        self._tokens = {name: stack.token("recordings", name) for name in ("dora", "mark")}
+        self._tokens = {name: stack.token("recordings", name) for name in ("rhea", "mark")}
 
     def ask(self, name: str, method: str, path: str) -> tuple[int, Any]:
         bearer = {"Authorization": f"Bearer {self._tokens[name]}"}
@@ -56,10 +56,10 @@ class People:
             return answer.status, answer.read()
 
     def state(self, number: int) -> str:
-        return str(self.ask("dora", "GET", f"/recordings/{number}")[1]["state"])
+        return str(self.ask("rhea", "GET", f"/recordings/{number}")[1]["state"])
 
     def start(self) -> int:
-        status, recording = self.ask("dora", "POST", f"/robots/{ROBOT}/recordings")
+        status, recording = self.ask("rhea", "POST", f"/robots/{ROBOT}/recordings")
         assert status == 201, recording
         number = int(recording["id"])
         self._stack.wait("it records", lambda: self.state(number) == "recording", "recorder")
@@ -69,7 +69,7 @@ class People:
 @pytest.fixture
 def people(stack: Stack) -> Iterator[People]:
     stack.wait_until_drivable(ROBOT)
-    levels = {"dora": "drive", "mark": "manage"}
+    levels = {"rhea": "drive", "mark": "manage"}
     try:
         for name, level in levels.items():
             stack.admin.add_user(name)
@@ -92,10 +92,10 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
         page_holds.drive(page, watch)
         page.wait_for_timeout(1000)
         page.keyboard.up("w")
-    assert people.ask("dora", "POST", f"/recordings/{number}/stop")[0] == 200
+    assert people.ask("rhea", "POST", f"/recordings/{number}/stop")[0] == 200
     stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
     expect(page.get_by_test_id("recording")).to_be_empty()
-    assert people.ask("dora", "GET", f"/recordings/{number}/file")[0] == 404
+    assert people.ask("rhea", "GET", f"/recordings/{number}/file")[0] == 404
     status, data = people.file("mark", number)
     assert status == 200
     assert people.file("mark", number, "8-107") == (206, data[8:108])
@@ -152,6 +152,9 @@ def test_a_drive_is_recorded_by_the_page_and_played_back(
     expect(video).to_have_attribute("data-frame", "live")
     expect(page.get_by_test_id("replay-words")).to_be_empty()
     expect(page.get_by_test_id("driver")).to_have_text("admin")
+    # From its beginning: five seconds later a short one is over.
+    page.keyboard.press("Home")
+    expect(page.get_by_test_id("clock")).to_contain_text("0:00 of")
     before = video.locator("canvas").evaluate(PIXELS)
     page.keyboard.press("Space")
     expect(root).to_have_attribute("data-playing", "true")
