@@ -121,16 +121,24 @@ def _parse_key(text: str, types: tuple[str, ...]) -> PublicKey:
         raise _invalid(f"its type is not one of {', '.join(types)} (options are not allowed)")
     try:
         blob = base64.b64decode(encoded, validate=True)
-        fields = _fields(blob)
+        fields = split_fields(blob)
     except (binascii.Error, struct.error, ValueError) as error:
         raise _invalid("its base64 is damaged") from error
     _check_fields(kind, fields)
+    return PublicKey(f"{kind} {base64.b64encode(blob).decode()}", fingerprint_of(blob))
+
+
+def fingerprint_of(blob: bytes) -> str:
+    """Return the fingerprint of a key in SSH's wire format, as `ssh-keygen -l` prints it."""
     digest = base64.b64encode(hashlib.sha256(blob).digest()).decode().rstrip("=")
-    return PublicKey(f"{kind} {base64.b64encode(blob).decode()}", f"SHA256:{digest}")
+    return f"SHA256:{digest}"
 
 
-def _fields(blob: bytes) -> list[bytes]:
-    """Split SSH's wire format (RFC 4251): fields of a four-byte length and that many bytes."""
+def split_fields(blob: bytes) -> list[bytes]:
+    """Split SSH's wire format (RFC 4251): fields of a four-byte length and that many bytes.
+
+    Raises ValueError or struct.error where it is cut short.
+    """
     fields = []
     at = 0
     while at < len(blob):

@@ -15,6 +15,8 @@ from cryptography.hazmat.primitives.hashes import SHA256
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
 from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
 
+from robotether_server.identity import fingerprint_of, split_fields
+
 MAGIC = b"SSHSIG"
 KEY_TYPE = b"ssh-ed25519"
 KEY_BYTES = 32
@@ -44,8 +46,7 @@ class SigningKey:
 
 def fingerprint(public_key: str) -> str:
     """Return a key's fingerprint, as `ssh-keygen -l` prints it; raise ValueError when it is no key."""
-    digest = hashlib.sha256(_blob(public_key)).digest()
-    return f"SHA256:{base64.b64encode(digest).decode().rstrip('=')}"
+    return fingerprint_of(_blob(public_key))
 
 
 def key_of(signature: str) -> str | None:
@@ -63,7 +64,7 @@ def is_signed(public_key: str, namespace: str, message: str, signature: str) -> 
         key, header, hash_name, raw = _parse(signature)
         if key != _blob(public_key) or not header.startswith(_fields(namespace.encode(), b"")):
             return False
-        kind, point = _split(key)
+        kind, point = split_fields(key)
         if kind != KEY_TYPE:
             return False
         Ed25519PublicKey.from_public_bytes(point).verify(
@@ -82,8 +83,8 @@ def _parse(signature: str) -> tuple[bytes, bytes, str, bytes]:
     blob = base64.b64decode("".join(lines[1:-1]), validate=True)
     if not blob.startswith(MAGIC + struct.pack(">I", 1)):
         raise ValueError("no signature of SSH")
-    key, namespace, reserved, hash_name, outer = _split(blob[len(MAGIC) + 4 :])
-    kind, raw = _split(outer)
+    key, namespace, reserved, hash_name, outer = split_fields(blob[len(MAGIC) + 4 :])
+    kind, raw = split_fields(outer)
     if kind != KEY_TYPE or hash_name not in (b"sha256", b"sha512"):
         raise ValueError("of another kind")
     return key, _fields(namespace, reserved, hash_name), hash_name.decode(), raw
@@ -102,15 +103,3 @@ def _blob(public_key: str) -> bytes:
 
 def _fields(*fields: bytes) -> bytes:
     return b"".join(struct.pack(">I", len(field)) + field for field in fields)
-
-
-def _split(blob: bytes) -> list[bytes]:
-    """Split fields of a length of four bytes and that many bytes each; raise ValueError or struct.error."""
-    fields, at = [], 0
-    while at < len(blob):
-        (length,) = struct.unpack_from(">I", blob, at)
-        if len(blob) < at + 4 + length:
-            raise ValueError("cut short")
-        fields.append(blob[at + 4 : at + 4 + length])
-        at += 4 + length
-    return fields
