@@ -482,6 +482,8 @@ async def run_rosbridge(
                     on_frame(frame)
     except asyncio.TimeoutError as error:
         raise SourceDownError(f"rosbridge sent no frame for {STALL_S:g} s") from error
+    except (FramesLateError, NotShownError) as error:
+        raise SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError) as error:
         raise _rosbridge_down(graph.url, error) from error
 
@@ -551,26 +553,16 @@ def _image_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFr
         excerpt = printable(str(message.get("format", "")), 40)
         raise NotJpegError(f"{topic} has images of format {excerpt!r}, not JPEG")
     arrived = now()
-    try:
-        timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
-    except FramesLateError as error:
-        raise _not_shown(topic, error) from error
+    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
-def _video_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFrame | None:
+def _video_frame(message: JsonObject, _topic: str, clock: FrameClock) -> CameraFrame | None:
     """Return the frame of a message of a robot's own H.264, nothing for one without."""
     arrived = now()
-    try:
-        packet = h264_of(message)
-        timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
-    except (FramesLateError, NotShownError) as error:
-        raise _not_shown(topic, error) from error
+    packet = h264_of(message)
+    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
     if packet is None:
         return None
     data, unit = packet
     return CameraFrame(data, timestamp_s, arrived.robot_s, is_stamped, H264, unit.is_key)
-
-
-def _not_shown(topic: str, error: Exception) -> SourceDownError:
-    return SourceDownError(f"{printable(topic, 100)} cannot be shown: {error}")
