@@ -46,8 +46,6 @@ class HeadSigner:
         self._snapshot = snapshot
         self._key = key
         self._due: set[str] = set()
-        # By robot: number of answers that it may still send to what it was asked.
-        self._expected: dict[int, int] = {}
         self._answers: deque[tuple[int, SignedHeadLine]] = deque(maxlen=MAX_ANSWERS)
         self._wake = asyncio.Event()
         self._sweep_at = 0.0
@@ -61,10 +59,9 @@ class HeadSigner:
 
     def on_signed_head(self, robot_id: int, line: SignedHeadLine) -> None:
         """Keep a robot's signature; what it was not asked for is dropped."""
-        expected = self._expected.pop(robot_id, 0)
-        if expected > 1:
-            self._expected[robot_id] = expected - 1
-        if expected > 0:
+        robot = self._registry.robot(robot_id)
+        if robot.expected_heads > 0:
+            robot.expected_heads -= 1
             self._answers.append((robot_id, line))
             self._wake.set()
 
@@ -98,7 +95,7 @@ class HeadSigner:
         if request is None or robot is None or link is None:
             return
         end, newest = request
-        self._expected[robot.id] = MAX_STATEMENTS
+        self._registry.ensure_robot(robot.id).expected_heads = MAX_STATEMENTS
         link.send(sign_head_line(chain, end.position, end.hash, newest))
 
     def _signed(self, end: ChainEnd) -> SignedHead:

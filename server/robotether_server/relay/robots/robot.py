@@ -235,6 +235,8 @@ class Robot:
         self.camera_counts = CameraCounts()
         self.delivered_frames = DeliveredFrames()
         self.recorders = Recorders()
+        # Number of signatures of the audit log that it may still send to what it was asked.
+        self.expected_heads = 0
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
         self.newest_drive: RecordedDrive | None = None
