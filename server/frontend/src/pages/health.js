@@ -16,14 +16,13 @@
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, part, setText } from "../dom/page.js";
 import { drawCharts } from "../health/charts.js";
-import { Poller } from "../queue/poller.js";
+import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { KeyedRows, showDataState } from "../queue/requestRows.js";
 import { health as texts, history as historyTexts } from "../texts/health.js";
 
 // Intervals between two questions for what is now, and for the history.
 const NOW_EVERY_MS = 10_000;
 const HISTORY_EVERY_MS = 60_000;
-const TICK_MS = 1000;
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const charts = part(main, "charts");
@@ -97,5 +96,4 @@ new LoginUse().watch(window);
 setText(part(main, "history-state"), historyTexts.loading);
 showHistory();
 setInterval(() => !document.hidden && showHistory(), HISTORY_EVERY_MS);
-setInterval(() => !document.hidden && poller.tick(), TICK_MS);
-poller.tick();
+tickWhileSeen(() => poller.tick());

@@ -215,10 +215,11 @@ class Feed(SharedCopy[str, Viewer]):
 
     def _hold(self, frame: Frame) -> None:
         traffic = self._traffic.by_codec[frame.codec.name]
+        size = frame.size + HEADER.size
         traffic.frames_in += 1
-        traffic.bytes_in += frame.size + HEADER.size
+        traffic.bytes_in += size
         self._counts.frames += 1
-        self._counts.bytes += frame.size + HEADER.size
+        self._counts.bytes += size
         self._traffic.frame_ages.add(frame.received_s - frame.timestamp_s)
         if not self.held.add(frame):
             # Nobody can decode it; and without credit the key frame could not come.
