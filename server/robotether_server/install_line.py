@@ -28,6 +28,8 @@ CERTIFICATE_TIMEOUT_S = 3.0
 CERTIFICATE_CACHE_S = 60.0
 # Maximum number of cached names; they come with requests and must not fill the memory.
 MAX_CACHED = 16
+# For whoever is served without a name of the site.
+ANY_HOST = "localhost"
 
 _LABEL = r"[A-Za-z0-9]([A-Za-z0-9-]{0,61}[A-Za-z0-9])?"
 _HOST = rf"(?=.{{1,253}}(:|\Z)){_LABEL}(\.{_LABEL})*"
@@ -81,6 +83,10 @@ class SiteCertificates:
                 self._cached.clear()
             self._cached[host] = (self._now(), certificate)
             return certificate
+
+    def own(self) -> Certificate:
+        """Return it as `certificate` does, under the site's own name, if it has one."""
+        return self.certificate(self.settings.public_host or ANY_HOST)
 
 
 @dataclass(frozen=True)

@@ -27,8 +27,6 @@ LoginResult = Literal["accepted", "refused", "throttled"]
 # As the relay's bounds of times, in seconds.
 BOUNDS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 STATUS_CLASSES = ("2xx", "3xx", "4xx", "5xx")
-# For whoever is served without a name of the site.
-ANY_HOST = "localhost"
 
 
 class WebMetrics:
@@ -108,5 +106,5 @@ def _refused_keys(database: Database) -> float:
 
 
 def _certificate_end(certificates: SiteCertificates) -> float | None:
-    certificate = certificates.certificate(certificates.settings.public_host or ANY_HOST)
-    return None if certificate.ends_at is None else certificate.ends_at.timestamp()
+    ends_at = certificates.own().ends_at
+    return None if ends_at is None else ends_at.timestamp()

@@ -6,7 +6,7 @@ import datetime as dt
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Literal
@@ -33,7 +33,6 @@ SSH_KEPT_S = 60.0
 SSH_HELLO = b"SSH-2.0-health\r\n"
 # What sshd says first, also with as many log-ins under way as it takes.
 SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
-ANY_HOST = "localhost"
 ASK_RELAY = "See docker compose ps and docker compose logs relay."
 
 PartState = Literal["good", "bad", "unknown"]
@@ -102,12 +101,13 @@ def read_health(
         _sshd(ssh_probe.answers()),
         _certificate(certificates),
         _backups(backup_record),
-        *_measured(prometheus),
     ]
     try:
-        return SiteHealth(parts, prometheus.alerts())
+        measured = _measured(prometheus)
+        alerts = prometheus.alerts()
     except HistoryUnavailableError:
-        return SiteHealth(parts, None)
+        return SiteHealth([*parts, *_unmeasured()], None)
+    return SiteHealth([*parts, *measured], alerts)
 
 
 def _cell(cell: Cell) -> PartHealth:
@@ -151,8 +151,7 @@ def _sshd(answers: bool | None) -> PartHealth:
 
 def _certificate(certificates: SiteCertificates) -> PartHealth:
     try:
-        host = certificates.settings.public_host or ANY_HOST
-        ends_at = certificates.certificate(host).ends_at
+        ends_at = certificates.own().ends_at
     except SiteCertificateUnavailableError:
         ends_at = None
     if ends_at is None:
@@ -180,24 +179,24 @@ def _backups(record: Path) -> PartHealth:
     return PartHealth("backups", "bad", words, run_it)
 
 
-def _measured(prometheus: Prometheus) -> Iterator[PartHealth]:
-    """Judge what the relay measures, and Prometheus keeps."""
-    try:
-        recorders = prometheus.value(RECORDERS, "relay")
-        free = prometheus.value(DISK_FREE, "relay")
-    except HistoryUnavailableError:
-        needs, set_it = (
-            "It is known only with the profile metrics.",
-            "Set COMPOSE_PROFILES=metrics.",
-        )
-        for name in ("recorder", "disk"):
-            yield PartHealth(name, "unknown", needs, set_it)
-        words = "It does not answer; history and alerts need it."
-        yield PartHealth("prometheus", "unknown", words, set_it)
-        return
-    yield _recorder(recorders)
-    yield _disk(free)
-    yield PartHealth("prometheus", "good", "It answers.")
+def _measured(prometheus: Prometheus) -> list[PartHealth]:
+    """Judge what the relay measures, and Prometheus keeps; raise HistoryUnavailableError."""
+    return [
+        _recorder(prometheus.value(RECORDERS, "relay")),
+        _disk(prometheus.value(DISK_FREE, "relay")),
+        PartHealth("prometheus", "good", "It answers."),
+    ]
+
+
+def _unmeasured() -> list[PartHealth]:
+    """Return the same without Prometheus."""
+    needs, set_it = "It is known only with the profile metrics.", "Set COMPOSE_PROFILES=metrics."
+    words = "It does not answer; history and alerts need it."
+    return [
+        PartHealth("recorder", "unknown", needs, set_it),
+        PartHealth("disk", "unknown", needs, set_it),
+        PartHealth("prometheus", "unknown", words, set_it),
+    ]
 
 
 def _recorder(recorders: float | None) -> PartHealth:
