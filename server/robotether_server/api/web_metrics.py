@@ -22,10 +22,9 @@ from prometheus_client.registry import Collector
 from robotether_server.db import Database, audit
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import RobotetherError
+from robotether_server.times import BOUNDS_S
 
 LoginResult = Literal["accepted", "refused", "throttled"]
-# As the relay's bounds of times, in seconds.
-BOUNDS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
 STATUS_CLASSES = ("2xx", "3xx", "4xx", "5xx")
 
 

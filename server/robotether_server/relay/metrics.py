@@ -41,6 +41,7 @@ from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.times import BOUNDS_S
 
 # Maximum number of samples that are written at once, in some 3 ms.
 SAMPLES_IN_PART = 500
@@ -290,7 +291,7 @@ def _histogram(
     family = HistogramMetricFamily(f"robotether_relay_{name}", meaning, labels=labels)
     for value, histogram in histograms.items():
         counts = list(accumulate(histogram.counts))
-        bounds = [*map(str, histogram.BOUNDS_S), "+Inf"]
+        bounds = [*map(str, BOUNDS_S), "+Inf"]
         family.add_metric(
             [value] if labels else [],
             buckets=list(zip(bounds, counts, strict=True)),

@@ -15,6 +15,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Literal
 
+from robotether_server.times import BOUNDS_S
+
 Verdict = Literal["ok", "client_silent", "client_slow", "robot_slow"]
 
 WINDOW_S = 10.0
@@ -180,13 +182,11 @@ class TimeHistogram:
     `counts` has one number more than there are bounds, for what is longer than all.
     """
 
-    BOUNDS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.5, 1.0)
-
     def __init__(self) -> None:
-        self.counts = [0] * (len(self.BOUNDS_S) + 1)
+        self.counts = [0] * (len(BOUNDS_S) + 1)
         self.sum_s = 0.0
 
     def add(self, time_s: float) -> None:
         """Count a time in seconds."""
-        self.counts[bisect_left(self.BOUNDS_S, time_s)] += 1
+        self.counts[bisect_left(BOUNDS_S, time_s)] += 1
         self.sum_s += time_s
