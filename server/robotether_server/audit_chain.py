@@ -230,7 +230,7 @@ class _ChainCheck:
             self.fail(f"line {self._position} is not the newest that the database counted")
 
     def _check_statements(self) -> None:
-        """Each statement of the robot names the one before: none of them can be taken away from between."""
+        """Check that each statement of the robot names the one before, so that none in between is missing."""
         heads = {h.statement_hash: h for h in self.heads if h.signer == "robot"}
         ordered = sorted(heads.values(), key=lambda head: head.position)
         for number, head in enumerate(ordered):

@@ -106,7 +106,7 @@ def test_a_request_passes_from_one_operator_to_the_next_who_drives(
 def test_a_supervisor_assigns_what_the_drive_page_asks_for(
     page_users: PageUsers, stack: Stack
 ) -> None:
-    """Also to somebody who has just declined it; whoever asked can withdraw it, and the supervisor close it."""
+    """A supervisor can assign to somebody who has just declined; whoever asked can withdraw, a supervisor can close."""
     tess, sven = _be_available(page_users, "tess"), _supervise(page_users)
     quinn = page_users.open("quinn", ROBOT)
     open_drawer(quinn)

@@ -129,7 +129,7 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
 def test_a_drive_is_recorded_by_the_page_and_played_back(
     page: Page, stack: Stack, people: People
 ) -> None:
-    """By keyboard alone; all that the page reads of the file is one line of the audit log."""
+    """The page needs only the keyboard, and reads the file by pieces that are one line of the audit log."""
     drive_live(page, stack, ROBOT)
     open_drawer(page)
     record = page.get_by_test_id("record")

@@ -45,8 +45,8 @@ from paper.programs import write_line
 
 # A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.
 ORDER_S = 5.0
-# A driver whose commands are not heard for so long goes to the next cell; first the robot has to open a connection for
-# its topics.
+# Time without a heard command after which a driver goes to the next cell; the first is longer, as the robot has to
+# open a connection for its topics.
 SILENT_S, FIRST_S = 1.0, 3.0
 AGAIN_S, STOPPED_AGAIN_S = 0.1, 0.5
 # How long one drives a robot; who cannot, waits that much longer before it gives up.

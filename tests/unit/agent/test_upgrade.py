@@ -124,7 +124,7 @@ def test_a_place_that_cannot_be_written_is_told(tmp_path):
 
 
 def test_a_folder_that_cannot_be_changed_is_told(robot, tmp_path):
-    """Without sudo, or on a read-only disk, or before the first installation."""
+    """Upgrade lacks sudo, the disk is read-only, or nothing is installed yet."""
     (robot.layout.base / ".current.new").mkdir()
     with pytest.raises(StateUnusableError, match="run this with sudo"):
         robot.layout.use(robot.add("2"))

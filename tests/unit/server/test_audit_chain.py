@@ -52,7 +52,7 @@ def check(lines, heads, end=None, **options):
 
 
 def rehash(lines):
-    """As somebody does who may write anything but has no key."""
+    """Return the lines with new hashes, as an attacker without a key can make them."""
     line_hash, again = audit_chain.start_hash("sim1"), []
     for line in lines:
         line_hash = audit_chain.next_hash(line_hash, audit_chain.content_hash(line))

@@ -124,7 +124,7 @@ async def test_a_portal_may_write_any_date(cloud, date, clock):
 
 
 def test_a_clock_is_compared_with_what_there_is(place):
-    """With the server's, or its certificate; and without a network the year alone may be absurd."""
+    """The server's clock counts, else its certificate; without a network only the year is judged."""
     certificate = der_of(make_certificate(place, NOW, NOW + timedelta(days=9)))
     nothing = ServerView("a.example", 443, no_address=Cause("x"))
     shown = replace(nothing, certificate=certificate, no_answer=Cause("x"))

@@ -61,7 +61,7 @@ def test_file_that_is_no_export_is_refused(run, tmp_path):
 
 
 def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
-    """Also a chain that is gone."""
+    """It also finds a chain that was deleted."""
     run(*ADD)
     head = SigningKey("x" * 32, "x")
     with admin_database.transaction() as tx:

@@ -149,7 +149,7 @@ def watch(robot, camera, encoder):
 
 
 async def test_a_thousand_robots_cost_little(metrics, record_property):
-    """Each reports all that it can, and an encoder that nobody knows."""
+    """Each robot reports every number, and an unknown encoder."""
     registry = SessionRegistry()
     rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(1000)}
     report = GuardReport(

@@ -77,7 +77,7 @@ async def passes(socket):
 
 
 async def test_nobody_waits_to_be_known_while_the_database_hangs():
-    """Each second something else asks whether it still does; no more wait for an answer than have a place."""
+    """Something asks each second whether it still hangs; the number of open questions is limited."""
     with create_server(("127.0.0.1", 0)) as silent:
         settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
         relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
@@ -101,7 +101,7 @@ async def stop(task):
 
 
 async def test_connections_are_counted_and_unknown_while_nobody_answers(patient, database):
-    """Each account is cut off at a limit of its own."""
+    """Each account has its own limit of connections."""
     counting = asyncio.create_task(patient.count_connections())
     await until(lambda: patient.connections is not None, "a count")
     everybody, relay = patient.connections["everybody"], patient.connections["relay"]
