@@ -36,6 +36,8 @@ def test_a_request_is_one_json_line_without_its_query() -> None:
         wait_until(
             lambda: ask(address) == http.client.SERVICE_UNAVAILABLE, lambda: str(nginx.logs())
         )
+        # Written after the answer, and by way of the engine.
+        wait_until(lambda: b"request_id" in nginx.logs(stderr=False), lambda: str(nginx.logs()))
         log = nginx.logs(stderr=False).decode()
         lines = [json.loads(line) for line in log.rstrip("\n").split("\n")]
     assert {"nginx"} == {line["logger"] for line in lines}
