@@ -120,7 +120,7 @@ test-server: venv images robot-host-image ## server.yml and site.yml on machines
 
 bench: venv ## latency, recovery, video and loads, into docs/measurements.md (about an hour; BENCH="--only A,B": these alone); needs make demo and root
 	@tools/ensure_test_hosts
-	@PYTHONPATH=$(SUPPORT):common:agent:server $(VENV)/bin/python benchmarks/bench.py $(BENCH)
+	@PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
 experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1); needs root
 	@tools/ensure_test_hosts
