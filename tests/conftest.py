@@ -14,7 +14,6 @@ LONGEST_FIRST = (
     "ansible/test_join_line.py",
     "ansible/test_upgrade.py",
     "ansible/test_docker_runtime.py",
-    "ansible/test_bad_inputs.py",
     "ansible/test_agent_deb.py",
     "ansible/test_collection.py",
     "e2e/test_cells.py",

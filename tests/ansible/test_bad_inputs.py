@@ -1,8 +1,7 @@
 """What is wrong with an enrolment is said in a sentence with what to do, and leaves nothing behind.
 
 All cases are played at once, as a site with many robots would meet them, each on a machine of its own, or, where it
-ends before a look at the machine or with no more than that, on one that the inventory has under all their names. One
-case of each kind is played with every change, and all with a release.
+ends before a look at the machine or with no more than that, on one that the inventory has under all their names.
 """
 
 from __future__ import annotations
@@ -16,6 +15,9 @@ from typing import Any
 import pytest
 from playbooks import Played, Site
 from robot_hosts import RobotHost, RobotHosts
+
+# What the install line says of the same faults, and takes back, is played with every change.
+pytestmark = pytest.mark.release
 
 SSHD_ALONE = "ssh-keygen -A && mkdir -p /run/sshd && exec /usr/sbin/sshd -D"
 OTHERS_KEY = "ssh-ed25519 AAAAC3NzaC1lZDI1NTE5AAAAI" + "F5O" * 14 + "F"
@@ -82,11 +84,6 @@ UNDO = {
     "no-ssh": Case(("cannot reach",), NO_WAY, ends=UNDONE),
 }  # fmt: skip
 CASES = {**LOOKED, **UNDO}
-# Found by the playbook, on the robot, by the server, and after the installation.
-ALWAYS = ["no-token", "other-tls", "wrong-token", "wrong-join"]
-NAMES = [
-    name if name in ALWAYS else pytest.param(name, marks=pytest.mark.release) for name in CASES
-]
 
 
 @dataclass
@@ -104,17 +101,15 @@ class Bad:
 
 
 @pytest.fixture(scope="module")
-def bad(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Bad:
-    """The cases whose tests run, and what each left on its machine."""
-    cases = {name: CASES[name] for name in _names(request.session.items)}
-    by_name = _boot(hosts, cases)
+def bad(site: Site, hosts: RobotHosts) -> Bad:
+    """What was said of each case, and what it left on its machine."""
+    by_name = _boot(hosts)
     machines = list(hosts.booted)
-    variables = {name: dict(case.variables) for name, case in cases.items()}
+    variables = {name: dict(case.variables) for name, case in CASES.items()}
+    variables["expired"] |= _expired_token(site)
     with ExitStack() as mending:
-        if "expired" in cases:
-            variables["expired"] |= _expired_token(site)
         _add_others(site, by_name, mending.callback)
-        for name, case in cases.items():
+        for name, case in CASES.items():
             by_name[name].run(case.breaks)
             mending.callback(by_name[name].run, case.mends)
         before = [machine.footprint() for machine in machines]
@@ -130,21 +125,15 @@ def bad(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Bad:
     return Bad(left, rows, played)
 
 
-def _names(items: list[pytest.Item]) -> list[str]:
-    """Of the cases that somebody asked for, in their order."""
-    asked = {item.callspec.params.get("name") for item in items if hasattr(item, "callspec")}
-    return [name for name in CASES if name in asked]
-
-
-def _boot(hosts: RobotHosts, cases: dict[str, Case]) -> dict[str, RobotHost]:
+def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
     """The machine of each case by its name."""
-    own = {name: case.options for name, case in cases.items() if case.needs_own_machine}
+    own = {name: case.options for name, case in CASES.items() if case.needs_own_machine}
     *alone, shared = hosts.boot_all(*own, "shared", options=own)
     for machine in (*alone, shared):
         # One has no systemd, and nobody has waited for its sshd, which makes its keys first.
         machine.wait("SSH answers", machine.greets, 60)
     by_name = {machine.name: machine for machine in alone}
-    return {name: by_name.get(name) or replace(shared, name=name) for name in cases}
+    return {name: by_name.get(name) or replace(shared, name=name) for name in CASES}
 
 
 def _expired_token(site: Site) -> dict[str, Any]:
@@ -161,9 +150,10 @@ def _add_others(
 ) -> None:
     """Rows of other robots that have the MAC or the name of one of these; they go when that is mended."""
     bearer = {"Authorization": f"Bearer {site.token}"}
-    others = {"name-in-use": ("00:1b:44:ff:ff:01", OTHERS_KEY[:-1] + "G")}
-    if "mac-in-use" in machines:
-        others["stranger"] = (machines["mac-in-use"].mac, OTHERS_KEY)
+    others = {
+        "name-in-use": ("00:1b:44:ff:ff:01", OTHERS_KEY[:-1] + "G"),
+        "stranger": (machines["mac-in-use"].mac, OTHERS_KEY),
+    }
     for name, (mac, key) in others.items():
         path = f"/api/v1/robots/{name}"
         body = {"mac": mac, "public_key": key}
@@ -172,20 +162,19 @@ def _add_others(
         at_the_end(site.stack.request, "DELETE", path, headers=bearer)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CASES)
 def test_says_what_is_wrong(bad: Bad, name: str) -> None:
     said = bad.said(name)
     for part in (*CASES[name].says, CASES[name].ends):
         assert part in said, said
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", CASES)
 def test_leaves_nothing_behind(bad: Bad, name: str) -> None:
     assert bad.left_behind[name] == set()
     assert name not in bad.rows
 
 
-@pytest.mark.release
 def test_failed_change_keeps_a_robot_as_it_was(site: Site, hosts: RobotHosts) -> None:
     """A setting that cuts an enrolled robot off is taken back, and the robot is online as before."""
     robot = hosts.boot("kept")

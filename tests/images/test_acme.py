@@ -142,6 +142,7 @@ def test_a_wrong_domain_stops_the_start(lonely: AcmeNetwork, domain: str) -> Non
         lonely.stop(acme)
 
 
+@pytest.mark.release
 def test_client_that_hangs_is_noticed(lonely: AcmeNetwork) -> None:
     """Also before it has a certificate; while it waits for the authority it says that it is alive."""
     acme = lonely.start_acme()

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
-import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+import docker
 import pytest
 from dated_certificate import make_certificate
+from docker.models.containers import Container
 from image_names import ensure_built, image
+from inside import run_inside
 from tls_front import openssl
 
 HOST = "robots.example.org"
@@ -90,46 +91,41 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
 
 @dataclass(frozen=True)
 class Site:
-    """A volume of secrets, as compose's service `certificate` has it."""
+    """A container with a volume of secrets, as compose's service `certificate` has them, that stays between runs."""
 
     pairs: Pairs
-    volume: str
+    container: Container
 
     def take(self, certificate: str, key: str, host: str = HOST) -> tuple[int, str]:
-        """Run the service with two files of `pairs`; empty: not set. Status, and what it printed."""
-        done = self._run(
+        """Run the service's command with two files of `pairs`; empty: not set. Status, and what it printed."""
+        given = [f"/pairs/{name}" if name else "/dev/null" for name in (certificate, key)]
+        done = run_inside(
+            self.container,
+            *("sh", "-c", "ln -sfn $0 /own/cert.pem && ln -sfn $1 /own/key.pem && exec $2", *given),
             "/usr/lib/robotether/take-certificate",
-            *("--env", f"PUBLIC_HOST={host}", "--tmpfs", "/run/nginx"),
-            *("--volume", f"{self.pairs[certificate] if certificate else '/dev/null'}:/own/cert.pem:ro"),
-            *("--volume", f"{self.pairs[key] if key else '/dev/null'}:/own/key.pem:ro"),
-        )  # fmt: skip
-        return done.returncode, done.stdout + done.stderr
+            environment={"PUBLIC_HOST": host},
+            merged=True,
+        )
+        return done.returncode, done.stdout
 
     def handed_over(self) -> str:
         """The certificate that nginx finds; empty: none."""
-        show = "cat /secrets/nginx/cert.pem 2>/dev/null || true"
-        return self._run("/bin/sh", "--interactive", stdin=show).stdout
-
-    def _run(
-        self, entrypoint: str, *options: str, stdin: str = ""
-    ) -> subprocess.CompletedProcess[str]:
-        command = ["docker", "run", "--rm", "--read-only", "--network", "none", "--user", "0:0"]
-        command += ["--cap-drop", "ALL", "--cap-add", "CHOWN", "--cap-add", "DAC_OVERRIDE"]
-        command += ["--volume", f"{self.volume}:/secrets", "--entrypoint", entrypoint, *options]
-        return subprocess.run(
-            [*command, image("nginx")],
-            input=stdin, check=False, capture_output=True, text=True, timeout=60,
-        )  # fmt: skip
+        return run_inside(self.container, "cat", "/secrets/nginx/cert.pem").stdout
 
 
 @pytest.fixture(scope="module")
 def site(pairs: Pairs) -> Iterator[Site]:
     """A site whose own certificate serves."""
     ensure_built("nginx")
-    made = Site(pairs, f"robotether-test-certificate-{uuid.uuid4().hex[:8]}")
+    container = docker.from_env().containers.run(
+        image("nginx"), entrypoint=["sleep", "infinity"], detach=True, read_only=True,
+        network_mode="none", user="0:0", cap_drop=["ALL"], cap_add=["CHOWN", "DAC_OVERRIDE"],
+        tmpfs={"/run/nginx": "", "/own": "", "/secrets": ""}, volumes=[f"{pairs.folder}:/pairs:ro"],
+    )  # fmt: skip
+    made = Site(pairs, container)
     assert made.take("chain.pem", "good.key") == (0, "")
     yield made
-    subprocess.run(["docker", "volume", "rm", made.volume], check=True, capture_output=True)
+    container.remove(force=True)
 
 
 REFUSED = [

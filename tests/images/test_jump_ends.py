@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import subprocess
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -28,18 +29,34 @@ def remove_key(ann: Person, robot: ShellRobot) -> None:
     ann.stack.sql(f"DELETE FROM user_ssh_keys WHERE fingerprint = '{ann.key.fingerprint}'")
 
 
-@pytest.mark.parametrize(
-    "revoke", [take_grant, lower_grant, disable_user, remove_key],
-    ids=lambda revoke: revoke.__name__,
-)  # fmt: skip
+REVOKED = (take_grant, lower_grant, disable_user, remove_key)
+
+
+@pytest.fixture
+def four(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[list[Person]]:
+    """As many who manage the robot as there are ways to lose the right."""
+    people = [Person(stack, tmp_path, f"jumping-{revoke.__name__}") for revoke in REVOKED]
+    try:
+        for person in people:
+            person.grant(robot, "manage")
+        yield people
+    finally:
+        for person in people:
+            person.remove()
+
+
 def test_connection_ends_with_its_persons_right(
-    ann: Person, bob: Person, robot: ShellRobot, revoke: Callable[[Person, ShellRobot], None]
+    four: list[Person], bob: Person, robot: ShellRobot
 ) -> None:
-    with ann.connected(robot.shell_port) as hers, bob.connected(robot.shell_port) as his:
-        revoke(ann, robot)
-        assert ended(hers)
+    with bob.connected(robot.shell_port) as his, ExitStack() as connections:
+        theirs = [connections.enter_context(person.connected(robot.shell_port)) for person in four]
+        for revoke, person in zip(REVOKED, four, strict=True):
+            revoke(person, robot)
+        for revoke, connection in zip(REVOKED, theirs, strict=True):
+            assert ended(connection), revoke.__name__
         assert lives(his, "still here")
-    assert "Permission denied" in ann.reach(robot.shell_port).stderr
+    for person in four:
+        assert "Permission denied" in person.reach(robot.shell_port).stderr
 
 
 @pytest.mark.parametrize(

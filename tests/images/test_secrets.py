@@ -8,7 +8,6 @@ import json
 import os
 import subprocess
 import tarfile
-import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,11 +16,14 @@ from ipaddress import ip_address
 from pathlib import Path
 from typing import Any
 
+import docker
 import pytest
 from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
+from docker.models.containers import Container
 from image_names import ensure_built, image
+from inside import run_inside
 from secret_files import SECRETS_OF
 from tls_front import openssl
 
@@ -49,24 +51,21 @@ def built() -> None:
 
 @dataclass(frozen=True)
 class Site:
-    """A volume, and a folder of secrets of one's own, which nobody else may enter."""
+    """A container with a volume, and a folder of secrets of one's own, that stays between runs of the service."""
 
-    volume: str
+    container: Container
     own: Path
 
     def make(self, database: str = "mysql") -> tuple[int, str]:
-        """Run the service as compose does, with the host of the database; status and what it printed."""
-        done = self._run(
-            ["make-secrets"],
-            f"{self.own}:/own/secrets:ro",
-            environment={"DB_HOST": database},
+        """Run the service's command, with the host of the database; status and what it printed."""
+        done = run_inside(
+            self.container, "make-secrets", environment={"DB_HOST": database}, merged=True
         )
-        return done.returncode, done.stdout + done.stderr
+        return done.returncode, done.stdout
 
     def export(self) -> dict[str, str]:
         """The secrets that the next machine gets: name -> text."""
-        command = ["sh", "-c", "make-secrets export | base64"]
-        done = self._run(command, f"{self.own}:/own/secrets:ro")
+        done = run_inside(self.container, "sh", "-c", "make-secrets export | base64")
         assert done.returncode == 0, done.stderr
         with tarfile.open(fileobj=io.BytesIO(base64.b64decode(done.stdout))) as archive:
             return {
@@ -77,7 +76,8 @@ class Site:
 
     def files(self) -> dict[str, dict[str, list[Any]]]:
         """What is in the volume: folder -> name -> owner, mode, text."""
-        found: dict[str, dict[str, list[Any]]] = json.loads(self._run(["python3"]).stdout)
+        done = run_inside(self.container, "python3", stdin=LOOK)
+        found: dict[str, dict[str, list[Any]]] = json.loads(done.stdout)
         return found
 
     def texts(self) -> dict[str, dict[str, str]]:
@@ -88,30 +88,21 @@ class Site:
             if folder in SECRETS_OF
         }
 
-    def _run(
-        self, command: list[str], *mounts: str, environment: dict[str, str] | None = None
-    ) -> subprocess.CompletedProcess[str]:
-        given = ["docker", "run", "--interactive", "--rm", "--read-only", "--network", "none"]
-        given += ["--user", "0:0", "--cap-drop", "ALL"]
-        given += ["--cap-add", "CHOWN", "--cap-add", "DAC_OVERRIDE"]
-        for mount in (f"{self.volume}:/secrets", *mounts):
-            given += ["--volume", mount]
-        for name, value in (environment or {}).items():
-            given += ["--env", f"{name}={value}"]
-        return subprocess.run(
-            [*given, image("server"), *command],
-            input=LOOK, check=False, capture_output=True, text=True, timeout=60,
-        )  # fmt: skip
-
 
 @contextmanager
 def site_in(folder: Path) -> Iterator[Site]:
     """Nothing made yet."""
     own = folder / "own"
     own.mkdir(mode=0o700)
-    volume = f"robotether-test-secrets-{uuid.uuid4().hex[:8]}"
-    yield Site(volume, own)
-    subprocess.run(["docker", "volume", "rm", volume], check=True, capture_output=True)
+    container = docker.from_env().containers.run(
+        image("server"), ["sleep", "infinity"], detach=True, read_only=True, network_mode="none",
+        user="0:0", cap_drop=["ALL"], cap_add=["CHOWN", "DAC_OVERRIDE"], tmpfs={"/secrets": ""},
+        volumes=[f"{own}:/own/secrets:ro"],
+    )  # fmt: skip
+    try:
+        yield Site(container, own)
+    finally:
+        container.remove(force=True)
 
 
 @pytest.fixture

@@ -238,6 +238,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
             end(each)
 
 
+@pytest.mark.release
 def test_connection_without_a_session_ends(key: RobotKey, stack: Stack) -> None:
     """A connection that only holds ports is ended, since the relay could not; nor does a client of a port keep it."""
     ros, video = _free_port(key), key.ports()[1]
