@@ -17,9 +17,7 @@ from datetime import UTC, datetime
 import agent_memory
 import audit_verify
 import behind_video
-import both_robots
 import codec_bits
-import comebacks
 import drive_page
 import fan_out
 import operations_rate
@@ -58,13 +56,11 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "input_latency": lambda demo, quick: drive_page.measure_input(demo, 5 if quick else drive_page.PRESSES),
     "drive_page": lambda demo, quick: drive_page.measure(demo, 3 if quick else drive_page.SECONDS),
     "recovery": lambda _, quick: recovery.measure(2 if quick else recovery.REPEAT),
-    "comebacks": lambda demo, quick: comebacks.measure(demo, comebacks.PROGRAMS[: 1 if quick else None]),
     "stopping": lambda demo, quick: stopping.measure(demo, 1 if quick else 10),
     "operations_rate": lambda _demo, _quick: operations_rate.measure(),
     "recording": lambda _, quick: recording.measure(5 if quick else recording.SECONDS),
     "audit_verify": lambda _, quick: audit_verify.measure(10_000 if quick else audit_verify.LINES),
     "agent_memory": lambda _demo, _quick: agent_memory.measure(),
-    "both_robots": lambda demo, quick: both_robots.measure(demo, 200 if quick else 2000, 1 if quick else 10),
 }  # fmt: skip
 
 

@@ -1,8 +1,8 @@
 """How soon the robot stands when its driver is lost, for each way of losing one.
 
-A page in Chromium, or a program on the WebSocket, drives a robot; then the driver, the network, a part of the server or
-a part of the robot is taken away. What the robot's own rosbridge saw on /cmd_vel tells the rest. Used by `bench`; needs
-`make demo` and root (it drops packets with iptables, and takes the rules away again).
+A page in Chromium, or a program on the WebSocket, drives the demo's first robot; then the driver, the network, a part
+of the server or a part of the robot is taken away. What the robot's own rosbridge saw on /cmd_vel tells the rest. Used
+by `bench`; needs `make demo` and root (it drops packets with iptables, and takes the rules away again).
 """
 
 from __future__ import annotations
@@ -34,12 +34,6 @@ AIM_MS = 600
 LIMIT_MS = 1000
 # By it tools/host_settings knows a rule that a run left which was killed.
 MARK = ("-m", "comment", "--comment", "robotether-bench")
-
-
-class CommandWatch(SimWatch):
-    """Of any robot: one that is no simulator has odometry and no turtlesim/Pose."""
-
-    topics = ("/cmd_vel", "/odom")
 
 
 class NeverDroveError(Exception):
@@ -75,9 +69,9 @@ def judge(commands: list[Seen], lost_at: float, outcome: Outcome) -> None:
     outcome.drove_on += any(at > stopped for at in moving)
 
 
-def watched(demo: Demo, robot: str, lose: Callable[[], None]) -> tuple[list[Seen], float]:
+def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
     """Wait until the robot moves, have the driver lost, and return what /cmd_vel got until some seconds later."""
-    with CommandWatch(demo, robot) as watch:
+    with SimWatch(demo, ROBOT) as watch:
         end = time.monotonic() + 10
         while sum(not is_zero(seen) for seen in watch.commands()) < 10:
             if time.monotonic() > end:
@@ -89,31 +83,29 @@ def watched(demo: Demo, robot: str, lose: Callable[[], None]) -> tuple[list[Seen
         return watch.commands(), lost_at
 
 
-def program_loses(
-    loss: Callable[[Demo, str, ProgramDriver, ExitStack], None], demo: Demo, robot: str
-) -> Outcome:
+def program_loses(loss: Callable[[Demo, ProgramDriver, ExitStack], None], demo: Demo) -> Outcome:
     outcome = Outcome()
     with ExitStack() as undo:
-        driver = undo.enter_context(ProgramDriver(drive_url(demo, robot)))
-        judge(*watched(demo, robot, partial(loss, demo, robot, driver, undo)), outcome)
+        driver = undo.enter_context(ProgramDriver(drive_url(demo)))
+        judge(*watched(demo, partial(loss, demo, driver, undo)), outcome)
     return outcome
 
 
-def drive_url(demo: Demo, robot: str) -> str:
-    return f"wss://{demo.address}/robots/{robot}/ros?ticket={demo.ticket(robot, 'drive')}"
+def drive_url(demo: Demo) -> str:
+    return f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
 
 
-def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo, robot: str) -> Outcome:
+def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> Outcome:
     """One repetition with a person's page, on which a key is held."""
     outcome = Outcome()
     with sync_playwright() as playwright, ExitStack() as undo:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
         log_in(page, demo)
-        drive_live(page, demo, robot)
+        drive_live(page, demo, ROBOT)
         expect_armed(page)
         page.keyboard.down("w")
-        judge(*watched(demo, robot, partial(loss, browser, page, undo)), outcome)
+        judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
         undo.close()
         # One that was killed has nothing to close.
         with suppress(Error):
@@ -143,26 +135,26 @@ def _processes(browser: Browser, kind: str) -> list[int]:
     return [process["id"] for process in processes if process["type"] == kind]
 
 
-def press_stop(demo: Demo, robot: str, _: ProgramDriver, undo: ExitStack) -> None:
+def press_stop(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
     """Somebody stops the robot, while the program goes on."""
-    undo.callback(demo.ask, "POST", f"/api/v1/robots/{robot}/release")
-    demo.ask("POST", f"/api/v1/robots/{robot}/stop")
+    undo.callback(demo.ask, "POST", f"/api/v1/robots/{ROBOT}/release")
+    demo.ask("POST", f"/api/v1/robots/{ROBOT}/stop")
 
 
-def end_program(_: Demo, __: str, driver: ProgramDriver, ___: ExitStack) -> None:
+def end_program(_: Demo, driver: ProgramDriver, __: ExitStack) -> None:
     driver.cut()
 
 
-def cut_operator(_: Demo, __: str, driver: ProgramDriver, undo: ExitStack) -> None:
+def cut_operator(_: Demo, driver: ProgramDriver, undo: ExitStack) -> None:
     """The operator's packets are dropped both ways, without a word."""
     port = str(driver.local_port)
     undo.enter_context(dropped("raw", "OUTPUT", "-p", "tcp", "--sport", port))
     undo.enter_context(dropped("raw", "PREROUTING", "-p", "tcp", "--dport", port))
 
 
-def cut_robot(demo: Demo, robot: str, _: ProgramDriver, undo: ExitStack) -> None:
+def cut_robot(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
     """All of the robot's packets are dropped without a word, but for those of this test's own look at its rosbridge."""
-    pid = str(demo.container(robot).attrs["State"]["Pid"])
+    pid = str(demo.container(ROBOT).attrs["State"]["Pid"])
     inside = ("nsenter", "--net", "--target", pid)
     look = str(ROSBRIDGE_PORT)
     undo.enter_context(
@@ -173,17 +165,17 @@ def cut_robot(demo: Demo, robot: str, _: ProgramDriver, undo: ExitStack) -> None
     )
 
 
-def kill_service(service: str, demo: Demo, _: str, __: ProgramDriver, undo: ExitStack) -> None:
+def kill_service(service: str, demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
     container = demo.container(service)
     undo.callback(container.start)
     container.kill()
 
 
-def kill_on_robot(words: str, demo: Demo, robot: str, _: ProgramDriver, __: ExitStack) -> None:
+def kill_on_robot(words: str, demo: Demo, _: ProgramDriver, __: ExitStack) -> None:
     """A process on the robot dies; what starts it again is the robot's own matter."""
-    pids = processes.with_words(demo.container(robot), words)
+    pids = processes.with_words(demo.container(ROBOT), words)
     if not pids:
-        raise NeverDroveError(f"cannot measure: no process of {robot} has {words!r} in its command")
+        raise NeverDroveError(f"cannot measure: no process of {ROBOT} has {words!r} in its command")
     # The oldest: the agent has forked the others, which have its command.
     os.kill(pids[0], signal.SIGKILL)
 
@@ -199,8 +191,7 @@ def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Itera
         subprocess.run([*command, "-D", chain, *rule], check=True)
 
 
-Cause = Callable[[Demo, str], Outcome]
-CAUSES: Mapping[str, Cause] = {
+CAUSES: Mapping[str, Callable[[Demo], Outcome]] = {
     "stop pressed": partial(program_loses, press_stop),
     "page closed": partial(page_loses, close_page),
     "tab frozen": partial(page_loses, freeze_tab),
@@ -215,34 +206,34 @@ CAUSES: Mapping[str, Cause] = {
 }
 
 
-def wait_drivable(demo: Demo, robot: str) -> None:
+def wait_drivable(demo: Demo) -> None:
     """Wait until a program can drive the robot, or can again."""
     end = time.monotonic() + BACK_WITHIN_S
-    while not _drives(demo, robot):
+    while not _drives(demo):
         if time.monotonic() > end:
-            raise NeverDroveError(f"cannot go on: {robot} is not back in {BACK_WITHIN_S:g} s")
+            raise NeverDroveError(f"cannot go on: {ROBOT} is not back in {BACK_WITHIN_S:g} s")
         time.sleep(0.5)
 
 
-def _drives(demo: Demo, robot: str) -> bool:
+def _drives(demo: Demo) -> bool:
     try:
-        url = drive_url(demo, robot)
+        url = drive_url(demo)
     except (urllib.error.URLError, ConnectionError, TimeoutError):
         return False
     try:
-        with CommandWatch(demo, robot) as watch, ProgramDriver(url):
+        with SimWatch(demo, ROBOT) as watch, ProgramDriver(url):
             time.sleep(0.5)
             return any(not is_zero(seen) for seen in watch.commands())
     except AssertionError:
         return False
 
 
-def outcome_of(demo: Demo, robot: str, cause: str, repeat: int) -> Outcome:
-    """Lose the robot's driver by one cause, `repeat` times."""
+def outcome_of(demo: Demo, cause: str, repeat: int) -> Outcome:
+    """Lose the driver by one cause, `repeat` times."""
     total = Outcome()
     for _ in range(repeat):
-        wait_drivable(demo, robot)
-        outcome = CAUSES[cause](demo, robot)
+        wait_drivable(demo)
+        outcome = CAUSES[cause](demo)
         total.last_command_to_zero += outcome.last_command_to_zero
         total.loss_to_zero += outcome.loss_to_zero
         total.drove_on += outcome.drove_on
@@ -262,8 +253,8 @@ def row(cause: str, outcome: Outcome) -> Row:
 
 
 def measure(demo: Demo, repeat: int) -> Section:
-    rows = [row(cause, outcome_of(demo, ROBOT, cause, repeat)) for cause in CAUSES]
-    wait_drivable(demo, ROBOT)
+    rows = [row(cause, outcome_of(demo, cause, repeat)) for cause in CAUSES]
+    wait_drivable(demo)
     return Section(
         title="From the loss of the driver to the stopped robot",
         text=(

@@ -31,7 +31,7 @@ def robot(stack: Stack) -> Iterator[None]:
     """The robot, driven by nobody."""
     if stack.engine.version()["Arch"] != "amd64":
         pytest.skip("there are wheels of ROS 2 for amd64 alone")
-    with ros2_robot(stack, {}) as container:
+    with ros2_robot(stack) as container:
         try:
             stack.wait_until_drivable(ROBOT)
             yield

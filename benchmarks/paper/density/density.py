@@ -1,8 +1,8 @@
 """How many robots a machine carries: a fleet online, idle, driven, back after a restart, and all of it for long.
 
 Each step of a size starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, and then
-kills all the server's containers and starts them again. Two more start as many agents and as many virtual robots, which
-shows what the server spends more for either. The soak has a fleet that is driven and returns, again and again.
+kills all the server's containers and starts them again. The soak has a fleet that is driven and returns, again and
+again.
 """
 
 from __future__ import annotations
@@ -27,7 +27,6 @@ from paper.world import World
 
 COUNTS, QUICK_COUNTS = (200, 500, 1000), (20,)
 QUICK_AGENTS = 5
-COMPARED, QUICK_COMPARED = 50, 5
 IDLE_S, QUICK_IDLE_S = 30.0, 5.0
 DRIVEN, DRIVEN_S, QUICK_DRIVEN_S = 50, 60.0, 5.0
 READY_WITHIN_S, MORE_S = 90.0, 30.0
@@ -45,10 +44,8 @@ def steps(scale: Scale) -> Sequence[Step]:
     agents = QUICK_AGENTS if scale.quick else AGENTS
     idle_s = QUICK_IDLE_S if scale.quick else IDLE_S
     driven_s = QUICK_DRIVEN_S if scale.quick else DRIVEN_S
-    compared = QUICK_COMPARED if scale.quick else COMPARED
     soak = QUICK_SOAK if scale.quick else FULL_SOAK if scale.full else SOAK
     return [
-        *(_compared(compared, kind, idle_s) for kind in ("agents", "virtual")),
         *(
             Step(
                 name=f"fleet-{count}",
@@ -63,22 +60,6 @@ def steps(scale: Scale) -> Sequence[Step]:
             run=partial(_soak, soak, agents),
         ),
     ]
-
-
-def _compared(count: int, kind: str, idle_s: float) -> Step:
-    return Step(
-        name=f"{kind}-{count}",
-        title=f"{count} {kind}",
-        run=partial(_start_and_idle, count, count if kind == "agents" else 0, idle_s),
-    )
-
-
-def _start_and_idle(count: int, agents: int, idle_s: float, world: World) -> Values:
-    async def use(fleet: Fleet) -> dict[str, Any]:
-        started = await fleet.start()
-        return {"count": count, "start": {**started, **await fleet.idle(idle_s)}}
-
-    return with_fleet(world, count, use, agents)
 
 
 def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World) -> Values:

@@ -128,11 +128,6 @@ def report(results: Results) -> Report:
     values = succeeded(results)
     fleets = [value for name, value in values.items() if name.startswith("fleet-")]
     soaks = [value for name, value in values.items() if name.startswith("soak-")]
-    alike = [
-        FleetOutcome(plain(name.replace("-", ": ")), value["count"], value["start"])
-        for name, value in values.items()
-        if name.startswith(("agents", "virtual"))
-    ]
     starts = [
         FleetOutcome(
             f"{fleet['count']}, {fleet['agents']} of them agents", fleet["count"], fleet["start"]
@@ -143,8 +138,8 @@ def report(results: Results) -> Report:
     whole = [start for start in starts if not start.never]
     return Report(
         values={
-            "starts": start_rows([*alike, *starts]),
-            "costs": cost_rows([*alike, *starts]),
+            "starts": start_rows(starts),
+            "costs": cost_rows(starts),
             "driven": [row for fleet in fleets for row in _driven_rows(fleet)],
             "returns": return_rows(returns),
             "soaks": [(soak, _soak_rows(soak)) for soak in soaks],

@@ -1,36 +1,21 @@
-"""The robot with a real ROS 2 graph (images/ros2_robot), which joins a stack or the demo like one from outside."""
+"""The robot with a real ROS 2 graph (images/ros2_robot), which joins a stack like one from outside."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Protocol
 
-import docker
 from docker.models.containers import Container
 from image_names import ensure_built, image
+from stack import Stack
 
 NAME = "ros2"
 
 
-class Server(Protocol):
-    """What it joins: a stack of a test, or the demo."""
-
-    engine: docker.DockerClient
-
-    @property
-    def project(self) -> str: ...
-
-    @property
-    def https_port(self) -> int: ...
-
-    def robotether(self, *arguments: str) -> str: ...
-
-
 @contextmanager
-def ros2_robot(server: Server, environment: Mapping[str, str]) -> Iterator[Container]:
-    """Run it as the service NAME of the server's project; it may not have joined yet."""
+def ros2_robot(server: Stack) -> Iterator[Container]:
+    """Run it as the service NAME of the stack's project; it may not have joined yet."""
     ensure_built("ros2_robot")
     host = f"cloud:{server.https_port}"
     line = server.robotether("robot", "invite", "--name", NAME, "--host", host).splitlines()[-1]
@@ -53,7 +38,6 @@ def ros2_robot(server: Server, environment: Mapping[str, str]) -> Iterator[Conta
             "ROBOTETHER_TOKEN": _option(line, "token"),
             "ROBOTETHER_TLS_FINGERPRINT": _option(line, "tls-fingerprint"),
             "ROBOTETHER_INTERFACE": "eth0",
-            **environment,
         },
     )
     try:
