@@ -152,7 +152,7 @@ def wait_online(world: World, name: str, programs: Sequence[Program]) -> None:
     """Wait until the server says that the robot is online."""
     end = time.monotonic() + ONLINE_WITHIN_S
     while not any(
-        robot["name"] == name and robot["online"] for robot in world.api("GET", "/robots")["robots"]
+        robot["name"] == name and robot["online"] for robot in world.ask("GET", "/robots")["robots"]
     ):
         for program in programs:
             program.check()

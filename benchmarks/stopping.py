@@ -137,8 +137,8 @@ def _processes(browser: Browser, kind: str) -> list[int]:
 
 def press_stop(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
     """Somebody stops the robot, while the program goes on."""
-    undo.callback(demo.ask, "POST", f"/api/v1/robots/{ROBOT}/release")
-    demo.ask("POST", f"/api/v1/robots/{ROBOT}/stop")
+    undo.callback(demo.ask, "POST", f"/robots/{ROBOT}/release")
+    demo.ask("POST", f"/robots/{ROBOT}/stop")
 
 
 def end_program(_: Demo, driver: ProgramDriver, __: ExitStack) -> None:

@@ -11,7 +11,6 @@ import re
 import subprocess
 from collections.abc import Iterator, Mapping
 
-import docker
 import pytest
 from demo import ROOT
 from report import cell, commit, machine
@@ -115,7 +114,7 @@ def versions(world: World) -> dict[str, str]:
         **{name: item[0] if item else of_stack[name] for name, item in found.items()},
         "OpenSSH of the robots": " ".join(_VERSION.findall(client)[:1]),
         "Python of robots and experiments": platform.python_version(),
-        "Docker": str(docker.from_env().version()["Version"]),
+        "Docker": str(world.engine.version()["Version"]),
     }
 
 

@@ -20,36 +20,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from http import HTTPStatus
 from itertools import count
 from pathlib import Path
-from typing import Any
 
-import docker
+from demo import ANSWERS_WITHIN_S, LiveServer
 from docker.models.containers import Container
-from docker_engine import machine_address
-from inside import run_inside
-from local_network import request_json
 from namespaces import Namespace, make_joined, sweep
 from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
 
-# The containers' own, whatever they are published as.
-HTTPS = "8443/tcp"
-ANSWERS_WITHIN_S = 30
 # A statement must fit into one argument of a command.
 ROWS_A_STATEMENT = 500
-TOKEN = ("--name", "experiments", "--days", "2")
 _numbers = count(1)
 # The server lets one robot in at a time; so many keys are made meanwhile.
 AT_ONCE = 4
 
 
-class World:
+class World(LiveServer):
     """A running stack; made by `own`."""
 
     def __init__(self, container: Callable[[str], Container], folder: Path) -> None:
+        super().__init__()
         self._container = container
         # Robots' state and logs; gone at the end.
         self.folder = folder
@@ -67,54 +59,14 @@ class World:
                 stack.down()
 
     @cached_property
-    def machine(self) -> str:
-        """This machine's address for published ports, also from uplinks."""
-        return machine_address(docker.from_env())
-
-    @cached_property
-    def https_port(self) -> int:
-        ports = self.container("nginx").attrs["NetworkSettings"]["Ports"]
-        return int(ports[HTTPS][0]["HostPort"])
-
-    @property
-    def address(self) -> str:
-        """HOST:PORT of the site, the same from here and from every uplink."""
-        return f"{self.machine}:{self.https_port}"
-
-    @cached_property
     def tls_fingerprint(self) -> str:
         """The SHA-256 of the site's certificate, which robots pin."""
-        certificate = ssl.get_server_certificate(
-            (self.machine, self.https_port), timeout=ANSWERS_WITHIN_S
-        )
+        host, port = self.address.split(":")
+        certificate = ssl.get_server_certificate((host, int(port)), timeout=ANSWERS_WITHIN_S)
         return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate)).hexdigest()
 
     def container(self, service: str) -> Container:
-        """The container of a service, as it is now."""
         return self._container(service)
-
-    def exec(self, service: str, *command: str) -> str:
-        """Run a command in a service's container and return what it printed."""
-        done = run_inside(self.container(service), *command)
-        if done.returncode != 0:
-            raise RuntimeError(
-                f"{command[0]} in {service} exited {done.returncode}\n"
-                f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-            )
-        return done.stdout
-
-    def api(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
-        """One request to /api/v1 + `path` as an admin; the parsed answer."""
-        headers = {"Authorization": f"Bearer {self.token}"}
-        url = f"https://{self.address}/api/v1{path}"
-        status, answer = request_json(method, url, body, headers, ANSWERS_WITHIN_S)
-        if status >= HTTPStatus.BAD_REQUEST:
-            raise RuntimeError(f"cannot {method} {path}: status {status}: {answer!s:.500}")
-        return answer
-
-    def ticket(self, robot: str, mode: str) -> str:
-        """Permission to open one connection: "observe" or "drive"."""
-        return str(self.api("POST", "/tickets", {"robot": robot, "mode": mode})["ticket"])
 
     def names(self, part: str, how_many: int) -> list[str]:
         """New names for a part's robots, not given before by this process."""
@@ -131,7 +83,7 @@ class World:
     def remove(self, robots: Sequence[Enrolled]) -> None:
         """Remove robots that this world has enrolled, with their rows and files; what still runs of them is cut off."""
         for robot in robots:
-            self.api("DELETE", f"/robots/{robot.name}")
+            self.ask("DELETE", f"/robots/{robot.name}")
             shutil.rmtree(robot.folder, ignore_errors=True)
 
     @contextmanager
@@ -145,17 +97,9 @@ class World:
         with ExitStack() as made:
             yield [make_joined(made, "uplink")[0] for _ in range(how_many)]
 
-    @cached_property
-    def token(self) -> str:
-        return self.token_of("admin")
-
-    def token_of(self, user: str) -> str:
-        create = ("robotether", "token", "create", "--user", user, *TOKEN)
-        return self.exec("web", *create).split()[-1]
-
     def add_admin(self, user: str) -> str:
         """Add an admin; an API token of theirs."""
-        self.api("POST", "/users", {"name": user, "role": "admin"})
+        self.ask("POST", "/users", {"name": user, "role": "admin"})
         return self.token_of(user)
 
     def _robot(self, name: str) -> Enrolled:

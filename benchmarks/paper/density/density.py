@@ -117,7 +117,7 @@ def tokens(world: World, how_many: int) -> Iterator[list[str]]:
     with ExitStack() as made:
         for name in names:
             given.append(world.add_admin(name))
-            made.callback(world.api, "DELETE", f"/users/{name}")
+            made.callback(world.ask, "DELETE", f"/users/{name}")
         yield [given[number // DRIVES_A_USER] for number in range(how_many)]
 
 

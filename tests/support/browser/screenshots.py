@@ -114,13 +114,12 @@ def shoot_driving(camera: Camera, demo: Demo, observer: Page) -> None:
 @contextmanager
 def an_observer(demo: Demo) -> Iterator[str]:
     """A user who may watch sim1, until the pictures are taken; gives the password."""
-    robotether = ("exec", "-T", "web", "robotether")
-    password = demo.compose(*robotether, "user", "add", OBSERVER).split()[-1]
+    password = demo.robotether("user", "add", OBSERVER).split()[-1]
     try:
-        demo.compose(*robotether, "grant", OBSERVER, "sim1", "observe")
+        demo.robotether("grant", OBSERVER, "sim1", "observe")
         yield password
     finally:
-        demo.compose(*robotether, "user", "remove", OBSERVER, "--yes")
+        demo.robotether("user", "remove", OBSERVER, "--yes")
 
 
 def new_context(browser: Browser, size: str, scheme: str) -> BrowserContext:

@@ -1,6 +1,6 @@
-"""The running demo as experiments and screenshots see it: its containers, its address, an API token, tickets.
+"""A server that runs on this machine, as experiments and screenshots see it: its containers, address, API and tickets.
 
-Needs `make demo`, and changes nothing of it but for one API token, which ends after a day.
+`Demo` needs `make demo`, and changes nothing of it but for an API token, which ends after two days.
 """
 
 from __future__ import annotations
@@ -8,6 +8,8 @@ from __future__ import annotations
 import json
 import subprocess
 import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from functools import cached_property
 from http import HTTPStatus
 from pathlib import Path
@@ -16,52 +18,85 @@ from typing import Any
 import docker
 from docker.models.containers import Container
 from docker_engine import address_of, container_of, machine_address
+from inside import run_inside
 from local_network import request_json
 
 ROOT = Path(__file__).resolve().parents[3]
-TOKEN_NAME = "bench"
+# The container's own, whatever it is published as.
+HTTPS = "8443/tcp"
+ANSWERS_WITHIN_S = 30
 
 
-def _run_compose(*arguments: str) -> str:
-    command = [str(ROOT / "tools" / "compose"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
-
-
-class Demo:
-    """The compose project that `make demo` started."""
+class LiveServer(ABC):
+    """A server by its containers, with the rights of an admin."""
 
     def __init__(self) -> None:
         self.engine = docker.from_env()
 
-    def compose(self, *arguments: str) -> str:
-        return _run_compose("--profile", "*", *arguments)
-
-    def robotether(self, *arguments: str) -> str:
-        return self.compose("exec", "-T", "web", "robotether", *arguments)
+    @abstractmethod
+    def container(self, service: str) -> Container:
+        """The container of a service, as it is now."""
 
     @cached_property
-    def project(self) -> str:
-        return str(json.loads(self.compose("config", "--format", "json"))["name"])
-
-    def container(self, service: str) -> Container:
-        return container_of(self.engine, self.project, service)
-
-    def address_of(self, service: str) -> str:
-        """The address of a service's container, which this machine reaches and nobody else does."""
-        return address_of(self.container(service))
+    def machine(self) -> str:
+        """This machine's address for published ports, also from other networks of it."""
+        return machine_address(self.engine)
 
     @cached_property
     def address(self) -> str:
         """HOST:PORT of https at which the published ports answer as they do to the network."""
-        return f"{machine_address(self.engine)}:{self.https_port}"
-
-    @cached_property
-    def https_port(self) -> int:
-        return int(self.compose("port", "nginx", "8443").rsplit(":", 1)[1])
+        ports = self.container("nginx").attrs["NetworkSettings"]["Ports"]
+        return f"{self.machine}:{ports[HTTPS][0]['HostPort']}"
 
     @property
     def url(self) -> str:
         return f"https://{self.address}"
+
+    def exec(self, service: str, *command: str) -> str:
+        """Run a command in a service's container and return what it printed."""
+        done = run_inside(self.container(service), *command)
+        if done.returncode != 0:
+            raise RuntimeError(
+                f"{command[0]} in {service} exited {done.returncode}\n"
+                f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
+            )
+        return done.stdout
+
+    def robotether(self, *arguments: str) -> str:
+        return self.exec("web", "robotether", *arguments)
+
+    @cached_property
+    def token(self) -> str:
+        return self.token_of("admin")
+
+    def token_of(self, user: str) -> str:
+        name = f"experiments-{time.monotonic_ns()}"
+        created = self.robotether("token", "create", "--user", user, "--name", name, "--days", "2")
+        return created.split()[-1]
+
+    def ask(self, method: str, path: str, body: Mapping[str, object] | None = None) -> Any:
+        """One request to /api/v1 + `path`; the parsed answer. Raises ConnectionError for an error's."""
+        headers = {"Authorization": f"Bearer {self.token}"}
+        url = f"{self.url}/api/v1{path}"
+        status, answer = request_json(method, url, body, headers, ANSWERS_WITHIN_S)
+        if status >= HTTPStatus.BAD_REQUEST:
+            raise ConnectionError(f"cannot {method} {path}: status {status}: {answer!s:.500}")
+        return answer
+
+    def ticket(self, robot: str, mode: str) -> str:
+        """Permission to open one connection: "observe" or "drive"."""
+        return str(self.ask("POST", "/tickets", {"robot": robot, "mode": mode})["ticket"])
+
+
+class Demo(LiveServer):
+    """The compose project that `make demo` started."""
+
+    def container(self, service: str) -> Container:
+        return container_of(self.engine, self._project, service)
+
+    def address_of(self, service: str) -> str:
+        """The address of a service's container, which this machine reaches and nobody else does."""
+        return address_of(self.container(service))
 
     @cached_property
     def admin_password(self) -> str:
@@ -70,19 +105,10 @@ class Demo:
         return (ROOT / "compose" / folder / "admin_password").read_text()
 
     @cached_property
-    def token(self) -> str:
-        name = f"{TOKEN_NAME}-{int(time.time())}"
-        return self.robotether(
-            "token", "create", "--user", "admin", "--name", name, "--days", "1"
-        ).split()[-1]
+    def _project(self) -> str:
+        return str(json.loads(_run_compose("config", "--format", "json"))["name"])
 
-    def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> Any:
-        """One request to the server's API; the parsed answer. Raises ConnectionError for an error's."""
-        headers = {"Authorization": f"Bearer {self.token}"}
-        status, answer = request_json(method, f"{self.url}{path}", body, headers)
-        if status >= HTTPStatus.BAD_REQUEST:
-            raise ConnectionError(f"cannot {method} {path}: {status} {answer}")
-        return answer
 
-    def ticket(self, robot: str, mode: str) -> str:
-        return str(self.ask("POST", "/api/v1/tickets", {"robot": robot, "mode": mode})["ticket"])
+def _run_compose(*arguments: str) -> str:
+    command = [str(ROOT / "tools" / "compose"), *arguments]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
