@@ -1,15 +1,13 @@
-"""How many robots a machine carries: a fleet online, idle, driven, back after a restart, and all of it for long.
+"""How many robots a machine carries: a fleet online, idle, driven, and back after a restart.
 
-Each step of a size starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, and then
-kills all the server's containers and starts them again. The soak has a fleet that is driven and returns, again and
-again.
+Each step starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, and then kills all
+the server's containers and starts them again.
 """
 
 from __future__ import annotations
 
 import asyncio
 import os
-import time
 from collections.abc import Awaitable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -35,8 +33,6 @@ SETTLED_AFTER_S = 1.0
 DRIVEN_AGENTS = 10
 # The relay lets one user have 32 connections; one that has ended may still count.
 DRIVES_A_USER = 25
-# The robots of a soak, those of them that are driven, its seconds, and those between two returns.
-SOAK, FULL_SOAK, QUICK_SOAK = (500, 20, 1800, 300), (500, 20, 7200, 600), (20, 4, 20, 10)
 
 
 def steps(scale: Scale) -> Sequence[Step]:
@@ -44,21 +40,13 @@ def steps(scale: Scale) -> Sequence[Step]:
     agents = QUICK_AGENTS if scale.quick else AGENTS
     idle_s = QUICK_IDLE_S if scale.quick else IDLE_S
     driven_s = QUICK_DRIVEN_S if scale.quick else DRIVEN_S
-    soak = QUICK_SOAK if scale.quick else FULL_SOAK if scale.full else SOAK
     return [
-        *(
-            Step(
-                name=f"fleet-{count}",
-                title=f"{count} robots, {agents} of them agents",
-                run=partial(_fleet, count, agents, idle_s, driven_s),
-            )
-            for count in counts
-        ),
         Step(
-            name=f"soak-{soak[0]}",
-            title=f"{soak[0]} robots for {soak[2] / 60:.3g} minutes",
-            run=partial(_soak, soak, agents),
-        ),
+            name=f"fleet-{count}",
+            title=f"{count} robots, {agents} of them agents",
+            run=partial(_fleet, count, agents, idle_s, driven_s),
+        )
+        for count in counts
     ]
 
 
@@ -99,11 +87,11 @@ async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:
         return {"failure": str(error) or type(error).__name__}
 
 
-def _chosen(world: World, count: int, agents: int, driven: int = DRIVEN) -> list[tuple[str, str]]:
+def _chosen(world: World, count: int, agents: int) -> list[tuple[str, str]]:
     """Which robots of a fleet are driven, agents and virtual ones: their names and kinds."""
     names = [robot.name for robot in robots_of(world, count)]
-    real = names[: min(agents, DRIVEN_AGENTS, driven)]
-    virtual = names[agents : agents + driven - len(real)]
+    real = names[: min(agents, DRIVEN_AGENTS)]
+    virtual = names[agents : agents + DRIVEN - len(real)]
     return [(name, "agent") for name in real] + [(name, "virtual") for name in virtual]
 
 
@@ -142,30 +130,6 @@ async def _drive(
         drivers.send("begin")
         told = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
         return {**told, "fleet_cpu_s": cpu_between(first, fleet.reading())}
-
-
-def _soak(soak: tuple[int, int, float, float], agents: int, world: World) -> Values:
-    """Drive some for the whole time, in parts; between two of them, everything returns."""
-    count, driven, seconds, every_s = soak
-
-    async def use(fleet: Fleet) -> dict[str, Any]:
-        end = time.monotonic() + seconds
-        rounds: list[dict[str, Any]] = []
-        await fleet.start()
-        while time.monotonic() < end:
-            drive = _drive(world, fleet, _chosen(world, count, agents, driven), every_s)
-            told = await _unless_failed(drive)
-            memory = {name: use.memory_bytes for name, use in fleet.reading().services.items()}
-            back = await fleet.run(lambda: _restart_tunnels(world))
-            rounds.append({"drive": told, "memory_bytes": memory, "drivable_s": back["drivable_s"]})
-        return {"count": count, "driven": driven, "seconds": seconds, "rounds": rounds}
-
-    return with_fleet(world, count, use, agents)
-
-
-async def _restart_tunnels(world: World) -> None:
-    """All robots lose their connections, and no service its memory: sshd's connections are ended inside it."""
-    await asyncio.to_thread(world.exec, "sshd", "pkill", "-KILL", "-u", "tunnel", "sshd-session")
 
 
 PART = Part(
