@@ -1,5 +1,5 @@
-"""The paper's experiments and more on the real stack: `make experiments` runs them and writes a page each.
+"""Experiments on the real stack: `make experiments` runs them and writes a page each into docs/experiments.
 
-Imports go one way: step, networks -> world, programs -> robots -> a folder for each family of experiments -> page ->
+Imports go one way: step -> world, programs -> client -> virtual -> fleet -> density, cells -> requests -> page ->
 experiments.
 """

@@ -1,4 +1,4 @@
-"""A process of drivers, observers and operators, started by run.py as `python -m paper.cells.people`.
+"""A process of drivers, observers and operators, started by workload.py as `python -m paper.cells.people`.
 
 In: a line with the cells, the people and the robots, then `settle`, then `end`. Out: `begun`, what they have seen
 until `settle`, and `settled` when each operator has had its last word on each of its robots. All choose robots and

@@ -1,4 +1,4 @@
-"""A process of robots that write their history, started by fleet.py in an uplink's namespace.
+"""A process of robots that write their history, started by workload.py in an uplink's namespace.
 
 Some are the real agent with its own OpenSSH clients, the others virtual (paper.virtual). Each has the guard's own code
 and a rosbridge, both in this process; what comes to the guard, what it confirms and what it lets through is written
