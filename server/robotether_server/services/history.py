@@ -192,13 +192,9 @@ class Prometheus:
 
 def query_of(chart: Chart, span: Span, robot: str | None) -> str:
     """Return the query of a chart for a robot, or for all."""
-    selection = "" if robot is None else f'robot="{escaped(robot)}"'
+    # A string of PromQL has the escapes of JSON's.
+    selection = "" if robot is None else f"robot={json.dumps(robot, ensure_ascii=False)}"
     return Template(chart.query).substitute(of=selection, step=f"{span.step_s}s")
-
-
-def escaped(value: str) -> str:
-    """Return a label's value as it stands in quotes."""
-    return value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
 
 
 def _values(
