@@ -375,8 +375,9 @@ class DriveController:
         if has_work and now >= self._authorizer.silent_at:
             # Only then: it wakes this loop, which would turn without a pause for as long as the agent is silent.
             self.halt()
-        self._count_stop(self._deadman.expired(now), "silence")
-        for name in self._deadman.due(now):
+        due = self._deadman.due(now)
+        self.stops["silence"] = self._deadman.silences
+        for name in due:
             await self._zero(self._topics.add(name), now)
         await self._unadvertise()
         for topic in self._topics:

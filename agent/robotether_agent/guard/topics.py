@@ -253,6 +253,8 @@ class Deadman:
 
     def __init__(self, timeout_s: float) -> None:
         self.timeout_s = timeout_s
+        # Number of times that a next command stayed away.
+        self.silences = 0
         self._topics: dict[str, _Phase] = {}
 
     @property
@@ -274,10 +276,6 @@ class Deadman:
         """Return whether the last command on this topic was zero, and the robot has got its zeros."""
         return name not in self._topics or self._is(name, "idle")
 
-    def expired(self, now: float) -> list[str]:
-        """Name the topics that move, and whose next command stays away."""
-        return [name for name in self.moving() if self._topics[name].due <= now]
-
     def moving(self) -> list[str]:
         """Name the topics whose last command moves the robot."""
         return [name for name, topic in self._topics.items() if topic.state == "moving"]
@@ -298,7 +296,9 @@ class Deadman:
 
     def due(self, now: float) -> list[str]:
         """Name the topics that get a zero now. `zeroed` or `postponed` must follow for each."""
-        self.stop(self.expired(now), now)
+        silent = [name for name in self.moving() if self._topics[name].due <= now]
+        self.silences += bool(silent)
+        self.force(silent, now)
         return [n for n, t in self._topics.items() if t.state == "zeroing" and t.due <= now]
 
     def forget(self, names: Container[str]) -> None:
