@@ -72,6 +72,7 @@ class HelpCaller:
         self._has_calls = asyncio.Event()
         # Where the robot is, by the geofence's topic, and when that came; None: unknown.
         self._position: tuple[Point, float] | None = None
+        self._has_position = asyncio.Event()
 
     def use(self, config: HelpConfig) -> None:
         """Follow other settings; the rules begin anew."""
@@ -102,19 +103,20 @@ class HelpCaller:
 
     async def report_position(self, send: Send, is_used: Callable[[], bool]) -> NoReturn:
         """Send where the robot is, while somebody uses it and a geofence has it known."""
-        sent: tuple[Point, float] | None = None
         while True:
-            await asyncio.sleep(POSITION_EVERY_S)
-            if self._position is None or self._position is sent or not is_used():
+            await self._has_position.wait()
+            self._has_position.clear()
+            if self._position is None or not is_used():
                 continue
-            sent = self._position
-            (x, y), at = sent
+            (x, y), at = self._position
             if _now_s() - at < POSITION_HOLDS_S:
                 send({"type": "position", "x": x, "y": y})
+                await asyncio.sleep(POSITION_EVERY_S)
 
     def _on_pose(self, rules: HelpRules, message: JsonObject, now_s: float) -> HelpCall | None:
         point = position_in(message)
         self._position = None if point is None else (point, now_s)
+        self._has_position.set()
         return rules.on_pose(message, now_s)
 
     def _readers(self) -> list[Coroutine[Any, Any, NoReturn]]:

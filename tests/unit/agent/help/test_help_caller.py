@@ -108,6 +108,7 @@ async def test_position_is_sent_while_somebody_uses_the_robot(start, monkeypatch
         await asyncio.sleep(0.3)
         assert sent == []
         used.append(True)
+        await robot.publish("/odom", place)
         await eventually(
             lambda: sent == [{"type": "position", "x": 5.0, "y": 1.0}], lambda: str(sent)
         )
