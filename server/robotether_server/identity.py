@@ -9,17 +9,11 @@ so nothing passes but a key type and its base64: no options, no comment, no seco
 import base64
 import binascii
 import hashlib
-import logging
 import re
 import struct
-import subprocess
 from dataclasses import dataclass
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from robotether_server.problems import FieldInvalidError
-
-logger = logging.getLogger(__name__)
 
 MAX_MAC_LENGTH = 40
 ZERO_MAC = "00:00:00:00:00:00"
@@ -49,8 +43,6 @@ PERSON_TYPES = (
 )
 ED25519_BYTES = 32
 MAX_SIGNATURE_LENGTH = 4096
-SIGNER = "robot"
-SIGNATURE_TIMEOUT_S = 5
 
 
 def normalise_mac(text: str, *, allow_local: bool = True) -> str:
@@ -177,28 +169,3 @@ def _invalid(why: str) -> FieldInvalidError:
     return FieldInvalidError(
         f"cannot use public_key: {why}; an ssh-ed25519 key is best", "public_key"
     )
-
-
-def signature_holds(key: PublicKey, namespace: str, message: str, signature: str) -> bool:
-    """Return whether `ssh-keygen -Y sign` made the signature over the message with that key, for that namespace.
-
-    Asks ssh-keygen: OpenSSH reads its own format (PROTOCOL.sshsig), which the library `cryptography` does not know.
-    Must never be given a key that did not pass `parse`.
-
-    Raises OSError when there is no ssh-keygen, and subprocess.TimeoutExpired.
-    """
-    with TemporaryDirectory(prefix="robotether-") as folder:
-        signers, file = Path(folder, "signers"), Path(folder, "signature")
-        signers.write_text(f'{SIGNER} namespaces="{namespace}" {key.line}\n', encoding="ascii")
-        file.write_text(signature, encoding="utf-8")
-        signer = ("-f", str(signers), "-I", SIGNER, "-n", namespace)
-        done = subprocess.run(  # noqa: S603 - fixed words, and paths of ours
-            ["ssh-keygen", "-Y", "verify", *signer, "-s", str(file)],  # noqa: S607 - PATH is the image's
-            input=message.encode(),
-            capture_output=True,
-            check=False,
-            timeout=SIGNATURE_TIMEOUT_S,
-        )
-    if done.returncode != 0:
-        logger.info("signature of key %s refused: %r", key.fingerprint, done.stderr[-200:])
-    return done.returncode == 0

@@ -1,6 +1,6 @@
-"""Signs and verifies with Ed25519 in OpenSSH's format (PROTOCOL.sshsig), which `ssh-keygen -Y verify` reads, too.
+"""Signs with Ed25519, and verifies with any key of a robot, in the format of `ssh-keygen -Y` (OpenSSH's PROTOCOL.sshsig).
 
-Used for the heads of the audit log's chains. Pure.
+Used for joins, new keys and the heads of the audit log's chains. Pure.
 """
 
 import base64
@@ -9,17 +9,32 @@ import hashlib
 import struct
 import textwrap
 
-from cryptography.exceptions import InvalidSignature
+from cryptography.exceptions import InvalidSignature, UnsupportedAlgorithm
+from cryptography.hazmat.primitives.asymmetric.ec import ECDSA, EllipticCurvePublicKey
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
-from cryptography.hazmat.primitives.hashes import SHA256
+from cryptography.hazmat.primitives.asymmetric.padding import PKCS1v15
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
+from cryptography.hazmat.primitives.asymmetric.utils import encode_dss_signature
+from cryptography.hazmat.primitives.hashes import SHA256, SHA384, SHA512
 from cryptography.hazmat.primitives.kdf.hkdf import HKDF
-from cryptography.hazmat.primitives.serialization import Encoding, PublicFormat
+from cryptography.hazmat.primitives.serialization import (
+    Encoding,
+    PublicFormat,
+    load_ssh_public_key,
+)
 
 from robotether_server.identity import fingerprint_of, split_fields
 
 MAGIC = b"SSHSIG"
 KEY_TYPE = b"ssh-ed25519"
 KEY_BYTES = 32
+# Kinds of signatures but Ed25519's, with what each hashes (RFC 5656, RFC 8332).
+CURVE_HASHES = {
+    b"ecdsa-sha2-nistp256": SHA256(),
+    b"ecdsa-sha2-nistp384": SHA384(),
+    b"ecdsa-sha2-nistp521": SHA512(),
+}
+RSA_HASHES = {b"rsa-sha2-256": SHA256(), b"rsa-sha2-512": SHA512()}
 BEGIN, END = (f"-----{edge} SSH SIGNATURE-----" for edge in ("BEGIN", "END"))
 
 
@@ -50,33 +65,43 @@ def fingerprint(public_key: str) -> str:
 
 
 def key_of(signature: str) -> str | None:
-    """Return the public key that a signature claims to be of, None: it is no signature with Ed25519."""
+    """Return the public key that a signature claims to be of, None: it is no signature."""
     try:
         blob = _parse(signature)[0]
-    except (ValueError, struct.error):
+        return f"{split_fields(blob)[0].decode('ascii')} {base64.b64encode(blob).decode()}"
+    except (ValueError, IndexError, struct.error):
         return None
-    return f"{KEY_TYPE.decode()} {base64.b64encode(blob).decode()}"
 
 
 def is_signed(public_key: str, namespace: str, message: str, signature: str) -> bool:
-    """Return whether the armoured signature over the message is that Ed25519 key's, for that namespace."""
+    """Return whether the armoured signature over the message is that key's, for that namespace."""
     try:
-        key, header, hash_name, raw = _parse(signature)
+        key, header, hash_name, outer = _parse(signature)
         if key != _blob(public_key) or not header.startswith(_fields(namespace.encode(), b"")):
             return False
-        kind, point = split_fields(key)
-        if kind != KEY_TYPE:
-            return False
-        Ed25519PublicKey.from_public_bytes(point).verify(
-            raw, _signed_bytes(header, message, hash_name)
-        )
-    except (InvalidSignature, ValueError, struct.error):
+        _verify(public_key, outer, _signed_bytes(header, message, hash_name))
+    except (InvalidSignature, UnsupportedAlgorithm, ValueError, struct.error):
         return False
     return True
 
 
+def _verify(public_key: str, outer: bytes, data: bytes) -> None:
+    """Raise InvalidSignature, UnsupportedAlgorithm, ValueError or struct.error when the data is not signed with the key."""
+    kind, raw = split_fields(outer)
+    key, key_type = load_ssh_public_key(public_key.encode()), public_key.split()[0].encode()
+    if isinstance(key, Ed25519PublicKey) and kind == key_type == KEY_TYPE:
+        key.verify(raw, data)
+    elif isinstance(key, EllipticCurvePublicKey) and kind == key_type and kind in CURVE_HASHES:
+        r, s = (int.from_bytes(number) for number in split_fields(raw))
+        key.verify(encode_dss_signature(r, s), data, ECDSA(CURVE_HASHES[kind]))
+    elif isinstance(key, RSAPublicKey) and kind in RSA_HASHES:
+        key.verify(raw, data, PKCS1v15(), RSA_HASHES[kind])
+    else:
+        raise InvalidSignature
+
+
 def _parse(signature: str) -> tuple[bytes, bytes, str, bytes]:
-    """Return key, signed header, name of the hash and the signature itself; raise ValueError or struct.error."""
+    """Return key, signed header, name of the hash and the signature with its kind; raise ValueError or struct.error."""
     lines = signature.strip().splitlines()
     if len(lines) < 3 or (lines[0], lines[-1]) != (BEGIN, END):  # noqa: PLR2004 - two edges and one line
         raise ValueError("no signature of SSH")
@@ -84,10 +109,9 @@ def _parse(signature: str) -> tuple[bytes, bytes, str, bytes]:
     if not blob.startswith(MAGIC + struct.pack(">I", 1)):
         raise ValueError("no signature of SSH")
     key, namespace, reserved, hash_name, outer = split_fields(blob[len(MAGIC) + 4 :])
-    kind, raw = split_fields(outer)
-    if kind != KEY_TYPE or hash_name not in (b"sha256", b"sha512"):
+    if hash_name not in (b"sha256", b"sha512"):
         raise ValueError("of another kind")
-    return key, _fields(namespace, reserved, hash_name), hash_name.decode(), raw
+    return key, _fields(namespace, reserved, hash_name), hash_name.decode(), outer
 
 
 def _signed_bytes(header: bytes, message: str, hash_name: str) -> bytes:

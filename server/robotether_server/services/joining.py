@@ -48,6 +48,7 @@ from robotether_server.services import grants
 from robotether_server.services.grants import Grantee, Scope
 from robotether_server.settings.robot import put_path
 from robotether_server.settings.server import JoinSettings
+from robotether_server.signatures import is_signed
 
 # Maximum number of unannounced robots and keys that wait per network, and time for which they wait.
 MAX_UNKNOWN_PER_NETWORK = 10
@@ -129,10 +130,10 @@ def is_in(tx: Transaction, request: JoinAttempt) -> Answer | None:
 
 
 def is_proven(presented: PresentedKey, signature: str | None, token: str | None = None) -> bool:
-    """Return whether who asks has the private half of the key. Runs ssh-keygen, so never while a lock is held."""
+    """Return whether who asks has the private half of the key."""
     message = join_message(token, presented.mac, presented.key.line)
-    return signature is not None and identity.signature_holds(
-        presented.key, JOIN_NAMESPACE, message, signature
+    return signature is not None and is_signed(
+        presented.key.line, JOIN_NAMESPACE, message, signature
     )
 
 
@@ -351,7 +352,7 @@ def rotate(
     if old is None or robot.state != "active" or previous.fingerprint != old.fingerprint:
         return False
     message = rotation_message(presented.mac, presented.key.line)
-    if not identity.signature_holds(old, ROTATION_NAMESPACE, message, previous.signature):
+    if not is_signed(old.line, ROTATION_NAMESPACE, message, previous.signature):
         raise FieldInvalidError(
             f"cannot use previous_key: its signature is not by key {old.fingerprint} over this MAC and the "
             "new key"

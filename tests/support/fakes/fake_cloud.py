@@ -28,7 +28,7 @@ from dated_certificate import fingerprint_of, make_certificate
 from local_network import free_port
 from openssh_server import OpenSshServer
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
-from robotether_server.identity import parse_robots_key, signature_holds
+from robotether_server.signatures import is_signed
 from timed_websocket import timed_session
 
 HEARTBEAT_S = 0.2
@@ -220,10 +220,7 @@ class FakeCloud:
         if self.robot_key != said["public_key"]:
             message = rotation_message(said["mac"], said["public_key"])
             signature = said["previous_key"]["signature"]
-            proof = await asyncio.to_thread(
-                is_signed, self.robot_key, ROTATION_NAMESPACE, message, signature
-            )
-            if not proof:
+            if not is_signed(self.robot_key, ROTATION_NAMESPACE, message, signature):
                 detail = "the signature is not the robot's key's"
                 return web.json_response({"code": "field_invalid", "detail": detail}, status=422)
             self.authorize(said["public_key"])
@@ -299,11 +296,6 @@ class FakeCloud:
             "direct": False,
             **self._listed(),
         }
-
-
-def is_signed(key: str, namespace: str, message: str, signature: str) -> bool:
-    """Tell whether `key` made the signature, by OpenSSH's own judgement."""
-    return signature_holds(parse_robots_key(key), namespace, message, signature)
 
 
 async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:

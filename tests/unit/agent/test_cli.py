@@ -15,7 +15,7 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
-from fake_cloud import FakeCloud, agent_environ, is_signed
+from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
 from robotether_agent import cli as command
 from robotether_agent.cli import act_as_agent, become_owner, identity, main, status
@@ -25,6 +25,7 @@ from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import StatusWriter
 from robotether_common.join import JOIN_NAMESPACE, join_message
+from robotether_server.signatures import is_signed
 
 MAC = "00:1b:44:11:3a:b7"
 needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")

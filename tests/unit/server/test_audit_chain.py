@@ -6,9 +6,9 @@ import msgspec
 import pytest
 from robot_signer import RobotSigner
 from robotether_common.audit_head import NAMESPACE, statement
-from robotether_server import audit_chain, identity
+from robotether_server import audit_chain
 from robotether_server.audit_chain import ChainEnd, ChainLine, SignedHead
-from robotether_server.signatures import SigningKey, fingerprint, is_signed
+from robotether_server.signatures import SigningKey, fingerprint
 
 LINES = 12
 SERVER = SigningKey("x" * 32, audit_chain.SERVER_KEY_PURPOSE)
@@ -147,17 +147,3 @@ def test_key_of_somebody_else_signs_nothing():
     assert check(lines, [head], server_keys=["SHA256:x"]).fault is not None
     forged = msgspec.structs.replace(head, public_key=SigningKey("y" * 32, "x").public_key)
     assert check(lines, [forged]).fault is not None
-
-
-@pytest.mark.parametrize("signature", ["", "x", "-----BEGIN SSH SIGNATURE-----\n\n"])
-def test_damaged_signature_is_none(signature):
-    assert not is_signed(SERVER.public_key, "a", "b", signature)
-
-
-def test_signature_is_of_one_namespace_and_message_and_openssh_reads_it(tmp_path):
-    signature = SERVER.sign("a", "b")
-    key = identity.parse_robots_key(SERVER.public_key)
-    assert identity.signature_holds(key, "a", "b", signature)
-    for namespace, message, fits in (("a", "b", True), ("b", "b", False), ("a", "c", False)):
-        assert is_signed(SERVER.public_key, namespace, message, signature) is fits
-    assert not is_signed(ROBOT.key.line, "a", "b", signature)

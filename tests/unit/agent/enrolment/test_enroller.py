@@ -15,7 +15,7 @@ from typing import NoReturn
 
 import pytest
 from aiohttp import web
-from fake_cloud import FakeCloud, agent_environ, is_signed
+from fake_cloud import FakeCloud, agent_environ
 from fake_root import FakeRoot
 from robotether_agent.enrolment.enroller import (
     AUDIT_HEADS_FILE,
@@ -35,6 +35,7 @@ from robotether_agent.problems import (
 )
 from robotether_agent.settings import Settings, load
 from robotether_common.join import JOIN_NAMESPACE, join_message
+from robotether_server.signatures import is_signed
 
 CARD = "00:1b:44:00:00:01"
 

@@ -1,0 +1,68 @@
+"""Signatures in OpenSSH's format: `ssh-keygen -Y` reads what the server signs, and the server what robots sign with it."""
+
+import subprocess
+
+import pytest
+from robotether_server.signatures import SigningKey, is_signed, key_of
+
+NAMESPACE = "robotether-rotation"
+MESSAGE = "00:1b:44:11:3a:b7 ssh-ed25519 AAAA\n"
+SERVER = SigningKey("x" * 32, "a test")
+
+
+def ssh_keygen(*words, message=""):
+    return subprocess.run(
+        ["ssh-keygen", *map(str, words)], input=message.encode(), check=True, capture_output=True
+    ).stdout.decode()
+
+
+def make_key(file, kind, bits):
+    """Return the public key of a new key."""
+    ssh_keygen("-q", "-t", kind, *(["-b", bits] if bits else []), "-N", "", "-C", "x", "-f", file)
+    return " ".join(file.with_suffix(".pub").read_text().split()[:2])
+
+
+def sign(file, namespace, message, *options):
+    return ssh_keygen("-Y", "sign", "-f", file, "-n", namespace, *options, message=message)
+
+
+@pytest.mark.parametrize(
+    ("kind", "bits"), [("ed25519", 0), ("ecdsa", 256), ("ecdsa", 384), ("ecdsa", 521), ("rsa", 2048)]
+)
+def test_only_the_keys_own_signature_over_the_message_holds(tmp_path, kind, bits):
+    own, foreign = tmp_path / "own", tmp_path / "foreign"
+    key, other = make_key(own, kind, bits), make_key(foreign, kind, bits)
+    good = sign(own, NAMESPACE, MESSAGE)
+    assert key_of(good) == key
+    for signature in (good, sign(own, NAMESPACE, MESSAGE, "-O", "hashalg=sha256")):
+        assert is_signed(key, NAMESPACE, MESSAGE, signature)
+        assert not is_signed(other, NAMESPACE, MESSAGE, signature)
+    lines = good.splitlines()
+    for wrong in (
+        sign(own, NAMESPACE, MESSAGE.strip()),
+        sign(own, "file", MESSAGE),
+        sign(foreign, NAMESPACE, MESSAGE),
+        good.replace("A", "B"),
+        "\n".join((*lines[:-3], lines[-3].swapcase(), *lines[-2:])),
+        "\n".join((*lines[:-2], lines[-1])),
+        SERVER.sign(NAMESPACE, MESSAGE),
+    ):
+        assert not is_signed(key, NAMESPACE, MESSAGE, wrong)
+
+
+@pytest.mark.parametrize(
+    "signature", ["", "x", "\N{SNOWMAN}", "-----BEGIN SSH SIGNATURE-----\n\n"]
+)
+def test_damaged_signature_is_none(signature):
+    assert not is_signed(SERVER.public_key, "a", "b", signature)
+    assert key_of(signature) is None
+
+
+def test_openssh_verifies_what_the_server_signs(tmp_path):
+    signers, file = tmp_path / "signers", tmp_path / "signature"
+    signers.write_text(f"server {SERVER.public_key}\n")
+    file.write_text(SERVER.sign("a", "b"))
+    verify = ("-Y", "verify", "-f", signers, "-I", "server", "-n", "a", "-s", file)
+    ssh_keygen(*verify, message="b")
+    with pytest.raises(subprocess.CalledProcessError):
+        ssh_keygen(*verify, message="c")
