@@ -306,6 +306,7 @@ class Relay:
                 event_writer=self.event_writer,
                 snapshot=self.fleet.state,
                 report=self.observer.connection,
+                traffic=self.traffic,
             )
         )
         self._route_api = RouteApi(self.access, self.routes)

@@ -302,6 +302,15 @@ class RobotSocket(ClientWebSocketResponse[Literal[False]]):
         self._transport: asyncio.Transport = writer.transport
         self._transport.set_write_buffer_limits(high=SEND_BUFFER_BYTES)
         self._turn = 0
+        # Bytes of messages that were handed over.
+        self.sent_bytes = 0
+
+    async def send_frame(
+        self, message: bytes, opcode: WSMsgType, compress: int | None = None
+    ) -> None:
+        """Send a message, and count it."""
+        self.sent_bytes += len(message)
+        await super().send_frame(message, opcode, compress)
 
     async def next_message(
         self, on_control: Callable[[WSMsgType, bytes], None] = lambda _kind, _payload: None

@@ -17,7 +17,7 @@ from aiohttp import WSMsgType
 from robotether_common.guard import STAMP
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.channels.rosbridge.bridge import LINK_GRACE_S, RobotEnd
+from robotether_server.relay.channels.rosbridge.bridge import LINK_GRACE_S, RobotEnd, Traffic
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps, DrivePath
 from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageRefusedError,
@@ -44,8 +44,9 @@ MAX_ANSWER_BYTES = 4096
 class RouteDriver(OperatorConnection):
     """Implements `handler.DriverEnd`."""
 
-    def __init__(self, robot: RelayRobot) -> None:
+    def __init__(self, robot: RelayRobot, traffic: Traffic) -> None:
         super().__init__(robot.name)
+        self._traffic = traffic
         policy = robot.settings.policy
         self._validator = MessageValidator(
             policy.of("manage"), robot.settings.guard.drive_topics, policy.limits
@@ -54,7 +55,7 @@ class RouteDriver(OperatorConnection):
         self._sources: dict[int, RouteSource] = {}
         self._due = asyncio.Event()
         self._drive: DrivePath | None = None
-        self._bytes_to_robot = 0
+        self._robot: RobotSocket | None = None
         # Topics that no route has any more.
         self._given_up: set[str] = set()
         self.refused: Counter[str] = Counter()
@@ -64,7 +65,7 @@ class RouteDriver(OperatorConnection):
     @property
     def bytes_passed(self) -> int:
         """How many bytes of messages went to the robot."""
-        return self._bytes_to_robot
+        return 0 if self._robot is None else self._robot.sent_bytes
 
     def wake(self) -> None:
         """A source has a message."""
@@ -100,11 +101,10 @@ class RouteDriver(OperatorConnection):
     async def _work(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
         robot_end = await connect()
         robot, lease = robot_end.socket, robot_end.lease
+        self._robot = robot
         if lease is None:
             raise TypeError("a route drives with a lease")
-        drive = self._drive = DrivePath(
-            lease, robot, CommandTimestamps(time.monotonic()), self._count_command
-        )
+        drive = self._drive = DrivePath(lease, robot, CommandTimestamps(time.monotonic()))
         self.is_connected = True
         try:
             with robot_end.counted:
@@ -204,7 +204,7 @@ class RouteDriver(OperatorConnection):
         await self._send_checked(robot, self._validator.check(write_json(fields)))
 
     async def _send_checked(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
-        self._count_to_robot(len(checked.data))
+        self._traffic.count_to_robot(len(checked.data))
         await robot.send_frame(checked.data, WSMsgType.TEXT)
 
     async def _read(self, robot: RobotSocket) -> CloseReason:
@@ -234,12 +234,6 @@ class RouteDriver(OperatorConnection):
         # A lost link, lease or stop ends the connection itself meanwhile, which says more.
         await asyncio.sleep(LINK_GRACE_S)
         return close_reasons.rosbridge_down(self.name, why)
-
-    def _count_command(self, size: int, _age_s: float) -> None:
-        self._count_to_robot(size)
-
-    def _count_to_robot(self, size: int) -> None:
-        self._bytes_to_robot += size
 
     def _topics(self) -> set[str]:
         return {source.route.target_topic for source in self._sources.values()}

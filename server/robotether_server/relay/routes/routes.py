@@ -21,6 +21,7 @@ from robotether_server.problems import RobotetherError
 from robotether_server.relay.auth.access import HandlerContext
 from robotether_server.relay.auth.principal import Principal
 from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport, OperatorSession
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.control.control import Control
@@ -55,6 +56,7 @@ class RouteContext:
     event_writer: EventWriter
     snapshot: Callable[[], Snapshot]
     report: Callable[[ConnectionReport], None]
+    traffic: Traffic
 
 
 @dataclass(eq=False)
@@ -161,7 +163,7 @@ class RouteRunner:
         running = self._running.setdefault(key, RunningRoutes(robot))
         loop = asyncio.get_running_loop()
         if running.task is None and loop.time() >= running.retry_at:
-            running.robot, running.driver = robot, RouteDriver(robot)
+            running.robot, running.driver = robot, RouteDriver(robot, self._context.traffic)
             principal = Principal(key[0], routes[0].user_name)
             running.task = loop.create_task(
                 self._drive(running, principal), name=f"routes to {robot.name}"
@@ -223,6 +225,7 @@ class RouteRunner:
                 context.control,
                 context.dialer,
                 context.report,
+                context.traffic,
                 None,
             ).run()
 

@@ -172,6 +172,7 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     [sent, late] = [each for each in messages if each.topic == "/robotether/commands"]
     assert all(text in sent.data for text in (b"sent\0", b"ann\0", b"/camera\0"))
     assert b"too_old\0" in late.data
+    assert sum(relay.relay.traffic.command_ages.counts) == 1
     with AnyReader([file_of(settings)]) as bag:
         names = {each.topic: each.msgtype for each in bag.connections}
         assert names["/speed"] == "demo/msg/Speed"

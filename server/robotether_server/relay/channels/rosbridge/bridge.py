@@ -82,6 +82,11 @@ class Traffic:
     # Observers that take a large message now: its bytes, and since when. The slowest is the first.
     taking: dict[OperatorConnection, tuple[int, float]] = field(default_factory=dict)
 
+    def count_to_robot(self, size: int) -> None:
+        """Count a message that went to a robot."""
+        self.messages_to_robot += 1
+        self.bytes_to_robot += size
+
     @contextmanager
     def taken(self, observer: OperatorConnection, size: int) -> Iterator[None]:
         """Count a large message that an observer is sent; the slowest go when all have too much to take."""
@@ -137,14 +142,13 @@ class Bridge(OperatorConnection):
         self._ahead_bytes = 0
         # The validator does not see these.
         self._pings = Excess(self._received_s, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
-        self._bytes_to_robot = 0
         # By kind, for the records.
         self.refused: Counter[str] = Counter()
 
     @property
     def bytes_passed(self) -> int:
         """How many bytes of messages went either way."""
-        return self._bytes_to_robot + self._bytes_to_client
+        return self._to_robot()[0] + self._bytes_to_client
 
     async def run(self, connect: Callable[[], Awaitable[RobotEnd]]) -> CloseReason:
         """Reach the robot and pass messages; return why that ended. `farewell` comes next."""
@@ -192,7 +196,7 @@ class Bridge(OperatorConnection):
             self._send_released(robot),
         ]
         if robot_end.lease is not None:
-            self._drive = DrivePath(robot_end.lease, robot, self._timestamps, self._count_command)
+            self._drive = DrivePath(robot_end.lease, robot, self._timestamps)
             parts.append(self._send_commands(self._drive))
         with robot_end.counted:
             return await self._run_together(*parts)
@@ -276,9 +280,7 @@ class Bridge(OperatorConnection):
     def _on_pong(self, payload: bytes) -> None:
         sent_at = self._timestamps.pong(payload)
         if sent_at is not None and self._drive is not None:
-            round_trip_s = time.monotonic() - sent_at
-            self._traffic.round_trips.add(round_trip_s)
-            self._drive.log.round_trip(round_trip_s * 1000)
+            self._drive.log.round_trip((time.monotonic() - sent_at) * 1000)
 
     async def _pass_on(self, robot: RobotSocket, data: bytes) -> None:
         try:
@@ -314,7 +316,7 @@ class Bridge(OperatorConnection):
             await self._send_to_client(answer, WSMsgType.TEXT)
 
     async def _send_as_it_is(self, robot: RobotSocket, data: bytes) -> None:
-        self._count_to_robot(len(data))
+        self._traffic.count_to_robot(len(data))
         await robot.send_frame(data, WSMsgType.TEXT)
 
     async def _send_released(self, robot: RobotSocket) -> CloseReason:
@@ -365,18 +367,9 @@ class Bridge(OperatorConnection):
         except ConnectionError as exc:
             raise ConnectionClosedError(close_reasons.client_vanished(self.name)) from exc
 
-    def _count_command(self, size: int, age_s: float) -> None:
-        self._traffic.command_ages.add(age_s)
-        self._count_to_robot(size)
-
-    def _count_to_robot(self, size: int) -> None:
-        self._traffic.messages_to_robot += 1
-        self._traffic.bytes_to_robot += size
-        self._bytes_to_robot += size
-
     def _to_robot(self) -> tuple[int, int]:
-        waiting = 0 if self._robot is None else self._robot.waiting_bytes()
-        return self._bytes_to_robot, waiting
+        robot = self._robot
+        return (0, 0) if robot is None else (robot.sent_bytes, robot.waiting_bytes())
 
     def _robot_slow(self, limit_s: float) -> CloseReason:
         return close_reasons.rosbridge_down(self.name, f"it took nothing for {limit_s:g} s")

@@ -118,8 +118,13 @@ class CommandTimestamps:
         return None if stamp_ms / 1000 > now + AHEAD_S else min(stamp_ms / 1000, now)
 
 
-def record_nothing(_command: DriveCommand, _age_s: float | None, _outcome: Outcome) -> None:
-    """Record no command: nobody does."""
+class CommandReport(NamedTuple):
+    """What became of a command; `age_s` None: nobody knows; `size` in bytes as it was sent, 0: it was not."""
+
+    command: DriveCommand
+    age_s: float | None
+    outcome: Outcome
+    size: int = 0
 
 
 @dataclass(frozen=True)
@@ -127,7 +132,7 @@ class DriveLease:
     """A driver's lease, and what its commands need; `clock` None: nobody on the robot reads stamps.
 
     `robots_frame` gives a frame that the driver names under the robot's own number, unknown if it was not sent to them.
-    `record` is told what became of each command, and how old it was in seconds; None: nobody knows.
+    `on_report` is told what became of each command.
     """
 
     fence: int
@@ -136,24 +141,19 @@ class DriveLease:
     log: DriveLog
     on_command: Callable[[], None]
     robots_frame: Callable[[NamedFrame], NamedFrame] = lambda named: NamedFrame(named.camera, None)
-    record: Callable[[DriveCommand, float | None, Outcome], None] = record_nothing
+    on_report: Callable[[CommandReport], None] = lambda _: None
 
 
 class DrivePath:
     """Sends a driver's commands."""
 
     def __init__(
-        self,
-        lease: DriveLease,
-        robot: RobotSocket,
-        timestamps: CommandTimestamps,
-        sent: Callable[[int, float], None],
+        self, lease: DriveLease, robot: RobotSocket, timestamps: CommandTimestamps
     ) -> None:
         self.log = lease.log
         self._lease = lease
         self._robot = robot
         self._timestamps = timestamps
-        self._sent = sent
         # By topic, in the order in which they came: the command and its timestamp.
         self._waiting: dict[str, tuple[DriveCommand, float]] = {}
         self._wake = asyncio.Event()
@@ -164,12 +164,12 @@ class DrivePath:
         now = time.monotonic()
         timestamp = self._timestamps.of(command.stamp.t_ms, now)
         if timestamp is None:
-            self._lease.record(command, None, "ahead")
+            self._lease.on_report(CommandReport(command, None, "ahead"))
             return self._refuse(
                 command, "its timestamp lies ahead, by the clock of robotether.clock_sync", now
             )
         if self._is_too_old(command, timestamp, now):
-            self._lease.record(command, now - timestamp, "too_old")
+            self._lease.on_report(CommandReport(command, now - timestamp, "too_old"))
             age_ms, limit_ms = (now - timestamp) * 1000, self._lease.max_age_s * 1000
             why = f"the command is {age_ms:.0f} ms old, over {limit_ms:g} ms"
             return self._refuse(command, why, now)
@@ -224,13 +224,12 @@ class DrivePath:
                 return
             data = stamped(command, t_ms, lease.fence, self._robots_frames(command))
         self.log.command(now, command.speed_m_s, command.turn_rad_s)
-        self._sent(len(data), now - timestamp)
         await self._robot.send_frame(data, WSMsgType.TEXT)
-        lease.record(command, now - timestamp, "sent")
+        lease.on_report(CommandReport(command, now - timestamp, "sent", len(data)))
 
     def _drop(self, command: DriveCommand, timestamp: float, outcome: Outcome) -> None:
         self.log.dropped()
-        self._lease.record(command, time.monotonic() - timestamp, outcome)
+        self._lease.on_report(CommandReport(command, time.monotonic() - timestamp, outcome))
 
     def _robots_frames(self, command: DriveCommand) -> list[NamedFrame] | None:
         seen = command.stamp.seen

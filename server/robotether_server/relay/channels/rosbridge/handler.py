@@ -27,7 +27,7 @@ from robotether_server.relay.channels.rosbridge.bridge import (
     Traffic,
 )
 from robotether_server.relay.channels.rosbridge.drive_path import (
-    DriveCommand,
+    CommandReport,
     DriveCounters,
     DriveLease,
     DriveLog,
@@ -49,7 +49,7 @@ from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import Driver
-from robotether_server.relay.robots.recorders import Outcome, Recorders
+from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot import SeenReport
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.times import utc_now
@@ -134,6 +134,7 @@ class RosbridgeHandler:
                     self._control,
                     self._dialer,
                     self._report,
+                    self._rules.traffic,
                     address,
                 ).run()
             await bridge.farewell(close_reason)
@@ -206,6 +207,7 @@ class OperatorSession:
     control: Control
     dialer: RobotDialer
     report: Callable[[ConnectionReport], None]
+    traffic: Traffic
     address: str | None
     drive: DriveLog | None = None
 
@@ -276,16 +278,19 @@ class OperatorSession:
             clock=link.clock if link is not None and guarded else None,
             log=self.drive,
             on_command=lambda: driver.on_command(now()),
-            record=partial(self._record_command, driver.fence),
+            on_report=partial(self._on_command, driver.fence),
             robots_frame=partial(
                 self.context.registry.ensure_robot(robot.id).delivered_frames.robots,
                 self.connection.user_id,
             ),
         )
 
-    def _record_command(
-        self, fence: int, command: DriveCommand, age_s: float | None, outcome: Outcome
-    ) -> None:
+    def _on_command(self, fence: int, report: CommandReport) -> None:
+        command, age_s = report.command, report.age_s
+        if report.outcome == "sent" and age_s is not None:
+            self.traffic.command_ages.add(age_s)
+            self.traffic.count_to_robot(report.size)
+
         def members() -> Mapping[str, object]:
             seen = command.stamp.seen or ()
             return {
@@ -293,7 +298,7 @@ class OperatorSession:
                 "person": self.connection.user,
                 "fence": fence,
                 "age_ms": None if age_s is None else age_s * 1000,
-                "outcome": outcome,
+                "outcome": report.outcome,
                 "speed_m_s": command.speed_m_s,
                 "turn_rad_s": command.turn_rad_s,
                 "message": write_json(command.message.get("msg", {})).decode(),
@@ -303,7 +308,8 @@ class OperatorSession:
 
         self._recorders.send("commands", members)
 
-    def _record_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
+    def _on_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
+        self.traffic.round_trips.add(driver_ms / 1000)
         person = self.connection.user
         self._recorders.send(
             "round_trips",
@@ -321,7 +327,7 @@ class OperatorSession:
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: robot.presence.rtt_ms,
             viewer_counts=partial(robot.viewer_stats.of, user_id),
-            on_round_trip=self._record_round_trip,
+            on_round_trip=self._on_round_trip,
             position=robot.position_now,
         )
 

@@ -135,7 +135,7 @@ def command(speed, topic="/cmd_vel"):
 
 
 @pytest.fixture
-def sizes():
+def reports():
     return []
 
 
@@ -160,25 +160,31 @@ def max_age_s():
 
 
 @pytest_asyncio.fixture
-async def path(socket, log, sizes, max_age_s):
-    lease = DriveLease(fence=1, max_age_s=max_age_s, clock=None, log=log, on_command=lambda: None)
-    timestamps = CommandTimestamps(time.monotonic())
-    path = DrivePath(lease, socket, timestamps, lambda size, _age_s: sizes.append(size))
+async def path(socket, log, reports, max_age_s):
+    lease = DriveLease(
+        fence=1,
+        max_age_s=max_age_s,
+        clock=None,
+        log=log,
+        on_command=lambda: None,
+        on_report=reports.append,
+    )
+    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()))
     running = asyncio.create_task(path.run())
     yield path
     running.cancel()
     await asyncio.gather(running, return_exceptions=True)
 
 
-async def test_only_the_newest_command_of_a_topic_waits(path, socket, log, sizes):
+async def test_only_the_newest_command_of_a_topic_waits(path, socket, log, reports):
     for speed in (0.1, 0.2, 0.3):
         await path.submit(command(speed))
     await path.submit(command(1.0, "/arm/cmd_vel"))
     # What waits was not sent: the watch must see that the robot takes nothing.
-    assert sizes == []
+    assert [report.outcome for report in reports] == ["replaced", "replaced"]
     socket.full = False
     await until(lambda: len(socket.sent) == 2, "the newest of both went")
-    assert sizes == [len(data) for data in socket.sent]
+    assert [report.size for report in reports[2:]] == [len(data) for data in socket.sent]
     assert [json.loads(data)["msg"]["linear"]["x"] for data in socket.sent] == [0.3, 1.0]
     assert log.entry.dropped_old == 2
 
