@@ -36,7 +36,7 @@ from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 from robotether_server.tickets import Mode
 
 # The worst of the paper's networks.

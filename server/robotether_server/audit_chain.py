@@ -14,6 +14,7 @@ from msgspec import Struct
 from robotether_common.audit_head import NAMESPACE, statement
 
 from robotether_server import signatures
+from robotether_server.signatures import SigningKey
 
 # Purpose of the server's key, which relays derive from the session key.
 SERVER_KEY_PURPOSE = "robotether audit heads"
@@ -91,6 +92,11 @@ class ChainReport:
     def name(self) -> str:
         """What people call the chain."""
         return self.chain or "lines without a robot"
+
+
+def server_key(secret: str) -> SigningKey:
+    """Return the server's key for heads, which all its relays derive from one secret."""
+    return SigningKey(secret, SERVER_KEY_PURPOSE)
 
 
 def start_hash(chain: str) -> str:

@@ -1,4 +1,4 @@
-"""Signs with Ed25519, and verifies with any key of a robot, in the format of `ssh-keygen -Y` (OpenSSH's PROTOCOL.sshsig).
+"""Signs with Ed25519, and verifies with any key of a robot, as `ssh-keygen -Y` does (OpenSSH's PROTOCOL.sshsig).
 
 Used for joins, new keys and the heads of the audit log's chains. Pure.
 """
@@ -86,9 +86,12 @@ def is_signed(public_key: str, namespace: str, message: str, signature: str) -> 
 
 
 def _verify(public_key: str, outer: bytes, data: bytes) -> None:
-    """Raise InvalidSignature, UnsupportedAlgorithm, ValueError or struct.error when the data is not signed with the key."""
+    """Raise InvalidSignature, UnsupportedAlgorithm, ValueError or struct.error when the key has not signed the data."""
     kind, raw = split_fields(outer)
-    key, key_type = load_ssh_public_key(public_key.encode()), public_key.split()[0].encode()
+    key, key_type = (
+        load_ssh_public_key(public_key.encode()),
+        public_key.split(maxsplit=1)[0].encode(),
+    )
     if isinstance(key, Ed25519PublicKey) and kind == key_type == KEY_TYPE:
         key.verify(raw, data)
     elif isinstance(key, EllipticCurvePublicKey) and kind == key_type and kind in CURVE_HASHES:

@@ -104,7 +104,7 @@ def export(robot: str | None) -> None:
 def key() -> None:
     """Print the fingerprint of the server's key, which signs heads; run it where the relay runs."""
     secret = load(SessionKeySettings, os.environ).session_key
-    signing_key = signatures.SigningKey(secret, audit_chain.SERVER_KEY_PURPOSE)
+    signing_key = audit_chain.server_key(secret)
     click.echo(signatures.fingerprint(signing_key.public_key))
 
 

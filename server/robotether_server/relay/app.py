@@ -10,7 +10,6 @@ import logging
 import re
 import time
 from collections.abc import Awaitable, Callable, Collection, Iterable
-from dataclasses import dataclass
 from typing import Protocol
 
 from aiohttp import web
@@ -52,17 +51,6 @@ CORS_PATHS = re.compile(
 CORS_METHODS = "GET, HEAD, POST"
 CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_KEPT_S = 600
-
-
-@dataclass(frozen=True)
-class Listen:
-    """Where the relay listens; tests give port 0."""
-
-    host: str = "0.0.0.0"  # noqa: S104  # compose publishes none of these ports
-    http_port: int = 8080
-    session_port: int = 8091
-    peer_port: int = 8092
-    inside_port: int = 9100
 
 
 class Routes(Protocol):
@@ -203,18 +191,31 @@ def inside_app(
     return app
 
 
-async def serve(app: web.Application, host: str, port: int, *, backlog: int) -> web.AppRunner:
-    """Listen; port 0 is any that is free, and `addresses` has it."""
-    runner = web.AppRunner(
-        app,
-        access_log=None,
-        logger=server_log,
-        handler_cancellation=True,
-        shutdown_timeout=HANDLERS_STOP_WITHIN_S,
-    )
-    await runner.setup()
-    await web.TCPSite(runner, host, port, backlog=backlog).start()
-    return runner
+class Servers:
+    """The HTTP servers of a relay, one for each application."""
+
+    def __init__(self, host: str, backlog: int) -> None:
+        self._host = host
+        self._backlog = backlog
+        self._runners: list[web.AppRunner] = []
+
+    async def serve(self, app: web.Application, port: int) -> int:
+        """Listen; port 0 is any that is free. Return the port."""
+        runner = web.AppRunner(
+            app,
+            access_log=None,
+            logger=server_log,
+            handler_cancellation=True,
+            shutdown_timeout=HANDLERS_STOP_WITHIN_S,
+        )
+        await runner.setup()
+        self._runners.append(runner)
+        await web.TCPSite(runner, self._host, port, backlog=self._backlog).start()
+        return int(runner.addresses[0][1])
+
+    async def close(self) -> None:
+        """Listen no more, and end what is open."""
+        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
 
 
 def problem_answer(problem: RobotetherError) -> web.Response:

@@ -5,27 +5,22 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import resource
 import signal
 import sys
 
 import uvloop
 
 from robotether_server import logs
-from robotether_server.db import Database
 from robotether_server.problems import SettingsError
-from robotether_server.relay.app import Listen
 from robotether_server.relay.cells.keys import read_peer_keys
-from robotether_server.relay.http.event_loop import EventLoop, watched
-from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.http.event_loop import EventLoop, raise_open_files, watched
+from robotether_server.relay.options import Listen
+from robotether_server.relay.records.database import open_database
 from robotether_server.relay.records.journal import JOURNAL, Journal
 from robotether_server.relay.wiring import Relay
 from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)
-
-# Number of idle connections to the database; its accounts have few for all cells.
-KEPT_CONNECTIONS = 2
 
 
 def main() -> None:
@@ -42,12 +37,6 @@ def main() -> None:
     os._exit(0)
 
 
-def raise_open_files() -> None:
-    """Allow this process as many as it may have: Docker 29 begins with 1024, and a fleet has more connections."""
-    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-
-
 async def run(settings: RelaySettings, listen: Listen, journal: Journal | None = None) -> None:
     """Run a relay until the process is asked to stop."""
     stopped = asyncio.Event()
@@ -55,7 +44,7 @@ async def run(settings: RelaySettings, listen: Listen, journal: Journal | None =
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
     relay = Relay(
         settings,
-        RelayDatabase(Database(settings.database, keep=KEPT_CONNECTIONS), settings.cell.name),
+        open_database(settings),
         listen=listen,
         peer_keys=read_peer_keys(),
         journal=journal,

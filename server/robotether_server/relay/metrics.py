@@ -15,6 +15,7 @@ from copy import copy
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
+from typing import Protocol
 
 from prometheus_client import (
     CollectorRegistry,
@@ -35,16 +36,44 @@ from prometheus_client.registry import Collector
 from robotether_server import __version__
 from robotether_server.backups import age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
+from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.channels.events import FleetEvents
+from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.video.feeds import FeedTraffic
+from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
+from robotether_server.relay.channels.video.feeds import Feeds, FeedTraffic
+from robotether_server.relay.control.control import Control
 from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
+from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.records.fleet import Fleet
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.session_server import SessionServer
+from robotether_server.relay.routes.routes import RouteRunner
 from robotether_server.times import BOUNDS_S
 
 # Maximum number of samples that are written at once, in some 3 ms.
 SAMPLES_IN_PART = 500
+
+
+class CountedParts(Protocol):
+    """The parts of a relay whose numbers are read when somebody asks."""
+
+    connections: Connections
+    control: Control
+    database: RelayDatabase
+    event_writer: EventWriter
+    feeds: Feeds
+    fleet: Fleet
+    fleet_events: FleetEvents
+    peers: Peers
+    recorder_handler: RecorderHandler
+    registry: SessionRegistry
+    routes: RouteRunner
+    sessions: SessionServer
+    shared_topics: SharedTopics
 
 
 class Metrics:
@@ -86,10 +115,33 @@ class Metrics:
             "health",
         )
 
-    def gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
-        """Add a gauge that is read when somebody asks."""
-        gauge = Gauge(f"robotether_relay_{name}", meaning, registry=self._registry)
-        gauge.set_function(read)
+    def collect_parts(self, parts: CountedParts) -> None:
+        """Add what the relay's parts know of themselves."""
+        gauge, connections, registry = self._gauge, parts.connections, parts.registry
+        fleet, event_writer = parts.fleet, parts.event_writer
+        gauge("robots_online", "Robots with a session", registry.online_count)
+        gauge("media_links", "Robots' media connections", lambda: registry.count("media"))
+        gauge("shell_links", "Robots' shell connections", lambda: registry.count("shell"))
+        gauge("leases", "Robots that somebody drives", parts.control.leasing.count)
+        gauge("robots_stopped", "Robots that are stopped", parts.control.stops.count)
+        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
+        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
+        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("video_feeds", "Cameras that are watched", parts.feeds.count)
+        gauge("topics", "Topics that robots send", parts.shared_topics.count)
+        gauge("cells_connected", "Other cells that are connected", parts.peers.count)
+        gauge("robots_elsewhere", "Robots of other cells", parts.peers.robot_count)
+        gauge("routes", "Routes between robots that run", parts.routes.count)
+        gauge("event_clients", "Clients of the live fleet", parts.fleet_events.subscriber_count)
+        gauge("recorders", "Recorders that are connected", parts.recorder_handler.count)
+        gauge("store_up", "1 when the database answers", lambda: fleet.store_up)
+        gauge("event_writer_waiting", "Entries not yet written", event_writer.waiting)
+        gauge("event_writer_dropped", "Entries given up", lambda: event_writer.dropped)
+        self.collect_feeds(parts.feeds.traffic)
+        self.collect_robots(fleet.state, registry)
+        self.collect_help_requests(fleet.known_help_requests)
+        self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
+        self._registry.register(_Collector(partial(_read_database, parts.database)))
 
     def collect_feeds(self, traffic: FeedTraffic) -> None:
         """Add what feeds count."""
@@ -114,15 +166,6 @@ class Metrics:
     def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
         """Add what each robot reports to this cell: a bounded number of series for each."""
         self._write_robots = lambda: write_robots(snapshot(), registry)
-
-    def collect_logins(self, read: Callable[[], Mapping[str, int]]) -> None:
-        """Add how many SSH connections of robots were accepted, by their kind."""
-        meaning = "Robots' SSH connections that were accepted, by kind"
-        self._registry.register(_Collector(lambda: [_family("logins", meaning, "kind", read())]))
-
-    def collect_database(self, database: RelayDatabase) -> None:
-        """Add how the database is."""
-        self._registry.register(_Collector(partial(_read_database, database)))
 
     def collect_disk(self, folder: Path) -> None:
         """Add how full the file system of the folder is."""
@@ -151,6 +194,10 @@ class Metrics:
     def render(self) -> bytes:
         """Write all numbers at once."""
         return b"".join(self.parts())
+
+    def _gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
+        gauge = Gauge(f"robotether_relay_{name}", meaning, registry=self._registry)
+        gauge.set_function(read)
 
     def _counter(self, name: str, meaning: str, *labels: str) -> Counter:
         return Counter(f"robotether_relay_{name}", meaning, labels, registry=self._registry)
@@ -184,6 +231,10 @@ def _family(
     for kind, count in counts.items():
         family.add_metric([kind], count)
     return family
+
+
+def _logins(counts: Mapping[str, int]) -> CounterMetricFamily:
+    return _family("logins", "Robots' SSH connections that were accepted, by kind", "kind", counts)
 
 
 def _read_bridges(traffic: Traffic) -> Iterator[Metric]:

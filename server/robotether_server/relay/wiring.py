@@ -7,15 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from dataclasses import dataclass, field
 from secrets import token_hex
 
 from aiohttp import web
 
-from robotether_server.audit_chain import SERVER_KEY_PURPOSE
+from robotether_server.audit_chain import server_key
 from robotether_server.backups import RECORD
 from robotether_server.db.fleet import FormerSessions
-from robotether_server.relay.app import Cors, Listen, inside_app, peer_app, public_app, serve
+from robotether_server.relay.app import Cors, Servers, inside_app, peer_app, public_app
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
@@ -23,13 +22,13 @@ from robotether_server.relay.cells.cell_client import CellClient, CellTopicDiale
 from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.dialer import PeerDialer
-from robotether_server.relay.cells.drain import CellDrain, DrainRules
+from robotether_server.relay.cells.drain import CellDrain
 from robotether_server.relay.cells.feed import PeerFeedHandler
 from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.cells.rebalancing import BalanceRules, Rebalancing
+from robotether_server.relay.cells.rebalancing import Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.kinds import make_channels
@@ -45,11 +44,11 @@ from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi, OtherCells
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.event_loop import start_task
+from robotether_server.relay.http.event_loop import end_tasks, start_task
 from robotether_server.relay.http.sockets import robot_client
-from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
+from robotether_server.relay.options import Listen, Timing
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
@@ -57,32 +56,15 @@ from robotether_server.relay.records.journal import JOURNAL, Journal
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
-from robotether_server.signatures import SigningKey
 from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Times that tests shorten."""
-
-    limits: LivenessLimits = field(default_factory=LivenessLimits)
-    driver_limits: LivenessLimits = DRIVER_LIMITS
-    heartbeat_s: float = 0.5
-    idle_heartbeat_s: float = 2.0
-    timeout_s: float = 5.0
-    poll_every_s: float = 1.0
-    drives_every_s: float = 10.0
-    drain: DrainRules = field(default_factory=DrainRules)
-    balance: BalanceRules = field(default_factory=BalanceRules)
 
 
 class Relay:
@@ -99,11 +81,11 @@ class Relay:
         journal: Journal | None = None,
     ) -> None:
         self._settings = settings
-        self._database = database
+        self.database = database
         self._listen = listen or Listen()
         self._timing = timing or Timing()
         self._tasks: list[asyncio.Task[None]] = []
-        self._runners: list[web.AppRunner] = []
+        self._servers = Servers(self._listen.host, BACKLOG)
         self.http_port = self.session_port = self.peer_port = self.inside_port = 0
 
         # Published ports, as in the paper, are there for whoever connects to them.
@@ -117,7 +99,10 @@ class Relay:
         self._make_channels(peer_keys)
         self._make_apps(peer_keys)
         self._notify()
-        self._add_gauges()
+        self.metrics.collect_parts(self)
+        self.metrics.collect_build(settings.cell.name)
+        self.metrics.collect_backups(RECORD)
+        self.metrics.collect_disk(JOURNAL.parent)
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
@@ -137,15 +122,14 @@ class Relay:
             start_task("drives", self.observer.run(self._timing.drives_every_s)),
             start_task("stops", self.stored_control.run()),
             start_task("routes", self.routes.run()),
-            start_task("connections", self._database.count_connections()),
+            start_task("connections", self.database.count_connections()),
         ]
-        listen = self._listen
-        self.inside_port = await self._serve(self._inside, listen.inside_port)
-        self.http_port = await self._serve(self._public, listen.http_port)
+        listen, serve = self._listen, self._servers.serve
+        self.inside_port = await serve(self._inside, listen.inside_port)
+        self.http_port = await serve(self._public, listen.http_port)
         if self._peer_app is not None:
-            self.peer_port = await self._serve(self._peer_app, listen.peer_port)
-        if self.peer_dialer is not None:
-            self.peer_dialer.start()
+            self.peer_port = await serve(self._peer_app, listen.peer_port)
+        self.peer_dialer.start()
         await self.sessions.start(listen.host, listen.session_port)
         self.session_port = self.sessions.port
         log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
@@ -156,32 +140,29 @@ class Relay:
         await self.routes.close()
         self.fleet_events.end_subscriptions()
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
-        await asyncio.gather(*(runner.cleanup() for runner in self._runners))
+        await self._servers.close()
         await asyncio.gather(self.feeds.close(), self.shared_topics.close())
         await self.sessions.stop()
-        if self.peer_dialer is not None:
-            await self.peer_dialer.stop()
+        await self.peer_dialer.stop()
         self.registry.close()
         await self.event_writer.flush()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await end_tasks(self._tasks)
         self.event_writer.close()
         await self._client.close()
-        self._database.close()
+        self.database.close()
 
     def _make_control(self) -> None:
         """Make the cells, who drives, and who follows both."""
         timing, registry = self._timing, self.registry
         self.cells = Cells(
             self._settings.cell,
-            self._database,
+            self.database,
             registry.online_count,
             region_of=self.fleet.region_of,
             poll_every_s=timing.poll_every_s,
         )
         self.control = Control(
-            database=self._database,
+            database=self.database,
             event_writer=self.event_writer,
             registry=registry,
             snapshot=self.fleet.state,
@@ -189,7 +170,7 @@ class Relay:
         )
         self.peers = Peers(registry, self.control.stops, self.cells)
         self.stored_control = StoredControlReader(
-            self._database, self.control, self.cells, self.peers, timing.poll_every_s
+            self.database, self.control, self.cells, self.peers, timing.poll_every_s
         )
         self.fleet_events = FleetEvents(
             self.fleet.state, registry, self.connections, self.control, self.peers.described
@@ -207,12 +188,8 @@ class Relay:
         self.observer = RelayObserver(
             self.event_writer, self.metrics, self.registry, self.fleet.state
         )
-        self.head_signer = HeadSigner(
-            self._database,
-            self.registry,
-            self.fleet.state,
-            SigningKey(settings.session_key, SERVER_KEY_PURPOSE),
-        )
+        key = server_key(settings.session_key)
+        self.head_signer = HeadSigner(self.database, self.registry, self.fleet.state, key)
         self.sessions = SessionServer(
             registry=self.registry,
             snapshot=self.fleet.snapshot,
@@ -295,13 +272,12 @@ class Relay:
         )
 
     def _make_routes(self, context: VideoContext, limit_bytes: int) -> None:
-        dialer = RobotDialer(context.client, context.tunnel_host, context.registry, limit_bytes)
         self.routes = RouteRunner(
             RouteContext(
                 handlers=context,
                 control=self.control,
                 shared_topics=self.shared_topics,
-                dialer=dialer,
+                dialer=context.dialer(limit_bytes),
                 peers=self.peers,
                 event_writer=self.event_writer,
                 snapshot=self.fleet.state,
@@ -322,7 +298,8 @@ class Relay:
             self.metrics, self.fleet, self.peers.addresses, self.recorder_handler
         )
         self._peer_app: web.Application | None = None
-        self.peer_dialer: PeerDialer | None = None
+        is_reachable = self._settings.cell.peer_address is not None
+        self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys if is_reachable else None)
         if peer_keys is not None:
             self._peer_app = peer_app(
                 public_app(self.metrics, cors, parts, log_format=log_format),
@@ -330,8 +307,6 @@ class Relay:
                 self.peer_feeds,
                 self._peer_topics,
             )
-            if self._settings.cell.peer_address is not None:
-                self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
 
     def _notify(self) -> None:
         """Say who is notified of what, in which order."""
@@ -365,37 +340,3 @@ class Relay:
         self.peers.listen(self.forwarded_observers.on_peer_robot)
         self.cells.listen(self.sessions.on_cells)
         self.fleet.listen_to_help_requests(self.control.on_help_requests)
-
-    def _add_gauges(self) -> None:
-        gauge, connections = self.metrics.gauge, self.connections
-        gauge("robots_online", "Robots with a session", self.registry.online_count)
-        gauge("media_links", "Robots' media connections", lambda: self.registry.count("media"))
-        gauge("shell_links", "Robots' shell connections", lambda: self.registry.count("shell"))
-        gauge("leases", "Robots that somebody drives", self.control.leasing.count)
-        gauge("robots_stopped", "Robots that are stopped", self.control.stops.count)
-        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
-        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
-        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
-        gauge("video_feeds", "Cameras that are watched", self.feeds.count)
-        gauge("topics", "Topics that robots send", self.shared_topics.count)
-        gauge("cells_connected", "Other cells that are connected", self.peers.count)
-        gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
-        gauge("routes", "Routes between robots that run", self.routes.count)
-        gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
-        gauge("recorders", "Recorders that are connected", self.recorder_handler.count)
-        gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
-        gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
-        gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
-        self.metrics.collect_feeds(self.feeds.traffic)
-        self.metrics.collect_robots(self.fleet.state, self.registry)
-        self.metrics.collect_build(self._settings.cell.name)
-        self.metrics.collect_backups(RECORD)
-        self.metrics.collect_logins(lambda: self.sessions.logins)
-        self.metrics.collect_database(self._database)
-        self.metrics.collect_disk(JOURNAL.parent)
-        self.metrics.collect_help_requests(self.fleet.known_help_requests)
-
-    async def _serve(self, app: web.Application, port: int) -> int:
-        runner = await serve(app, self._listen.host, port, backlog=BACKLOG)
-        self._runners.append(runner)
-        return int(runner.addresses[0][1])

@@ -32,13 +32,13 @@ from robotether_server.db.fleet import (
 )
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import StoreUnavailableError
-from robotether_server.relay.app import Listen
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.http.timing import LivenessLimits
+from robotether_server.relay.options import Listen, Timing
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.journal import Journal
-from robotether_server.relay.wiring import Relay, Timing
+from robotether_server.relay.wiring import Relay
 from robotether_server.schemas import Level
 from robotether_server.settings.server import (
     CellSettings,

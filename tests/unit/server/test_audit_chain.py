@@ -11,7 +11,7 @@ from robotether_server.audit_chain import ChainEnd, ChainLine, SignedHead
 from robotether_server.signatures import SigningKey, fingerprint
 
 LINES = 12
-SERVER = SigningKey("x" * 32, audit_chain.SERVER_KEY_PURPOSE)
+SERVER = audit_chain.server_key("x" * 32)
 ROBOT = RobotSigner(1)
 
 

@@ -1,4 +1,4 @@
-"""Signatures in OpenSSH's format: `ssh-keygen -Y` reads what the server signs, and the server what robots sign with it."""
+"""Signatures in OpenSSH's format: `ssh-keygen -Y` reads ours, and we read its own."""
 
 import subprocess
 
@@ -27,7 +27,8 @@ def sign(file, namespace, message, *options):
 
 
 @pytest.mark.parametrize(
-    ("kind", "bits"), [("ed25519", 0), ("ecdsa", 256), ("ecdsa", 384), ("ecdsa", 521), ("rsa", 2048)]
+    ("kind", "bits"),
+    [("ed25519", 0), ("ecdsa", 256), ("ecdsa", 384), ("ecdsa", 521), ("rsa", 2048)],
 )
 def test_only_the_keys_own_signature_over_the_message_holds(tmp_path, kind, bits):
     own, foreign = tmp_path / "own", tmp_path / "foreign"
@@ -50,9 +51,7 @@ def test_only_the_keys_own_signature_over_the_message_holds(tmp_path, kind, bits
         assert not is_signed(key, NAMESPACE, MESSAGE, wrong)
 
 
-@pytest.mark.parametrize(
-    "signature", ["", "x", "\N{SNOWMAN}", "-----BEGIN SSH SIGNATURE-----\n\n"]
-)
+@pytest.mark.parametrize("signature", ["", "x", "\N{SNOWMAN}", "-----BEGIN SSH SIGNATURE-----\n\n"])
 def test_damaged_signature_is_none(signature):
     assert not is_signed(SERVER.public_key, "a", "b", signature)
     assert key_of(signature) is None

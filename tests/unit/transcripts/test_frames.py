@@ -24,7 +24,7 @@ from robotether_agent.video import receiver
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 from syrupy.assertion import SnapshotAssertion
 from transcripts import UPGRADE, Transcript
 

@@ -19,7 +19,7 @@ from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from robot_signer import RobotSigner
 from robotether_server.db import Database, users
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 from robotether_server.web.app import make_app
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript

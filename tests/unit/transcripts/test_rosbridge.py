@@ -20,7 +20,7 @@ from relay_clients import closing
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
 from robotether_server.db.fleet import RelayRobot, RelayUser
 from robotether_server.relay.channels.rosbridge import message_validator
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 from robotether_server.settings.robot import Limits
 from syrupy.assertion import SnapshotAssertion
 from timed_websocket import timed_session

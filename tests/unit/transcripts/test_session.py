@@ -23,7 +23,7 @@ from fake_robot import HOST, RobotSession
 from recording_server import RecordingServer, Said, running_agent
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 

@@ -40,6 +40,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots.connection import Connection, Use, permits
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.uplink import ReceivedBytes
 from robotether_server.schemas import Level
 from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
@@ -415,6 +416,10 @@ class HandlerContext:
     connections: Connections
     client: ClientSession
     tunnel_host: str
+
+    def dialer(self, message_limit: int) -> RobotDialer:
+        """Return the way to robots' rosbridge, for messages up to this size in bytes."""
+        return RobotDialer(self.client, self.tunnel_host, self.registry, message_limit)
 
     @contextmanager
     def counted(self, connection: Connection, credential: Credential | None) -> Iterator[None]:

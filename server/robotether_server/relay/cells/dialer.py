@@ -17,6 +17,7 @@ from robotether_server.relay.cells.feed import FLEET_PATH, receive
 from robotether_server.relay.cells.keys import SERVER_NAME, PeerKeys
 from robotether_server.relay.cells.messages import PeerHello, parse
 from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.http.event_loop import end_tasks
 from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
@@ -27,9 +28,9 @@ MAX_RETRY_S = 1.0
 
 
 class PeerDialer:
-    """The connections to all other cells."""
+    """The connections to all other cells; without keys there are none."""
 
-    def __init__(self, cells: Cells, peers: Peers, keys: PeerKeys) -> None:
+    def __init__(self, cells: Cells, peers: Peers, keys: PeerKeys | None) -> None:
         self._cells = cells
         self._peers = peers
         self._keys = keys
@@ -39,6 +40,8 @@ class PeerDialer:
 
     def start(self) -> None:
         """Connect to the cells that are known, and to each that comes."""
+        if self._keys is None:
+            return
         self._client = ClientSession(
             connector=TCPConnector(limit=0, force_close=True, ssl=self._keys.tls)
         )
@@ -49,9 +52,7 @@ class PeerDialer:
         # First, so that a change of the cells meanwhile begins nothing.
         client, self._client = self._client, None
         tasks, self._tasks = [*self._tasks.values()], {}
-        for task in tasks:
-            task.cancel()
-        await asyncio.gather(*tasks, return_exceptions=True)
+        await end_tasks(tasks)
         if client is not None:
             await client.close()
 

@@ -20,7 +20,6 @@ from robotether_server.relay.channels.video.frames_handler import FramesHandler
 from robotether_server.relay.channels.video.handler import VideoHandler
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 
 
 @dataclass(frozen=True)
@@ -57,7 +56,7 @@ def make_channels(
 ) -> Channels:
     """Make a handler of each kind."""
     calls = HttpCalls(context, rules.traffic)
-    dialer = RobotDialer(context.client, context.tunnel_host, context.registry, rules.message_limit)
+    dialer = context.dialer(rules.message_limit)
     return Channels(
         RosbridgeHandler(context, control, rules=rules, report=report),
         FramesHandler(context, rules.limits),

@@ -8,8 +8,9 @@ from __future__ import annotations
 import asyncio
 import faulthandler
 import logging
+import resource
 import socket
-from collections.abc import Awaitable, Coroutine
+from collections.abc import Awaitable, Collection, Coroutine
 from typing import Any
 
 import uvloop
@@ -94,11 +95,24 @@ async def _rearm(max_lateness_s: float) -> None:
         await asyncio.sleep(REARM_EVERY_S)
 
 
+def raise_open_files() -> None:
+    """Allow this process as many as it may have: Docker 29 begins with 1024, and a fleet has more connections."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
 def start_task(name: str, work: Coroutine[None, None, None]) -> asyncio.Task[None]:
     """Start a part that runs for ever; its failure is logged, as nobody awaits it before the relay stops."""
     task = asyncio.create_task(work, name=name)
     task.add_done_callback(_report_failure)
     return task
+
+
+async def end_tasks(tasks: Collection[asyncio.Task[None]]) -> None:
+    """End them, and return when they have ended."""
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _report_failure(task: asyncio.Task[None]) -> None:

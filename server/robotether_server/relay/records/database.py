@@ -22,7 +22,7 @@ from robotether_server.db.cells import Cell
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayRequest, RelayUser, Snapshot
 from robotether_server.problems import StoreError, StoreUnavailableError
-from robotether_server.settings.server import CellSettings
+from robotether_server.settings.server import CellSettings, RelaySettings
 
 T = TypeVar("T")
 
@@ -31,6 +31,8 @@ log = logging.getLogger(__name__)
 THREADS = 4
 # Maximum number of open questions; one that waits behind them would be answered too late.
 MAX_OPEN_QUESTIONS = 64
+# Number of idle connections; the database's accounts have few for all cells.
+KEPT_CONNECTIONS = 2
 # Time limit for questions about taking control, which works without an answer.
 BRIEF_S = 1.0
 # Interval between questions for the number of connections.
@@ -212,3 +214,8 @@ def _read_connections(tx: Transaction) -> dict[str, ConnectionCount]:
         "everybody": ConnectionCount(int(everybody["Value"]), row["most"]),
         "relay": ConnectionCount(row["own"], row["most_of_account"]),
     }
+
+
+def open_database(settings: RelaySettings) -> RelayDatabase:
+    """Return the database of these settings, to which nothing connects yet."""
+    return RelayDatabase(Database(settings.database, keep=KEPT_CONNECTIONS), settings.cell.name)

@@ -12,6 +12,7 @@ from collections.abc import Callable, Collection, Coroutine, Hashable
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.relay.http.event_loop import end_tasks
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Robot
 
@@ -84,9 +85,7 @@ class SharedCopies(ABC, Generic[Copy]):
 
     async def close(self) -> None:
         """End all; the relay stops."""
-        for task in self._all:
-            task.cancel()
-        await asyncio.gather(*self._all, return_exceptions=True)
+        await end_tasks(self._all)
 
     @abstractmethod
     async def _bring(self, copy: Copy) -> None:

@@ -5,7 +5,7 @@ import json
 import pytest
 from admin_records import ADD
 from robotether_common.audit_head import NAMESPACE, statement
-from robotether_server.audit_chain import SERVER_KEY_PURPOSE
+from robotether_server.audit_chain import server_key
 from robotether_server.db import audit, audit_chains
 from robotether_server.db.audit import Source
 from robotether_server.signatures import SigningKey, fingerprint
@@ -84,5 +84,5 @@ def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
 
 def test_servers_key_is_that_of_the_session_key(run, monkeypatch):
     monkeypatch.setenv("SESSION_KEY", "x" * 32)
-    expected = SigningKey("x" * 32, SERVER_KEY_PURPOSE).public_key
+    expected = server_key("x" * 32).public_key
     assert run("audit", "key").out.strip() == fingerprint(expected)

@@ -12,10 +12,9 @@ from robotether_server.db import migrate as migrations
 from robotether_server.db.audit import Source
 from robotether_server.db.fleet import AuditEntry
 from robotether_server.problems import StoreUnavailableError
-from robotether_server.signatures import SigningKey
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
-KEY = SigningKey("x" * 32, audit_chain.SERVER_KEY_PURPOSE)
+KEY = audit_chain.server_key("x" * 32)
 
 
 def reports(database):

@@ -6,7 +6,7 @@ import pytest
 from fake_robot import HOST, WAIT_S
 from relay_server import ANN
 from robotether_server import __version__
-from robotether_server.relay.app import Cors, public_app, serve
+from robotether_server.relay.app import Cors, Servers, public_app
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.metrics import Metrics
 from yarl import URL
@@ -48,11 +48,11 @@ async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, or
 async def test_a_request_is_logged_as_json_without_its_query(http, caplog):
     caplog.set_level("INFO")
     app = public_app(Metrics(Traffic()), Cors(()), (), None, "json")
-    runner = await serve(app, HOST, 0, backlog=1)
-    url = f"http://{HOST}:{runner.addresses[0][1]}/robots/sim1/ros?ticket=secret"
+    servers = Servers(HOST, backlog=1)
+    url = f"http://{HOST}:{await servers.serve(app, 0)}/robots/sim1/ros?ticket=secret"
     async with http.get(url) as answer:
         assert answer.status == 404
-    await runner.cleanup()
+    await servers.close()
     [line] = [record.request for record in caplog.records if record.getMessage() == "request"]
     assert line.pop("took_s") < WAIT_S
     assert line == {"method": "GET", "path": "/robots/sim1/ros", "status": 404}

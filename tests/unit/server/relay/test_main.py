@@ -21,15 +21,15 @@ from relay_server import (
 )
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import FormerSessions
-from robotether_server.relay.app import Listen
 from robotether_server.relay.main import run
+from robotether_server.relay.options import Listen
 from robotether_server.relay.records.journal import Journal
 from stopwatch import Stopwatch
 
 
 def test_a_fleet_needs_more_open_files_than_a_container_begins_with():
     script = (
-        "import resource; from robotether_server.relay.main import raise_open_files; "
+        "import resource; from robotether_server.relay.http.event_loop import raise_open_files; "
         "resource.setrlimit(resource.RLIMIT_NOFILE, (64, 2048)); raise_open_files(); "
         "print(*resource.getrlimit(resource.RLIMIT_NOFILE))"
     )

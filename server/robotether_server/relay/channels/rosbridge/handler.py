@@ -96,9 +96,7 @@ class RosbridgeHandler:
         self._control = control
         self._rules = rules
         self._report = report
-        self._dialer = RobotDialer(
-            context.client, context.tunnel_host, context.registry, rules.message_limit
-        )
+        self._dialer = context.dialer(rules.message_limit)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""

@@ -10,14 +10,13 @@ from relay_server import until
 from robot_signer import RobotSigner
 from robotether_common.audit_head import NAMESPACE, statement
 from robotether_server import audit_chain
-from robotether_server.audit_chain import SERVER_KEY_PURPOSE
+from robotether_server.audit_chain import server_key
 from robotether_server.db import Database, audit_chains, fleet
 from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
 from robotether_server.relay.control import head_signer
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.robots.session_messages import SignedHeadLine
-from robotether_server.signatures import SigningKey
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 ROBOT = RobotSigner(1)
@@ -58,9 +57,7 @@ async def parts(mariadb, relay_database):
     robot = Robot()
     row = RelayRobot(1, "sim1", "active", 20000, 20001, fingerprint=ROBOT.key.fingerprint)
     database = RelayDatabase(Database(mariadb.settings("relay")), "main", answer_within_s=30)
-    signer = HeadSigner(
-        database, robot, lambda: Snapshot({1: row}, {}), SigningKey("x" * 32, SERVER_KEY_PURPOSE)
-    )
+    signer = HeadSigner(database, robot, lambda: Snapshot({1: row}, {}), server_key("x" * 32))
 
     def end_drive():
         with relay_database.transaction() as tx:

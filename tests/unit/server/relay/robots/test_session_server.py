@@ -8,7 +8,7 @@ import pytest
 from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
 from relay_server import SESSION_KEY, running_relay
-from robotether_server.relay.wiring import Timing
+from robotether_server.relay.options import Timing
 
 KINDS = ("session", "media")
 

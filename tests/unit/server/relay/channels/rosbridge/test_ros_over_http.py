@@ -246,8 +246,8 @@ async def test_a_call_shares_its_users_drive(*, relay, guarded, sim1, ask, servi
 
 
 async def test_calls_of_one_user_share_a_lease(*, relay, guarded, sim1, ask, serving, monkeypatch):
-    slow = SlowFences(relay.relay._database)
-    monkeypatch.setattr(relay.relay._database, "next_fence", slow.next_fence)
+    slow = SlowFences(relay.relay.database)
+    monkeypatch.setattr(relay.relay.database, "next_fence", slow.next_fence)
     first = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=30", "ann"))
     second = asyncio.create_task(ask("POST", f"{SERVICES}/b?timeout_s=30", "ann"))
     await slow.asked.wait()
@@ -292,8 +292,8 @@ async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, 
 
 
 async def test_a_call_takes_no_lease_from_a_page_that_opens(relay, guarded, sim1, ask, monkeypatch):
-    slow = SlowFences(relay.relay._database)
-    monkeypatch.setattr(relay.relay._database, "next_fence", slow.next_fence)
+    slow = SlowFences(relay.relay.database)
+    monkeypatch.setattr(relay.relay.database, "next_fence", slow.next_fence)
     async with aiohttp.ClientSession() as http, http.ws_connect(relay.ros_url(sim1)) as driver:
         await slow.asked.wait()
         status, body = await ask("POST", f"{SERVICES}/a", "ann")
