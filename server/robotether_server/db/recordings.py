@@ -199,10 +199,10 @@ def note_download(tx: Transaction, recording_id: int, user_id: int) -> bool:
     """Note that a user gets the recording, or a piece of it; return whether that begins a download."""
     return bool(
         tx.change(
-            "UPDATE recordings SET downloaded_at = CURRENT_TIMESTAMP(6), downloaded_by_id = %s"
-            " WHERE id = %s AND NOT (downloaded_by_id <=> %s"
-            " AND downloaded_at > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND)",
-            (user_id, recording_id, user_id, DOWNLOAD_WITHIN.total_seconds()),
+            "INSERT INTO recording_downloads (recording_id, user_id) VALUES (%s, %s)"
+            " ON DUPLICATE KEY UPDATE begun_at = IF(begun_at > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND,"
+            " begun_at, CURRENT_TIMESTAMP(6))",
+            (recording_id, user_id, DOWNLOAD_WITHIN.total_seconds()),
         )
     )
 

@@ -48,6 +48,7 @@ EXPECTED = {
         "recordings": "SELECT, "
         "INSERT (asked_at, asked_by, asked_by_id, cause, robot, robot_id), "
         "UPDATE (delete_requested_at, downloaded_at, downloaded_by_id, stop_requested_at)",
+        "recording_downloads": "SELECT, INSERT, UPDATE",
     },
     "relay": {
         "relay_robots": "SELECT",
