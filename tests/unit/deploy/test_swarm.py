@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[3]
 SWARM = ROOT / "deploy" / "swarm"
 SERVICES = {
     "database.yaml": ("mysql", "migrate"),
-    "cell.yaml": ("nginx", "web", "relay", "sshd"),
+    "cell.yaml": ("nginx", "web", "relay", "recorder", "sshd"),
 }
 BOTH = [(file, name) for file, names in SERVICES.items() for name in names]
 # Everything that a service has there; Swarm heeds it all.
@@ -24,6 +24,8 @@ HEEDED = {
 # Of one cell among others, and always with TLS to the database.
 SET_OTHERWISE = {
     *("CELL", "DB_CA_FILE", "PEER_ADDRESS", "PUBLIC_HOST", "PUBLIC_PORT", "SSH_PORTS"),
+    # A name of its own.
+    "RELAY_HOST",
     # Swarm's files have no service `direct`.
     "DIRECT_PORTS",
 }
@@ -115,7 +117,12 @@ def in_memory(service):
 
 def kept(service):
     """Volumes, but for those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
-    names = {volume for volume in service.get("volumes", []) if isinstance(volume, str)}
+    volumes = service.get("volumes", [])
+    names = {volume for volume in volumes if isinstance(volume, str)}
+    mounts = [v for v in volumes if isinstance(v, dict) and v["type"] == "volume"]
+    names |= {
+        f"{each['source']}:{each['target']}" for each in mounts if each["source"] != "secrets"
+    }
     return {name for name in names if not name.startswith(("acme_", "backup_"))}
 
 
@@ -176,5 +183,8 @@ def test_no_relay_finds_the_sshd_of_another_cell():
     networks = {name: set(item["networks"]) for name, item in IN_SWARM["cell.yaml"].items()}
     relay, sshd = (networks[name] - {"edge", "tunnel"} for name in ("relay", "sshd"))
     assert (bool(relay), bool(sshd), relay & sshd) == (True, True, set())
+    # The recorder shares one with all relays, and asks for its own by a name that others do not have.
+    own = IN_SWARM["cell.yaml"]["relay"]["networks"]["edge"]["aliases"]
+    assert own == [IN_SWARM["cell.yaml"]["recorder"]["environment"]["RELAY_HOST"]]
     assert networks["web"] <= {"edge", "tunnel", "data"}
     assert networks["nginx"] <= {"edge", "tunnel"}
