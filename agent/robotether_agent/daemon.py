@@ -339,7 +339,9 @@ class Agent:
         )
         for connection in self._beside:
             self._status_writer.set(**connection.status())
-        log.info("robot %s: connected to %s", config.robot, target)
+        # By the words of sshd's log; an address translation on the way changes both.
+        named = f", which logs it as {config.connection_id}" if config.connection_id else ""
+        log.info("robot %s: connected to %s%s", config.robot, target, named)
 
     def _no_session(self, problem: AgentError) -> None:
         is_pending = problem.code == "not_enrolled"

@@ -129,6 +129,15 @@ static void client_address(char *into, size_t size)
     into[used] = '\0';
 }
 
+/* The second word of SSH_CONNECTION, by which sshd's log names the connection, too; 0: there is none. */
+static unsigned long client_port(void)
+{
+    const char *connection = getenv("SSH_CONNECTION");
+    const char *space = connection == NULL ? NULL : strchr(connection, ' ');
+
+    return space == NULL ? 0 : strtoul(space + 1, NULL, 10);
+}
+
 static void session_key(char *into, size_t size)
 {
     FILE *file = fopen(KEY_FILE, "re");
@@ -184,8 +193,8 @@ static void send_preface(int relay, const struct robot *robot)
     client_address(address, sizeof address);
     length = snprintf(line, sizeof line,
                       "{\"type\": \"preface\", \"kind\": \"%s\", \"robot_id\": %lu, \"fingerprint\": \"%s\", "
-                      "\"ports\": [%s], \"address\": \"%s\", \"session_key\": \"%s\"}\n",
-                      wanted_kind(), robot->id, robot->fingerprint, robot->ports, address, key);
+                      "\"ports\": [%s], \"address\": \"%s\", \"port\": %lu, \"session_key\": \"%s\"}\n",
+                      wanted_kind(), robot->id, robot->fingerprint, robot->ports, address, client_port(), key);
     write_all(relay, line, (size_t)length);
 }
 

@@ -1,7 +1,7 @@
 """Sets up the log of a program: lines for people, or with LOG_FORMAT=json one JSON object a line.
 
 Called by web, relay and recorder when they start. A line has the id of the request that it belongs to, which nginx
-gives. It must never hold a ticket, token or cookie: paths come without their query.
+gives, or of the robot's SSH connection, which sshd's and the agent's logs have, too. It must never hold a ticket, token or cookie: paths come without their query.
 """
 
 from __future__ import annotations
@@ -24,11 +24,18 @@ MAX_PATH_LENGTH = 200
 
 # Of the request that is answered; None: there is none.
 _request_id: ContextVar[str | None] = ContextVar("request_id", default=None)
+# Of the robot's connection that is served; None: there is none.
+_connection_id: ContextVar[str | None] = ContextVar("connection_id", default=None)
 
 
 def set_request_id(text: str | None) -> None:
     """Mark all lines of this task or thread as of this request, until the next one begins."""
     _request_id.set(text if text is not None and _REQUEST_ID.fullmatch(text) else None)
+
+
+def set_connection_id(text: str | None) -> None:
+    """Mark all lines of this task as of this SSH connection, until it ends."""
+    _connection_id.set(text)
 
 
 class JsonFormatter(logging.Formatter):
@@ -44,6 +51,8 @@ class JsonFormatter(logging.Formatter):
         }
         if (request_id := _request_id.get()) is not None:
             line["request_id"] = request_id
+        if (connection_id := _connection_id.get()) is not None:
+            line["connection_id"] = connection_id
         line |= getattr(record, "request", {})
         if record.exc_info:
             line["error"] = self.formatException(record.exc_info)

@@ -183,6 +183,8 @@ class SessionConfig:
     help: HelpConfig = field(default_factory=HelpConfig)
     # While nobody uses the robot; nothing else follows from it.
     idle_heartbeat_s: float | None = field(default=None, compare=False)
+    # How the server's logs name the session's SSH connection; empty: unknown.
+    connection_id: str = field(default="", compare=False)
     # The server's cells, empty where it names none.
     cells: tuple[ListedCell, ...] = field(default=(), compare=False)
 
@@ -380,6 +382,7 @@ class Session:
             # A server before this member has no rules, and does not know what asks for help.
             help=help_config(get_object(message, "help")) if "help" in message else HelpConfig(),
             idle_heartbeat_s=get_optional_number(message, "idle_heartbeat_s", 0.05, 60),
+            connection_id=get_text(message, "connection_id", default=""),
             cells=get_cells(message, "cells"),
         )
         if self._config_handler is not None:

@@ -88,6 +88,7 @@ class RobotSession:
             fingerprint=self.fingerprint,
             ports=list(self.ports),
             address="198.51.100.7",
+            port=51234,
             session_key=self.session_key,
         )
         self._task = asyncio.create_task(self._read())

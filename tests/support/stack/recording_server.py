@@ -30,8 +30,9 @@ def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
     found = re.search(r"snprintf\(line, sizeof line,\s*(.*?),\s*wanted_kind", source, re.DOTALL)
     assert found
     layout = ast.literal_eval(f"({found[1]})").replace("%lu", "%d")
-    given = (kind, robot_id, FINGERPRINT, ",".join(map(str, ports)), "198.51.100.7", SESSION_KEY)
-    return (layout % given).encode()
+    source_address = ("198.51.100.7", 51234)
+    members = (kind, robot_id, FINGERPRINT, ",".join(map(str, ports)), *source_address, SESSION_KEY)
+    return (layout % members).encode()
 
 
 class RecordingServer(FakeCloud):

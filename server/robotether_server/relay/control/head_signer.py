@@ -29,6 +29,8 @@ log = logging.getLogger(__name__)
 SWEEP_EVERY_S = 3600.0
 # Maximum number of robots' answers that wait.
 MAX_ANSWERS = 1000
+# Maximum length of a signature in the database; RSA's with 4096 bits have some 1500 characters.
+MAX_KEPT = 2048
 
 
 class HeadSigner:
@@ -119,7 +121,7 @@ def _robots_head(robot: RelayRobot, line: SignedHeadLine) -> SignedHead | None:
     """Return what a robot signed, None: not with its key."""
     key = signatures.key_of(line.signature)
     keys = (robot.fingerprint, robot.previous_fingerprint)
-    if key is None or signatures.fingerprint(key) not in keys:
+    if key is None or signatures.fingerprint(key) not in keys or len(line.signature) > MAX_KEPT:
         return None
     head = SignedHead(
         robot.name, line.position, line.hash, "robot", key, line.previous, line.signature

@@ -233,6 +233,7 @@ class RobotLink:
                 direct=rules.direct,
                 media=self._needs_media,
                 cells=self._cells,
+                connection_id=self.preface.connection_id,
             )
         )
 

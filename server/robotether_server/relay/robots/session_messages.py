@@ -32,6 +32,7 @@ from robotether_common.session import (
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.identity import MAX_SIGNATURE_LENGTH
 from robotether_server.problems import ProtocolError, RobotetherError
 from robotether_server.relay.robots.robot import GuardMode, GuardReport, SeenReport
 
@@ -51,8 +52,6 @@ AgeMs = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
 # Maximum of a coordinate, in metres; a float of JSON is finite.
 Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
-# Maximum length of an armoured signature; Ed25519's have some 300 characters.
-MAX_SIGNATURE = 1000
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
 
@@ -70,6 +69,13 @@ class Preface(Struct, frozen=True, tag="preface"):
     # Which key logged in (SHA256:...), and on what this login may listen.
     fingerprint: Annotated[str, Meta(max_length=64)]
     ports: frozenset[int]
+    # From which port of the address; 0: an older session command.
+    port: Annotated[int, Meta(ge=0, le=65535)] = 0
+
+    @property
+    def connection_id(self) -> str | None:
+        """How sshd's log names the connection; None: unknown."""
+        return f"{self.address} port {self.port}" if self.port else None
 
 
 class PingLine(Struct, tag="ping"):
@@ -229,7 +235,7 @@ class SignedHeadLine(Struct, tag="signed_head"):
 
     position: Annotated[int, Meta(ge=1, le=MAX_POSITION)]
     hash: Sha256
-    signature: Annotated[str, Meta(max_length=MAX_SIGNATURE)]
+    signature: Annotated[str, Meta(max_length=MAX_SIGNATURE_LENGTH)]
     previous: Sha256 | None = None
 
 
@@ -315,6 +321,7 @@ def config_line(
     direct: bool,
     media: bool,
     cells: Iterable[SshAddresses] = (),
+    connection_id: str | None = None,
 ) -> bytes:
     """Build the settings that the agent works with; `cells` are where it connects, the best first."""
     addresses = [{"host": cell.host, "ports": cell.ports, "rank": cell.rank} for cell in cells]
@@ -331,6 +338,7 @@ def config_line(
         media=media,
         battery=robot.settings.battery,
         help=robot.settings.help_rules,
+        **({"connection_id": connection_id} if connection_id else {}),
         **({"cells": addresses} if addresses else {}),
     )
 

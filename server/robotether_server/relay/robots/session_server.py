@@ -15,6 +15,7 @@ from typing import get_args
 from robotether_common.session import MAX_LINE_BYTES, ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.logs import set_connection_id
 from robotether_server.problems import ProtocolError, StoreUnavailableError
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import NotAuthorizedError, authorize
@@ -144,6 +145,7 @@ class SessionServer:
             rules=self._rules,
             checker=self._checker,
         )
+        set_connection_id(preface.connection_id)
         self._live[link] = None
         self.logins[preface.kind] += 1
         try:
