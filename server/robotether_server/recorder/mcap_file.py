@@ -7,11 +7,12 @@ package. Nothing is compressed: frames are already, and a reader finds each mess
 
 from __future__ import annotations
 
+import errno
 import os
 import struct
 import zlib
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -40,6 +41,8 @@ RECORD = struct.Struct("<BQ")
 MESSAGE = struct.Struct("<HIQQ")
 # Of a chunk: first and last time in ns, size, CRC; the length of no compression; the size of what follows.
 CHUNK = struct.Struct("<QQQIIQ")
+# What writing to a full disk, or beyond a quota or a limit, fails with.
+FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 # Size of messages after which a chunk ends before its time.
 MAX_CHUNK_BYTES = 1024 * 1024
 
@@ -157,6 +160,8 @@ class McapFile:
         self._index = FileIndex()
         self._channels: dict[RecordedChannel, int] = {}
         self._chunk = _Chunk()
+        # The number of messages of each channel, chunk by chunk.
+        self._counts: list[Mapping[int, int]] = []
         # Up to here the file is whole.
         self.size = 0
         self._write(_beginning())
@@ -192,18 +197,38 @@ class McapFile:
         indexes, index = _index_of(chunk, start, len(header) + chunk.size)
         self._write(b"".join((header, *chunk.parts, indexes)))
         self._index.chunks.append(index)
-        for channel, positions in chunk.positions.items():
-            self._index.counts[channel] += len(positions)
+        self._counts.append({number: len(each) for number, each in chunk.positions.items()})
+        self._index.counts.update(self._counts[-1])
 
     def finish(self) -> None:
-        """Write what waits, and the index; the file is whole, and closed, whatever happens."""
+        """Write what waits, and the index, and close the file; on a full disk the last messages make room for the index."""
         try:
             try:
                 self.end_chunk()
             finally:
-                self._write(_end(self._index, self.size))
+                self._write_end()
         finally:
             self._file.close()
+
+    def _write_end(self) -> None:
+        end = _end(self._index, self.size)
+        try:
+            self._write(end)
+        except OSError as error:
+            if error.errno not in FULL:
+                raise
+            self._drop_last(len(end))
+            self._write(_end(self._index, self.size))
+
+    def _drop_last(self, size: int) -> None:
+        """Take as many of the last chunks away as have this size together."""
+        before = self.size
+        while self._index.chunks and before - self.size < size:
+            chunk = self._index.chunks.pop()
+            self.size = chunk.chunk_start_offset
+            self._index.counts.subtract(self._counts.pop())
+        self._file.seek(self.size)
+        self._file.truncate()
 
     def close(self) -> None:
         """Leave the file as a killed process would."""

@@ -65,14 +65,16 @@ def test_a_file_of_somebody_else_is_left_alone(tmp_path):
     assert path.read_bytes() == b"no recording"
 
 
-def test_a_full_disk_leaves_a_file_that_is_whole(tmp_path):
-    """What it took of a chunk goes again; the end of the file finds room."""
+@pytest.mark.parametrize(("room", "left"), [(50_000, 3), (0, 2)])
+def test_a_full_disk_leaves_a_file_that_is_whole(tmp_path, room, left):
+    """What it took of a chunk goes again, and the last chunk if the end of the file finds no room otherwise."""
     file = McapFile(tmp_path / "1.mcap")
-    file.add(count(0))
-    file.end_chunk()
+    for number in range(3):
+        file.add(count(number)._replace(data=bytes(2000)))
+        file.end_chunk()
     _, most = resource.getrlimit(resource.RLIMIT_FSIZE)
-    file.add(count(1)._replace(data=bytes(100_000)))
-    resource.setrlimit(resource.RLIMIT_FSIZE, (file.size + 50_000, most))
+    file.add(count(3)._replace(data=bytes(100_000)))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (file.size + room, most))
     try:
         with pytest.raises(OSError, match="File too large"):
             file.end_chunk()
@@ -81,9 +83,10 @@ def test_a_full_disk_leaves_a_file_that_is_whole(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, (most, most))
     with (tmp_path / "1.mcap").open("rb") as whole:
         reader = make_reader(whole, validate_crcs=True)
-        [(_, _, message)] = reader.iter_messages()
+        numbers = [message.sequence for _, _, message in reader.iter_messages()]
         summary = reader.get_summary()
-    assert (message.sequence, summary.statistics.message_count) == (0, 1)
+    assert numbers == list(range(left))
+    assert summary.statistics.message_count == left
 
 
 @pytest.mark.parametrize("ros_version", [ROS_1, ROS_2])

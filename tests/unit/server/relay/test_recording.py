@@ -2,9 +2,10 @@
 
 import asyncio
 import datetime as dt
-import errno
 import json
+import os
 import struct
+import subprocess
 from dataclasses import replace
 
 import aiohttp
@@ -15,7 +16,6 @@ from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
 from robotether_server.db.recordings import RecordableRobot, RecordingRow
 from robotether_server.recorder import observer, relay_client, service
-from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
@@ -267,23 +267,38 @@ async def test_a_robot_is_recorded_by_its_setting(
     await until(lambda: store.code() == "setting_changed", "it ended")
 
 
+@pytest.fixture
+def small_disk(tmp_path):
+    """A file system of 1 MB in place of the folder of the recordings."""
+    if os.geteuid() != 0:
+        pytest.skip("only root can mount")
+    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", tmp_path], check=True)
+    yield tmp_path
+    subprocess.run(["umount", "--lazy", tmp_path], check=True)
+
+
 async def test_a_full_disk_ends_the_recording_and_not_the_drive(
-    *, recorder, relay, store, settings, monkeypatch, program
+    *, small_disk, recorder, relay, robot, store, settings, program
 ):
+    """Its file can be opened at once."""
     async with program() as driver:
         await driver.clock_sync()
         store.ask()
         await until(lambda: "/robotether/control" in topics_of(settings), "it records")
-
-        def fill(_file):
-            raise OSError(errno.ENOSPC, "no space left on the device")
-
-        monkeypatch.setattr(McapFile, "end_chunk", fill)
+        await robot.frames.wait_for("credit")
+        await robot.frames.show(bytes(300_000))
+        await until(lambda: "/camera/compressed" in topics_of(settings), "a picture is recorded")
+        filler = (small_disk / "filler").open("wb", buffering=0)
+        with filler, pytest.raises(OSError, match="No space left"):
+            while True:
+                filler.write(bytes(4096))
+        await robot.frames.show(bytes(300_000))
         await until(lambda: store.code() == "disk_full", "it ended")
-        monkeypatch.undo()
         assert driver.closed is None
         assert relay.relay.control.driver(7) == "ann"
-    assert "/robotether/control" in topics_of(settings)
+    with AnyReader([file_of(settings)]) as bag:
+        topics = {connection.topic for connection, _, _ in bag.messages()}
+    assert "/robotether/control" in topics
 
 
 async def test_a_quota_that_is_reached_ends_the_recording(recorder, store, settings):
