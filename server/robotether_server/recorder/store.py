@@ -53,13 +53,18 @@ class RecorderStore:
     async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]] | None:
         """Read what there is to do; None while the database is away."""
 
+        ends = list(self._ends)
+
         def read(tx: Transaction) -> tuple[list[RecordingRow], list[RecordableRobot]]:
-            while self._ends:
-                self._write(tx, self._ends[0])
-                del self._ends[0]
+            for recording_end in ends:
+                self._write(tx, recording_end)
             return recordings.read_open(tx, self._cell), recordings.read_robots(tx)
 
-        return await self._ask(read)
+        answer = await self._ask(read)
+        if answer is not None:
+            # Only now they are committed.
+            del self._ends[: len(ends)]
+        return answer
 
     async def begin(self, row: RecordingRow, robot: RecordableRobot) -> bool:
         """Begin what somebody asked for; return whether it is this cell's to record."""

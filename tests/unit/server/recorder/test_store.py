@@ -1,0 +1,35 @@
+"""What the recorder writes into the real database, also when that is away at times."""
+
+from robotether_server.db import recordings
+from robotether_server.db.recordings import RecordableRobot
+from robotether_server.problems import StoreUnavailableError
+from robotether_server.recorder.store import RecorderStore, RecordingEnd
+from robotether_server.times import utc_now
+
+
+async def test_no_end_is_lost_while_the_database_is_away(
+    recorder_database, admin_database, monkeypatch
+):
+    """It goes away between two of them: neither is written, and later each is, once."""
+    store = RecorderStore(recorder_database, "main")
+    robot = RecordableRobot(7, "sim1")
+    numbers = [await store.add(robot, "always", utc_now()) for _ in range(2)]
+    for number in numbers:
+        store.end(RecordingEnd(number, "sim1", "recorder", "robot_offline", None, utc_now()))
+    write_end = recordings.end
+
+    def end(tx, recording_id, *fields):
+        if recording_id == numbers[1]:
+            raise StoreUnavailableError("it is away")
+        write_end(tx, recording_id, *fields)
+
+    monkeypatch.setattr(recordings, "end", end)
+    assert await store.read() is None
+    monkeypatch.undo()
+    assert await store.read() == ([], [])
+    with admin_database.transaction() as tx:
+        lines = tx.rows(
+            "SELECT JSON_VALUE(details, '$.recording') AS recording FROM audit_events"
+            " WHERE kind = 'recording_ended' ORDER BY id"
+        )
+    assert [line["recording"] for line in lines] == [str(number) for number in numbers]
