@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import time
 from collections.abc import Iterator, Mapping
@@ -11,7 +12,8 @@ from pathlib import Path
 import pytest
 from image_names import image
 
-TESTS = Path(__file__).with_name("prometheus_rules.yml")
+TESTS = Path(__file__).parent
+DASHBOARD = TESTS.parents[1] / "deploy" / "grafana" / "robotether.json"
 LOCKED_DOWN = ("--read-only", "--cap-drop", "ALL", "--network", "none")
 START_WITHIN_S = 60
 
@@ -28,15 +30,37 @@ def run(*arguments: str) -> str:
     "arguments",
     [
         ("check", "config", "/etc/prometheus/prometheus.yml"),
-        ("test", "rules", "/etc/prometheus/tests.yml"),
+        ("test", "rules", "/etc/prometheus/prometheus_rules.yml"),
+        ("test", "rules", "/etc/prometheus/prometheus_times.yml"),
     ],
 )
 def test_promtool_is_content(arguments: tuple[str, ...]) -> None:
-    """Each alert comes from its fault, and from nothing else."""
-    mount = f"type=bind,source={TESTS},target=/etc/prometheus/tests.yml,readonly"
-    promtool = ("--entrypoint", "promtool", image("prometheus"), *arguments)
+    """Each alert comes from its fault, in time, and from nothing else."""
+    promtool(TESTS / Path(arguments[-1]).name, *arguments)
+
+
+def promtool(file: Path, *arguments: str) -> None:
+    """Have promtool read the rules, and a file of ours beside them if there is one of that name."""
+    mount = f"type=bind,source={file},target=/etc/prometheus/{file.name},readonly"
+    more = ("--mount", mount) if file.exists() else ()
     # Where promtool keeps what it tests.
-    run("run", "--rm", *LOCKED_DOWN, "--tmpfs", "/tmp", "--mount", mount, *promtool)
+    options = ("--rm", *LOCKED_DOWN, "--tmpfs", "/tmp", *more, "--entrypoint", "promtool")
+    run("run", *options, image("prometheus"), *arguments)
+
+
+def test_promtool_reads_the_queries_of_the_dashboard(tmp_path: Path) -> None:
+    panels = json.loads(DASHBOARD.read_text())["panels"]
+    queries = [target["expr"] for panel in panels for target in panel.get("targets", ())]
+    rules = [
+        {"record": f"query:{number}", "expr": query.replace("$__rate_interval", "5m")}
+        for number, query in enumerate(queries)
+    ]
+    assert rules
+    file = tmp_path / "dashboard.yml"
+    # JSON is YAML, too.
+    file.write_text(json.dumps({"groups": [{"name": "dashboard", "rules": rules}]}))
+    tmp_path.chmod(0o755)
+    promtool(file, "check", "rules", "/etc/prometheus/dashboard.yml")
 
 
 @contextmanager
