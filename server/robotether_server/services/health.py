@@ -201,19 +201,19 @@ def _unmeasured() -> list[PartHealth]:
 
 def _recorder(recorders: float | None) -> PartHealth:
     if recorders is None:
-        return PartHealth(
-            "recorder", "unknown", "The relay does not say whether it is connected.", ASK_RELAY
-        )
+        words = "The relay of this machine does not say whether it is connected."
+        return PartHealth("recorder", "unknown", words, ASK_RELAY)
     if recorders:
-        return PartHealth("recorder", "good", "It is connected to the relay.")
-    words = "It is not connected to the relay, so nothing is recorded."
+        return PartHealth("recorder", "good", "It is connected to the relay of this machine.")
+    words = "It is not connected to the relay of this machine, so nothing is recorded here."
     return PartHealth("recorder", "bad", words, "See docker compose logs recorder.")
 
 
 def _disk(free: float | None) -> PartHealth:
     if free is None:
-        return PartHealth("disk", "unknown", "The relay does not say how full it is.", ASK_RELAY)
-    words = f"{free:.0%} is free."
+        words = "The relay of this machine does not say how full it is."
+        return PartHealth("disk", "unknown", words, ASK_RELAY)
+    words = f"{free:.0%} is free on this machine."
     if free >= MIN_DISK_FREE:
         return PartHealth("disk", "good", words)
     return PartHealth("disk", "bad", words, "See docker system df, and delete what is not needed.")
