@@ -1,7 +1,8 @@
 """Sets up the log of a program: lines for people, or with LOG_FORMAT=json one JSON object a line.
 
 Called by web, relay and recorder when they start. A line has the id of the request that it belongs to, which nginx
-gives, or of the robot's SSH connection, which sshd's and the agent's logs have, too. It must never hold a ticket, token or cookie: paths come without their query.
+gives, or of the robot's SSH connection, which sshd's and the agent's logs have, too. It must never hold a ticket,
+token or cookie: paths come without their query.
 """
 
 from __future__ import annotations

@@ -201,7 +201,10 @@ class McapFile:
         self._index.counts.update(self._counts[-1])
 
     def finish(self) -> None:
-        """Write what waits, and the index, and close the file; on a full disk the last messages make room for the index."""
+        """Write what waits, and the index, and close the file, whatever happens.
+
+        On a full disk the last messages make room for the index.
+        """
         try:
             try:
                 self.end_chunk()
