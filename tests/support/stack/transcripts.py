@@ -18,7 +18,7 @@ from typing import Any
 
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 
-LINE = 100  # characters; a longer JSON value is written on several lines
+LINE = 100  # characters; a longer value of JSON is written on several lines
 # Headers of a WebSocket's handshake, the same in every run.
 UPGRADE = {
     "Upgrade": "websocket",
@@ -49,6 +49,7 @@ class Transcript:
         self._measured = frozenset(measured)
         self._names: dict[str, str] = {}
         self._parts: list[str] = []
+        self._before: dict[frozenset[str], dict[str, Any]] = {}
 
     def name(self, value: str | int, name: str) -> None:
         """Write this value as `<name>`, wherever it stands from now on; for ports, paths and keys."""
@@ -61,6 +62,18 @@ class Transcript:
         self._parts.append(
             " ".join([heading, *texts]) if one_line else "\n".join([heading, *texts])
         )
+
+    def changes(self, message: dict[str, Any]) -> tuple[str, dict[str, Any]]:
+        """Return words for the heading and what to add: of a long message that comes again, what is other.
+
+        It comes again when the last one with the same members is known.
+        """
+        clean = self.clean(message)
+        members = frozenset(clean)
+        before, self._before[members] = self._before.get(members), clean
+        if before is None or len(json.dumps(clean, ensure_ascii=False)) <= LINE:
+            return "", clean
+        return ", as before but", difference(before, clean)
 
     def clean(self, value: Any, key: str = "") -> Any:
         """Return the value with all that varies replaced by its kind."""
@@ -86,8 +99,7 @@ class Transcript:
             # A file that is read again would have a plain newline in its place.
             return self._clean_text(body).replace("\r", "\\r")
         clean = self.clean(body)
-        line = json.dumps(clean, ensure_ascii=False)
-        return line if len(line) <= LINE else json.dumps(clean, ensure_ascii=False, indent=2)
+        return layout(clean)
 
     def _clean_text(self, text: str) -> str:
         for value, name in self._names.items():
@@ -101,6 +113,38 @@ class Transcript:
         return self._names.setdefault(found[0], f"<id {known + 1}>")
 
 
+def layout(value: Any, indent: str = "") -> str:
+    """Write JSON with each value on a line that fits there, and else its members on lines below."""
+    line = json.dumps(value, ensure_ascii=False)
+    if len(indent) + len(line) <= LINE or not isinstance(value, dict | list):
+        return line
+    inner = indent + "  "
+    if isinstance(value, dict):
+        items = [f"{json.dumps(key)}: {layout(item, inner)}" for key, item in value.items()]
+    else:
+        items = [layout(item, inner) for item in value]
+    begin, end = "{}" if isinstance(value, dict) else "[]"
+    return f"{begin}\n{inner}" + f",\n{inner}".join(items) + f"\n{indent}{end}"
+
+
+def difference(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
+    """Return the members that are other than before, and of objects among them those members alone."""
+    found = dict.fromkeys(before.keys() - after.keys(), "<gone>")
+    for key, value in after.items():
+        was = before.get(key, "<gone>")
+        if value != was:
+            are_objects = isinstance(was, dict) and isinstance(value, dict)
+            found[key] = difference(was, value) if are_objects else value
+    return found
+
+
+def problem_line(status: int, problem: dict[str, Any]) -> str:
+    """Return what a problem says beyond its status: its code and its sentence."""
+    code, detail = problem.pop("code"), problem.pop("detail")
+    assert problem == {"type": "about:blank", "title": problem["title"], "status": status}
+    return f"{code}: {detail}"
+
+
 class TranscriptFile(SingleFileSnapshotExtension):
     """One file of text a test, under __snapshots__."""
 
@@ -108,7 +152,5 @@ class TranscriptFile(SingleFileSnapshotExtension):
     file_extension = "txt"
 
     def serialize(self, data: Any, **_options: Any) -> str:
-        """Write a transcript as it reads, and anything else as JSON."""
-        if isinstance(data, Transcript | str):
-            return str(data)
-        return json.dumps(data, ensure_ascii=False, indent=2, sort_keys=True) + "\n"
+        """Write a transcript as it reads."""
+        return str(data)

@@ -26,7 +26,7 @@ from robotether_agent.video.sources import SourceSettings
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.options import Timing
 from syrupy.assertion import SnapshotAssertion
-from transcripts import UPGRADE, Transcript
+from transcripts import UPGRADE, Transcript, problem_line
 
 WAIT_S = 60.0
 HEADER = struct.Struct("!BBHId")
@@ -190,7 +190,8 @@ async def test_how_viewers_connections_end(
 
     async def refusal(case: str, url: str, **headers: str) -> None:
         async with http.get(url, headers=headers) as answer:
-            transcript.add(f"{case}: {answer.status}", await answer.json(content_type=None))
+            problem = await answer.json(content_type=None)
+            transcript.add(f"{case}: {answer.status}", problem_line(answer.status, problem))
 
     async def end(
         case: str, act: Callable[[aiohttp.ClientWebSocketResponse], Any], *, wants: bool = True

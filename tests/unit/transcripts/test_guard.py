@@ -119,7 +119,8 @@ async def test_what_the_guard_writes(
 
         await guard.until(lambda: bool(found()), event, WAIT_S)
         told = found()[0] + 1
-        transcript.add(f"guard, when {event}:", guard.lines[told - 1])
+        as_before, changes = transcript.changes(guard.lines[told - 1])
+        transcript.add(f"guard, when {event}{as_before}:", changes)
 
     await add("it listens", type="ready")
     await add("it begins", type="guard")

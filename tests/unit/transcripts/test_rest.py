@@ -22,7 +22,7 @@ from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.options import Timing
 from robotether_server.web.app import make_app
 from syrupy.assertion import SnapshotAssertion
-from transcripts import Transcript
+from transcripts import Transcript, problem_line
 from web_visitor import HASH, Browser, bearer
 
 HERE = Path(__file__).parent
@@ -73,14 +73,19 @@ class Conversation:
             headers["Allow"] = ", ".join(sorted(headers["Allow"].split(", ")))
         # The database counts on from one test to the next.
         text = re.sub(r"\b(request|route) \d+", r"\1 <id>", text)
-        if kind in {"application/json", "application/problem+json"}:
-            body = [json.loads(text)]
+        heading = f"< {status} {kind}"
+        if kind == "application/problem+json":
+            body = [problem_line(status, json.loads(text))]
+        elif kind == "application/json":
+            said = json.loads(text)
             for name in SECRETS:
-                if isinstance(body[0], dict) and isinstance(body[0].get(name), str):
-                    self.transcript.name(body[0][name], name)
+                if isinstance(said.get(name), str):
+                    self.transcript.name(said[name], name)
             for pin in re.findall(r"sha256//([A-Za-z0-9+/=]{44})", text):
                 self.transcript.name(pin, "pin")
-        self.transcript.add(f"< {status} {kind}", *[f"{k}: {v}" for k, v in headers.items()], *body)
+            as_before, changes = self.transcript.changes(said)
+            heading, body = heading + as_before, [changes]
+        self.transcript.add(heading, *[f"{k}: {v}" for k, v in headers.items()], *body)
 
 
 @pytest.fixture
@@ -453,8 +458,12 @@ async def test_relay(
             options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
             async with http.request(method, server.url + API + path, **options) as answer:
                 shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
-                kind = answer.headers["Content-Type"]
-                transcript.add(f"< {answer.status} {kind}", *shown, await answer.json())
+                heading, said = f"< {answer.status} {answer.headers['Content-Type']}", await answer.json()
+                if answer.content_type == "application/problem+json":
+                    transcript.add(heading, *shown, problem_line(answer.status, said))
+                else:
+                    as_before, changes = transcript.changes(said)
+                    transcript.add(heading + as_before, *shown, changes)
 
         await _refusals(ask)
         await robot.start(server.relay.session_port)

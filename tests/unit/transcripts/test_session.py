@@ -69,7 +69,8 @@ class Session:
         said = found()[0]
         if kind == "hello":
             self.transcript.name(said["agent_version"], "version")
-        self.transcript.add(f"{who} ({of}):", said)
+        as_before, changes = self.transcript.changes(said)
+        self.transcript.add(f"{who} ({of}){as_before}:", changes)
         return said
 
     def happens(self, what: str) -> None:
@@ -182,21 +183,6 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     assert session.transcript == recorded
 
 
-BROKEN = (
-    b"no JSON",
-    b'{"seq": 1}',
-    b'{"type": "ping"}',
-    b'{"type": "pong", "seq": "one"}',
-    b'{"type": "ping", "seq": 1, "t_ms": -1}',
-    b'{"type": "hello", "agent_version": "0.1.0"}',
-    b'{"type": "hello", "hostname": "turtle", "agent_version": "\\n"}',
-    b'{"type": "hello", "hostname": "turtle", "agent_version": "1", "guard": "maybe"}',
-    b'{"type": "health", "ros": "fine", "video": "ok"}',
-    b'{"type": "guard", "state": "asleep"}',
-    b'{"type": "vitals", "battery": {"percent": 101, "charging": true}}',
-)
-
-
 async def connected(relay: RelayServer, **given: Any) -> RobotSession:
     """Open a connection to the session port, as the session command does."""
     fields = {"robot_id": 7, "kind": "session", "session_key": SESSION_KEY} | given
@@ -231,7 +217,7 @@ async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
         await add("another key", fingerprint="SHA256:other")
         await add("a shell that is off", kind="shell")
         await add("other ports", ports=(1,))
-        for line in BROKEN:
+        for line in (b"no JSON", b'{"type": "ping"}'):
             await add(line.decode(), line + b"\n")
         # No byte more than the relay has to read: it would be gone before its bye arrives.
         await add("a line over 64 KiB", b"x" * (64 * 1024 + 1))
