@@ -77,19 +77,12 @@ def _connect(settings: DatabaseSettings) -> "pymysql.Connection[Cursor]":
 
 
 def _applied(cursor: Cursor) -> set[str]:
-    """Return the names of the applied migrations; make their table where it is missing, or take it over from yoyo."""
-    columns = (
-        "(name VARCHAR(255) NOT NULL PRIMARY KEY, applied_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6)) "
+    """Return the names of the applied migrations; make their table where it is missing."""
+    cursor.execute(
+        "CREATE TABLE IF NOT EXISTS schema_migrations (name VARCHAR(255) NOT NULL PRIMARY KEY, "
+        "applied_at TIMESTAMP(6) NOT NULL DEFAULT CURRENT_TIMESTAMP(6)) "
         "CHARACTER SET utf8mb4 COLLATE utf8mb4_nopad_bin"
     )
-    if cursor.execute("SHOW TABLES LIKE '\\_yoyo\\_migration'"):
-        # The other table is there only if this was cut short before the end.
-        cursor.execute(
-            f"CREATE OR REPLACE TABLE schema_migrations {columns} "  # noqa: S608 - nothing from outside
-            "SELECT migration_id AS name, applied_at_utc AS applied_at FROM _yoyo_migration"
-        )
-        cursor.execute("DROP TABLE IF EXISTS _yoyo_migration, _yoyo_log, _yoyo_version, yoyo_lock")
-    cursor.execute(f"CREATE TABLE IF NOT EXISTS schema_migrations {columns}")
     cursor.execute("SELECT name FROM schema_migrations")
     return {name for (name,) in cursor.fetchall()}
 

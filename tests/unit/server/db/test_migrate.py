@@ -1,6 +1,5 @@
 """Migrations: applied to the real MariaDB, again and again, and the range of ports after them."""
 
-import datetime as dt
 import shutil
 import threading
 
@@ -106,39 +105,6 @@ def test_every_statement_of_a_file_counts(mariadb, admin_database, tmp_path):
     with admin_database.transaction() as tx:
         assert tx.row("SHOW PROCEDURE STATUS WHERE name = 'nine'") is None
         tx.change("DELETE FROM schema_migrations WHERE name = '9999_several'")
-
-
-# As yoyo-migrations 9.0.0 makes them.
-YOYO = """
-CREATE TABLE _yoyo_migration (migration_hash VARCHAR(64), migration_id VARCHAR(255), applied_at_utc TIMESTAMP,
-  PRIMARY KEY (migration_hash));
-CREATE TABLE _yoyo_log (id VARCHAR(36), migration_hash VARCHAR(64), migration_id VARCHAR(255), operation VARCHAR(10),
-  username VARCHAR(255), hostname VARCHAR(255), comment VARCHAR(255), created_at_utc TIMESTAMP, PRIMARY KEY (id));
-CREATE TABLE _yoyo_version (version INT NOT NULL PRIMARY KEY, installed_at_utc TIMESTAMP);
-CREATE TABLE yoyo_lock (locked INT DEFAULT 1, ctime TIMESTAMP, pid INT NOT NULL, PRIMARY KEY (locked));
-"""
-
-
-def test_database_that_yoyo_migrated_is_taken_over(mariadb, admin_database, sql_dir):
-    """Nothing that it applied runs again, only what it lacks; its tables go, and a lock that was left in them."""
-    names = sorted(file.stem for file in sql_dir.glob("*.sql"))
-    with admin_database.transaction() as tx:
-        for statement in YOYO.strip().removesuffix(";").split(";"):
-            tx.change(statement)
-        tx.change_many(
-            "INSERT INTO _yoyo_migration VALUES (SHA2(%s, 256), %s, '2026-01-02 03:04:05')",
-            [(name, name) for name in names[:-1]],
-        )
-        tx.change("INSERT INTO yoyo_lock VALUES (1, NOW(), 1)")
-    assert migrate(settings(mariadb, sql_dir)) == names[-1:]
-    assert migrate(settings(mariadb, sql_dir)) == []
-    with admin_database.transaction() as tx:
-        assert not tx.rows("SHOW TABLES LIKE %s", ("%yoyo%",))
-        rows = tx.rows("SELECT * FROM schema_migrations ORDER BY name")
-    assert [row["name"] for row in rows] == names
-    assert {row["applied_at"] for row in rows[:-1]} == {
-        dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)
-    }
 
 
 @pytest.mark.usefixtures("admin_database")
