@@ -151,4 +151,5 @@ def test_rejected_key_may_ask_again(run, database):
     assert (row[0], row[-1]) == (str(item["id"]), "SHA256:abc")
     assert run("rejected", "forgive", item["id"]).out == "key SHA256:abc may ask again\n"
     assert json.loads(run("rejected", "list", "--json").out) == []
+    assert run("rejected", "forgive", item["id"]).status == 1
     assert kinds(database)[-1] == "key_forgiven"

@@ -63,12 +63,6 @@ def test_of_two_drains_at_once_the_second_waits(database):
             cell_service.drain(other, ADMIN, "b")
 
 
-def test_cell_that_is_alive_is_not_removed(database):
-    """Its relay would only write its row again."""
-    with database.transaction() as tx, pytest.raises(NotPossibleError, match="alive"):
-        cell_service.remove(tx, ADMIN, "a")
-
-
 def test_removed_cell_leaves_nothing_open(database, relay_database, admin_database):
     """Its sessions, drives and leases end; those of another cell go on."""
     with database.transaction() as tx:

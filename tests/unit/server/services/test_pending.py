@@ -1,15 +1,10 @@
 """Keys that wait, and those that were rejected."""
 
-import pytest
 from joins import MAC, OTHER_KEY, OTHER_MAC, age
 from robotether_server.db import robots
-from robotether_server.db.audit import Source
 from robotether_server.identity import PublicKey
-from robotether_server.problems import RecordMissingError
 from robotether_server.services import pending
-from robotether_server.services import robots as robot_service
 
-ADMIN = Source("root")
 THIRD_KEY = PublicKey("ssh-ed25519 C", "SHA256:c")
 
 
@@ -41,19 +36,3 @@ def test_key_that_somebody_wrote_by_sql_waits_too(site):
         )
         (found,) = pending.waiting(tx)
     assert (found.robot, found.hostname, found.fingerprint) == ("planned", "", "SHA256:k")
-
-
-def test_forgiven_key_may_ask_again(site):
-    """The log says who let it."""
-    name = site.ask(OTHER_MAC, OTHER_KEY).robot
-    with site.database.transaction() as tx:
-        robot_service.reject(tx, ADMIN, name, "SHA256:b")
-        (rejected,) = pending.rejected(tx)
-        assert (rejected.robot, rejected.mac, rejected.rejected_by) == (name, OTHER_MAC, "root")
-        assert pending.forgive(tx, ADMIN, rejected.id) == rejected
-        assert pending.rejected(tx) == []
-        with pytest.raises(RecordMissingError):
-            pending.forgive(tx, ADMIN, rejected.id)
-    assert site.ask(OTHER_MAC, OTHER_KEY).code == "approval_pending"
-    (event,) = site.events("key_forgiven")
-    assert (event.actor, event.robot) == ("root", name)

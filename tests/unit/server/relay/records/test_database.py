@@ -12,7 +12,7 @@ from fake_robot import FINGERPRINT, WAIT_S, FakeRobot
 from granted import give
 from relay_clients import closing
 from relay_server import SESSION_KEY, running_relay, until
-from robotether_server.db import Database, cells, credentials, grants, robots, users
+from robotether_server.db import Database, credentials, grants, robots, users
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import RelayUser
 from robotether_server.identity import PublicKey
@@ -234,40 +234,3 @@ async def test_a_number_that_comes_too_late_is_not_given(
     await relay_database.changes()
     assert await relay_database.next_fence(lease) == 2
     relay_database.close()
-
-
-async def test_rights_in_the_real_database_end_a_connection(patient, database, ann, http):
-    login = log_in(database)
-    async with running_relay(patient) as relay, robot_of(relay):
-        sim1 = relay.relay.fleet.state().by_name["sim1"]
-        async with http.ws_connect(relay.ros_url(sim1, "drive", ann, login)) as socket:
-            await passes(socket)
-            with database.transaction() as tx:
-                grant = grants.find(tx, grants.Pair(user_id=ann.id, robot_id=sim1.id))
-                grants.remove(tx, grant.id)
-            with Stopwatch() as stopwatch:
-                assert (await closing(socket))[0] == 4001
-            assert stopwatch.s < 2
-        await relay.relay.event_writer.flush(5)
-    with database.transaction() as tx:
-        (session,) = tx.rows(
-            "SELECT robot_id, cell, end_code, ended_at, agent_version FROM robot_sessions"
-        )
-        kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
-        (drive,) = tx.rows("SELECT robot, user_name, fence, cell, end_code, messages FROM drives")
-        (lease,) = tx.rows("SELECT fence, user_name, cell, ended_at FROM control_leases")
-        (cell,) = cells.read(tx)
-    assert (session["robot_id"], session["agent_version"]) == (sim1.id, "0.1.0")
-    assert session["ended_at"] is not None
-    assert kinds == ["robot_version", "drive_started", "drive_ended"]
-    assert drive == {
-        "robot": "sim1",
-        "user_name": "ann",
-        "fence": 1,
-        "cell": "main",
-        "end_code": "rights_ended",
-        "messages": 1,
-    }
-    assert (lease["fence"], lease["user_name"], lease["cell"]) == (1, "ann", "main")
-    assert (cell.name, cell.is_alive, session["cell"]) == ("main", True, "main")
-    assert lease["ended_at"] is not None

@@ -22,21 +22,6 @@ def delivered(clock):
     return DeliveredFrames(clock)
 
 
-def test_a_frame_has_the_robots_own_number(delivered):
-    delivered.note(1, "/a", 5, 905)
-    delivered.note(1, "/b", 5, 17)
-    assert delivered.robots(1, NamedFrame("/a", 5)) == NamedFrame("/a", 905)
-    assert delivered.robots(1, NamedFrame("/b", 5)) == NamedFrame("/b", 17)
-
-
-@pytest.mark.parametrize(
-    ("user_id", "camera", "frame"), [(1, "/a", 6), (1, "/a", None), (1, "/b", 5), (2, "/a", 5)]
-)
-def test_what_was_not_sent_is_unknown(delivered, user_id, camera, frame):
-    delivered.note(1, "/a", 5, 905)
-    assert delivered.robots(user_id, NamedFrame(camera, frame)) == NamedFrame(camera, None)
-
-
 def test_a_frame_is_forgotten(delivered, clock):
     delivered.note(1, "/a", 5, 905)
     clock.now += MAX_SEEN_S

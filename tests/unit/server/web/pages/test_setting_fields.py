@@ -41,19 +41,6 @@ def test_every_setting_has_its_field(part, tabs, own):
     assert sorted([*own, *(field.path for tab in tabs for field in tab.fields)]) == sorted(present)
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.path)
-def test_field_is_of_the_kind_of_its_default(field):
-    """Names are a list, and what has no value by default may be left empty, but for what has a box."""
-    default = get_path(DEFAULTS.as_dict(), field.path)
-    assert isinstance(default, list) == (field.kind == "globs")
-    if field.kind != "globs" and not field.box:
-        assert (default is None) == bool(field.empty)
-    if field.kind == "whole" and not field.empty:
-        assert isinstance(default, int)
-    assert field.label
-    assert not field.hint or field.hint.endswith(".")
-
-
 @pytest.mark.parametrize("field", [item for item in FIELDS if item.kind == "choice"])
 def test_choices_are_all_there(field):
     values = schemas.member(GivenSettings, field.path).kind.values
