@@ -258,7 +258,6 @@ class FrameFeed:
         )
         self._running = asyncio.Event()
         self._running.set()
-        self.drawn = 0
 
     @property
     def is_frozen(self) -> bool:
@@ -308,7 +307,6 @@ class FrameFeed:
         scene = self._scene()
         loop = asyncio.get_running_loop()
         data = await loop.run_in_executor(self._thread, _frame, scene, frame_format)
-        self.drawn += 1
         return RenderedFrame(sequence, scene.stamp_ns, data)
 
 

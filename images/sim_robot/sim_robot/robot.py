@@ -9,7 +9,6 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Callable
 
 from sim_robot.graph import Graph, Node, Service, TopicMessage
 from sim_robot.kinematics import DRIVETRAINS, Pose, Turtle
@@ -29,15 +28,8 @@ _COVARIANCE = [1e-6 if i % 7 == 0 else 0.0 for i in range(36)]
 class RobotNode:
     """Joins the kinematics to the topics."""
 
-    def __init__(
-        self,
-        graph: Graph,
-        world_size_m: float,
-        clock: Callable[[], float] = time.monotonic,
-        kind: str = "differential",
-    ) -> None:
+    def __init__(self, graph: Graph, world_size_m: float, kind: str) -> None:
         self._graph = graph
-        self._clock = clock
         self._drivetrain = DRIVETRAINS[kind]
         self._seq = 0
         self._was_at_wall = False
@@ -51,7 +43,7 @@ class RobotNode:
 
     def step(self) -> None:
         """Move on by one step and publish pose and odometry."""
-        self.turtle.step(self._clock())
+        self.turtle.step(time.monotonic())
         self._seq += 1
         self._warn_at_wall()
         self._remember_path()
@@ -78,7 +70,7 @@ class RobotNode:
         if not all(abs(part) <= SPEED_LIMIT for part in parts):  # false for NaN too
             log.warning("ignored a command on %s that no robot can follow: %s", CMD_VEL, velocity)
             return
-        self.turtle.command(velocity, self._clock())
+        self.turtle.command(velocity, time.monotonic())
 
     def _reset(self, _request: Values) -> Values:
         self.turtle.reset()

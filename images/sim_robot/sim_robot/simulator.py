@@ -70,7 +70,6 @@ class FixedRate:
     def __init__(self, period_s: float, action: Callable[[], None]) -> None:
         self._period_s = period_s
         self._action = action
-        self.calls = 0
         self.skipped = 0
 
     async def run(self) -> None:
@@ -89,7 +88,6 @@ class FixedRate:
                     warn_at_s = loop.time() + WARN_EVERY_S
                     self._warn(late_s)
             self._action()
-            self.calls += 1
 
     def _skip(self, late_s: float) -> float:
         missed = int(late_s / self._period_s)
@@ -112,7 +110,7 @@ class Simulator:
     def __init__(self, settings: SimSettings) -> None:
         self._settings = settings
         self.graph = make_graph(settings.ros_version)
-        self.robot = RobotNode(self.graph, settings.world_size_m, kind=settings.kind)
+        self.robot = RobotNode(self.graph, settings.world_size_m, settings.kind)
         self.feeds = {
             topic: FrameFeed(partial(self._scene, camera), settings.camera_fps)
             for topic, camera in list(CAMERAS.items())[: settings.cameras]

@@ -17,7 +17,6 @@ from sim_robot.graph import Graph, Node, TopicMessage
 from sim_robot.messages import SimRobotError, finite_or_none
 
 NODE_NAME = "/rosbridge_websocket"
-STATUS_LEVELS = ("info", "warning", "error", "none")  # from talkative to silent
 TOPICS_LIMIT = 1000
 MESSAGES_LIMIT = 1000
 BYTES_LIMIT = 16 * 1024 * 1024
@@ -34,20 +33,12 @@ class _Entry(NamedTuple):
 class Outbox:
     """A queue with one reader."""
 
-    def __init__(
-        self, messages_limit: int = MESSAGES_LIMIT, bytes_limit: int = BYTES_LIMIT
-    ) -> None:
-        self._messages_limit = messages_limit
-        self._bytes_limit = bytes_limit
+    def __init__(self) -> None:
         self._entries: deque[_Entry] = deque()
         self._size = 0
         self._filled = asyncio.Event()
         self.dropped = 0
         self.overflowed = False
-
-    def __len__(self) -> int:
-        """Count what waits."""
-        return len(self._entries)
 
     def put_message(self, data: str | bytes) -> None:
         """Queue a topic message; the oldest ones go when there is no room."""
@@ -78,8 +69,8 @@ class Outbox:
 
     def _is_full(self) -> bool:
         # One alone may be larger than the limit: it has to go out somehow.
-        too_large = self._size > self._bytes_limit and len(self._entries) > 1
-        return too_large or len(self._entries) > self._messages_limit
+        too_large = self._size > BYTES_LIMIT and len(self._entries) > 1
+        return too_large or len(self._entries) > MESSAGES_LIMIT
 
     def _drop_oldest(self) -> bool:
         for index, entry in enumerate(self._entries):
@@ -194,7 +185,6 @@ class Client:
     graph: Graph
     name: str
     outbox: Outbox = field(default_factory=Outbox)
-    level: str = "error"
     advertised: dict[str, set[Id]] = field(default_factory=dict)
     subscriptions: dict[str, Subscription] = field(default_factory=dict)
     node: Node = field(default_factory=lambda: Node(NODE_NAME))
@@ -204,11 +194,6 @@ class Client:
         if identity is not None:
             message["id"] = identity
         self.outbox.put_reply(to_json(message))
-
-    def status(self, level: str, text: str, identity: Id) -> None:
-        """Queue a status message, unless the client does not want to hear this level."""
-        if STATUS_LEVELS.index(level) >= STATUS_LEVELS.index(self.level):
-            self.reply({"op": "status", "level": level, "msg": text}, identity)
 
     def deliver(self, message: TopicMessage, topic: str) -> None:
         """Queue a message for a client that knows the topic as `topic`; what several get is encoded once."""

@@ -15,7 +15,6 @@ from typing import Any, TypeVar
 from sim_robot.graph import Graph, TopicMessage, full_name
 from sim_robot.messages import SimRobotError
 from sim_robot.rosbridge.client import (
-    STATUS_LEVELS,
     Client,
     SubscribeRequest,
     Subscription,
@@ -27,22 +26,6 @@ T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
-# The real rosbridge knows these; refused by name, so that nobody waits for an answer that does not come.
-REFUSED = (
-    "advertise_service",
-    "unadvertise_service",
-    "service_response",
-    "advertise_action",
-    "unadvertise_action",
-    "send_action_goal",
-    "cancel_action_goal",
-    "action_feedback",
-    "action_result",
-    "fragment",
-    "png",
-    "auth",
-)
-
 
 class OperationError(SimRobotError):
     """A rosbridge operation is broken, unknown or not offered."""
@@ -52,7 +35,6 @@ def advertise(client: Client, operation: dict[str, Any]) -> None:
     """Establish the topic, if need be, and count this advertisement; `latch` and `queue_size` have no effect."""
     topic = full_name(get_text(operation, "topic"))
     type_name = get_text(operation, "type")
-    get_optional_flag(operation, "latch")
     _register(client, topic, type_name, get_identity(operation))
 
 
@@ -61,7 +43,6 @@ def unadvertise(client: Client, operation: dict[str, Any]) -> None:
     topic = full_name(get_text(operation, "topic"))
     identity = get_identity(operation)
     if topic not in client.advertised:
-        client.status("warning", f"unadvertise: {topic} is not advertised by this client", identity)
         return
     held = client.advertised[topic]
     held.discard(identity)
@@ -103,13 +84,12 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
     """Add one subscription of the client to the topic.
 
     `throttle_rate` (ms) and `queue_length` act as in the real rosbridge; `compression` is none.
-    `fragment_size` is checked and has no effect. A latched message comes at once, as to each new subscriber.
+    A latched message comes at once, as to each new subscriber.
     """
     as_written = get_text(operation, "topic")
     topic = full_name(as_written)
     type_name = get_optional_text(operation, "type")
     request = _request(operation)
-    get_count(operation, "fragment_size")
     client.check_limit()
     former = client.subscriptions.get(topic)
     subscription = former or Subscription(
@@ -126,12 +106,10 @@ def subscribe(client: Client, operation: dict[str, Any]) -> None:
 def unsubscribe(client: Client, operation: dict[str, Any]) -> None:
     """End one subscription, or all to the topic when the operation has no id."""
     topic = full_name(get_text(operation, "topic"))
-    identity = get_identity(operation)
     subscription = client.subscriptions.get(topic)
     if subscription is None:
-        client.status("warning", f"unsubscribe: this client has none to {topic}", identity)
         return
-    subscription.remove(identity)
+    subscription.remove(get_identity(operation))
     if not len(subscription):
         del client.subscriptions[topic]
         subscription.close()
@@ -177,24 +155,8 @@ def _call(graph: Graph, name: str, args: object) -> dict[str, Any]:
     return service.handler(request)
 
 
-def set_level(client: Client, operation: dict[str, Any]) -> None:
-    """Send only status messages of this level and above from now on."""
-    level = get_text(operation, "level")
-    if level not in STATUS_LEVELS:
-        raise OperationError(
-            f"Expected field level to be one of {', '.join(STATUS_LEVELS)}, not {level!r}"
-        )
-    client.level = level
-
-
-def status(client: Client, operation: dict[str, Any]) -> None:
-    """Write what a client reports into the log."""
-    log.debug("%s reports: %.200s", client.name, operation.get("msg"))
-
-
-def refuse(_client: Client, operation: dict[str, Any]) -> None:
-    """Say that this is not offered."""
-    raise OperationError(f"the simulated robot does not offer the operation {operation['op']}")
+def ignore(_client: Client, _operation: dict[str, Any]) -> None:
+    """Take what a client reports or sets of status messages: only errors are sent, whatever it sets."""
 
 
 OPERATIONS: Mapping[str, Callable[[Client, dict[str, Any]], None]] = {
@@ -204,9 +166,8 @@ OPERATIONS: Mapping[str, Callable[[Client, dict[str, Any]], None]] = {
     "subscribe": subscribe,
     "unsubscribe": unsubscribe,
     "call_service": call_service,
-    "set_level": set_level,
-    "status": status,
-    **dict.fromkeys(REFUSED, refuse),
+    "set_level": ignore,
+    "status": ignore,
 }
 
 
@@ -255,7 +216,8 @@ def _refuse_constant(text: str) -> float:
 def _report(client: Client, operation: dict[str, Any], text: str) -> None:
     name, identity = operation.get("op"), operation.get("id")
     prefix = f"{name}: " if isinstance(name, str) and name in OPERATIONS else ""
-    client.status("error", prefix + text, identity if isinstance(identity, str | int) else None)
+    status = {"op": "status", "level": "error", "msg": prefix + text}
+    client.reply(status, identity if isinstance(identity, str | int) else None)
 
 
 def get_text(operation: Operation, name: str) -> str:
@@ -274,11 +236,6 @@ def get_optional_text(operation: Operation, name: str) -> str | None:
 def get_optional_object(operation: Operation, name: str) -> dict[str, Any] | None:
     """Get an object, or None if the field is left out."""
     return _optional(operation, name, dict, "an object")
-
-
-def get_optional_flag(operation: Operation, name: str) -> bool | None:
-    """Get true or false, or None if the field is left out."""
-    return _optional(operation, name, bool, "true or false")
 
 
 def get_count(operation: Operation, name: str) -> int:
