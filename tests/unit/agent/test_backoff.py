@@ -12,14 +12,11 @@ from robotether_agent.backoff import (
     USED_TRIES,
     Backoff,
     Repeats,
-    Uptime,
     before_restart,
     delays,
-    keep_going,
     retry_or_give_up,
 )
 from robotether_agent.problems import (
-    AgentError,
     LinkLostError,
     NetworkChangedError,
     NoAnswerError,
@@ -109,27 +106,6 @@ def test_agent_that_fails_at_its_start_pauses_and_one_that_ran_does_not():
     assert low <= before_restart(0.1, Random()) <= high
     assert before_restart(STABLE_S - 0.1, Longest()) == high
     assert before_restart(STABLE_S, Longest()) == 0
-
-
-class NoPause(Random):
-    def uniform(self, a: float, b: float) -> float:
-        return 0.0
-
-
-async def test_tries_again_until_nothing_helps():
-    problems: list[AgentError] = [
-        LinkLostError("one"),
-        NotEnrolledError("two"),
-        ServerKeyChangedError("three"),
-    ]
-    told: list[AgentError] = []
-
-    async def attempt(_: Uptime) -> None:
-        raise problems[len(told)]
-
-    with pytest.raises(ServerKeyChangedError, match="three"):
-        await keep_going("session", attempt, Backoff(NoPause()), told.append)
-    assert told == problems[:2]
 
 
 def test_two_problems_that_take_turns_are_thinned_out_too(caplog):

@@ -47,12 +47,3 @@ def test_systemd_does_not_restart_what_a_person_must_look_at():
     assert line is not None
     codes = {int(code) for code in line[1].split()}
     assert codes == {ServerKeyChangedError.exit_code, SettingsInvalidError.exit_code}
-
-
-def test_each_hardening_line_has_its_reason():
-    hardening = UNIT.read_text().split("# Hardening.")[1].split("[Install]")[0].splitlines()[1:]
-    previous = ""
-    for line in filter(None, hardening):
-        grouped = line.startswith("SystemCallErrorNumber")
-        assert line.startswith("#") or previous.startswith("#") or grouped, line
-        previous = line

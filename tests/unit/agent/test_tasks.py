@@ -11,24 +11,6 @@ import pytest
 from robotether_agent.tasks import first_of, within
 
 
-async def test_first_of_raises_what_the_first_raised_and_ends_the_others():
-    ended = []
-
-    async def lasting() -> None:
-        try:
-            await asyncio.Event().wait()
-        finally:
-            ended.append("lasting")
-
-    async def failing() -> None:
-        await asyncio.sleep(0)
-        raise ValueError("the reason")
-
-    with pytest.raises(ValueError, match="the reason"):
-        await first_of(lasting(), failing())
-    assert ended == ["lasting"]
-
-
 async def test_first_of_prefers_the_one_named_first():
     """Of two that fail in one moment the first named counts: a goodbye before a broken pipe."""
 
@@ -58,12 +40,6 @@ async def test_first_of_may_end_the_others_in_order():
     with pytest.raises(asyncio.CancelledError):
         await running
     assert ended == ["first", "second"]
-
-
-async def test_within_returns_or_times_out():
-    assert await within(5, asyncio.sleep(0, "done")) == "done"
-    with pytest.raises(asyncio.TimeoutError):
-        await within(0.01, asyncio.Event().wait())
 
 
 async def cancel_as_it_ends(work: Coroutine[Any, Any, object], ends: asyncio.Event) -> None:
