@@ -10,7 +10,6 @@ function storage() {
     values,
     getItem: (name) => values.get(name) ?? null,
     setItem: (name, value) => values.set(name, value),
-    removeItem: (name) => values.delete(name),
   };
 }
 
@@ -25,15 +24,6 @@ for (const [what, event, asks] of [
     assert.equal(asksForKeys({ target: { closest: () => null }, ...event }), asks);
   });
 }
-
-test("what is written is read again, and forgotten when asked", () => {
-  const store = storage();
-  const kept = new LocalStore(() => store);
-  kept.write("sticks", true);
-  assert.equal(new LocalStore(() => store).read("sticks"), true);
-  kept.forget("sticks");
-  assert.equal(kept.read("sticks"), null);
-});
 
 test("what is no JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
   const store = storage();

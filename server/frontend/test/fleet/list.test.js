@@ -94,16 +94,6 @@ function pass(ms) {
   mock.timers.tick(ms);
 }
 
-test("a list is disturbed as long as a mouse is over it", () => {
-  assert.equal(pause.active, false);
-  say("pointerover", { pointerType: "mouse" });
-  pass(60_000);
-  assert.equal(pause.active, true);
-  say("pointerleave");
-  assert.equal(pause.active, false);
-  assert.equal(rests, 1);
-});
-
 test("a finger disturbs it for some seconds after it has touched", () => {
   say("pointerover", { pointerType: "touch" });
   say("pointerdown", { pointerType: "touch" });

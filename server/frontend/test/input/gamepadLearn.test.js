@@ -31,17 +31,6 @@ function act(axes, pressed) {
   hold();
 }
 
-test("sticks and buttons are learnt one after the other, each after all was let go", () => {
-  hold();
-  act({ 1: -0.9 });
-  act({ 0: 0.8 });
-  act({}, [6]);
-  act({}, [7]);
-  act({}, [2]);
-  assert.deepEqual(learnt, { rest: 0.05, forward: { axis: 1, sign: -1 }, turn: { axis: 0, sign: 1 }, enable: 6, turbo: 7, stop: 2 });
-  assert.deepEqual(asked.slice(0, 4), ["forward rest", "forward move", "forward back", "turn move"]);
-});
-
 test("a robot that goes sideways is asked for that too", () => {
   assert.deepEqual(stepsOf("holonomic").slice(0, 3), ["forward", "left", "turn"]);
   assert.ok(!stepsOf("ackermann").includes("left"));

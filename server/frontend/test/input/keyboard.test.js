@@ -94,14 +94,6 @@ test("a key that was held through a reload or a halt is reported, until it is le
   assert.equal(stale.at(-1), false);
 });
 
-test("letters drive past a menu or slider that has the focus, which keeps its arrow keys", () => {
-  for (const target of [element("select"), SLIDER]) {
-    assert.deepEqual([down(ARROW, { target }), down("KeyW", { target })], [false, true]);
-    up("KeyW", { target });
-  }
-  assert.deepEqual(told, [FORWARD, "released", FORWARD, "released"]);
-});
-
 test("the repeats of an arrow key that drives do not push a slider that took the focus", () => {
   down(ARROW);
   assert.equal(down(ARROW, { target: SLIDER, repeat: true }), true);
@@ -133,14 +125,6 @@ test("a key that repeats into a window that just got the focus does not count", 
   assert.deepEqual(told, []);
   down("KeyW", { timeStamp: focus.timeStamp + 400 });
   assert.deepEqual(told, [FORWARD]);
-});
-
-test("Q and E go sideways, on a robot that can", () => {
-  make("holonomic");
-  down("KeyQ");
-  down("KeyE");
-  up("KeyQ");
-  assert.equal(told.map(({ left }) => left).join(), "1,0,-1");
 });
 
 test("Shift asks for a step faster and X for a slower one, as long as they are held and counted", () => {

@@ -86,11 +86,3 @@ test("a stick that the page moves while it is pressed does not steer, and a hold
   down(180);
   assert.deepEqual(told.at(-1), { up: 0, left: 0 });
 });
-
-test("a throttle goes up and down only, a rudder to the sides only", () => {
-  joystick.ways = "upright";
-  pointer("down", 1, 20, 20);
-  joystick.ways = "level";
-  pointer("move", 1, 20, 20);
-  assert.deepEqual(told, [UP, { up: 0, left: 1 }]);
-});

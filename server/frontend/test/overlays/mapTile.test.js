@@ -22,13 +22,6 @@ test("a small map that is not running takes nothing from the large one", () => {
   assert.equal(shown.length, 1);
 });
 
-test("a map that stops shows nothing any more", () => {
-  const small = tile({ small: true });
-  small.start();
-  small.stop();
-  assert.deepEqual(shown, [{ scan: true, path: true, map: true }, null]);
-});
-
 test("a small map draws laser and map, but for what the person left out on the large one", () => {
   const chosen = {};
   const small = tile({ small: true, memory: () => chosen });

@@ -14,7 +14,7 @@ beforeEach(() => {
   clock = 0;
   specs = [];
   handlers = {};
-  parts = { battery: element(), diagnostics: element(), "diagnostics-worst": element() };
+  parts = { battery: element(), diagnostics: element() };
   const query = { querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
   Object.assign(parts.diagnostics, query);
   const subscribe = (spec, handler) => {
@@ -27,7 +27,6 @@ beforeEach(() => {
 
 for (const [online, battery, ...expected] of [
   [true, { percent: 12, charging: false }, "12 %, low", "poor"],
-  [true, { percent: 12, charging: true }, "12 %, charging", "good"],
   [true, { percent: 30, charging: false }, "30 %", "fair"],
   [true, { percent: null, charging: false }, "?", ""],
   [true, null, "-", ""],
@@ -38,16 +37,6 @@ for (const [online, battery, ...expected] of [
     assert.deepEqual([parts.battery.textContent, parts.battery.dataset.health], expected);
   });
 }
-
-test("the worst of the diagnostics is shown", () => {
-  overlays.follow({ diagnostics: DIAGNOSTICS });
-  overlays.show();
-  assert.equal(parts.diagnostics.hidden, true);
-  handlers["/diagnostics"]({ status: [{ name: "motor", level: 2, message: "hot" }] });
-  overlays.show();
-  assert.equal(parts.diagnostics.dataset.level, "error");
-  assert.equal(parts["diagnostics-worst"].textContent, "1 error");
-});
 
 test("the same topic is subscribed to once, and each node's part waits instead of being lost", () => {
   overlays.follow({ diagnostics: DIAGNOSTICS });

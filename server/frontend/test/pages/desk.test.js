@@ -25,23 +25,6 @@ function pageWith(text) {
   return { button, page };
 }
 
-test("a button copies the text of its element, and says so for a while", async (t) => {
-  t.mock.timers.enable({ apis: ["setTimeout"] });
-  const { button, page } = pageWith("curl ... | sudo sh");
-  const copied = [];
-  wireCopyButtons(page, {
-    writeText: async (text) => {
-      copied.push(text);
-    },
-  });
-  assert.equal(button.hidden, false);
-  await button.click();
-  assert.deepEqual(copied, ["curl ... | sudo sh"]);
-  assert.equal(button.textContent, "Copied");
-  t.mock.timers.tick(2000);
-  assert.equal(button.textContent, "Copy");
-});
-
 test("a browser that refuses says to copy by hand", async (t) => {
   t.mock.timers.enable({ apis: ["setTimeout"] });
   const { button, page } = pageWith("text");

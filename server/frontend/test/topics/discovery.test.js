@@ -81,33 +81,6 @@ test("the odometry that the settings name comes before any other, if it is one",
   assert.deepEqual(found, [{ name: "/wheels", type: "nav_msgs/msg/Odometry" }, undefined]);
 });
 
-test("of two robots on one graph the drive topic's is shown", async () => {
-  const topics = {};
-  for (const robot of ["/robot1", "/robot2"]) {
-    topics[`${robot}/cmd_vel`] = "geometry_msgs/msg/Twist";
-    topics[`${robot}/odom`] = "nav_msgs/msg/Odometry";
-    topics[`${robot}/image_raw`] = "sensor_msgs/msg/Image";
-  }
-  discovery = new Discovery({ driveTopic: "/robot2/cmd_vel", onFound: ({ speed, cameras }) => found.push([speed.name, cameras]) });
-  await discovery.run(robot(topics).call);
-  discovery.stop();
-  assert.deepEqual(found, [["/robot2/odom", ["/robot2/image_raw"]]]);
-});
-
-test("a turtle's speed comes from its pose, and of two odometries none is guessed", async () => {
-  const speeds = [];
-  for (const topics of [
-    { "/turtle1/pose": "turtlesim/Pose" },
-    { "/turtle1/pose": "turtlesim/Pose", "/turtle1/odom": "nav_msgs/msg/Odometry" },
-    { "/turtle1/pose": "turtlesim/Pose", "/turtle1/wheels": "nav_msgs/Odometry", "/turtle1/visual": "nav_msgs/Odometry" },
-  ]) {
-    discovery = new Discovery({ driveTopic: "/turtle1/cmd_vel", onFound: ({ speed }) => speeds.push(speed?.name) });
-    await discovery.run(robot(topics).call);
-    discovery.stop();
-  }
-  assert.deepEqual(speeds, ["/turtle1/pose", "/turtle1/odom", undefined]);
-});
-
 test("who wants to know now is answered on the link that stands, and not without one", async () => {
   const { call, asked } = robot({ "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" }, "geometry_msgs/Twist");
   const times = () => asked.filter(({ service }) => service === "/rosapi/topics").length;

@@ -60,20 +60,6 @@ test("there is no connection unless something is looked at, and none without a w
   assert.equal(links.length, 1);
 });
 
-test("several looks share a connection, which ends with the last", async () => {
-  observerConnection.use(true);
-  const first = await watch();
-  await goLive(0);
-  const second = await watch();
-  assert.equal(links.length, 1);
-  assert.equal(links[0].subscribed.length, 2);
-  first();
-  assert.equal(links[0].closed, false);
-  assert.equal(links[0].subscribed.length, 1);
-  second();
-  assert.equal(links[0].closed, true);
-});
-
 test("a hidden page and a cut end the connection, and a new one takes up what was looked at", async () => {
   await watchLive();
   observerConnection.use(false);

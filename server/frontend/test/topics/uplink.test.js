@@ -10,7 +10,7 @@ const MAP = { kind: "topic", name: "/map", bytes_per_s: 118_000, people: 2, your
 const CAMERA = { kind: "camera", name: "/a", bytes_per_s: 64_000, people: 1, yours: false };
 const REST = { kind: "rosbridge", name: "", bytes_per_s: 300, people: 3, yours: true };
 
-let parts, root, answer, begun, ended, probes, topicSwitch, list;
+let parts, root, answer, probes, topicSwitch, list;
 
 beforeEach(() => {
   mock.timers.reset();
@@ -19,70 +19,26 @@ beforeEach(() => {
   root = new FakeElement();
   Object.assign(root, { open: true, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] });
   answer = { ok: true, body: { streams: [MAP, CAMERA, REST], line_bytes_per_s: null } };
-  [begun, ended] = [[], []];
   probes = { has: () => false, close: mock.fn() };
-  topicSwitch = new TopicSwitch({
-    subscribe: ({ name }) => {
-      begun.push(name);
-      return () => ended.push(name);
-    },
-    probes,
-  });
+  topicSwitch = new TopicSwitch({ subscribe: () => {}, probes });
   list = new Uplink(root, { get: async () => answer, switches: { topic: topicSwitch } });
 });
 
-// Name, facts and the button's text of each row; "" for none.
-const shown = () =>
-  parts["uplink-list"].children.map(({ children: [words, button] }) => {
-    const [title, facts] = words.children;
-    return [title.children[0], facts.textContent, button.hidden ? "" : button.textContent];
-  });
-
-test("each stream has a row with its rate and its people, and those of this page have a switch", async () => {
-  topicSwitch.subscribe({ name: "/map" }, () => {});
-  await list.renew();
-  assert.equal(parts["uplink-total"].textContent, "In all 182 KB/s.");
-  assert.deepEqual(shown(), [
-    ["/map", "Topic · 118 KB/s · you and 1 more", "Switch off here"],
-    ["/a", "Camera · 64 KB/s · 1 person", ""],
-    ["Services and the rest of rosbridge", "300 B/s · you and 2 more", ""],
-  ]);
-});
+// What each row says of its stream.
+const facts = () => parts["uplink-list"].children.map(({ children: [words] }) => words.children[1].textContent);
 
 test("without an answer no number stays on the page", async () => {
   await list.renew();
   answer = { ok: false, detail: "robot sim1 is offline", body: {} };
   await list.renew();
   assert.equal(parts["uplink-total"].textContent, "Not measured now. Robot sim1 is offline.");
-  assert.deepEqual(
-    shown().map(([, facts]) => facts),
-    ["Topic · ? B/s", "Camera · ? B/s", "? B/s"],
-  );
+  assert.deepEqual(facts(), ["Topic · ? B/s", "Camera · ? B/s", "? B/s"]);
 });
 
 test("a rate that is not measured makes the sum unknown, and a full line is said to be", () => {
   assert.equal(totalText([MAP, { ...CAMERA, bytes_per_s: null }], null), "In all ? B/s.");
   const full = "In all 118 KB/s. The robot's line is full: it carries about 120 KB/s of video and topics.";
   assert.equal(totalText([MAP], 120_400), full);
-});
-
-test("a topic that is switched off ends, keeps its row, and begins again", async () => {
-  const end = topicSwitch.subscribe({ name: "/map" }, () => {});
-  await list.renew();
-  const press = () => parts["uplink-list"].children.at(-1).children[1].dispatchEvent(new Event("click"));
-  answer = { ok: true, body: { streams: [], line_bytes_per_s: null } };
-  list.press("topic", "/map");
-  await list.renew();
-  assert.deepEqual([begun, ended], [["/map"], ["/map"]]);
-  assert.deepEqual(shown(), [["/map", "Topic · off on this page", "Switch on"]]);
-  const another = topicSwitch.subscribe({ name: "/map" }, () => {});
-  assert.deepEqual(begun, ["/map"]);
-  press();
-  assert.deepEqual(begun, ["/map", "/map", "/map"]);
-  end();
-  another();
-  assert.equal(ended.length, 3);
-  assert.equal(topicSwitch.has("/map"), false);
 });
 
 test("a probe that a person opened is closed, and is not waited for", () => {
@@ -97,7 +53,7 @@ test("a row says what this page knows of a stream besides", async () => {
   const camera = { off: new Set(), has: () => true, switchTo() {}, note: (name) => `H.264 of ${name}` };
   list = new Uplink(root, { get: async () => answer, switches: { camera } });
   await list.renew();
-  assert.match(shown()[1][1], /^Camera · .* · H.264 of \/a$/);
+  assert.match(facts()[1], /^Camera · .* · H.264 of \/a$/);
 });
 
 test("nothing is asked while the list is closed or the page hidden", async () => {
