@@ -31,57 +31,16 @@ from robotether_agent.enrolment.join import REDIRECTS, SshAccess, parse_ssh
 from robotether_agent.fields import FieldError, get_object, get_text, parse_object, printable
 from robotether_agent.net.http_proxy import DEAD_ADVICE, Proxy, ask_for, proxy_of
 from robotether_agent.net.tcp import CHECK_NETWORK, CHECK_SERVER, Resolver, connect
-from robotether_agent.problems import AgentError, DetailError
+from robotether_agent.problems import AgentError
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import within
 
-SEQUENCE, VERSION, UTC_TIME, GENERALIZED_TIME = 0x30, 0xA0, 0x17, 0x18
-FORMATS = {UTC_TIME: "%y%m%d%H%M%SZ", GENERALIZED_TIME: "%Y%m%d%H%M%SZ"}
-LONG_LENGTH = 0x80
 TIMEOUT_S = 6.0
 MAX_ANSWER_BYTES = 16 * 1024
 # It answers to anybody, in words that no other server has.
 SSH_PATH = "/api/v1/ssh"
 CLOCK_TOLERANCE = timedelta(minutes=5)
 BUILT = datetime(2025, 1, 1, tzinfo=timezone.utc)
-
-
-class CertificateError(DetailError, ValueError):
-    """The bytes are no certificate that can be read."""
-
-
-def validity(der: bytes) -> tuple[datetime, datetime]:
-    """Return from when and until when an X.509 certificate is valid, in DER (RFC 5280, 4.1)."""
-    try:
-        _, certificate, _ = _read(der)
-        _, signed, _ = _read(certificate)
-        tag, _, rest = _read(signed)
-        # A version may come first; then a number, an algorithm, the issuer, and the dates.
-        for _ in range(3 if tag == VERSION else 2):
-            _, _, rest = _read(rest)
-        tag, dates, _ = _read(rest)
-        if tag != SEQUENCE:
-            raise CertificateError("no dates where they should be")
-        begin_tag, begin, rest = _read(dates)
-        end_tag, end, _ = _read(rest)
-        return _time(begin_tag, begin), _time(end_tag, end)
-    except (IndexError, KeyError, ValueError) as error:
-        raise CertificateError(f"not a certificate: {error}") from error
-
-
-def _read(data: bytes) -> tuple[int, bytes, bytes]:
-    """Return tag and content of the first value in `data`, and what follows it."""
-    length, start = data[1], 2
-    if length & LONG_LENGTH:
-        start += length ^ LONG_LENGTH
-        length = int.from_bytes(data[2:start], "big")
-    if start + length > len(data):
-        raise CertificateError("cut short")
-    return data[0], data[start : start + length], data[start + length :]
-
-
-def _time(tag: int, text: bytes) -> datetime:
-    return datetime.strptime(text.decode("ascii"), FORMATS[tag]).replace(tzinfo=timezone.utc)
 
 
 @dataclass(frozen=True)
@@ -186,7 +145,7 @@ def check_certificate(seen: ServerView, pinned: bytes | None) -> Finding:
 
 
 def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
-    """Whether this robot's clock agrees with the server's, or at least with its certificate."""
+    """Whether this robot's clock agrees with the server's; an authority's certificate is checked by it, too."""
     advice = CLOCK_ADVICE + (
         "; with tls_fingerprint set the tunnel works all the same" if is_pinned else ""
     )
@@ -195,11 +154,6 @@ def check_clock(seen: ServerView, now: datetime, *, is_pinned: bool) -> Finding:
         if abs(now - seen.date) > CLOCK_TOLERANCE:
             return fail("clock", f"{says}, and the server's {_date_text(seen.date)}", advice)
         return ok("clock", f"{says}, as the server's")
-    with suppress(CertificateError):
-        begin, end = validity(seen.certificate)
-        if not begin <= now <= end:
-            dates = f"{_date_text(begin)} to {_date_text(end)}"
-            return fail("clock", f"{says}, and the server's certificate is for {dates}", advice)
     if now < BUILT:
         return fail("clock", f"{says}, which is before this program was built", advice)
     return ok("clock", f"{says}; there is nothing to compare it with")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from datetime import datetime, timedelta, timezone
 from ipaddress import ip_address
 from pathlib import Path
@@ -45,11 +44,6 @@ def make_certificate(
     return file
 
 
-def der_of(file: Path) -> bytes:
-    """Return the certificate in `file` as it goes over the wire."""
-    made = x509.load_pem_x509_certificate(file.read_bytes())
-    return made.public_bytes(serialization.Encoding.DER)
-
-
 def fingerprint_of(file: Path) -> str:
-    return hashlib.sha256(der_of(file)).hexdigest()
+    made = x509.load_pem_x509_certificate(file.read_bytes())
+    return made.fingerprint(hashes.SHA256()).hex()

@@ -8,35 +8,16 @@ from datetime import datetime, timedelta, timezone
 
 import pytest
 from aiohttp import web
-from dated_certificate import der_of, make_certificate
 from fake_cloud import certificate, fingerprint
 from fake_proxy import FakeProxy
 from local_network import free_port
 from robotether_agent.describe_error import Cause
 from robotether_agent.doctor import FAIL, OK, SKIPPED, Finding, server
-from robotether_agent.doctor.server import CertificateError, ServerView, validity, view_server
+from robotether_agent.doctor.server import ServerView, view_server
 from robotether_agent.settings import Settings
 
-UTC = timezone.utc
 NOW = datetime(2026, 3, 1, 12, 0, tzinfo=timezone.utc)
 PINNED = bytes.fromhex(fingerprint())
-
-
-@pytest.mark.parametrize(
-    "end", [datetime(2030, 1, 2, 3, 4, 5, tzinfo=UTC), datetime(2077, 1, 1, tzinfo=UTC)]
-)
-def test_both_spellings_of_a_date_are_read(place, end):
-    begin = datetime(2024, 5, 6, 7, 8, 9, tzinfo=UTC)
-    assert validity(der_of(make_certificate(place, begin, end))) == (begin, end)
-
-
-def test_rubbish_is_told_as_such(place):
-    whole = der_of(
-        make_certificate(place, datetime(2024, 1, 1, tzinfo=UTC), datetime(2025, 1, 1, tzinfo=UTC))
-    )
-    for data in (b"", b"\x30", b"<html>Welcome", *(whole[:at] for at in range(0, 150, 7))):
-        with pytest.raises(CertificateError):
-            validity(data)
 
 
 def all_checks(seen: ServerView, pinned: bytes | None = PINNED) -> dict[str, Finding]:
@@ -123,18 +104,14 @@ async def test_a_portal_may_write_any_date(cloud, date, clock):
     assert server.check_clock(seen, now, is_pinned=True).state == clock
 
 
-def test_a_clock_is_compared_with_what_there_is(place):
-    """The server's clock counts, else its certificate; without a network only the year is judged."""
-    certificate = der_of(make_certificate(place, NOW, NOW + timedelta(days=9)))
+def test_a_clock_is_compared_with_what_there_is():
+    """Where the server says nothing only the year is judged."""
     nothing = ServerView("a.example", 443, no_address=Cause("x"))
-    shown = replace(nothing, certificate=certificate, no_answer=Cause("x"))
     answered = replace(nothing, date=NOW)
-    year_1970, day = datetime(1970, 1, 1, tzinfo=UTC), timedelta(days=1)
+    year_1970 = datetime(1970, 1, 1, tzinfo=timezone.utc)
     for seen, now, state, words in (
         (answered, NOW + timedelta(seconds=90), OK, ""),
         (answered, year_1970, FAIL, "1970-01-01 00:00:00 UTC, and the server's 2026-03-01"),
-        (shown, NOW + day, OK, ""),
-        (shown, NOW - day, FAIL, "the server's certificate is for 2026-03-01"),
         (nothing, NOW, OK, ""),
         (nothing, year_1970, FAIL, "before this program was built"),
     ):

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from fake_cloud import agent_environ
-from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, tunnel
+from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, tunnel
 from robotether_agent.enrolment.enroller import Enroller
 from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.settings import Settings, load
@@ -22,6 +24,8 @@ UP = Status(
     end_to_end_video="ok",
     pid=7,
 )
+LOST = replace(UP, problem="lost it", problem_code="link_lost")
+Check = Callable[[Status | None], Finding]
 
 
 @pytest.fixture
@@ -97,73 +101,57 @@ async def test_without_ssh(settings, place, monkeypatch):
     assert (found.state, "openssh-client" in found.advice) == (FAIL, True)
 
 
-@pytest.mark.parametrize(
-    ("state", "status", "expected"),
-    [
-        ("active", UP, OK),
-        (None, UP, OK),
-        ("failed", UP, FAIL),
-        ("inactive", None, FAIL),
-        ("active", None, FAIL),
-    ],
-)
-def test_the_boot_service(state, status, expected):
-    assert tunnel.check_service(state, status).state == expected
-
-
-@pytest.mark.parametrize(
-    ("status", "expected", "told"),
-    [
-        (UP, OK, "connected to b.example port 443 as sim1"),
-        (None, SKIPPED, "no agent"),
-        (replace(UP, state="connecting"), FAIL, "the agent is connecting"),
-        (replace(UP, problem="lost it", problem_code="link_lost"), FAIL, "lost it [link_lost]"),
-        (replace(UP, problem="lost it", problem_over_at=5.0), OK, "as sim1"),
-    ],
-)
-def test_the_connection(status, expected, told):
-    found = tunnel.check_session(status)
-    assert found.state == expected
-    assert told in found.detail
-    assert bool(found.advice) == (expected in {FAIL, WARNING})
-
-
 READY = replace(UP, guard="ready")
 
 
+def service(state: str | None) -> Check:
+    return partial(tunnel.check_service, state)
+
+
+def guard(setting: str) -> Check:
+    return partial(tunnel.check_guard, Settings(server="a", guard=setting))
+
+
 @pytest.mark.parametrize(
-    ("guard", "status", "expected", "told"),
+    ("check", "status", "expected", "told"),
     [
-        ("on", READY, OK, "ready"),
-        ("off", READY, SKIPPED, "nothing stops this robot"),
-        ("on", None, SKIPPED, "no agent runs"),
-        ("on", UP, FAIL, "it does not run"),
-        ("on", replace(UP, guard="down", guard_detail="the guard hangs"), FAIL, "guard hangs"),
-        ("on", replace(READY, guard_detail="nothing listens to /a"), WARNING, "nothing listens"),
-        ("on", replace(READY, stopped_by="ben"), SKIPPED, "stopped by ben"),
+        (service("active"), UP, OK, ""),
+        (service(None), UP, OK, ""),
+        (service("failed"), UP, FAIL, ""),
+        (service("inactive"), None, FAIL, ""),
+        (service("active"), None, FAIL, ""),
+        (tunnel.check_session, UP, OK, "connected to b.example port 443 as sim1"),
+        (tunnel.check_session, None, SKIPPED, "no agent"),
+        (tunnel.check_session, replace(UP, state="connecting"), FAIL, "the agent is connecting"),
+        (tunnel.check_session, LOST, FAIL, "lost it [link_lost]"),
+        (tunnel.check_session, replace(LOST, problem_over_at=5.0), OK, "as sim1"),
+        (guard("on"), READY, OK, "ready"),
+        (guard("off"), READY, SKIPPED, "nothing stops this robot"),
+        (guard("on"), None, SKIPPED, "no agent runs"),
+        (guard("on"), UP, FAIL, "it does not run"),
+        (guard("on"), replace(UP, guard="down", guard_detail="it hangs"), FAIL, "it hangs"),
+        (guard("on"), replace(READY, guard_detail="no listener"), WARNING, "no listener"),
+        (guard("on"), replace(READY, stopped_by="ben"), SKIPPED, "stopped by ben"),
+        # The server's own view counts; a shell only where one is wanted, video only where the robot has it.
+        (tunnel.check_end_to_end, UP, OK, ""),
+        (tunnel.check_end_to_end, None, SKIPPED, ""),
+        (tunnel.check_end_to_end, replace(UP, state="waiting"), SKIPPED, ""),
+        (tunnel.check_end_to_end, replace(UP, end_to_end_video="unknown"), SKIPPED, ""),
+        (tunnel.check_end_to_end, replace(UP, end_to_end_ros="down"), FAIL, ""),
+        (tunnel.check_end_to_end, replace(UP, video="ok", end_to_end_video="down"), FAIL, ""),
+        (tunnel.check_end_to_end, replace(UP, video="down", end_to_end_video="down"), OK, ""),
+        (
+            tunnel.check_end_to_end,
+            replace(UP, shell_tunnel="open", end_to_end_shell="down"),
+            FAIL,
+            "",
+        ),
+        (tunnel.check_end_to_end, replace(UP, end_to_end_shell="down"), OK, ""),
     ],
 )
-def test_the_guard(guard, status, expected, told):
-    found = tunnel.check_guard(Settings(server="a", guard=guard), status)
+def test_what_the_agent_says_of_itself(check: Check, status, expected, told):
+    """What is wrong comes with its advice."""
+    found = check(status)
     assert found.state == expected
     assert told in found.detail
     assert bool(found.advice) == (expected in {FAIL, WARNING})
-
-
-@pytest.mark.parametrize(
-    ("status", "expected"),
-    [
-        (UP, OK),
-        (None, SKIPPED),
-        (replace(UP, state="waiting"), SKIPPED),
-        (replace(UP, end_to_end_video="unknown"), SKIPPED),
-        (replace(UP, end_to_end_ros="down"), FAIL),
-        (replace(UP, video="ok", end_to_end_video="down"), FAIL),
-        (replace(UP, video="down", end_to_end_video="down"), OK),
-        (replace(UP, shell_tunnel="open", end_to_end_shell="down"), FAIL),
-        (replace(UP, end_to_end_shell="down"), OK),
-    ],
-)
-def test_the_end_to_end_path(status, expected):
-    """The server's own view counts; a shell only where one is wanted, video only where the robot has it."""
-    assert tunnel.check_end_to_end(status).state == expected
