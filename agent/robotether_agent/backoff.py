@@ -122,20 +122,19 @@ class Backoff:
 class Uptime:
     """How long the present attempt has been up, and whether somebody used the robot at its end."""
 
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
+    def __init__(self) -> None:
         self._since: float | None = None
         self.was_used = False
 
     def is_up(self) -> None:
         """Note that the connection is up."""
         if self._since is None:
-            self._since = self._clock()
+            self._since = time.monotonic()
 
     @property
     def uptime_s(self) -> float:
         """Seconds since the connection came up, 0 if it never did."""
-        return 0.0 if self._since is None else self._clock() - self._since
+        return 0.0 if self._since is None else time.monotonic() - self._since
 
 
 class Repeats:

@@ -70,13 +70,11 @@ class GuardSupervisor:
         *,
         fork_server: ForkServer | None = None,
         on_change: Callable[[GuardView], None] = lambda _: None,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self.view = GuardView()
         self._rosbridge_url = rosbridge_url
         self._command = command
         self._on_change = on_change
-        self._clock = clock
         self._guard: GuardProcess | None = None
         self._fork_server = fork_server
         self._followers: set[asyncio.Queue[JsonObject]] = set()
@@ -92,11 +90,11 @@ class GuardSupervisor:
         restarts = 0
         try:
             while True:
-                began = self._clock()
+                began = time.monotonic()
                 try:
                     await self._run_one()
                 except GuardDownError as problem:
-                    restarts = 1 if self._clock() - began >= STABLE_S else restarts + 1
+                    restarts = 1 if time.monotonic() - began >= STABLE_S else restarts + 1
                     pause_s = pause_before(restarts)
                     log.warning("%s; another one follows in %.1f s", problem, pause_s)
                     self._is_down(problem.message)

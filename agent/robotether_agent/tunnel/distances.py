@@ -41,9 +41,9 @@ def is_clearly_less(rtt_s: float, other_s: float) -> bool:
 class Distances:
     """The newest round trip to each cell, in seconds; none of a cell that did not answer."""
 
-    def __init__(self, server_dialer: ServerDialer, rng: Random | None = None) -> None:
+    def __init__(self, server_dialer: ServerDialer) -> None:
         self._server_dialer = server_dialer
-        self._rng = rng or Random()  # noqa: S311 - spreads a fleet, keeps no secret
+        self._rng = Random()  # noqa: S311 - spreads a fleet, keeps no secret
         self._rtts_s: dict[ListedCell, float] = {}
         self._measured_at: dict[ListedCell, float] = {}
 

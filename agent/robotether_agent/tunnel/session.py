@@ -238,7 +238,7 @@ class Session:
     """Both ways of one session, and what it brought last.
 
     `rtt_ms` is the newest round trip, `config` the newest configuration, `checked` what the server found at
-    its own end of the tunnels. The `clock` is the one that the guard judges ages by: the
+    its own end of the tunnels. Its clock is the one that the guard judges ages by: the
     server learns from the pings' `t_ms` what it shows.
     """
 
@@ -249,15 +249,13 @@ class Session:
         *,
         drive_handler: DriveMessageHandler | None = None,
         on_config: Callable[[SessionConfig], None] | None = None,
-        clock: Callable[[], float] = robot_time,
     ) -> None:
         self.config: SessionConfig | None = None
         self.rtt_ms: float | None = None
         self.checked = UNCHECKED
         self._in = lines_in
         self._out = lines_out
-        self._clock = clock
-        self._received_at = clock()
+        self._received_at = robot_time()
         self._drive_handler = drive_handler
         self._config_handler = on_config
         self._configured = asyncio.Event()
@@ -309,7 +307,7 @@ class Session:
     @property
     def silent_s(self) -> float:
         """Seconds since the server sent something, or since the start."""
-        return self._clock() - self._received_at
+        return robot_time() - self._received_at
 
     @property
     def is_used(self) -> bool:
@@ -329,7 +327,7 @@ class Session:
 
     async def _listen(self) -> None:
         while line := await self._line():
-            self._received_at = self._clock()
+            self._received_at = robot_time()
             self._handle(line)
 
     async def _line(self) -> bytes:
@@ -406,7 +404,7 @@ class Session:
         # The time comes from our own list, not from the echo, which the server could have changed.
         sent = next((at for number, at in self._pings if number == seq), None)
         if sent is not None:
-            self.rtt_ms = (self._clock() - sent) * 1000
+            self.rtt_ms = (robot_time() - sent) * 1000
 
     def _on_checked(self, message: JsonObject) -> None:
         self.checked = {
@@ -441,7 +439,7 @@ class Session:
         config = await self.new_config(None)
         while True:
             self._ping_seq += 1
-            now = self._clock()
+            now = robot_time()
             self._pings.append((self._ping_seq, now))
             self.send({"type": "ping", "seq": self._ping_seq, "t_ms": round(now * 1000, 3)})
             config = self.config or config
