@@ -78,7 +78,7 @@ export class Api {
 export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
 
 // Gives what `ask` does.
-export async function readAnswer(answer) {
+async function readAnswer(answer) {
   const { status, ok } = answer;
   const body = (await answer.json().catch(() => null)) ?? {};
   return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };

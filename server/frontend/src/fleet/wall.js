@@ -1,7 +1,8 @@
 // The wall of robots' pictures: which robots it shows, in which order, and by which key each is taken. Pure but for the markup,
 // which is the server's (wall.html).
 
-import { durationText, part, setText } from "../dom/page.js";
+import { part, setText } from "../dom/page.js";
+import { ageText, reasonText } from "../queue/requestRows.js";
 import { fleet as fleetTexts } from "../texts/fleet.js";
 import { requests as requestTexts, wall as texts } from "../texts/queue.js";
 import { driverText, healthText, presenceText } from "./cards.js";
@@ -46,9 +47,8 @@ export function keyOfPress({ key, code, ctrlKey, metaKey, altKey, repeat }) {
 // What a robot asks for, in words; empty when it asks for nothing.
 export function askingText(request) {
   if (!request) return "";
-  const { reason, source, age_s: age, priority, state, accepted_by: name } = request;
-  const why = reason || requestTexts.sources[source] || requestTexts.noReason;
-  const words = texts.asks(why, Number.isFinite(age) ? durationText(age * 1000) : requestTexts.unknown);
+  const { age_s: age, priority, state, accepted_by: name } = request;
+  const words = texts.asks(reasonText(request), ageText(age));
   const marked = priority === 1 ? texts.urgent(words) : words;
   return state === "accepted" ? texts.accepted(marked, name ?? requestTexts.unknown) : marked;
 }

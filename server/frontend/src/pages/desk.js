@@ -123,7 +123,7 @@ function wireList(table) {
 }
 
 // Drive on the pages of one robot.
-export function wireDrive(page) {
+function wireDrive(page) {
   for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
 }
 

@@ -18,7 +18,7 @@ const MAX_TRANSFORMS = 200; // messages of transforms that count at once
 const MAX_AGE_MS = 3600_000; // of a frame, by the robot's clock
 const WORDS_EVERY_MS = 200; // numbers that change with each frame nobody can read
 
-export class ReplayPage {
+class ReplayPage {
   // `controls` as of readControls; `driveTopic` may be empty.
   constructor(root, reader, { goesOn, controls, driveTopic }) {
     this.root = root;

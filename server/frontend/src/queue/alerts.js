@@ -75,7 +75,7 @@ export class Alerts {
 }
 
 // Two short notes, made here: no file to load.
-export class Sound {
+class Sound {
   constructor(makeContext = () => new AudioContext()) {
     this.makeContext = makeContext;
     /** @type {AudioContext | null} */
