@@ -127,6 +127,18 @@ def read_rights(
     return {user_id: frozenset(robot_ids) for user_id, robot_ids in rights.items()}
 
 
+def count_sharing(tx: Transaction, user_id: int, others: Collection[int]) -> int:
+    """Return how many of these users may drive a robot that the user may drive."""
+    if not others:
+        return 0
+    row = tx.row(
+        "SELECT COUNT(DISTINCT o.user_id) AS sharing FROM relay_grants o JOIN relay_grants g ON g.robot_id = o.robot_id "
+        "WHERE o.user_id IN %s AND o.level <> 'observe' AND g.user_id = %s AND g.level <> 'observe'",
+        (tuple(others), user_id),
+    )
+    return 0 if row is None else int(row["sharing"])
+
+
 def list_managed(tx: Transaction, user_id: int) -> frozenset[int]:
     """Return the ids of the robots that a user manages."""
     rows = tx.rows(

@@ -58,6 +58,14 @@ class QueueView:
 
 
 @dataclass(frozen=True)
+class Crew:
+    """The operators with a heartbeat in the last AWAY_AFTER_S, and the pools of each user who has any."""
+
+    rows: list[OperatorRow]
+    pools: dict[int, list[str]]
+
+
+@dataclass(frozen=True)
 class SeenOperator:
     """An operator as a manager sees one; `request` is the one that the operator has or is offered."""
 
@@ -92,30 +100,35 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     available = was_there if choice is None else choice == "available"
     is_idle = state_of(row) == "available"
     operators.write_heartbeat(tx, user.id, available=available, is_idle=is_idle)
-    plan_if_due(tx)
-    return _view(tx, user)
+    crew = plan_if_due(tx) or _read_crew(tx)
+    return _view(tx, user, crew)
 
 
-def plan_if_due(tx: Transaction) -> None:
-    """Offer waiting requests to operators, unless somebody does or has just done so."""
+def _read_crew(tx: Transaction) -> Crew:
+    return Crew(operators.list_seen_within(tx, AWAY_AFTER_S), operators.read_pools(tx))
+
+
+def plan_if_due(tx: Transaction) -> Crew | None:
+    """Offer waiting requests to operators, unless somebody does or has just done so; return whom it looked at."""
     now = requests.lock_to_plan(tx, PLAN_EVERY_S)
     if now is None:
-        return
+        return None
     open_requests = requests.read_open(tx)
     if not open_requests:
-        return
+        return None
     requests.set_planned(tx, now)
     _send_away(tx, open_requests, now)
-    rows = operators.list_seen_within(tx, AWAY_AFTER_S)
+    crew = _read_crew(tx)
     holders = {request.accepted_by for request in open_requests if request.accepted_by is not None}
     rights = operators.read_rights(
         tx,
-        holders | {row.user_id for row in rows},
+        holders | {row.user_id for row in crew.rows},
         {request.robot_id for request in open_requests},
     )
     _release_lost(tx, open_requests, rights)
-    plan = _plan(tx, now, open_requests, rows, rights)
-    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in rows})
+    plan = _plan(tx, now, open_requests, crew, rights)
+    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in crew.rows})
+    return crew
 
 
 def _send_away(tx: Transaction, open_requests: list[OpenRequest], now: dt.datetime) -> None:
@@ -143,12 +156,11 @@ def _plan(
     tx: Transaction,
     now: dt.datetime,
     open_requests: list[OpenRequest],
-    rows: list[OperatorRow],
+    crew: Crew,
     rights: Mapping[int, frozenset[int]],
 ) -> planning.Plan:
     unanswered = _unanswered(open_requests)
     passes = requests.read_passes(tx, [request.id for request in unanswered])
-    pools = operators.read_pools(tx)
     return planning.plan(
         QueueState(
             now=now.timestamp(),
@@ -173,10 +185,10 @@ def _plan(
                     row.user_id,
                     state_of(row),
                     row.idle_since.timestamp(),
-                    frozenset(pools.get(row.user_id, ())),
+                    frozenset(crew.pools.get(row.user_id, ())),
                     rights[row.user_id],
                 )
-                for row in rows
+                for row in crew.rows
             ),
         )
     )
@@ -222,9 +234,8 @@ def _note_pass(tx: Transaction, request: OpenRequest, *, why: str) -> None:
     audit.record(tx, source, "request_passed", request.robot, request=request.id, why=why)
 
 
-def _view(tx: Transaction, user: User) -> QueueView:
-    rows = {row.user_id: row for row in operators.list_seen_within(tx, AWAY_AFTER_S)}
-    row = rows.get(user.id)
+def _view(tx: Transaction, user: User, crew: Crew) -> QueueView:
+    row = next((row for row in crew.rows if row.user_id == user.id), None)
     if row is None:
         raise StoreUnavailableError(
             "cannot show the queue: the database was too slow; try again shortly"
@@ -232,7 +243,6 @@ def _view(tx: Transaction, user: User) -> QueueView:
     state = state_of(row)
     open_requests = requests.list_open(tx, user.id)
     offer = _first(open_requests, "offered", user)
-    pools = operators.read_pools(tx)
     return QueueView(
         state=state,
         available=row.available,
@@ -240,8 +250,8 @@ def _view(tx: Transaction, user: User) -> QueueView:
         offer_left_s=_left_s(offer, row.now),
         current=_first(open_requests, "accepted", user),
         wrap_up_left_s=row.wrap_up_left_s if state == "wrap_up" else None,
-        waiting=_waiting(open_requests, pools.get(user.id, [])),
-        ahead=_ahead(row, rows, pools, open_requests) if state == "available" else None,
+        waiting=_waiting(open_requests, crew.pools.get(user.id, [])),
+        ahead=_ahead(tx, row, crew, open_requests) if state == "available" else None,
     )
 
 
@@ -258,7 +268,8 @@ def _first(
 def _left_s(offer: HelpRequest | None, now: dt.datetime) -> float | None:
     if offer is None or offer.offer_until is None:
         return None
-    return max((offer.offer_until - now).total_seconds(), 0.0)
+    # An offer of this plan began after `now`.
+    return min(max((offer.offer_until - now).total_seconds(), 0.0), OFFER_S)
 
 
 def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpRequest]:
@@ -273,21 +284,25 @@ def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpReq
 
 
 def _ahead(
-    row: OperatorRow,
-    rows: Mapping[int, OperatorRow],
-    pools: Mapping[int, list[str]],
-    open_requests: list[SeenRequest],
+    tx: Transaction, row: OperatorRow, crew: Crew, open_requests: list[SeenRequest]
 ) -> int:
-    """Count the available operators without an offer, as far as this user sees, whom the plan asks before."""
+    """Count the available operators without an offer, as far as this user sees, whom the plan asks before.
+
+    Of those alone who may drive a robot that this user may drive: the others are asked for other requests.
+    """
 
     def turn(operator: OperatorRow) -> tuple[int, dt.datetime, int]:
-        return len(pools.get(operator.user_id, ())), operator.idle_since, operator.user_id
+        return len(crew.pools.get(operator.user_id, ())), operator.idle_since, operator.user_id
 
     offered = {seen.request.offered_to for seen in open_requests}
-    return sum(
-        state_of(other) == "available" and other.user not in offered and turn(other) < turn(row)
-        for other in rows.values()
-    )
+    earlier = [
+        other.user_id
+        for other in crew.rows
+        if state_of(other) == "available"
+        and other.user not in offered
+        and turn(other) < turn(row)
+    ]
+    return operators.count_sharing(tx, row.user_id, earlier)
 
 
 def list_operators(tx: Transaction, user: User) -> list[SeenOperator]:

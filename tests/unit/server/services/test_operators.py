@@ -5,7 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from granted import take
+from granted import give, take
 from help_desk import HelpDesk
 from robotether_server.db import robots, users
 from robotether_server.problems import GrantMissingError, NotPossibleError
@@ -126,6 +126,17 @@ def test_a_pool_and_the_right_to_drive_say_who_is_asked(desk):
     assert [request.id for request in desk.poll("ann").waiting] == [second]
     desk.pass_time(1)
     assert desk.poll("ann").offer is None
+
+
+def test_only_who_may_drive_the_same_robots_is_ahead(desk):
+    desk.poll("ann")
+    desk.poll("zoe")
+    desk.pass_time(1)
+    assert desk.poll("ben").ahead == 1
+    with desk.transaction() as tx:
+        for robot_id in desk.robots.values():
+            give(tx, desk.users["zoe"], robot_id, "drive")
+    assert desk.poll("ben").ahead == 2
 
 
 @pytest.mark.parametrize("end", ["right", "user"])
