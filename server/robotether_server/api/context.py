@@ -29,6 +29,7 @@ class AppContext:
     site_certificates: SiteCertificates
     agent_files_dir: Path
     login_lifetime: Lifetime
+    wall_robots: int
     backup_record: Path
     metrics: WebMetrics
     ssh_probe: SshProbe

@@ -11,12 +11,13 @@ from robotether_server import schemas
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import requests
-from robotether_server.db.requests import Figures, HelpRequest, Priority
+from robotether_server.db.requests import Figures, HelpRequest, Priority, RequestPeriod
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import NewPlainName, PlainName, RobotName, UserName
 from robotether_server.services import operators
 from robotether_server.services import requests as request_service
 from robotether_server.services.operators import Choice, QueueView, SeenOperator
+from robotether_server.services.requests import PeriodLength
 
 MAX_REASON, MAX_NOTE, MAX_POOLS = 200, 500, 20
 MAX_HOURS = 24 * 366
@@ -118,6 +119,18 @@ class FiguresQuery(Struct, forbid_unknown_fields=True):
     hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)] = 24
 
 
+class PeriodsQuery(Struct, forbid_unknown_fields=True):
+    """The length of a period."""
+
+    by: PeriodLength = "hour"
+
+
+class RequestPeriodList(Struct):
+    """The last 24 hours or 30 days, the oldest first; the last is not over."""
+
+    periods: list[RequestPeriod]
+
+
 @operation("POST", "/robots/<robot>/requests", "user", tag="requests", problems=(409,))
 def ask_for_help(caller: Caller, robot: str, body: NewHelpRequest) -> Created[HelpRequest]:
     """Ask for help with a robot.
@@ -152,6 +165,15 @@ def show_request_figures(caller: Caller, query: FiguresQuery) -> Figures:
     Of the robots that the caller may see. What is not known is null.
     """
     return request_service.read_figures(caller.tx, caller.user, query.hours)
+
+
+@operation("GET", "/requests/periods", "user", tag="requests", renews_login=False)
+def list_request_periods(caller: Caller, query: PeriodsQuery) -> RequestPeriodList:
+    """List how many requests were made, closed and cancelled in each hour or day of UTC, and how long they waited.
+
+    Of the robots that the caller may see. What is not known is null.
+    """
+    return RequestPeriodList(request_service.read_periods(caller.tx, caller.user, query.by))
 
 
 @operation("POST", "/requests/<int:request_id>/accept", "user", tag="requests", problems=(409,))

@@ -38,6 +38,37 @@ ADD = (
     "CALL add_help_request(%(robot_id)s, %(source)s, %(reason)s, %(priority)s, %(pool)s, "
     "%(asked_by)s, %(address)s)"
 )
+# When the oldest records are from that are all still there; NULL: nothing is deleted.
+CLOCK = (
+    "SELECT UNIX_TIMESTAMP() AS now_s, (SELECT UNIX_TIMESTAMP() - 86400 * NULLIF(days, 0) FROM retention) "
+    "AS kept_from_s"
+)
+
+
+def _by_period(at: str, facts: str, end: str) -> str:
+    """Return a query of facts by the number of the period in which `at` is."""
+    return (
+        f"SELECT DISTINCT UNIX_TIMESTAMP(h.{at}) DIV %(length_s)s AS number, {facts} FROM help_requests h "  # noqa: S608 - the module's own text
+        "JOIN (SELECT robot_id FROM relay_grants WHERE user_id = %(viewer)s) g ON g.robot_id = h.robot_id "
+        f"WHERE h.{at} >= FROM_UNIXTIME(%(from_s)s) {end}"
+    )
+
+
+def _quantile(share: float) -> str:
+    waited_s = "TIMESTAMPDIFF(MICROSECOND, h.created_at, h.accepted_at) / 1e6"
+    number = "UNIX_TIMESTAMP(h.accepted_at) DIV %(length_s)s"
+    return f"PERCENTILE_DISC({share}) WITHIN GROUP (ORDER BY {waited_s}) OVER (PARTITION BY {number})"
+
+
+MADE = _by_period("created_at", "CAST(COUNT(*) AS INT) AS made", "GROUP BY number")
+ENDED = _by_period(
+    "closed_at",
+    "CAST(SUM(h.state = 'closed') AS INT) AS closed, CAST(SUM(h.state = 'cancelled') AS INT) AS cancelled",
+    "GROUP BY number",
+)
+WAITS = _by_period(
+    "accepted_at", f"{_quantile(0.5)} AS waiting_p50_s, {_quantile(0.95)} AS waiting_p95_s", ""
+)
 
 
 @dataclass(frozen=True)
@@ -120,6 +151,22 @@ class Figures:
     answered: Count
     open: Count
     oldest_open_s: Amount | None
+
+
+@dataclass(frozen=True)
+class RequestPeriod:
+    """What became of requests in one hour or day of UTC; counts are null where records may be deleted already.
+
+    `made`, `closed` and `cancelled` count what happened then, the waits are of those that were accepted then, null:
+    none was.
+    """
+
+    begins_at: Timestamp
+    made: Count | None
+    closed: Count | None
+    cancelled: Count | None
+    waiting_p50_s: Amount | None
+    waiting_p95_s: Amount | None
 
 
 def lock(tx: Transaction) -> None:
@@ -283,6 +330,35 @@ def read_waits(tx: Transaction, viewer_id: int, hours: int) -> list[float]:
         (viewer_id, hours),
     )
     return [row["waited_s"] for row in rows]
+
+
+def read_periods(tx: Transaction, viewer_id: int, length_s: int, count: int) -> list[RequestPeriod]:
+    """Return what became of requests that the viewer may see in each of the last periods, the oldest first.
+
+    A period is a multiple of its length since 1970; the last one is not over.
+    """
+    clock = tx.row(CLOCK) or {}
+    last = int(clock["now_s"] // length_s)
+    first = last - count + 1
+    values = {"viewer": viewer_id, "length_s": length_s, "from_s": first * length_s}
+    periods = {
+        number: {"made": 0, "closed": 0, "cancelled": 0} for number in range(first, last + 1)
+    }
+    for query in (MADE, ENDED, WAITS):
+        for row in tx.rows(query, values):
+            periods.get(row.pop("number"), {}).update(row)
+    kept_from_s = clock["kept_from_s"] or 0
+    return [
+        _period(number * length_s, facts if number * length_s >= kept_from_s else {})
+        for number, facts in periods.items()
+    ]
+
+
+def _period(begins_s: int, facts: Row) -> RequestPeriod:
+    names = ("made", "closed", "cancelled", "waiting_p50_s", "waiting_p95_s")
+    return RequestPeriod(
+        dt.datetime.fromtimestamp(begins_s, dt.UTC), *(facts.get(name) for name in names)
+    )
 
 
 def _seen(row: Row) -> SeenRequest:

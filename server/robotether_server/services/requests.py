@@ -7,16 +7,27 @@ closes by itself.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal
 
 from robotether_server.db import Transaction, audit, operators, requests, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
-from robotether_server.db.requests import Figures, HelpRequest, NewRequest, SeenRequest
+from robotether_server.db.requests import (
+    Figures,
+    HelpRequest,
+    NewRequest,
+    RequestPeriod,
+    SeenRequest,
+)
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissingError, NotPossibleError, RobotUnknownError
 from robotether_server.services.operators import state_of
 from robotether_server.services.planning import OFFER_S, WRAP_UP_S
+
+PeriodLength = Literal["hour", "day"]
+# The length of a period in seconds, and how many the figures over time have.
+PERIODS: Mapping[PeriodLength, tuple[int, int]] = {"hour": (3600, 24), "day": (86_400, 30)}
 
 
 def make(
@@ -157,6 +168,11 @@ def read_figures(tx: Transaction, user: User, hours: int) -> Figures:
         open=len(ages),
         oldest_open_s=max(ages, default=None),
     )
+
+
+def read_periods(tx: Transaction, user: User, by: PeriodLength) -> list[RequestPeriod]:
+    """Return the figures over time of the robots that the user may see."""
+    return requests.read_periods(tx, user.id, *PERIODS[by])
 
 
 def set_pools(tx: Transaction, source: Source, name: str, pools: list[str]) -> list[str]:

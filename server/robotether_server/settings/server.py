@@ -220,6 +220,7 @@ _TABLE = (
     ),
     Variable("LOGIN_TTL_H", "how long a login lasts", HOURS, "12"),
     Variable("LOGIN_IDLE_H", "how long an unused login lasts", HOURS, "4"),
+    Variable("WALL_ROBOTS", "how many robots one person watches on the wall", whole(1, 20), "20"),
     Variable(
         "CELL",
         "name of this machine among those of its site",
@@ -397,6 +398,7 @@ class WebSettings:
     secret_key: Annotated[str, "WEB_SECRET_KEY"] = field(repr=False)
     login_ttl_h: Annotated[int, "LOGIN_TTL_H"]
     login_idle_h: Annotated[int, "LOGIN_IDLE_H"]
+    wall_robots: Annotated[int, "WALL_ROBOTS"]
     log_level: Annotated[str, "LOG_LEVEL"]
     allowed_origins: Annotated[tuple[str, ...], "ALLOWED_ORIGINS"] = ()
     # None: web makes one.

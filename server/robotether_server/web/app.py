@@ -142,6 +142,7 @@ def make_context(settings: WebSettings) -> AppContext:
         login_lifetime=Lifetime(
             dt.timedelta(hours=settings.login_ttl_h), dt.timedelta(hours=settings.login_idle_h)
         ),
+        wall_robots=settings.wall_robots,
         backup_record=RECORD,
         metrics=WebMetrics(database, certificates),
         ssh_probe=SshProbe(settings.site_address.tls_front),

@@ -37,6 +37,7 @@ def web_settings_of(database: DatabaseSettings, folder: Path) -> WebSettings:
         secret_key="w" * 32,
         login_ttl_h=12,
         login_idle_h=4,
+        wall_robots=20,
         log_level="info",
     )
 

@@ -44,6 +44,7 @@ EXPECTED = {
         "operators": "SELECT, INSERT, UPDATE",
         "pool_members": "SELECT, INSERT, DELETE",
         "planner": "SELECT, UPDATE",
+        "retention": "SELECT",
         "PROCEDURE add_help_request": "EXECUTE",
         "recordings": "SELECT, "
         "INSERT (asked_at, asked_by, asked_by_id, cause, robot, robot_id), "

@@ -410,6 +410,7 @@ def test_requests(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -
     talk.ask("olga", "POST", "/requests/{other}/cancel", other=other)
     talk.ask("ann", "GET", "/requests")
     talk.ask("ann", "GET", "/requests/figures?hours=1")
+    talk.ask("ann", "GET", "/requests/periods?by=week")
     assert talk.transcript == recorded
 
 

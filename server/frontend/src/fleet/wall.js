@@ -7,8 +7,7 @@ import { fleet as fleetTexts } from "../texts/fleet.js";
 import { requests as requestTexts, wall as texts } from "../texts/queue.js";
 import { driverText, healthText, presenceText } from "./cards.js";
 
-export const MOST = 20; // Number of robots on the wall
-export const KEYS = [..."1234567890qwertyuiop"]; // two rows of the keyboard
+export const KEYS = [..."1234567890qwertyuiop"]; // two rows of the keyboard, and so the maximum number of robots on the wall
 
 // The open request of each robot that is first in line, by name; `requests` come the most urgent first, then the oldest.
 export function requestsByRobot(requests) {
@@ -17,14 +16,15 @@ export function requestsByRobot(requests) {
   return byRobot;
 }
 
-// The names on the wall: robots that ask for help as their requests come, then those online; `robots` come in the order of names.
-export function wallNames(robots, byRobot) {
+// The names on the wall, `most` of them: robots that ask for help as their requests come, then those online; `robots` come in the
+// order of names.
+export function wallNames(robots, byRobot, most = KEYS.length) {
   const names = new Set(robots.map(({ name }) => name));
   const asking = [...byRobot.keys()].filter((name) => names.has(name));
   const others = robots.filter(({ name }) => !byRobot.has(name));
   const online = others.filter((robot) => robot.online);
   const offline = others.filter((robot) => !robot.online);
-  return [...asking, ...[...online, ...offline].map(({ name }) => name)].slice(0, MOST);
+  return [...asking, ...[...online, ...offline].map(({ name }) => name)].slice(0, most);
 }
 
 // A robot keeps its key while it is on the wall, wherever it moves: a press must meet the robot that it was meant for.

@@ -1,4 +1,17 @@
-// Draws the charts of the page Health with uPlot. Each has its lines in words beside it, which say the same.
+/*!
+ * With uPlot, which has this licence:
+ * The MIT License (MIT). Copyright (c) 2022 Leon Sorokin.
+ * Permission is hereby granted, free of charge, to any person obtaining a copy of this software and associated documentation files
+ * (the "Software"), to deal in the Software without restriction, including without limitation the rights to use, copy, modify, merge,
+ * publish, distribute, sublicense, and/or sell copies of the Software, and to permit persons to whom the Software is furnished to do
+ * so, subject to the following conditions: The above copyright notice and this permission notice shall be included in all copies or
+ * substantial portions of the Software. THE SOFTWARE IS PROVIDED "AS IS", WITHOUT WARRANTY OF ANY KIND, EXPRESS OR IMPLIED, INCLUDING
+ * BUT NOT LIMITED TO THE WARRANTIES OF MERCHANTABILITY, FITNESS FOR A PARTICULAR PURPOSE AND NONINFRINGEMENT. IN NO EVENT SHALL THE
+ * AUTHORS OR COPYRIGHT HOLDERS BE LIABLE FOR ANY CLAIM, DAMAGES OR OTHER LIABILITY, WHETHER IN AN ACTION OF CONTRACT, TORT OR
+ * OTHERWISE, ARISING FROM, OUT OF OR IN CONNECTION WITH THE SOFTWARE OR THE USE OR OTHER DEALINGS IN THE SOFTWARE.
+ */
+
+// Draws charts with uPlot, on the pages Health and Supervise. Each has its lines in words beside it, which say the same.
 
 import uPlot from "uplot";
 
@@ -11,9 +24,9 @@ const HEIGHT = 160;
 const COLOURS = ["--accent", "--bad", "--wait", "--good"];
 const DASHES = [[], [8, 4], [2, 3], [8, 3, 2, 3]];
 
-// `answer` is that of /api/v1/health/history. Gives what ends them.
-export function drawCharts(container, answer, range) {
-  const charts = answer.charts.map((chart) => draw(chart, answer.times, range));
+// `answer` is as that of /api/v1/health/history, `wordsOf(line, unit)` says a line. Gives what ends them.
+export function drawCharts(container, answer, range, wordsOf = lineText) {
+  const charts = answer.charts.map((chart) => draw(chart, answer.times, range, wordsOf));
   container.replaceChildren(...charts.map(({ figure }) => figure));
   const fit = () => charts.forEach(({ plot, place }) => plot?.setSize({ width: place.clientWidth, height: HEIGHT }));
   const observer = new ResizeObserver(fit);
@@ -24,11 +37,11 @@ export function drawCharts(container, answer, range) {
   };
 }
 
-function draw({ name, unit, lines }, times, range) {
-  const words = lines.map((line) => make("li", {}, lineText(line, unit)));
+function draw({ name, title: words = texts.titles[name] ?? name, unit, lines }, times, range, wordsOf) {
+  const items = lines.map((line) => make("li", {}, wordsOf(line, unit)));
   const place = make("div", { class: "plot", "aria-hidden": "true" });
-  const title = make("h3", {}, texts.titles[name] ?? name);
-  const said = words.length ? make("ul", {}, ...words) : make("p", { class: "soft" }, texts.noData);
+  const title = make("h3", {}, words);
+  const said = items.length ? make("ul", {}, ...items) : make("p", { class: "soft" }, texts.noData);
   const figure = make("figure", { class: "chart", "data-testid": `chart-${name}` }, make("figcaption", {}, title, said), place);
   const data = /** @type {uPlot.AlignedData} */ ([times, ...lines.map(({ values }) => values)]);
   return { figure, place, plot: lines.length ? new uPlot(options(unit, lines, range), data, place) : null };
@@ -44,6 +57,7 @@ function options(unit, lines, range) {
     height: HEIGHT,
     legend: { show: false },
     cursor: { show: false },
+    ...(range === "month" && { tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), "Etc/UTC") }),
     scales: { y: { range: (_, __, most) => [0, most > 0 ? most * 1.1 : 1] } },
     axes: [
       { ...axis, values: (_, marks) => marks.map((mark) => markText(mark, range)) },

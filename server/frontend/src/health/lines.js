@@ -22,6 +22,7 @@ export function lineText({ name, values }, unit) {
 // The time of a mark below a chart.
 export function markText(seconds, range) {
   const time = new Date(seconds * 1000);
+  if (range === "month") return time.toLocaleDateString("en-GB", { day: "numeric", month: "short", timeZone: "UTC" });
   if (range === "week") return time.toLocaleDateString("en-GB", { weekday: "short", day: "numeric" });
   return time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit" });
 }

@@ -1,22 +1,30 @@
-// The supervisor's page: what waits and how long, who does what, assigning by hand and closing. Loaded by supervise.html.
+// The supervisor's page: what waits and how long, who does what, assigning by hand and closing, and figures over time. Loaded by
+// supervise.html.
 
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
+import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { fillRequest, KeyedRows, keyOfRequest, showDataState } from "../queue/requestRows.js";
-import { figureTexts, offeredOperators, operatorFacts } from "../queue/supervision.js";
+import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../queue/supervision.js";
 import { supervise as texts } from "../texts/queue.js";
 
-const EVERY_MS = 2000; // interval between two questions
+// Intervals between two questions for what is now, and for the figures over time.
+const EVERY_MS = 2000;
+const PERIODS_EVERY_MS = 60_000;
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(main, "supervise-feed");
 const outcome = byTestId(main, "assign-outcome");
 const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getElementById(id));
 const bodyOf = (testId) => byTestId(main, testId).tBodies[0];
+const charts = part(main, "charts");
+const periodButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-by]")]);
 /** @type {any[]} */
 let operators = [];
+let by = "hour"; // the length of the periods that the charts have
+let endCharts = () => {};
 
 const requests = new KeyedRows({
   container: bodyOf("open-requests"),
@@ -40,6 +48,15 @@ const people = new KeyedRows({
   },
 });
 const poller = new Poller({ ask, onAnswer: show, onState: (state) => showDataState(main, feedState, state), everyMs: EVERY_MS });
+const periodPoller = new Poller({
+  ask: () => api.get("/api/v1/requests/periods", { by }),
+  onAnswer: showPeriods,
+  onState: ({ name, detail }) => {
+    charts.dataset.stale = String(name !== "live");
+    if (name !== "live") setText(part(main, "periods-state"), texts.noPeriods(detail));
+  },
+  everyMs: PERIODS_EVERY_MS,
+});
 
 // All of it, or what failed first: half of a page that is new and half that is old would be taken for one.
 async function ask() {
@@ -59,6 +76,18 @@ function show({ requests: open, operators: staff, figures }) {
   byTestId(main, "open-requests").hidden = open.length === 0;
   setText(part(main, "none"), open.length ? "" : texts.none);
   people.show(staff);
+}
+
+function showPeriods({ periods }) {
+  endCharts();
+  endCharts = drawCharts(charts, chartsOf(periods), by === "day" ? "month" : "day", periodWords);
+  setText(part(main, "periods-state"), texts.periods[by]);
+}
+
+function choosePeriod(chosen) {
+  by = String(chosen.dataset.by);
+  for (const button of periodButtons) button.setAttribute("aria-pressed", String(button === chosen));
+  periodPoller.askNow();
 }
 
 // The list of people is written anew only when it differs: one that is open would close.
@@ -90,6 +119,10 @@ async function close(id, robot, state) {
   poller.askNow();
 }
 
+for (const button of periodButtons) button.addEventListener("click", () => choosePeriod(button));
 new Presses().watch(window);
 new LoginUse().watch(window);
-tickWhileSeen(() => poller.tick());
+tickWhileSeen(() => {
+  poller.tick();
+  periodPoller.tick();
+});

@@ -18,6 +18,7 @@ const REQUESTS_EVERY_MS = 2000;
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const facts = JSON.parse(main.dataset.robots ?? "{}"); // level and camera, which the events do not have
+const most = Number(main.dataset.most); // number of robots that one person watches, by the site's settings
 const choices = new Choices("wall");
 const [feedState, requestState] = [byTestId(main, "wall-feed"), byTestId(main, "wall-requests")];
 const [search, keysBox] = [part(main, "search"), byTestId(main, "wall-keys")];
@@ -63,13 +64,13 @@ function show() {
   list.arrange(names, shown);
   const asking = [...byRobot.keys()].filter((name) => robots.has(name));
   setText(byTestId(main, "wall-asking"), texts.asking(asking));
-  setText(byTestId(main, "wall-count"), texts.count(names.length, all.length));
+  setText(byTestId(main, "wall-count"), texts.count(names.length, all.length, most));
   byTestId(main, "wall-empty").hidden = names.length > 0 || feedState.dataset.feed !== "live";
 }
 
 // While a hand moves over the wall, each robot keeps its place.
 function namesToShow(fitting) {
-  const names = wallNames(fitting, byRobot);
+  const names = wallNames(fitting, byRobot, most);
   if (!hand.moves) return names;
   const present = [...list.container.children].map(({ dataset }) => dataset.robot);
   return present.length ? present.filter((name) => fitting.some((robot) => robot.name === name)) : names;

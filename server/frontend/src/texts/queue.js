@@ -90,6 +90,17 @@ export const supervise = {
   close: (robot) => `Close the request of ${robot}`,
   closed: (robot) => `The request of ${robot} is closed.`,
   notClosed: (robot, detail) => `${robot}: not closed. ${detail ? sentence(detail) : "The server does not answer."}`,
+  charts: { requests: "Requests", waits: "Wait until accepted" },
+  lines: {
+    made: (all, most) => `Asked: ${all} in all, at most ${most}`,
+    closed: (all, most) => `Done: ${all} in all, at most ${most}`,
+    cancelled: (all, most) => `Cancelled: ${all} in all, at most ${most}`,
+    waiting_p50_s: (most) => `Half within: at most ${most}`,
+    waiting_p95_s: (most) => `95 % within: at most ${most}`,
+  },
+  partly: (count) => `; unknown for the first ${count}`,
+  periods: { hour: "The last 24 hours, by hour.", day: "The last 30 days, by day of UTC." },
+  noPeriods: (detail) => (detail ? sentence(detail) : "The server does not answer."),
   failed: (robot, detail) => `${robot}: not assigned. ${detail ? sentence(detail) : "The server does not answer."}`,
 };
 
@@ -101,7 +112,7 @@ export const wall = {
     if (names.length === 0) return "";
     return names.length === 1 ? `${names[0]} asks for help.` : `${names.length} robots ask for help: ${names.join(", ")}.`;
   },
-  count: (shown, all) => (shown === all ? `${all} robots` : `${shown} of ${all} robots; search to see the others`),
+  count: (shown, all, most) => (shown === all ? `${all} robots` : `${shown} of ${all} robots, ${most} at most; search to see the others`),
   stopped: (name) => `Stopped by ${name}`,
   drive: "Drive",
   watch: "Watch",

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
 import { KeyedRows, requestFacts, stateText } from "../../src/queue/requestRows.js";
-import { figureTexts, offeredOperators, operatorFacts } from "../../src/queue/supervision.js";
+import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../../src/queue/supervision.js";
 import { FakeElement } from "../control/fakes.js";
 
 const REQUEST = {
@@ -48,6 +48,25 @@ test("figures and operators that are not known are -", () => {
   assert.deepEqual(figureTexts(figures), { open: "0", oldest: "-", p50: "11 s", p95: "1 min 3 s", answered: "12" });
   const away = { user: "ben", state: "away", since: null, request: null, pools: [] };
   assert.deepEqual(operatorFacts(away), { user: "ben", "operator-state": "Away", since: "-", request: "-", pools: "-" });
+});
+
+test("figures over time are said in words, and what is unknown is no 0", () => {
+  const begins_at = "2026-11-29T01:00:00Z";
+  const unknown = { begins_at, made: null, closed: null, cancelled: null, waiting_p50_s: null, waiting_p95_s: null };
+  const known = { begins_at, made: 3, closed: 2, cancelled: 0, waiting_p50_s: 20, waiting_p95_s: 125 };
+  const { times, charts } = chartsOf([unknown, known, { ...known, made: 1, waiting_p95_s: null }]);
+  assert.deepEqual(times, [1795914000, 1795914000, 1795914000]);
+  assert.deepEqual(
+    charts.flatMap(({ lines, unit }) => lines.map((line) => periodWords(line, unit))),
+    [
+      "Asked: 4 in all, at most 3; unknown for the first 1",
+      "Done: 4 in all, at most 2; unknown for the first 1",
+      "Cancelled: 0 in all, at most 0; unknown for the first 1",
+      "Half within: at most 20 s",
+      "95 % within: at most 2 min 5 s",
+    ],
+  );
+  assert.equal(periodWords({ name: "made", values: [null] }, "count"), "Asked: - in all, at most -");
 });
 
 test("a request can be assigned to who is available, then to who wraps up", () => {

@@ -130,7 +130,7 @@ def show_fleet() -> AnyResponse:
 @blueprint.get("/wall")
 def show_wall() -> AnyResponse:
     """Show pictures of the robots that the user may see, those that ask for help first."""
-    return _page_of_robots("wall.html", _tiles)
+    return _page_of_robots("wall.html", _tiles, most=context().wall_robots)
 
 
 def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
@@ -140,16 +140,16 @@ def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
 
 
 def _page_of_robots(
-    template: str, describe: Callable[[list[SeenRobot]], Collection[object]]
+    template: str, describe: Callable[[list[SeenRobot]], Collection[object]], **values: object
 ) -> AnyResponse:
-    """Show a page of all robots that the user may see, as `describe` says for its template."""
+    """Show a page of all robots that the user may see, as `describe` says for its template, which has `values`, too."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
         seen = seen_robots.list_seen(tx, user)
         current_user.remember(tx, user)
-    return make_response(render_template(template, user=user, robots=describe(seen)))
+    return make_response(render_template(template, user=user, robots=describe(seen), **values))
 
 
 @blueprint.get("/robots/<name>")

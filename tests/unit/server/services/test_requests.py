@@ -1,9 +1,11 @@
 """Who may do what with a request for help; each refusal is an attack or a mistake."""
 
+from datetime import timedelta
+
 import pytest
 from granted import take
 from help_desk import HelpDesk
-from robotether_server.db import users
+from robotether_server.db import migrate, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     GrantMissingError,
@@ -168,3 +170,37 @@ def test_figures_are_of_what_the_user_may_see_and_null_where_nothing_is(desk):
     assert (shown.answered, shown.open) == (2, 1)
     assert 5 <= shown.oldest_open_s < 10
     assert (figures("olga").answered, figures("olga").open, figures("zoe").answered) == (2, 0, 0)
+
+
+@pytest.mark.parametrize(("by", "count"), [("hour", 24), ("day", 30)])
+def test_figures_over_time_are_of_what_the_user_may_see(desk, admin_database, by, count):
+    """A period of which records may be deleted is unknown; one in which nothing happened is not."""
+
+    def periods(name):
+        with desk.transaction() as tx:
+            return requests.read_periods(tx, users.get(tx, name), by)
+
+    with admin_database.transaction() as tx:
+        migrate.set_audit_days(tx, 365)
+    with desk.transaction() as tx:
+        [now_s] = tx.row("SELECT UNIX_TIMESTAMP() AS now_s").values()
+    for waits_s, action in ((10, "close"), (30, "close"), (20, "cancel")):
+        request_id = desk.ask("sim2")
+        desk.pass_time(waits_s)
+        desk.poll("ann")
+        desk.act("accept", "ann", request_id)
+        desk.act(action, "mona", request_id)
+        desk.pass_time(40)
+    # To the beginning of the period before, whatever time it is.
+    length_s, _ = requests.PERIODS[by]
+    desk.pass_time(float(now_s) % length_s + length_s - 300)
+    desk.ask("sim2")
+    *_, before, last = shown = periods("ann")
+    assert (len(shown), last.begins_at - before.begins_at) == (count, timedelta(seconds=length_s))
+    assert (before.made, before.closed, before.cancelled) == (3, 2, 1)
+    assert 20 <= before.waiting_p50_s < 25 < 30 <= before.waiting_p95_s < 35
+    assert (last.made, last.closed, last.waiting_p50_s, last.waiting_p95_s) == (1, 0, None, None)
+    assert periods("olga")[-2].made == periods("zoe")[-2].made == shown[0].made == 0
+    with admin_database.transaction() as tx:
+        migrate.set_audit_days(tx, 20)
+    assert periods("ann")[0].made == (0 if by == "hour" else None)

@@ -93,6 +93,7 @@ WRONG = {
     "TICKET_TTL_S": ("4", "301", "30s"),
     "LOGIN_TTL_H": ("0",),
     "LOGIN_IDLE_H": ("721",),
+    "WALL_ROBOTS": ("0", "21"),
     "PUBLIC_HOST": ("https://a", "robots.example:8443", "2001:db8::1%eth0"),
     "PUBLIC_PORT": ("0",),
     "TLS_FRONT": ("nginx", "nginx:https"),

@@ -55,3 +55,4 @@ def test_wall_names_only_robots_that_its_user_may_see(visitors):
         [found] = re.findall(r"data-robots='([^']*)'", page)
         facts = json.loads(html.unescape(found))
         assert {name: fact["level"] for name, fact in facts.items()} == robots
+        assert 'data-most="20"' in page
