@@ -95,6 +95,10 @@ class StoreUnavailableError(StoreError, code="store_unavailable", status=503):
     """The database does not answer, or is too busy; asking again later may help."""
 
 
+class DeadlockError(StoreUnavailableError):
+    """The database undid a transaction that blocked another one; it may be done again at once."""
+
+
 class RecordExistsError(StoreError, code="record_exists", status=409):
     """A unique key would occur twice; `key` is its name."""
 

@@ -1,12 +1,10 @@
 """Finds the caller: a browser with a login, or a program with an API token.
 
 Used by every handler that needs a user. Reveals nothing about logins and tokens that are not valid. A handler of the
-API does a whole request in one transaction (`admitted`): a failure undoes all of it, the audit event
-included.
+API does a whole request in one transaction, in which `admit` is the first: a failure undoes all of it,
+the audit event included.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Literal
 
@@ -144,30 +142,24 @@ class EnrolmentCaller:
     source: Source
 
 
-@contextmanager
-def admitted(
-    who: Who, robot: str, *, briefly: bool = False, renew: bool = True
-) -> Iterator[Caller | EnrolmentCaller]:
+def admit(
+    tx: Transaction, who: Who, robot: str, *, renew: bool = True
+) -> Caller | EnrolmentCaller:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Raises GrantMissingError for a user who is no admin and does not manage the robot, which reveals nothing;
-    a robot that the user may not see is RobotUnknownError. With `briefly` a hanging
-    database is soon StoreUnavailableError. With `briefly` or without `renew`
-    the login does not count as used.
+    a robot that the user may not see is RobotUnknownError. Without `renew` the login does not count as used.
     """
-    with context().database.transaction(briefly=briefly) as tx:
-        if who == "enroller":
-            credential = enrolment_credential(tx, request)
-            source = Source(credential.actor, request.remote_addr)
-            yield EnrolmentCaller(tx, credential, source)
-            return
-        # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
-        user = api_user(tx, request, renew=renew and not briefly)
-        if who == "admin":
-            check_admin(user)
-        if who == "manager":
-            drive_pages.find_managed(tx, user, robot)
-        yield Caller(tx, user, _source_of(user))
+    if who == "enroller":
+        credential = enrolment_credential(tx, request)
+        source = Source(credential.actor, request.remote_addr)
+        return EnrolmentCaller(tx, credential, source)
+    user = api_user(tx, request, renew=renew)
+    if who == "admin":
+        check_admin(user)
+    if who == "manager":
+        drive_pages.find_managed(tx, user, robot)
+    return Caller(tx, user, _source_of(user))
 
 
 def _source_of(user: User) -> Source:

@@ -3,13 +3,12 @@
 A handler's types describe its request and its answer: `body` and `query` are Structs (`schemas` reads them), and its
 return value is sent as JSON: a Struct, a record, `Created[...]`, None, or a `Response` of its own. Its docstring is the
 operation's `summary` and `description`. The caller is identified first. A request is one transaction: a failure undoes
-all of it.
+all of it, and after a deadlock it is done again.
 """
 
 import datetime as dt
 import re
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from http import HTTPStatus
 from inspect import getdoc
@@ -22,6 +21,8 @@ from flask import Blueprint, Response, jsonify, request
 from robotether_server import schemas
 from robotether_server.api import auth
 from robotether_server.api.auth import Who
+from robotether_server.api.context import context
+from robotether_server.db import Transaction
 from robotether_server.problems import (
     FieldInvalidError,
     HttpError,
@@ -113,20 +114,26 @@ def operation(
         )
         OPERATIONS.append(api_operation)
 
+        briefly = without_database is not None
+        # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
+        renew = renews_login and not briefly
+
         def view(**names: Any) -> Response:
+            def answer(handle: Handler = handler, **caller: object) -> Response:
+                arguments = _arguments(api_operation, any_type=any_type)
+                return respond(handle(**caller, **names, **arguments))
+
+            def answer_caller(tx: Transaction) -> Response:
+                return answer(caller=auth.admit(tx, who, names.get("robot", ""), renew=renew))
+
             try:
-                with _caller(
-                    who, names, briefly=without_database is not None, renew=renews_login
-                ) as caller:
-                    return respond(
-                        handler(**caller, **names, **_arguments(api_operation, any_type=any_type))
-                    )
+                if who == "anybody":
+                    return answer()
+                return context().database.run(answer_caller, briefly=briefly)
             except StoreUnavailableError:
                 if without_database is None:
                     raise
-            return respond(
-                without_database(**names, **_arguments(api_operation, any_type=any_type))
-            )
+            return answer(without_database)
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
@@ -144,17 +151,6 @@ def _answers(returned: Any) -> Iterator[tuple[int, Any]]:
             yield HTTPStatus.NO_CONTENT, None
         elif hint is not Response:
             yield HTTPStatus.OK, hint
-
-
-@contextmanager
-def _caller(
-    who: Who, names: dict[str, Any], *, briefly: bool, renew: bool
-) -> Iterator[dict[str, object]]:
-    if who == "anybody":
-        yield {}
-        return
-    with auth.admitted(who, names.get("robot", ""), briefly=briefly, renew=renew) as caller:
-        yield {"caller": caller}
 
 
 @blueprint.url_value_preprocessor

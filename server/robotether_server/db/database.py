@@ -9,10 +9,10 @@ import select
 import ssl
 import threading
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import pymysql
 from pymysql.constants import ER, FIELD_TYPE
@@ -21,6 +21,7 @@ from pymysql.cursors import DictCursor
 from pymysql.err import InterfaceError
 
 from robotether_server.problems import (
+    DeadlockError,
     RecordExistsError,
     RecordRefusedError,
     SettingsError,
@@ -32,6 +33,7 @@ from robotether_server.settings.server import DatabaseSettings
 
 Row = dict[str, Any]
 Values = Sequence[object] | Mapping[str, object]
+T = TypeVar("T")
 
 CONNECT_TIMEOUT_S = 5
 ANSWER_TIMEOUT_S = 15
@@ -40,6 +42,8 @@ BRIEF_TIMEOUT_S = 2
 # Time for which a connection is kept, since connecting with TLS costs several times a transaction.
 # A longer time would outlive another account's password, or another database behind the same name.
 KEPT_FOR_S = 60.0
+# Maximum number of times that a transaction is done again after a deadlock.
+MAX_AGAIN = 4
 
 # Error numbers of MariaDB that pymysql's table of MySQL's lacks.
 CHECK_FAILED = 4025
@@ -52,7 +56,6 @@ _UNAVAILABLE = {
     ER.CON_COUNT_ERROR,
     ER.SERVER_SHUTDOWN,
     ER.LOCK_WAIT_TIMEOUT,
-    ER.LOCK_DEADLOCK,
     # It is read-only: a standby that nobody has promoted yet.
     ER.OPTION_PREVENTS_STATEMENT,
     ER.DISK_FULL,
@@ -184,6 +187,8 @@ class Database:
             with _translated():
                 connection.mysql.commit()
             again = not tx.has_lock
+        except DeadlockError:
+            raise
         except StoreUnavailableError:
             self.close_kept()
             raise
@@ -191,6 +196,20 @@ class Database:
             # Closing without a commit rolls back, and cannot itself fail on a dead connection.
             if not (again and self._keep_for_next(connection)):
                 connection.mysql.close()
+
+    def run(self, work: Callable[[Transaction], T], *, briefly: bool = False) -> T:
+        """Do `work` in a transaction, and again if the database undid it in a deadlock; return its result.
+
+        `work` must leave nothing but in its transaction. Raises as `transaction` does.
+        """
+        for _ in range(MAX_AGAIN):
+            try:
+                with self.transaction(briefly=briefly) as tx:
+                    return work(tx)
+            except DeadlockError:
+                continue
+        with self.transaction(briefly=briefly) as tx:
+            return work(tx)
 
     def close_kept(self) -> None:
         """Let go of the connections that nobody uses: one to the same database has got no answer."""
@@ -289,6 +308,8 @@ def translate(error: pymysql.MySQLError) -> StoreError | None:
     """Return the problem that a database error means, or None when it is a mistake of ours."""
     number = error.args[0] if error.args else 0
     message = str(error.args[1]) if len(error.args) > 1 else str(error)
+    if number == ER.LOCK_DEADLOCK:
+        return DeadlockError("cannot save: others change the same records; try again shortly")
     if number in _UNAVAILABLE or number in _CLIENT_ERRORS or isinstance(error, InterfaceError):
         return StoreUnavailableError(
             "cannot reach the database: it does not answer or is too busy; try again shortly"

@@ -73,8 +73,9 @@ def _view(
 ) -> Callable[..., AnyResponse]:
     def view(**parts: object) -> AnyResponse:
         def do() -> object:
-            with context().database.transaction() as tx:
-                return action.do(tx, current_user.source(), **parts)
+            return context().database.run(
+                lambda tx: action.do(tx, current_user.source(), **parts)
+            )
 
         return ask_first(action, back, find(**parts), do)
 

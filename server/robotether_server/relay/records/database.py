@@ -183,14 +183,10 @@ class RelayDatabase:
             raise StoreUnavailableError("cannot reach the database: too many queries are waiting")
         self._open += 1
         future = asyncio.get_running_loop().run_in_executor(
-            self._threads, self._in_transaction, question
+            self._threads, self._database.run, question
         )
         future.add_done_callback(self._answered)
         return await asyncio.shield(future)
-
-    def _in_transaction(self, question: Callable[[Transaction], T]) -> T:
-        with self._database.transaction() as tx:
-            return question(tx)
 
     def _answered(self, future: asyncio.Future[T]) -> None:
         self._open -= 1

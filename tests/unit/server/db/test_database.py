@@ -3,6 +3,7 @@
 import datetime as dt
 import socket
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -48,6 +49,31 @@ def test_block_that_raises_leaves_nothing(database):
     with database.transaction() as tx:
         assert tx.rows("SELECT * FROM users") == []
         assert tx.row("SELECT * FROM users") is None
+
+
+def test_transactions_that_block_each_other_are_all_done(database):
+    """The database undoes one of the two, which is done again."""
+    with database.transaction() as tx:
+        users = [tx.insert(ADD_USER, (name, "user")) for name in ("ann", "ben")]
+    both_hold_one = threading.Barrier(2)
+    attempts = []
+
+    def change(tx, first, second):
+        attempts.append(first)
+        tx.change("UPDATE users SET password_hash = 'y' WHERE id = %s", (first,))
+        if len(attempts) <= 2:
+            both_hold_one.wait(10)
+        tx.change("UPDATE users SET name = CONCAT(name, 'x') WHERE id = %s", (second,))
+        return first
+
+    with ThreadPoolExecutor() as threads:
+        orders = (users, users[::-1])
+        done = threads.map(lambda order: database.run(lambda tx: change(tx, *order)), orders)
+        assert [*done] == users
+    assert len(attempts) == 3
+    with database.transaction() as tx:
+        names = [row["name"] for row in tx.rows("SELECT name FROM users ORDER BY id")]
+    assert names == ["annx", "benx"]
 
 
 def test_moments_are_aware_and_in_utc(database):
