@@ -142,9 +142,7 @@ class EnrolmentCaller:
     source: Source
 
 
-def admit(
-    tx: Transaction, who: Who, robot: str, *, renew: bool = True
-) -> Caller | EnrolmentCaller:
+def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Caller | EnrolmentCaller:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Raises GrantMissingError for a user who is no admin and does not manage the robot, which reveals nothing;

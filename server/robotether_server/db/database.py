@@ -197,19 +197,20 @@ class Database:
             if not (again and self._keep_for_next(connection)):
                 connection.mysql.close()
 
-    def run(self, work: Callable[[Transaction], T], *, briefly: bool = False) -> T:
-        """Do `work` in a transaction, and again if the database undid it in a deadlock; return its result.
+    def run(
+        self, work: Callable[[Transaction], T], *, briefly: bool = False, again: int = MAX_AGAIN
+    ) -> T:
+        """Do `work` in a transaction, and up to `again` times anew if the database undoes it in a deadlock.
 
-        `work` must leave nothing but in its transaction. Raises as `transaction` does.
+        Returns its result; raises as `transaction` does. `work` must leave nothing behind but in its transaction.
         """
-        for _ in range(MAX_AGAIN):
-            try:
-                with self.transaction(briefly=briefly) as tx:
-                    return work(tx)
-            except DeadlockError:
-                continue
-        with self.transaction(briefly=briefly) as tx:
-            return work(tx)
+        try:
+            with self.transaction(briefly=briefly) as tx:
+                return work(tx)
+        except DeadlockError:
+            if again == 0:
+                raise
+        return self.run(work, briefly=briefly, again=again - 1)
 
     def close_kept(self) -> None:
         """Let go of the connections that nobody uses: one to the same database has got no answer."""

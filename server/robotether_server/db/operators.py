@@ -132,7 +132,8 @@ def count_sharing(tx: Transaction, user_id: int, others: Collection[int]) -> int
     if not others:
         return 0
     row = tx.row(
-        "SELECT COUNT(DISTINCT o.user_id) AS sharing FROM relay_grants o JOIN relay_grants g ON g.robot_id = o.robot_id "
+        "SELECT COUNT(DISTINCT o.user_id) AS sharing FROM relay_grants o "
+        "JOIN relay_grants g ON g.robot_id = o.robot_id "
         "WHERE o.user_id IN %s AND o.level <> 'observe' AND g.user_id = %s AND g.level <> 'observe'",
         (tuple(others), user_id),
     )

@@ -57,7 +57,9 @@ def _by_period(at: str, facts: str, end: str) -> str:
 def _quantile(share: float) -> str:
     waited_s = "TIMESTAMPDIFF(MICROSECOND, h.created_at, h.accepted_at) / 1e6"
     number = "UNIX_TIMESTAMP(h.accepted_at) DIV %(length_s)s"
-    return f"PERCENTILE_DISC({share}) WITHIN GROUP (ORDER BY {waited_s}) OVER (PARTITION BY {number})"
+    return (
+        f"PERCENTILE_DISC({share}) WITHIN GROUP (ORDER BY {waited_s}) OVER (PARTITION BY {number})"
+    )
 
 
 MADE = _by_period("created_at", "CAST(COUNT(*) AS INT) AS made", "GROUP BY number")

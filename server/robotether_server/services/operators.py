@@ -283,9 +283,7 @@ def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpReq
     return waiting[:MAX_WAITING]
 
 
-def _ahead(
-    tx: Transaction, row: OperatorRow, crew: Crew, open_requests: list[SeenRequest]
-) -> int:
+def _ahead(tx: Transaction, row: OperatorRow, crew: Crew, open_requests: list[SeenRequest]) -> int:
     """Count the available operators without an offer, as far as this user sees, whom the plan asks before.
 
     Of those alone who may drive a robot that this user may drive: the others are asked for other requests.
@@ -298,9 +296,7 @@ def _ahead(
     earlier = [
         other.user_id
         for other in crew.rows
-        if state_of(other) == "available"
-        and other.user not in offered
-        and turn(other) < turn(row)
+        if state_of(other) == "available" and other.user not in offered and turn(other) < turn(row)
     ]
     return operators.count_sharing(tx, row.user_id, earlier)
 

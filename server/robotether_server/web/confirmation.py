@@ -73,9 +73,7 @@ def _view(
 ) -> Callable[..., AnyResponse]:
     def view(**parts: object) -> AnyResponse:
         def do() -> object:
-            return context().database.run(
-                lambda tx: action.do(tx, current_user.source(), **parts)
-            )
+            return context().database.run(lambda tx: action.do(tx, current_user.source(), **parts))
 
         return ask_first(action, back, find(**parts), do)
 

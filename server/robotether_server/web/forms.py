@@ -38,9 +38,7 @@ def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[
             if request.method != "POST":
                 return page(**parts)
             try:
-                saved = context().database.run(
-                    lambda tx: save(tx, current_user.source(), **parts)
-                )
+                saved = context().database.run(lambda tx: save(tx, current_user.source(), **parts))
             except RobotetherError as problem:
                 return page(**parts, problem=problem), problem.status
             return saved if isinstance(saved, str) else go_on(*saved)
