@@ -110,6 +110,11 @@ def test_a_history_breaks_these_rules(history: list[Event], database: Database, 
     assert ", ".join(sorted(broken)) == rules
 
 
+def test_a_route_has_one_lease_for_the_commands_of_several_connections():
+    history = in_order([*driven("ann", 1, 1, 2), *driven("ben", 1, 3, 4)])
+    assert check(history, WHOLE, follower="one") == []
+
+
 def test_a_stop_that_the_robot_did_not_get_for_a_while():
     found = find_ignored_stops(in_order([*driven("ann", 1, 1, 3), *STOP, event(4, "stopped")]))
     assert found == [pytest.approx(1.65, abs=0.01)]

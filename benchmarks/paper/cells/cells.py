@@ -1,8 +1,9 @@
 """Whether several cells keep their promises while they break.
 
 A site of three cells, 30 agents and 300 virtual robots, all with the real guard; 10 drivers at 20 Hz, 10 observers and
-operators who stop and release. A nemesis breaks things by a seed, which SEED in the environment sets. The history of
-all is checked by rules (checker.py); one that breaks a rule is kept in tests/artifacts/cells.
+operators who stop and release; one robot follows another by a route. A nemesis breaks things by a seed, which SEED in
+the environment sets. The history of all is checked by rules (checker.py); one that breaks a rule is kept in
+tests/artifacts/cells.
 """
 
 from __future__ import annotations
@@ -61,14 +62,19 @@ def _nemesis(site: Site, size: Size) -> Values:
             seen = people.seen()
             online_s = workload.wait_online(ONLINE_AGAIN_S)
             people.settle()
+            failed = workload.end_route()
             time.sleep(WRITES_WITHIN_S)
             # What is released afterwards is no part of it.
             history, database = read(folder), read_database(site)
             people.end()
-        failed = workload.failed
-    violations = check(history, database)
+        failed += workload.failed
+    follower = workload.routed[1]
+    violations = check(history, database, follower)
     events = Counter(item.kind for item in history)
     unseen = [f"nobody saw an event {kind}" for kind in JUDGED if not events[kind]]
+    last = {item.kind: item.at_s for item in history if item.robot in ("", follower)}
+    if last.get("moved", 0.0) <= last.get("healed", 0.0):
+        unseen.append("the route carried no command after all was mended")
     values = {
         "seed": seed,
         "size": asdict(size),

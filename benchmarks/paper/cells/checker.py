@@ -78,16 +78,16 @@ class Return:
     after: str = ""
 
 
-def check(history: Sequence[Event], database: Database) -> list[Violation]:
-    """All violations, in the order of time."""
+def check(history: Sequence[Event], database: Database, follower: str = "") -> list[Violation]:
+    """All violations, in the order of time; `follower` is driven by a route, which has one lease for all commands."""
     lateness = Lateness(history)
     found: list[Violation] = []
-    for events in by_robot(history).values():
+    for robot, events in by_robot(history).items():
         found += [
             *_unknown_commands(events),
             *_interleaved_drivers(events),
             *_old_fences(events),
-            *_shared_fences(events),
+            *([] if robot == follower else _shared_fences(events)),
             *_moves_while_stopped(events, lateness),
             *_releases_of_nobody(events),
             *_unattended_motion(events, lateness, history[-1].at_s),

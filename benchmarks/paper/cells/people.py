@@ -204,6 +204,15 @@ class Driver(Person):
         self.sent += 1
 
 
+class Leader(Driver):
+    """Drives the robot that another one follows, for ever."""
+
+    async def run(self) -> None:
+        while True:
+            await self._drive(self._order["source"], self._rng.uniform(*DRIVE_S))
+            await asyncio.sleep(AGAIN_S)
+
+
 class Observer(Person):
     """Watches one robot after the other; those with a camera by their video, too."""
 
@@ -358,6 +367,7 @@ class People:
             for kind in ("drivers", "observers", "operators")
         )
         self.drivers = [Driver(number, *person) for number, person in enumerate(drivers, 1)]
+        self.drivers.append(Leader(len(drivers) + 1, scene, "admin", order["admin"]))
         self.observers = [Observer(*person) for person in observers]
         self.operators = [
             Operator(order["hot"][number :: len(operators)], *person)

@@ -26,6 +26,7 @@ from paper.cells.checker import Database
 from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
+from paper.client import TOPIC, TYPE
 from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, shares
 from paper.programs import LineProgram
 from paper.world import Enrolled
@@ -112,6 +113,8 @@ class Workload:
         self.site, self.size, self.folder, self.seed = site, size, folder, seed
         self.robots = [robot.name for robot in site.robots(size.robots)]
         self.cameras = self.robots[: size.agents]
+        # The second follows the first by a route, and nobody else drives or stops them.
+        self.routed = self.robots[HOT_ROBOTS // 2 :][:2]
         self.processes = {process.source: process for process in processes}
 
     @classmethod
@@ -154,6 +157,15 @@ class Workload:
         for process in self.processes.values():
             process.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
         self.wait_online(ONLINE_WITHIN_S)
+        source, target = self.routed
+        topics = {"source_topic": TOPIC, "target_topic": TOPIC, "type": TYPE}
+        self.site.world.api("POST", "/routes", {"source": source, "target": target, **topics})
+
+    def end_route(self) -> list[str]:
+        """Remove the route, which ends its drive; return why it has ended already, if it has."""
+        [route] = self.site.world.api("GET", "/routes")["routes"]
+        self.site.world.api("DELETE", f"/routes/{route['id']}")
+        return [f"the route ended: {route['end_code']}"] if route["ended_at"] else []
 
     def wait_online(self, within_s: float) -> float:
         """Wait until each of the cells says that all robots are online; return the seconds that it took."""
@@ -222,7 +234,8 @@ class Workload:
             "seed": self.seed,
             "cells": [{"name": cell.name, "address": cell.address} for cell in self.site.cells],
             "admin": self.site.world.token,
-            "robots": self.robots,
+            "robots": [name for name in self.robots if name not in self.routed],
+            "source": self.routed[0],
             # Agents and virtual ones.
             "hot": [*self.robots[: HOT_ROBOTS // 2], *self.robots[-HOT_ROBOTS // 2 :]],
             "cameras": self.cameras,
