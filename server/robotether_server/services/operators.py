@@ -58,7 +58,7 @@ class QueueView:
 
 
 @dataclass(frozen=True)
-class Crew:
+class Staff:
     """The operators with a heartbeat in the last AWAY_AFTER_S, and the pools of each user who has any."""
 
     rows: list[OperatorRow]
@@ -100,15 +100,15 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     available = was_there if choice is None else choice == "available"
     is_idle = state_of(row) == "available"
     operators.write_heartbeat(tx, user.id, available=available, is_idle=is_idle)
-    crew = plan_if_due(tx) or _read_crew(tx)
-    return _view(tx, user, crew)
+    staff = plan_if_due(tx) or _read_staff(tx)
+    return _view(tx, user, staff)
 
 
-def _read_crew(tx: Transaction) -> Crew:
-    return Crew(operators.list_seen_within(tx, AWAY_AFTER_S), operators.read_pools(tx))
+def _read_staff(tx: Transaction) -> Staff:
+    return Staff(operators.list_seen_within(tx, AWAY_AFTER_S), operators.read_pools(tx))
 
 
-def plan_if_due(tx: Transaction) -> Crew | None:
+def plan_if_due(tx: Transaction) -> Staff | None:
     """Offer waiting requests to operators, unless somebody does or has just done so; return whom it looked at."""
     now = requests.lock_to_plan(tx, PLAN_EVERY_S)
     if now is None:
@@ -118,17 +118,17 @@ def plan_if_due(tx: Transaction) -> Crew | None:
         return None
     requests.set_planned(tx, now)
     _send_away(tx, open_requests, now)
-    crew = _read_crew(tx)
+    staff = _read_staff(tx)
     holders = {request.accepted_by for request in open_requests if request.accepted_by is not None}
     rights = operators.read_rights(
         tx,
-        holders | {row.user_id for row in crew.rows},
+        holders | {row.user_id for row in staff.rows},
         {request.robot_id for request in open_requests},
     )
     _release_lost(tx, open_requests, rights)
-    plan = _plan(tx, now, open_requests, crew, rights)
-    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in crew.rows})
-    return crew
+    plan = _plan(tx, now, open_requests, staff, rights)
+    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in staff.rows})
+    return staff
 
 
 def _send_away(tx: Transaction, open_requests: list[OpenRequest], now: dt.datetime) -> None:
@@ -156,7 +156,7 @@ def _plan(
     tx: Transaction,
     now: dt.datetime,
     open_requests: list[OpenRequest],
-    crew: Crew,
+    staff: Staff,
     rights: Mapping[int, frozenset[int]],
 ) -> planning.Plan:
     unanswered = _unanswered(open_requests)
@@ -185,10 +185,10 @@ def _plan(
                     row.user_id,
                     state_of(row),
                     row.idle_since.timestamp(),
-                    frozenset(crew.pools.get(row.user_id, ())),
+                    frozenset(staff.pools.get(row.user_id, ())),
                     rights[row.user_id],
                 )
-                for row in crew.rows
+                for row in staff.rows
             ),
         )
     )
@@ -234,8 +234,8 @@ def _note_pass(tx: Transaction, request: OpenRequest, *, why: str) -> None:
     audit.record(tx, source, "request_passed", request.robot, request=request.id, why=why)
 
 
-def _view(tx: Transaction, user: User, crew: Crew) -> QueueView:
-    row = next((row for row in crew.rows if row.user_id == user.id), None)
+def _view(tx: Transaction, user: User, staff: Staff) -> QueueView:
+    row = next((row for row in staff.rows if row.user_id == user.id), None)
     if row is None:
         raise StoreUnavailableError(
             "cannot show the queue: the database was too slow; try again shortly"
@@ -250,8 +250,8 @@ def _view(tx: Transaction, user: User, crew: Crew) -> QueueView:
         offer_left_s=_left_s(offer, row.now),
         current=_first(open_requests, "accepted", user),
         wrap_up_left_s=row.wrap_up_left_s if state == "wrap_up" else None,
-        waiting=_waiting(open_requests, crew.pools.get(user.id, [])),
-        ahead=_ahead(tx, row, crew, open_requests) if state == "available" else None,
+        waiting=_waiting(open_requests, staff.pools.get(user.id, [])),
+        ahead=_ahead(tx, row, staff, open_requests) if state == "available" else None,
     )
 
 
@@ -283,19 +283,19 @@ def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpReq
     return waiting[:MAX_WAITING]
 
 
-def _ahead(tx: Transaction, row: OperatorRow, crew: Crew, open_requests: list[SeenRequest]) -> int:
+def _ahead(tx: Transaction, row: OperatorRow, staff: Staff, open_requests: list[SeenRequest]) -> int:
     """Count the available operators without an offer, as far as this user sees, whom the plan asks before.
 
     Of those alone who may drive a robot that this user may drive: the others are asked for other requests.
     """
 
     def turn(operator: OperatorRow) -> tuple[int, dt.datetime, int]:
-        return len(crew.pools.get(operator.user_id, ())), operator.idle_since, operator.user_id
+        return len(staff.pools.get(operator.user_id, ())), operator.idle_since, operator.user_id
 
     offered = {seen.request.offered_to for seen in open_requests}
     earlier = [
         other.user_id
-        for other in crew.rows
+        for other in staff.rows
         if state_of(other) == "available" and other.user not in offered and turn(other) < turn(row)
     ]
     return operators.count_sharing(tx, row.user_id, earlier)
