@@ -134,7 +134,9 @@ async def serve_video(
     async with AsyncExitStack() as ends:
         ends.push_async_callback(topics.close)
         ends.push_async_callback(frames.close)
-        local = LocalService(await frames.start(), OWN_ANSWERS[settings.video_source])
+        local = LocalService(
+            await frames.start(), OWN_ANSWERS[settings.video_source], frames.yields
+        )
         video_proxy = VideoProxy(settings.video_url, local, pacer=pacer)
         ends.push_async_callback(video_proxy.close)
         target = ServiceAddress(LOCALHOST, await video_proxy.start())

@@ -68,6 +68,8 @@ class StreamRequest:
     codecs: tuple[str, ...] = ("jpeg",)
     # None leaves it to the sender.
     prefers: Preference | None = None
+    # Where the line does not carry all, what else the robot sends goes first.
+    yields: bool = False
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,7 @@ from robotether_common.frames import (
 from robotether_agent.fields import (
     FieldError,
     JsonObject,
+    get_flag,
     get_int,
     get_number,
     get_text,
@@ -102,6 +103,7 @@ def _stream_request(message: JsonObject) -> StreamRequest:
         height=_or(message, "height", None, get_int, of=SIDES),
         codecs=decoded_by(message.get("codecs")),
         prefers=prefers if prefers in PREFERENCES else None,
+        yields=get_flag(message, "yields", default=False),
     )
     if request.quality_min > request.quality_max:
         raise FieldError("field quality_min must not be over quality_max")

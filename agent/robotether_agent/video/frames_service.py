@@ -73,12 +73,14 @@ class FramesService:
         self._on_frame_sent = on_frame_sent
         self._encoders = EncoderPool(video_encoder)
         self._topics: Counter[str] = Counter()
+        # By the port at the other end of their connection.
+        self._receivers: dict[int, Receiver] = {}
 
     async def start(self) -> int:
         """Listen, and return the port, which the kernel chooses."""
         self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
         self._sources = Sources(self._http, self._source_settings, self._graph)
-        self._shared_sources = SharedSources(self._sources.run)
+        self._shared_sources = SharedSources(self._sources.run, answered=self._sources.answered)
         app = web.Application(middlewares=[_one_answer])
         app.router.add_get(PATH, self._frames)
         for path, handler in self._routes.items():
@@ -115,12 +117,17 @@ class FramesService:
         try:
             keep_little_unsent(request)
             await answer.prepare(request)
-            await self._serve(answer, topic)
+            await self._serve(answer, topic, int(request.get_extra_info("peername")[1]))
         finally:
             self._leave(topic)
         return answer
 
-    async def _serve(self, answer: web.WebSocketResponse, topic: str) -> None:
+    def yields(self, port: int) -> bool:
+        """Whether what else the robot sends goes before what is sent to this port of this computer."""
+        receiver = self._receivers.get(port)
+        return receiver is not None and receiver.yields
+
+    async def _serve(self, answer: web.WebSocketResponse, topic: str, port: int) -> None:
         receiver = Receiver(
             answer,
             topic,
@@ -129,6 +136,7 @@ class FramesService:
             encoders=self._encoders,
             on_frame_sent=self._on_frame_sent,
         )
+        self._receivers[port] = receiver
         try:
             await receiver.run()
         except FieldError as error:
@@ -138,6 +146,8 @@ class FramesService:
             )
         except ConnectionError as error:
             log.debug("a receiver of %s left: %r", topic, error)
+        finally:
+            del self._receivers[port]
 
     def _check_room(self, topic: str) -> None:
         is_new = topic not in self._topics

@@ -164,6 +164,11 @@ class Receiver:
         self._offered, self._sent = FrameRateCounter(), FrameRateCounter()
         self._wake = asyncio.Event()
 
+    @property
+    def yields(self) -> bool:
+        """Whether what else the robot sends goes before these frames."""
+        return self._stream_request is not None and self._stream_request.yields
+
     async def run(self) -> None:
         """Serve until the receiver leaves; FieldError for a text that breaks the protocol."""
         try:

@@ -37,6 +37,8 @@ MAX_INTERVAL_S = 1.0
 
 # Runs a source of a request until it ends, as Sources.run does.
 Run = Callable[[SourceRequest, OnFrame, OnKind], Awaitable[None]]
+# Returns which request is answered in place of another one, as Sources.answered does.
+Answered = Callable[[SourceRequest], SourceRequest]
 
 log = logging.getLogger(__name__)
 
@@ -120,14 +122,22 @@ class SharedSource:
 class SharedSources:
     """All shared sources by their request."""
 
-    def __init__(self, run: Run, clock: Callable[[], float] = robot_time) -> None:
+    def __init__(
+        self,
+        run: Run,
+        clock: Callable[[], float] = robot_time,
+        *,
+        answered: Answered = lambda source_request: source_request,
+    ) -> None:
         self._run = run
+        self.answered = answered
         self._clock = clock
         self._shared_sources: dict[SourceRequest, SharedSource] = {}
         self._closing: set[asyncio.Future[None]] = set()
 
     def follow(self, source_request: SourceRequest, who: object, on_frame: OnFrame) -> SharedSource:
         """Give `who` all frames of a request from now on."""
+        source_request = self.answered(source_request)
         shared = self._shared_sources.get(source_request)
         if shared is None:
             shared = self._shared_sources[source_request] = SharedSource(
@@ -183,6 +193,7 @@ class SourceSwitch:
 
     def follow(self, source_request: SourceRequest) -> None:
         """Go over to a request, as soon as there is a frame that answers it."""
+        source_request = self._shared_sources.answered(source_request)
         if self._next is not None and self._next.source_request != source_request:
             self._drop_next()
         if self._shared is None:

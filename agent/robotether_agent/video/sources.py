@@ -24,7 +24,7 @@ from urllib.parse import quote
 
 import aiohttp
 from robotether_common.codecs import H264, JPEG, Codec
-from robotether_common.frames import QOS, Source, no_frames
+from robotether_common.frames import QOS, Source, StreamRequest, no_frames
 from robotether_common.ros import (
     COMPRESSED,
     IMAGE_TYPE,
@@ -183,6 +183,13 @@ class Sources:
             and topic not in self._not_by_server
             and self._source_settings.source != "rosbridge"
         )
+
+    def answered(self, source_request: SourceRequest) -> SourceRequest:
+        """Return the request that is answered: one for a camera of the settings, which may open only once."""
+        topic = source_request.topic
+        if topic not in self._source_settings.cameras:
+            return source_request
+        return SourceRequest(topic, 0, None, None, StreamRequest.fps)
 
     async def run(
         self, source_request: SourceRequest, on_frame: OnFrame, on_kind: OnKind

@@ -21,8 +21,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -61,6 +63,8 @@ class LocalService:
 
     port: int
     when: Literal["never", "down", "always"] = "never"
+    # Whether what it sends on a connection from this port waits while others send.
+    yields: Callable[[int], bool] = lambda _: False
 
 
 class VideoProxy:
@@ -132,12 +136,17 @@ class VideoProxy:
                 first = b"" if self._local is None else await first_words(viewer)
                 with await self._upstream_for(first) as upstream:
                     is_topic = first.startswith(TOPICS)
-                    await Stream(viewer, upstream, self._pacer, is_topic=is_topic).run(first)
+                    yields = partial(self._yields, upstream.getsockname()[1])
+                    stream = Stream(viewer, upstream, self._pacer, is_topic=is_topic, yields=yields)
+                    await stream.run(first)
             except OSError as error:
                 # A viewer who left, or a web_video_server that does not run: health reports the latter.
                 log.debug("a video connection ended: %r", error)
             except Exception:
                 log.exception("a video connection failed")
+
+    def _yields(self, port: int) -> bool:
+        return self._local is not None and self._local.yields(port)
 
     async def _upstream_for(self, first: bytes) -> socket.socket:
         """Connect to what answers a request of these first words."""
@@ -179,7 +188,13 @@ class Stream:
     """One connection in both directions: requests at once, answers as the pacer allows."""
 
     def __init__(
-        self, viewer: socket.socket, upstream: socket.socket, pacer: Pacer, *, is_topic: bool
+        self,
+        viewer: socket.socket,
+        upstream: socket.socket,
+        pacer: Pacer,
+        *,
+        is_topic: bool,
+        yields: Callable[[], bool],
     ) -> None:
         viewer.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BYTES)
         viewer.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
@@ -190,6 +205,7 @@ class Stream:
         self._loop = asyncio.get_running_loop()
         self._poured = 0
         self._is_topic = is_topic
+        self._yields = yields
         # How much had been poured when the last second began, and when that was.
         self._second = (0, self._loop.time())
 
@@ -224,11 +240,12 @@ class Stream:
         end_writing(self._viewer)
 
     def _is_bulk(self) -> bool:
-        """Whether a topic has sent more than a small one does, which video and small topics overtake."""
+        """Whether others overtake it: a camera's second copy, or a topic that has sent more than a small one does."""
         now_s = self._loop.time()
         if now_s - self._second[1] > 1.0:
             self._second = (self._poured, now_s)
-        return self._is_topic and self._poured - self._second[0] > BULK_AFTER_BYTES
+        is_large = self._is_topic and self._poured - self._second[0] > BULK_AFTER_BYTES
+        return is_large or self._yields()
 
     async def _drain(self, pour: asyncio.Task[None]) -> None:
         """Go on for a viewer who asks no more, while it gets something; nothing else shows that it left."""

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 from robotether_common.guard import STOP_CAUSES
 
 from robotether_server.db.fleet import Snapshot
-from robotether_server.relay.channels.video.feeds import Feed
+from robotether_server.relay.channels.video.feeds import Feed, FeedKey
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Robot
 
@@ -66,7 +66,13 @@ def _guard_stops(robot: Robot) -> Iterable[Value]:
 
 def _encoder(robot: Robot) -> Iterable[Value]:
     """Say what makes the frames of the cameras that are watched."""
-    statuses = [feed.status for feed in robot.feeds.values() if isinstance(feed, Feed)]
+    feeds = [feed for feed in robot.feeds.values() if isinstance(feed, Feed)]
+    # JPEG beside H.264 of the same camera needs no encoder.
+    statuses = [
+        feed.status
+        for feed in feeds
+        if feed.key.decodes_h264 or FeedKey(feed.key.camera) not in robot.feeds
+    ]
     encoders = {status.encoder for status in statuses if status and status.state == "live"}
     if not encoders:
         return ()

@@ -16,7 +16,9 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import frames_service as service_module
 from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frames_service import FramesService
+from robotether_agent.video.pacer import Pacer
 from robotether_agent.video.sources import SourceSettings
+from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from timed_websocket import timed_session
 
 TOPIC = "/camera/image_raw"
@@ -32,7 +34,12 @@ class World:
         self.has_video = True
         rosbridge_url = f"ws://127.0.0.1:{free_port()}"
         self.service = FramesService(
-            SourceSettings(camera.url, rosbridge_url, "web_video_server"),
+            SourceSettings(
+                camera.url,
+                rosbridge_url,
+                "web_video_server",
+                {"front": f"{camera.url}/stream?topic=/front"},
+            ),
             RosGraph(rosbridge_url),
             has_video=lambda: self.has_video,
         )
@@ -45,10 +52,10 @@ class World:
         self.viewers.append(FramesViewer(await self.http.ws_connect(url, max_msg_size=0)))
         return self.viewers[-1]
 
-    async def receive(self, topic: str = TOPIC) -> FramesViewer:
+    async def receive(self, topic: str = TOPIC, **wanted: object) -> FramesViewer:
         """Connect, and wait for a frame."""
         viewer = await self.connect(topic)
-        await viewer.ask()
+        await viewer.ask(**wanted)
         await viewer.credit()
         await viewer.frame()
         return viewer
@@ -92,6 +99,37 @@ async def test_no_receiver_no_source(world):
     await second.frame()
     await second.socket.close()
     await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
+
+
+async def test_a_camera_of_the_settings_is_opened_once(world):
+    """Whatever is requested: a device can be read by one process alone."""
+    await world.receive("front")
+    await world.receive("front", codecs=["h264", "jpeg"], fps=5, width=320, height=240)
+    assert (len(world.camera.asked), world.camera.open_most) == (1, 1)
+
+
+class NotedPacer(Pacer):
+    def __init__(self) -> None:
+        super().__init__()
+        self.bulk: list[bool] = []
+
+    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
+        self.bulk.append(is_bulk)
+        return await super().acquire(requested, is_bulk=is_bulk)
+
+
+async def test_all_others_overtake_a_receiver_that_yields(world):
+    port, pacer = int(world.url.rpartition(":")[2]), NotedPacer()
+    local = LocalService(port, yields=world.service.yields)
+    proxy = VideoProxy(world.camera.url, local, pacer=pacer)
+    world.url = f"http://127.0.0.1:{await proxy.start()}"
+    viewer = await world.receive(yields=True)
+    assert pacer.bulk[-1]
+    await viewer.ask()
+    await viewer.credit()
+    await viewer.frame()
+    assert not pacer.bulk[-1]
+    await proxy.close()
 
 
 async def test_cameras_and_receivers_are_bounded(world, monkeypatch):

@@ -26,6 +26,9 @@ class FakeSharedSources:
         self.open: dict[SourceRequest, FakeSharedSource] = {}
         self.now_s = 10.0
 
+    def answered(self, source_request):
+        return source_request
+
     def follow(self, source_request, who, take):
         shared = self.open.setdefault(source_request, FakeSharedSource(source_request))
         shared.followers[who] = take

@@ -10,7 +10,7 @@ from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedTraffic
+from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedKey, FeedTraffic
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.robot_metrics import SERIES_OF_ROBOT
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -143,9 +143,10 @@ async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
 
 
 def watch(robot, camera, encoder):
-    feed = Feed(SimpleNamespace(id=robot.id), camera, FeedTraffic(), robot.camera_counts)
+    key = FeedKey(camera)
+    feed = Feed(SimpleNamespace(id=robot.id), key, FeedTraffic(), robot.camera_counts)
     feed.status = VideoStatus("live", encoder=encoder)
-    robot.feeds[camera] = feed
+    robot.feeds[key] = feed
 
 
 async def test_a_thousand_robots_cost_little(metrics, record_property):

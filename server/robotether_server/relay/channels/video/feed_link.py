@@ -109,7 +109,7 @@ class FeedLink:
         uplink = self._dialer.registry.ensure_robot(self._feed.robot.id).uplink
         received, user_ids = socket.received_bytes, self._feed.user_ids
         try:
-            with uplink.counted("camera", self._feed.key, received, user_ids):
+            with uplink.counted("camera", self._feed.key.camera, received, user_ids):
                 await self._read(socket)
             log.info("robot %s: the connection of a feed broke", name)
         except ConnectionError as exc:
@@ -170,7 +170,7 @@ class FeedLink:
         robot = self._feed.robot
         frames = MediaPath(
             PATH,
-            {"topic": self._feed.key},
+            {"topic": self._feed.key.camera},
             HEADER.size + MAX_FRAME_BYTES,
             close_reasons.frames_unknown(robot.name),
             close_reasons.video_down,

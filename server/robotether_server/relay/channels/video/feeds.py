@@ -1,5 +1,6 @@
 """One feed a robot and camera, whatever the number of viewers: its newest frames, and credits for the robot.
 
+A camera has a second feed while somebody looks who does not decode H.264: nobody else shall lose it for that.
 `frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Few frames are held, and each viewer
 takes them when it can: nothing queues here, and who is slow skips frames and slows no one.
 """
@@ -8,15 +9,16 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import reduce
+from dataclasses import dataclass, replace
+from functools import partial, reduce
 from operator import attrgetter
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
-from robotether_common.codecs import CODECS, NAMES
+from robotether_common.codecs import CODECS, H264, JPEG, NAMES
 from robotether_common.frames import HEADER, MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
 
 from robotether_server.db.fleet import RelayRobot
@@ -41,6 +43,8 @@ log = logging.getLogger(__name__)
 MAX_LINGERING = 2
 # Maximum age of the frame that a new viewer gets at once.
 FRESH_S = 1.0
+# Maximum rate of JPEGs beside H.264 of the same camera, in frames a second.
+YIELDING_FPS = 5.0
 
 
 @dataclass
@@ -74,6 +78,10 @@ class Viewer(CopyUser, Protocol):
     def is_recorder(self) -> bool:
         """Whether it takes what is sent to others: it wants nothing more, and sets no pace, while there are any."""
 
+    @property
+    def may_drive(self) -> bool:
+        """Whether it may drive the robot."""
+
     def notify(self) -> None:
         """There is a newer frame, or another status; must not wait."""
 
@@ -81,13 +89,28 @@ class Viewer(CopyUser, Protocol):
         """The feed is over."""
 
 
-class Feed(SharedCopy[str, Viewer]):
-    """The newest frames of one camera of one robot, and its viewers."""
+class FeedKey(NamedTuple):
+    """A camera, and whether the feed's viewers decode H.264."""
+
+    camera: str
+    decodes_h264: bool = True
+
+
+class Feed(SharedCopy[FeedKey, Viewer]):
+    """The newest frames of one camera of one robot, and its viewers.
+
+    `watched` lists the camera's feeds that operators follow, the one that goes first at the front.
+    """
 
     def __init__(
-        self, robot: RelayRobot, topic: str, traffic: FeedTraffic, counts: CameraCounts
+        self,
+        robot: RelayRobot,
+        key: FeedKey,
+        traffic: FeedTraffic,
+        counts: CameraCounts,
+        watched: Callable[[], Sequence[Feed]] = tuple,
     ) -> None:
-        super().__init__(robot, topic)
+        super().__init__(robot, key)
         self.held = HeldFrames()
         # A viewer can decode nothing before a key frame.
         self.needs_key_frame = False
@@ -98,6 +121,7 @@ class Feed(SharedCopy[str, Viewer]):
         self.due = asyncio.Event()
         self._traffic = traffic
         self._counts = counts
+        self._watched = watched
         self._untaken: deque[int] = deque()
         self._credits_due = 0
         self._credits_open = 0
@@ -148,6 +172,10 @@ class Feed(SharedCopy[str, Viewer]):
         """Whether somebody else than the recorder follows it."""
         return any(not viewer.is_recorder for viewer in self.users)
 
+    def worth(self, driver_id: int | None) -> tuple[bool, bool]:
+        """Return what decides which of a camera's feeds goes first: whether its driver follows it, or who may drive."""
+        return driver_id in self.user_ids(), any(viewer.may_drive for viewer in self.users)
+
     def fresh(self, now_s: float) -> bool:
         """Return whether the newest frame came so lately that somebody new shall see it."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
@@ -160,7 +188,23 @@ class Feed(SharedCopy[str, Viewer]):
         self._traffic.skipped += skipped
 
     def stream_request(self) -> StreamRequest | None:
-        """What all viewers want together; the recorder only while it is alone."""
+        """What all viewers want together; the recorder only while it is alone.
+
+        Beside H.264 of the camera it is JPEG, as a robot has one encoder a camera, and little unless it goes first.
+        """
+        request, watched = self._all_want(), self._watched()
+        if (
+            request is None
+            or self.key.decodes_h264
+            or not any(feed.key.decodes_h264 for feed in watched)
+        ):
+            return request
+        request = replace(request, codecs=(JPEG.name,))
+        if watched[0] is self:
+            return request
+        return replace(request, fps=min(request.fps, YIELDING_FPS), yields=True)
+
+    def _all_want(self) -> StreamRequest | None:
         viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
         leading = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
         requests = [
@@ -260,16 +304,65 @@ class Feeds(SharedCopies[Feed]):
         self._run_feed = run
 
     @contextmanager
-    def followed(self, robot: RelayRobot, topic: str, viewer: Viewer) -> Iterator[Feed]:
+    def followed(self, robot: RelayRobot, camera: str, viewer: Viewer) -> Iterator[Feed]:
         """Follow a camera inside the block; the last one's end closes the feed."""
-        counts = self._registry.ensure_robot(robot.id).camera_counts
-        feed = self._of(robot.id).get(topic) or self._open(Feed(robot, topic, self.traffic, counts))
-        feed.join(viewer)
+        feed = self.follow(robot, self.key_for(robot, camera, viewer), viewer)
         try:
             yield feed
         finally:
-            feed.leave(viewer)
-            self._let_linger(feed)
+            self.leave(feed, viewer)
+
+    def follow(self, robot: RelayRobot, key: FeedKey, viewer: Viewer) -> Feed:
+        """Have a viewer follow a feed until it leaves."""
+        feed = self._of(robot.id).get(key) or self._open(self._new(robot, key))
+        feed.join(viewer)
+        self._tell(feed)
+        return feed
+
+    def leave(self, feed: Feed, viewer: Viewer) -> None:
+        """Have a viewer follow a feed no more; the last one's end closes it."""
+        feed.leave(viewer)
+        self._tell(feed)
+        self._let_linger(feed)
+
+    def key_for(
+        self, robot: RelayRobot, camera: str, viewer: Viewer, now: Feed | None = None
+    ) -> FeedKey:
+        """Return which feed a viewer follows, who follows `now`: that of what it decodes.
+
+        The recorder follows the one that goes first, which the driver sees, as soon as that has a frame.
+        """
+        request = viewer.stream_request
+        if not viewer.is_recorder:
+            return FeedKey(camera, request is None or H264.name in request.codecs)
+        watched = self._watched(robot.id, camera)
+        if not watched:
+            return FeedKey(camera)
+        if now is not None and not watched[0].fresh(time.monotonic()):
+            return now.key
+        return watched[0].key
+
+    def _new(self, robot: RelayRobot, key: FeedKey) -> Feed:
+        counts = self._registry.ensure_robot(robot.id).camera_counts
+        watched = partial(self._watched, robot.id, key.camera)
+        return Feed(robot, key, self.traffic, counts, watched)
+
+    def _of_camera(self, robot_id: int, camera: str) -> list[Feed]:
+        feeds = self._of(robot_id)
+        keys = (FeedKey(camera), FeedKey(camera, decodes_h264=False))
+        return [feeds[key] for key in keys if key in feeds]
+
+    def _watched(self, robot_id: int, camera: str) -> list[Feed]:
+        """List the feeds of a camera that operators follow, the one that goes first at the front."""
+        driver = self._registry.robot(robot_id).lease.driver
+        driver_id = None if driver is None or driver.holder.is_route else driver.holder.user_id
+        feeds = [feed for feed in self._of_camera(robot_id, camera) if feed.has_operators]
+        return sorted(feeds, key=lambda feed: feed.worth(driver_id), reverse=True)
+
+    def _tell(self, feed: Feed) -> None:
+        """Have the robot told what the camera's other feed may take now."""
+        for each in self._of_camera(feed.robot.id, feed.key.camera):
+            each.due.set()
 
     def _on_link_lost(self, copy: Feed) -> None:
         copy.end(close_reasons.link_lost(copy.robot.name))
@@ -278,7 +371,9 @@ class Feeds(SharedCopies[Feed]):
         name = copy.robot.name
         try:
             close_reason = await self._run_feed(copy)
-            log.info("robot %s: feed of %r ended: %s", name, copy.key[:100], close_reason.reason)
+            log.info(
+                "robot %s: feed of %r ended: %s", name, copy.key.camera[:100], close_reason.reason
+            )
         except Exception:
             log.exception("robot %s: a feed failed", name)
             close_reason = close_reasons.relay_failed()

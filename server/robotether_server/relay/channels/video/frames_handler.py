@@ -19,7 +19,6 @@ from robotether_common.frames import MAX_CREDITS, MAX_TEXT_BYTES, StreamRequest,
 from robotether_server.db.fleet import RECORDER
 from robotether_server.problems import HttpError, ProtocolError
 from robotether_server.relay.auth.access import Permit, request_of
-from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
     clock_sync_message,
     parse_clock_sync,
@@ -67,14 +66,14 @@ class FramesHandler:
         access_request = request_of(request.headers, request.cookies, request.query)
         permit = await self._context.access.for_frames(access_request, request.match_info["name"])
         socket = ViewerSocket(MAX_TEXT_BYTES)
-        session = FramesSession(socket, permit, self._context, self._limits)
+        session = FramesSession(socket, permit, topic, self._context, self._limits)
         connection = connection_of(permit, topic, session.end)
         if (why := self._context.connections.no_room(connection)) is not None:
             session.end(close_reasons.too_many_connections(why))
         # Before anything waits: a right that ends in the meantime must end this connection.
         with counted(self._context, permit, connection):
             await socket.open(request)
-            close_reason = await session.run(topic)
+            close_reason = await session.run()
         await socket.finish(close_reason)
         return socket
 
@@ -83,11 +82,17 @@ class FramesSession(OperatorConnection):
     """One viewer of one camera, from the upgrade to the end."""
 
     def __init__(
-        self, socket: ViewerSocket, permit: Permit, context: VideoContext, limits: LivenessLimits
+        self,
+        socket: ViewerSocket,
+        permit: Permit,
+        camera: str,
+        context: VideoContext,
+        limits: LivenessLimits,
     ) -> None:
         super().__init__(permit.robot.name)
         self._socket = socket
         self._permit = permit
+        self._camera = camera
         self._context = context
         self._limits = limits
         self._limiter = RateLimiter(
@@ -100,14 +105,18 @@ class FramesSession(OperatorConnection):
         self._clock_sync_ms: float | None = None
         self._sent_status: VideoStatus | None = None
         self._blocked = asyncio.Event()
-        # From `run` on.
-        self._feed: Feed
-        self._cursor: Cursor
+        # From the first stream request on, which says what the viewer decodes.
+        self._cursor: Cursor | None = None
 
     @property
     def is_recorder(self) -> bool:
         """Whether it is the stack's recorder."""
         return self._permit.user.id == RECORDER.id
+
+    @property
+    def may_drive(self) -> bool:
+        """Whether the user may drive the robot."""
+        return self._permit.may_drive
 
     def user_ids(self) -> tuple[int]:
         """Return whose it is."""
@@ -115,9 +124,11 @@ class FramesSession(OperatorConnection):
 
     def notify(self) -> None:
         """The feed has something new."""
+        if self.is_recorder:
+            self._follow()
         self._push()
 
-    async def run(self, topic: str) -> CloseReason:
+    async def run(self) -> CloseReason:
         """Show the camera; return why that ended."""
         robot, user = self._permit.robot, self._permit.user
         presence = self._context.registry.presence(robot.id)
@@ -125,12 +136,24 @@ class FramesSession(OperatorConnection):
             self.end(close_reasons.robot_offline(robot.name, presence.since, utc_now()))
         if self._ended.done():
             return self._ended.result()
-        with (
-            self._context.feeds.followed(robot, topic, self) as self._feed,
-            self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
-        ):
-            self._cursor = Cursor(self._feed, self, time.monotonic())
-            return await self._run_until_ended(self._work())
+        with self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id):
+            try:
+                return await self._run_until_ended(self._work())
+            finally:
+                if self._cursor is not None:
+                    self._context.feeds.leave(self._cursor.feed, self)
+
+    def _follow(self) -> None:
+        """Follow the feed that is the viewer's now, in place of the one before."""
+        feeds, robot, before = self._context.feeds, self._permit.robot, self._cursor
+        feed = None if before is None else before.feed
+        key = feeds.key_for(robot, self._camera, self, feed)
+        if self._ended.done() or (feed is not None and feed.key == key):
+            return
+        self._cursor = Cursor(feeds.follow(robot, key, self), self, time.monotonic())
+        self._under_way.clear()
+        if feed is not None:
+            feeds.leave(feed, self)
 
     async def _work(self) -> CloseReason:
         return await self._run_together(
@@ -176,16 +199,20 @@ class FramesSession(OperatorConnection):
             self.stream_request = (
                 request if self._permit.may_drive else replace(request, prefers=None)
             )
-            self._feed.due.set()
-        elif operation == "key_frame" and self.is_recorder:
-            # A reader of the file needs one; the recorder itself goes on with what comes until then.
-            self._feed.request_key_frame()
-        elif operation == "key_frame":
-            self._cursor.restart()
+            self._follow()
+            if self._cursor is not None:
+                self._cursor.feed.due.set()
+        elif operation == "key_frame" and self._cursor is not None:
+            if self.is_recorder:
+                # A reader of the file needs one; the recorder itself goes on with what comes until then.
+                self._cursor.feed.request_key_frame()
+            else:
+                self._cursor.restart()
 
     def _on_credit(self, frames: int, sequence: int | None) -> None:
-        if self.stream_request is None:
+        if self._cursor is None:
             raise ProtocolError("stream_request comes before credit")
+        feed = self._cursor.feed
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if sequence is None and self._under_way:
             # A client that does not say which.
@@ -193,12 +220,12 @@ class FramesSession(OperatorConnection):
         if sequence is not None and sequence in self._under_way:
             while self._under_way.popleft() != sequence:
                 pass
-            if self.is_recorder and self._feed.has_operators:
+            if self.is_recorder and feed.has_operators:
                 # Whose line is slow must not get frames for a quicker one.
                 loop = asyncio.get_running_loop()
-                loop.call_later(RECORDER_WAITS_S, self._feed.taken, sequence)
+                loop.call_later(RECORDER_WAITS_S, feed.taken, sequence)
             else:
-                self._feed.taken(sequence)
+                feed.taken(sequence)
 
     def _push(self) -> None:
         """Write what is due, unless something still waits in this program: then it would wait, too."""
@@ -224,17 +251,20 @@ class FramesSession(OperatorConnection):
             t_ms, self._clock_sync_ms = self._clock_sync_ms, None
             sender_ms = round(time.monotonic() * 1000, 3)
             return clock_sync_message(t_ms, sender_ms)
-        if self._feed.status is not None and self._feed.status is not self._sent_status:
-            self._sent_status = self._feed.status
-            return status_message(self._sent_status)
-        return self._next_frame()
+        if self._cursor is None:
+            return None
+        status = self._cursor.feed.status
+        if status is not None and status is not self._sent_status:
+            self._sent_status = status
+            return status_message(status)
+        return self._next_frame(self._cursor)
 
-    def _next_frame(self) -> bytes | None:
-        frame = self._cursor.next() if self._credits else None
+    def _next_frame(self, cursor: Cursor) -> bytes | None:
+        frame = cursor.next() if self._credits else None
         if frame is None:
             return None
         self._credits -= 1
         self._under_way.append(frame.sequence)
-        self._cursor.sent(frame)
-        note_sent(self._context, self._permit, self._feed.key, frame)
+        cursor.sent(frame)
+        note_sent(self._context, self._permit, self._camera, frame)
         return frame.message

@@ -103,8 +103,9 @@ class StreamViewer:
 
     is_recorder = False
 
-    def __init__(self, user_id: int, stream_request: StreamRequest) -> None:
-        self._user_id = user_id
+    def __init__(self, permit: Permit, stream_request: StreamRequest) -> None:
+        self._user_id = permit.user.id
+        self.may_drive = permit.may_drive
         self.stream_request = stream_request
         self.close_reason: CloseReason | None = None
         self._changed = asyncio.Event()
@@ -148,7 +149,7 @@ class Streams:
         """Answer until either side ends; None when the robot has no frames service."""
         robot, user = permit.robot, permit.user
         stream_format = format_of(request)
-        viewer = StreamViewer(user.id, stream_request_of(request, stream_format.codec))
+        viewer = StreamViewer(permit, stream_request_of(request, stream_format.codec))
         with (
             self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
             self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
@@ -190,7 +191,7 @@ class FirstFrame:
         return frame
 
     async def _next(self) -> Frame | None:
-        """Wait for a frame of the codec; a robot may begin with JPEG, and still send it for who was here before."""
+        """Wait for a frame of the codec; a robot may begin with JPEG."""
         while True:
             frame = await self._viewer.next(self._cursor)
             if frame is None or frame.codec is self._codec:
@@ -202,9 +203,7 @@ class FirstFrame:
             await self._viewer.changed()
 
     def _why_other_codec(self) -> str:
-        request, status = self._feed.stream_request(), self._feed.status
-        if request is not None and self._codec.name not in request.codecs:
-            return "somebody who sees the same camera decodes only JPEG"
+        status = self._feed.status
         if status is None or status.no_encoder == ENCODER_STARTS:
             return ""
         return status.no_encoder
@@ -257,7 +256,7 @@ class StreamSession:
                 await response.write(stream_format.start)
             while frame is not None and frame.codec is stream_format.codec:
                 self._cursor.sent(frame)
-                note_sent(self._context, self._permit, self._feed.key, frame)
+                note_sent(self._context, self._permit, self._feed.key.camera, frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                     await response.write(stream_format.write(frame))
                     await writer.drain()

@@ -58,7 +58,7 @@ class Cursor:
     """
 
     def __init__(self, feed: Feed, viewer: Viewer, now_s: float) -> None:
-        self._feed = feed
+        self.feed = feed
         self._viewer = viewer
         # Positions of the frame that was sent last, and of the one that is next if none is skipped.
         self._sent = -1
@@ -77,37 +77,37 @@ class Cursor:
 
         A frame for which it cannot wait is given back: without credit the robot could send no other.
         """
-        newest = self._feed.newest
+        newest = self.feed.newest
         if newest is None or newest.position < self._next:
             return None
         frame = self._decodable(newest)
         if frame is None:
-            self._feed.taken(newest.sequence)
+            self.feed.taken(newest.sequence)
         return frame
 
     def sent(self, frame: Frame) -> None:
         """The viewer was sent the frame."""
-        self._feed.sent(frame, max(0, frame.position - self._next))
+        self.feed.sent(frame, max(0, frame.position - self._next))
         self._sent, self._next, self._continues = frame.position, frame.position + 1, True
 
     def restart(self) -> None:
         """The viewer can decode nothing before a key frame."""
         self._continues = False
-        if self._feed.newest is not None:
-            self._decodable(self._feed.newest)
+        if self.feed.newest is not None:
+            self._decodable(self.feed.newest)
 
     def _decodable(self, newest: Frame) -> Frame | None:
         """Return the next frame, None when none can be decoded; then the robot is asked for a key frame."""
         request = self._viewer.stream_request
         if request is None or newest.codec.name not in request.codecs:
             return None
-        held = self._feed.held
+        held = self.feed.held
         if self._continues and (frame := held.at(self._sent + 1)) is not None:
             return frame
         if (start := held.start) is not None and start.position > self._sent:
             return start
         if newest.codec.depends_on_earlier:
-            self._feed.request_key_frame()
+            self.feed.request_key_frame()
         return None
 
 

@@ -3,12 +3,15 @@
 import asyncio
 import struct
 import time
+from types import SimpleNamespace
 
 import pytest
 from relay_server import until
+from robotether_common.codecs import NAMES, decoded_by
+from robotether_common.frames import StreamRequest
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video import feeds as feeds_module
-from robotether_server.relay.channels.video.feeds import Feed, Feeds, FeedTraffic
+from robotether_server.relay.channels.video.feeds import Feed, FeedKey, Feeds, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import SenderClock
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -19,16 +22,17 @@ JPEG = b"\xff\xd8\xff\xd9"
 
 
 class Eye:
-    is_recorder = False
+    is_recorder = may_drive = False
 
-    def __init__(self, stream_request=None, *, breaks=False):
+    def __init__(self, stream_request=None, *, user_id=1, breaks=False):
         self.stream_request = stream_request
+        self._user_id = user_id
         self.on_status = 0
         self.close_reasons = []
         self._breaks = breaks
 
     def user_ids(self):
-        return (1,)
+        return (self._user_id,)
 
     def notify(self):
         self.on_status += 1
@@ -54,7 +58,7 @@ def come(feed, sequence, *, codec=1, is_key=False):
 @pytest.fixture
 async def feed(sim1):
     """A feed that has its connection and has told its first credit."""
-    feed = Feed(sim1, "/a", FeedTraffic(), CameraCounts())
+    feed = Feed(sim1, FeedKey("/a"), FeedTraffic(), CameraCounts())
     feed.on_connected()
     assert feed.credit() == (2, None)
     return feed
@@ -124,6 +128,61 @@ async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypa
         assert again is feed
         assert feeds.count() == 1
     await until(lambda: feeds.count() == 0, "it is closed")
+    await feeds.close()
+
+
+class Recording(Eye):
+    is_recorder = True
+
+
+def eye(*codecs, may_drive=False, user_id=1):
+    made = Eye(StreamRequest(codecs=decoded_by(codecs)), user_id=user_id)
+    made.may_drive = may_drive
+    return made
+
+
+@pytest.mark.parametrize(
+    ("h264_may_drive", "jpeg_may_drive", "driver_id", "yields"),
+    [
+        (True, True, None, True),
+        (False, False, None, True),
+        (True, True, 1, True),
+        (False, True, None, False),
+        (True, True, 2, False),
+    ],
+)
+async def test_who_does_not_decode_h264_takes_it_from_nobody(
+    *, sim1, h264_may_drive, jpeg_may_drive, driver_id, yields
+):
+    """A second feed has little, unless the driver needs it; the recorder takes what the driver sees."""
+    registry = SessionRegistry()
+    feeds = Feeds(registry, lambda _feed: _for_ever())
+    if driver_id is not None:
+        holder = SimpleNamespace(user_id=driver_id, is_route=False)
+        registry.ensure_robot(sim1.id).lease.driver = SimpleNamespace(holder=holder)
+    recording = Recording(StreamRequest(codecs=NAMES))
+    first, second = (
+        eye("h264", "vp8", may_drive=h264_may_drive),
+        eye("vp8", may_drive=jpeg_may_drive, user_id=2),
+    )
+    with feeds.followed(sim1, "/a", second) as jpeg:
+        assert jpeg.stream_request().codecs == ("vp8", "jpeg")
+        with feeds.followed(sim1, "/a", first) as h264:
+            assert h264.stream_request() == first.stream_request
+            request = jpeg.stream_request()
+            assert (request.codecs, request.yields) == (("jpeg",), yields)
+            assert request.fps == (feeds_module.YIELDING_FPS if yields else StreamRequest().fps)
+            goes_first = h264 if yields else jpeg
+            other = jpeg if yields else h264
+            assert feeds.key_for(sim1, "/a", recording) == goes_first.key
+            # No gap in a file: it stays where it is until there is a frame.
+            assert feeds.key_for(sim1, "/a", recording, other) == other.key
+            goes_first.on_connected()
+            goes_first.credit()
+            come(goes_first, 1)
+            assert feeds.key_for(sim1, "/a", recording, other) == goes_first.key
+        assert jpeg.stream_request() == second.stream_request
+    assert feeds.key_for(sim1, "/a", recording, jpeg) == FeedKey("/a")
     await feeds.close()
 
 

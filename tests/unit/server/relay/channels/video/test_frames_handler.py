@@ -85,6 +85,23 @@ async def test_the_robot_hears_what_all_want_together(camera, watch):
     await camera.wait_for("stream_request", fps=1, quality_max=80, width=None)
 
 
+async def test_a_viewer_that_decodes_only_jpeg_costs_the_others_no_h264(camera, watch):
+    """It has a feed of its own, and goes over to the other when it decodes H.264, too."""
+    both = ["h264", "jpeg"]
+    await watch(codecs=both)
+    await camera.wait_for("credit")
+    viewer = await watch(BOB)
+    await camera.wait_for("stream_request", codecs=["jpeg"], yields=True, fps=5)
+    assert camera.topics == ["/a", "/a"]
+    await viewer.ask(codecs=both)
+    await until(lambda: len(camera.connections) == 1, "the second feed is closed")
+    await viewer.credit()
+    sequence = await camera.show(b"key", codec=2, is_key=True)
+    assert (await viewer.frame()).sequence == sequence
+    requested = [text["codecs"] for text in camera.of("stream_request") if not text["yields"]]
+    assert requested == [both]
+
+
 async def test_who_waits_for_a_key_frame_holds_back_no_credit(camera, watch, relay):
     """The robot can go on and send one, also where nobody else watches; one that never does fills nothing."""
     viewer = await watch(codecs=["h264"])

@@ -160,13 +160,6 @@ async def test_a_robot_that_sends_jpeg_has_no_h264(
     assert await asking == (409, "no_encoder", why)
 
 
-async def test_nobody_gets_h264_while_somebody_decodes_only_jpeg(on_air, watch, video):
-    await watch()
-    status, code, why = await ask_in_vain(video)
-    assert (status, code) == (409, "no_encoder")
-    assert "decodes only JPEG" in why
-
-
 async def test_an_agent_without_frames_has_no_h264(robot, video):
     """It is not asked for what it would answer with MJPEG."""
     assert (await ask_in_vain(video))[:2] == (409, "no_encoder")

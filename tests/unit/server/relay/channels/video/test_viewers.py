@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.codecs import H264, JPEG, NAMES, VP8, decoded_by
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS, StreamRequest
-from robotether_server.relay.channels.video.feeds import Feed, FeedTraffic
+from robotether_server.relay.channels.video.feeds import Feed, FeedKey, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
 from robotether_server.relay.channels.video.held_frames import MAX_HELD, MAX_HELD_BYTES, HeldFrames
 from robotether_server.relay.channels.video.viewers import Cursor
@@ -22,7 +22,7 @@ class Books(Feed):
     """A feed whose frames a test sets, and that notes what was taken."""
 
     def __init__(self, robot):
-        super().__init__(robot, "/a", FeedTraffic(), CameraCounts())
+        super().__init__(robot, FeedKey("/a"), FeedTraffic(), CameraCounts())
         self.was_taken = []
 
     def taken(self, sequence):
@@ -146,7 +146,9 @@ class Scene:
     """A robot that encodes on credit, and its viewers. What a chain of frames is, it alone knows."""
 
     def __init__(self):
-        self.feed = Feed(SimpleNamespace(name="sim1", id=7), "/a", FeedTraffic(), CameraCounts())
+        self.feed = Feed(
+            SimpleNamespace(name="sim1", id=7), FeedKey("/a"), FeedTraffic(), CameraCounts()
+        )
         self.viewers = []
         self.codec = H264
         self.now_s = 1000.0
