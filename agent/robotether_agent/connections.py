@@ -115,7 +115,9 @@ async def serve_video(
     source_settings: SourceSettings,
     graph: RosGraph,
     has_video: Callable[[], bool],
+    *,
     on_frame_sent: OnFrameSent,
+    on_encoders: Callable[[str], None],
 ) -> AsyncIterator[Role]:
     """Serve the robot's cameras and topics by a video proxy."""
     topics, pacer = TopicsService(settings.rosbridge_url), Pacer()
@@ -130,6 +132,7 @@ async def serve_video(
         has_video=has_video,
         routes={TOPICS_PATH: topics.answer, LINE_PATH: answer_line_rate},
         on_frame_sent=on_frame_sent,
+        on_encoders=on_encoders,
     )
     async with AsyncExitStack() as ends:
         ends.push_async_callback(topics.close)

@@ -60,6 +60,8 @@ class Status:
     ros_exposed_advice: str = ""
     video: str = "unknown"
     video_detail: str = ""
+    # What encodes the cameras that are watched, or why nothing does; empty while none needs an encoder.
+    encoder: str = ""
     # ready, down, or off by the settings; and why it is down.
     guard: str = "unknown"
     guard_detail: str = ""
@@ -177,7 +179,7 @@ def is_alive(status: Status, now: float) -> bool:
 
 
 def render(status: Status, now: float, no_encoder: str = "") -> str:
-    """Return `status` for a person; `no_encoder` says why video is JPEG."""
+    """Return `status` for a person; `no_encoder` says why video is always JPEG."""
     state = MEANINGS.get(status.state, status.state)
     if not is_alive(status, now) and status.state != "stopped":
         state = f"not running (last sign of life {_when(status.written_at)})"
@@ -204,8 +206,9 @@ def render(status: Status, now: float, no_encoder: str = "") -> str:
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
     ]
-    if no_encoder:
-        rows += [("encoder", f"none: {no_encoder}")]
+    encoder = f"none: {no_encoder}" if no_encoder else status.encoder
+    if encoder:
+        rows += [("encoder", encoder)]
     if status.ros_exposed:
         advice = status.ros_exposed_advice
         exposed = f"rosbridge answers at {status.ros_exposed}: {PAST_GUARD}; {advice}"

@@ -48,6 +48,13 @@ async def _encode() -> EncodedFrame:
     try:
         # It has started, or says why not.
         await has_changed.wait()
+        if not encoder.down_reason:
+            with suppress(EncoderError):
+                return await encoder.encode(TRIAL)
+            # The driver of an encoder in hardware may be what failed: the next process does without.
+            while encoder.down_reason:
+                has_changed.clear()
+                await has_changed.wait()
         return await encoder.encode(TRIAL)
     finally:
         running.cancel()

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from typing import Any, BinaryIO
 
@@ -30,15 +31,9 @@ from robotether_agent.video.encoder_messages import (
 )
 from robotether_agent.video.jpeg import jpeg_size
 
-# FFmpeg's encoders by codec, in the order in which they are tried.
-HARDWARE: dict[Codec, tuple[str, ...]] = {H264: ("h264_v4l2m2m", "h264_nvenc", "h264_qsv"), VP8: ()}
-SOFTWARE: dict[Codec, str] = {H264: "libx264", VP8: "libvpx"}
-# Encoders that follow `bit_rate` while they are open.
-FOLLOWS_RATE = frozenset({"libx264", "h264_nvenc", "h264_qsv"})
 # Part of the rate that an encoder was opened with to which it may fall on the open one: a step of the quality and back.
 # The bound of one frame's bits stays, since PyAV does not change it; so a lower rate needs a new encoder.
 MIN_PART = 0.65
-PIXEL_FORMATS = {"h264_qsv": "nv12"}
 # Number of frames between key frames that nobody requests.
 KEY_FRAME_INTERVAL = 1_000_000
 # Minimum quantiser, on each codec's own scale: no bits for what the camera's own JPEG does not have.
@@ -48,23 +43,116 @@ NARROW_BITS_PER_S = 5_000_000
 NARROW_BUFFER, WIDE_BUFFER = 2, 4
 # Maximum size of VP8's key frames in percent of a frame's.
 VP8_KEY_PERCENT = 300
-VP8_SPEEDS = dict(zip(PRESETS, ("6", "8", "12"), strict=True))
 # Number of the NAL unit SPS in Annex B, with which a key frame begins that can be decoded by itself.
 SPS = 7
 # BT.601 in limited range, as decoders expect it of video and as JPEG's own matrix is.
 BT601, LIMITED, FULL = 6, 1, 2
 
 
-class OpenEncoder:
-    """One of FFmpeg's encoders, opened for a codec, size, rate and preset."""
+@dataclass(frozen=True)
+class EncoderKind:
+    """One of FFmpeg's encoders, and its options beside the bounds of its bits: no delay, no key frame by itself."""
 
-    def __init__(self, name: str, request: EncodeRequest) -> None:
-        self.name = name
+    name: str
+    codec: Codec
+    is_hardware: bool = False
+    # Whether it follows `bit_rate` while it is open.
+    follows_rate: bool = False
+    # Whether its bounds are kept only with a minimum rate, too.
+    has_minimum_rate: bool = False
+    pixel_format: str = "yuv420p"
+    options: Mapping[str, str] = field(default_factory=dict)
+    # The option that a preset of ours is, and what it is called there; hardware has one for all.
+    preset_option: str = ""
+    presets: Sequence[str] = PRESETS
+
+    def options_for(self, request: EncodeRequest) -> dict[str, str]:
+        """Return FFmpeg's options for a request; one frame's bits are bounded."""
+        rate = request.bits_per_s
+        frames = NARROW_BUFFER if rate < NARROW_BITS_PER_S else WIDE_BUFFER
+        options = {
+            # Not above the rate: x264 would no longer follow another one.
+            "maxrate": str(int(rate)),
+            "bufsize": str(max(1000, int(frames * rate / request.fps))),
+            **self.options,
+        }
+        if self.has_minimum_rate:
+            options["minrate"] = options["maxrate"]
+        if self.preset_option:
+            options[self.preset_option] = self.presets[PRESETS.index(request.preset)]
+        return options
+
+
+# In the order in which they are tried; the last of a codec is the one in software.
+ENCODERS = (
+    EncoderKind("h264_v4l2m2m", H264, is_hardware=True),
+    EncoderKind(
+        "h264_nvenc",
+        H264,
+        is_hardware=True,
+        follows_rate=True,
+        options={
+            "preset": "p2",
+            "tune": "ull",
+            "zerolatency": "1",
+            "delay": "0",
+            "forced-idr": "1",
+            "profile": "main",
+            "rc": "cbr",
+        },
+    ),
+    EncoderKind(
+        "h264_qsv",
+        H264,
+        is_hardware=True,
+        follows_rate=True,
+        pixel_format="nv12",
+        options={
+            "preset": "veryfast",
+            "async_depth": "1",
+            "low_delay_brc": "1",
+            "forced_idr": "1",
+            "profile": "main",
+        },
+    ),
+    EncoderKind(
+        "libx264",
+        H264,
+        follows_rate=True,
+        # Constant frame durations: a frame has its bits, however many are skipped between.
+        options={
+            "tune": "zerolatency",
+            "profile": "main",
+            "forced-idr": "1",
+            "x264-params": "repeat-headers=1:annexb=1:scenecut=0:keyint=infinite",
+        },
+        preset_option="preset",
+    ),
+    EncoderKind(
+        "libvpx",
+        VP8,
+        has_minimum_rate=True,
+        options={
+            "deadline": "realtime",
+            "lag-in-frames": "0",
+            "max-intra-rate": str(VP8_KEY_PERCENT),
+        },
+        preset_option="cpu-used",
+        presets=("6", "8", "12"),
+    ),
+)
+
+
+class OpenEncoder:
+    """An encoder that is opened for a size, rate and preset."""
+
+    def __init__(self, kind: EncoderKind, request: EncodeRequest) -> None:
+        self.kind = kind
         self._request = request
         self._number = 0
-        context: Any = av.CodecContext.create(name, "w")
+        context: Any = av.CodecContext.create(kind.name, "w")
         context.width, context.height = request.width, request.height
-        context.pix_fmt = PIXEL_FORMATS.get(name, "yuv420p")
+        context.pix_fmt = kind.pixel_format
         context.time_base = Fraction(1, 1000)
         context.framerate = Fraction(request.fps).limit_denominator(1000)
         context.bit_rate = int(request.bits_per_s)
@@ -74,7 +162,7 @@ class OpenEncoder:
         context.color_range, context.colorspace = LIMITED, BT601
         context.color_primaries = context.color_trc = BT601
         context.qmin = MIN_QUANTISERS[request.codec]
-        context.options = options_of(name, request)
+        context.options = kind.options_for(request)
         self._context = context
 
     def fits(self, request: EncodeRequest) -> bool:
@@ -84,9 +172,9 @@ class OpenEncoder:
         return (
             (request.codec, request.width, request.height, request.fps)
             == (mine.codec, mine.width, mine.height, mine.fps)
-            and (request.preset == mine.preset or self.name in HARDWARE[mine.codec])
-            and (request.allows_hardware or self.name == SOFTWARE[mine.codec])
-            and (part == 1 or (self.name in FOLLOWS_RATE and MIN_PART <= part < 1))
+            and (request.preset == mine.preset or not self.kind.preset_option)
+            and (request.allows_hardware or not self.kind.is_hardware)
+            and (part == 1 or (self.kind.follows_rate and MIN_PART <= part < 1))
         )
 
     def encode(self, frame: Any, request: EncodeRequest) -> tuple[bytes, bool]:
@@ -107,62 +195,11 @@ class OpenEncoder:
         self._context.bit_rate = int(request.bits_per_s)
         packets = self._context.encode(scaled)
         if len(packets) != 1:
-            raise FrameRefusedError(f"{self.name} made {len(packets)} packets of one frame")
+            raise FrameRefusedError(f"{self.kind.name} made {len(packets)} packets of one frame")
         data = bytes(packets[0])
         if len(data) > MAX_DEPENDENT_FRAME_BYTES:
-            raise FrameRefusedError(f"{self.name} made a frame of {len(data)} bytes")
+            raise FrameRefusedError(f"{self.kind.name} made a frame of {len(data)} bytes")
         return data, packets[0].is_keyframe
-
-
-def options_of(name: str, request: EncodeRequest) -> dict[str, str]:
-    """Return FFmpeg's options of an encoder: no delay, no key frame that nobody requests, one frame's bits bounded."""
-    rate = request.bits_per_s
-    frames = NARROW_BUFFER if rate < NARROW_BITS_PER_S else WIDE_BUFFER
-    bounds = {
-        # Not above the rate: x264 would no longer follow another one.
-        "maxrate": str(int(rate)),
-        "bufsize": str(max(1000, int(frames * rate / request.fps))),
-    }
-    if name == "libx264":
-        # Constant frame durations: a frame has its bits, however many are skipped between.
-        return {
-            **bounds,
-            "preset": request.preset,
-            "tune": "zerolatency",
-            "profile": "main",
-            "forced-idr": "1",
-            "x264-params": "repeat-headers=1:annexb=1:scenecut=0:keyint=infinite",
-        }
-    if name == "libvpx":
-        return {
-            **bounds,
-            "minrate": bounds["maxrate"],
-            "deadline": "realtime",
-            "cpu-used": VP8_SPEEDS[request.preset],
-            "lag-in-frames": "0",
-            "max-intra-rate": str(VP8_KEY_PERCENT),
-        }
-    return {**bounds, **HARDWARE_OPTIONS.get(name, {})}
-
-
-HARDWARE_OPTIONS = {
-    "h264_nvenc": {
-        "preset": "p2",
-        "tune": "ull",
-        "zerolatency": "1",
-        "delay": "0",
-        "forced-idr": "1",
-        "profile": "main",
-        "rc": "cbr",
-    },
-    "h264_qsv": {
-        "preset": "veryfast",
-        "async_depth": "1",
-        "low_delay_brc": "1",
-        "forced_idr": "1",
-        "profile": "main",
-    },
-}
 
 
 class FrameTranscoder:
@@ -185,7 +222,7 @@ class FrameTranscoder:
             # What it may have encoded nobody gets: the next frame begins a new sequence.
             self._encoder = None
             raise FrameRefusedError(f"the encoder failed: {error}") from error
-        return EncodedFrame(data, is_key, encoder.name, time.perf_counter() - began_s)
+        return EncodedFrame(data, is_key, encoder.kind.name, time.perf_counter() - began_s)
 
     def _decoded(self, jpeg: bytes) -> Any:
         size = jpeg_size(jpeg)
@@ -215,17 +252,17 @@ class FrameTranscoder:
         return self._encoder
 
     def _opened(self, request: EncodeRequest, frame: Any) -> OpenEncoder:
-        hardware = HARDWARE[request.codec] if request.allows_hardware else ()
-        for name in hardware:
-            if self._is_fit.get(name, True):
+        *hardware, software = (kind for kind in ENCODERS if kind.codec is request.codec)
+        for kind in hardware if request.allows_hardware else ():
+            if self._is_fit.get(kind.name, True):
                 with suppress(av.FFmpegError, FrameRefusedError, ValueError, MemoryError):
-                    if name not in self._is_fit:
-                        check_hardware(OpenEncoder(name, request), frame, request)
-                    encoder = OpenEncoder(name, request)
-                    self._is_fit[name] = True
+                    if kind.name not in self._is_fit:
+                        check_hardware(OpenEncoder(kind, request), frame, request)
+                    encoder = OpenEncoder(kind, request)
+                    self._is_fit[kind.name] = True
                     return encoder
-                self._is_fit[name] = False
-        return OpenEncoder(SOFTWARE[request.codec], request)
+                self._is_fit[kind.name] = False
+        return OpenEncoder(software, request)
 
 
 def check_hardware(encoder: OpenEncoder, frame: Any, request: EncodeRequest) -> None:
@@ -233,7 +270,7 @@ def check_hardware(encoder: OpenEncoder, frame: Any, request: EncodeRequest) -> 
     for requests_key in (True, False, True):
         data, is_key = encoder.encode(frame, replace(request, requests_key=requests_key))
         if is_key != requests_key or (is_key and SPS not in nal_types(data)):
-            raise FrameRefusedError(f"{encoder.name} makes key frames of its own kind")
+            raise FrameRefusedError(f"{encoder.kind.name} makes key frames of its own kind")
 
 
 def nal_types(data: bytes) -> set[int]:

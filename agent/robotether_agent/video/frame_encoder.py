@@ -35,12 +35,30 @@ CODEC_BY_NAME = {codec.name: codec for codec in CODECS.values()}
 
 
 class EncoderPool:
-    """What the receivers of a robot share: whether it encodes, and for how many cameras at once."""
+    """What the receivers of a robot share: whether it encodes, for how many cameras at once, and what does.
 
-    def __init__(self, setting: str = "off", command: Sequence[str] = COMMAND) -> None:
+    `on_change` gets the encoders at work, or why there are none, at each change.
+    """
+
+    def __init__(
+        self,
+        setting: str = "off",
+        command: Sequence[str] = COMMAND,
+        on_change: Callable[[str], None] = lambda _: None,
+    ) -> None:
         self.setting = setting
         self.command = command
         self.slots = asyncio.Semaphore(MAX_ENCODERS)
+        self._on_change = on_change
+        self._reports: dict[object, str] = {}
+
+    def report(self, who: object, text: str) -> None:
+        """Note what encodes for a receiver, or why nothing does; nothing where that needs no encoder."""
+        if self._reports.get(who, "") == text:
+            return
+        self._reports[who] = text
+        self._reports = {each: text for each, text in self._reports.items() if text}
+        self._on_change(", ".join(sorted(set(self._reports.values()))))
 
 
 class FrameEncoder:
@@ -54,12 +72,13 @@ class FrameEncoder:
         clock: Callable[[], float],
     ) -> None:
         self._pool = pool
+        self._on_change = on_change
         self._clock = clock
         self._requested = JPEG
         self._needed, self._unneeded = asyncio.Event(), asyncio.Event()
         # Looked at anew for each receiver: PyAV may be installed while the agent runs.
         self._unavailable = availability(pool.setting)
-        self._encoder = VideoEncoder(on_change, camera, pool.command, clock)
+        self._encoder = VideoEncoder(self._on_encoder, camera, pool.command, clock)
         self._key_frames = KeyFrameLimiter()
         self._presets = PresetSteps(clock())
         self.name: str | None = None
@@ -98,7 +117,10 @@ class FrameEncoder:
         """Keep an encoder running while the receiver wants one; none runs after this was cancelled."""
         while True:
             await self._needed.wait()
-            await first_of(self._keep_ready(), self._until_unneeded())
+            try:
+                await first_of(self._keep_ready(), self._until_unneeded())
+            finally:
+                self._pool.report(self, "")
 
     async def encode(
         self, jpeg: bytes, level: Level, stream_request: StreamRequest, rate: float
@@ -122,10 +144,17 @@ class FrameEncoder:
         )
         frame = await self._encoder.encode(request)
         self.name, self.size = frame.encoder, size
+        self._pool.report(self, frame.encoder)
         if frame.is_key:
             self._key_frames.on_key_frame(self._clock())
         self._judge(frame.took_s, 1 / min(requested_fps, max(MIN_RATE, rate)))
         return frame
+
+    def _on_encoder(self) -> None:
+        """The encoder runs, or fails."""
+        if reason := self._encoder.down_reason:
+            self._pool.report(self, f"none: {reason}")
+        self._on_change()
 
     def _judge(self, took_s: float, interval_s: float) -> None:
         now_s = self._clock()
@@ -136,6 +165,7 @@ class FrameEncoder:
     async def _keep_ready(self) -> None:
         if self._pool.slots.locked():
             self._encoder.down_reason = FULL
+            self._pool.report(self, f"none: {FULL}")
         async with self._pool.slots:
             self._encoder.down_reason = ENCODER_STARTS
             await self._encoder.run()

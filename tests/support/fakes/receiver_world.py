@@ -66,6 +66,8 @@ class World:
         self.sent: list[tuple[str, int, float]] = []
         self.socket = FakeSocket()
         self.open: dict[SourceRequest, OnFrame] = {}
+        # Of the encoders, where a test collects them.
+        self.reports: list[str] = []
         self.shared_sources = SharedSources(self._run, lambda: self.now_s)
         self.receiver = Receiver(
             cast(web.WebSocketResponse, self.socket),

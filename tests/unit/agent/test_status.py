@@ -52,6 +52,7 @@ UP = Status(
         ),
         ({"new_key": "it is disabled [x]"}, ["new key       it is disabled [x]"]),
         ({"fingerprint": ""}, ["key           (none yet)"]),
+        ({"encoder": "libx264"}, ["encoder       libx264"]),
         # The installer and the playbook print this line.
         (
             {"ros_exposed": "192.0.2.1", "ros_exposed_advice": "close it"},

@@ -41,8 +41,10 @@ async def make_world() -> AsyncIterator[MakeWorld]:
     async with AsyncExitStack() as ends:
 
         def make(*command: str, setting: str = "auto", steps_quality: bool = True) -> World:
-            pool = EncoderPool(setting, command or COMMAND)
+            reports: list[str] = []
+            pool = EncoderPool(setting, command or COMMAND, reports.append)
             world = World(steps_quality=steps_quality, encoders=pool)
+            world.reports = reports
             ends.push_async_callback(world.end)
             return world
 
@@ -77,6 +79,21 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
         assert decoder.decode(message[SIZE:]).shape == (240, 320, 3)
     assert world.sent == [("/camera", each.sequence, each.timestamp_ms / 1000) for each in headers]
     assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0, passes_h264=True)
+
+
+async def test_the_agent_hears_what_encodes_or_why_nothing_does(make_world):
+    world, broken = make_world(), make_world(sys.executable, "-c", "raise SystemExit(3)")
+    await until_encoding(world)
+    await world.pass_on(jpeg_of(next(clip(1, step=0))))
+    world.socket.ask("stream_request")
+    broken.socket.ask("stream_request", codecs=CODECS)
+    for each, last in ((world, ""), (broken, "none: the encoder ended: exit code 3")):
+        await eventually(
+            lambda each=each, last=last: each.reports[-1:] == [last],
+            lambda each=each: str(each.reports),
+            STARTS_WITHIN_S,
+        )
+    assert world.reports == ["libx264", ""]
 
 
 async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(make_world):

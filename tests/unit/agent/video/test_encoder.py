@@ -18,6 +18,8 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from openssh_server import descendants
+from robotether_agent.doctor import encoder as doctor
+from robotether_agent.settings import Settings
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video import encoder_process
 from robotether_agent.video.encoder import COMMAND, VideoEncoder
@@ -208,17 +210,64 @@ async def test_a_broken_process_is_an_error_with_its_reason(
 
 def test_hardware_is_tried_once(monkeypatch):
     trials, check = [], encoder_process.check_hardware
-    monkeypatch.setitem(encoder_process.HARDWARE, H264, ("h264_nvenc", "libx264"))
+    nvenc, software = (
+        next(kind for kind in encoder_process.ENCODERS if kind.name == name)
+        for name in ("h264_nvenc", "libx264")
+    )
+    answers = replace(software, is_hardware=True)
+    monkeypatch.setattr(encoder_process, "ENCODERS", (nvenc, answers, software))
     monkeypatch.setattr(
         encoder_process,
         "check_hardware",
-        lambda encoder, *trial: trials.append(encoder.name) or check(encoder, *trial),
+        lambda encoder, *trial: trials.append(encoder.kind) or check(encoder, *trial),
     )
     transcoder = encoder_process.FrameTranscoder()
     request = replace(NOTHING, jpeg=jpeg_of(next(clip(1, step=0))), allows_hardware=True)
     for width in (320, 160, 320):
         assert transcoder.encode(replace(request, width=width)).is_key
-    assert trials == ["h264_nvenc", "libx264"]
+    assert trials == [nvenc, answers]
+
+
+BROKEN_DRIVER = """
+import os, signal, time
+from dataclasses import replace
+from robotether_agent.video import encoder_process
+[software] = [kind for kind in encoder_process.ENCODERS if kind.name == "libx264"]
+encoder_process.ENCODERS = (replace(software, is_hardware=True), software)
+def check_hardware(*_):
+    {fault}
+encoder_process.check_hardware = check_hardware
+encoder_process.main()
+"""
+FAULTS = [
+    ("time.sleep(60)", "made no frame within 1 s"),
+    ("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
+]
+
+
+def broken_driver(fault: str) -> tuple[str, ...]:
+    return (sys.executable, "-c", BROKEN_DRIVER.format(fault=fault))
+
+
+@pytest.mark.parametrize(("fault", "reason"), FAULTS, ids=["hangs", "crashes"])
+async def test_a_driver_that_hangs_or_crashes_costs_one_process(start, monkeypatch, fault, reason):
+    """The next one encodes in software."""
+    monkeypatch.setattr(encoder_module, "ANSWER_S", 1.0)
+    monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
+    encoder = await start(broken_driver(fault))
+    request = replace(NOTHING, jpeg=jpeg_of(next(clip(1, step=0))), allows_hardware=True)
+    with pytest.raises(EncoderError, match=reason):
+        await encoder.encode(request)
+    await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
+    assert (await encoder.encode(request)).encoder == "libx264"
+
+
+async def test_the_doctor_finds_the_encoder_that_is_left(monkeypatch):
+    monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
+    command = broken_driver(FAULTS[1][0])
+    monkeypatch.setattr(doctor, "VideoEncoder", lambda *how: VideoEncoder(*how, command))
+    finding = await doctor.check_encoder(Settings(server="a.example", video_encoder="auto"))
+    assert "libx264 encodes H.264" in finding.detail
 
 
 async def test_pauses_between_failed_starts_grow(program, monkeypatch, caplog):
