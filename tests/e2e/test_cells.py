@@ -24,7 +24,10 @@ from jump_people import end
 from local_network import insecure_tls
 from programs import Program, drive_forward, open_echo
 from robot_key import RobotKey, session_line
+from robotether_common.codecs import H264
+from robotether_common.frames import KEY
 from stack import Stack
+from video_clips import Decoder
 
 TOPIC = "/camera/image_raw"
 
@@ -249,6 +252,33 @@ async def test_its_video_is_seen(program: Program) -> None:
                 assert part
                 if time.monotonic() - begun_at > 1:
                     break
+
+
+async def test_its_h264_is_seen_beside_jpeg(program: Program) -> None:
+    """Each viewer gets what it decodes, of one camera, through the other cell."""
+    url = f"{program.stack.url}/robots/sim1/video/frames?topic={quote(TOPIC)}"
+    async with (
+        aiohttp.ClientSession(headers=program.headers) as http,
+        http.ws_connect(url, ssl=insecure_tls()) as first,
+        http.ws_connect(url, ssl=insecure_tls()) as second,
+    ):
+        viewer, other = FramesViewer(first), FramesViewer(second)
+        await viewer.ask(codecs=[H264.name])
+        await other.ask()
+        # JPEGs come while the encoder starts.
+        async with asyncio.timeout(30):
+            await viewer.credit()
+            while (frame := await viewer.frame()).codec != H264.number:
+                await viewer.credit()
+        assert frame.flags & KEY
+        decoder = Decoder()
+        for _ in range(10):
+            assert decoder.decode(frame.jpeg).size
+            await viewer.credit()
+            frame = await viewer.frame()
+            assert frame.codec == H264.number
+            await other.credit()
+            assert (await other.frame()).jpeg[:2] == b"\xff\xd8"
 
 
 def test_it_is_stopped_and_released_there(program: Program, first: Stack, second: Stack) -> None:

@@ -11,11 +11,13 @@ import json
 import re
 from typing import Any
 
+import av
 import pytest
 from frame_stamp import READ_STAMP
 from pages import drive_live, open_drawer, wait_until
 from PIL import Image, ImageChops, ImageStat
 from playwright.sync_api import Locator, Page, WebSocket, expect
+from programs import Program
 from stack import Stack
 
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
@@ -116,6 +118,18 @@ def test_the_page_shows_h264_as_the_camera_sees_it(
     finally:
         page.keyboard.up("w")
     expect(facts).to_contain_text("H.264")
+
+
+def test_a_player_shows_what_the_camera_sees(page: Page, stack: Stack) -> None:
+    """With a ticket, by FFmpeg's own HTTP client, and as a player that drops what it reads to know the stream."""
+    stack.wait_until_drivable(ROBOT)
+    drive_live(page, stack, ROBOT)
+    ticket = Program(stack, stack.token("player")).ticket(ROBOT, "observe")
+    url = f"{stack.url}/robots/{ROBOT}/video/stream?topic={CAMERA}&codec=h264&ticket={ticket}"
+    options = {"fflags": "nobuffer", "probesize": "20000", "tls_verify": "0"}
+    with av.open(url, options=options, timeout=30) as player:
+        shown = [frame for frame, _ in zip(player.decode(video=0), range(20), strict=False)]
+    assert _difference(_blocks(shown[-1].to_image()), _still(page, stack)) < MAX_DIFFERENCE
 
 
 def test_a_decoder_that_gives_nothing_leads_back_to_jpeg(page: Page, stack: Stack) -> None:

@@ -45,6 +45,9 @@ log = logging.getLogger(__name__)
 
 VIEWER_SLOW_AFTER_S = 10.0
 FIRST_FRAME_WITHIN_S = 8.0
+# Time after which a player gets another key frame, which is doubled up to the maximum: it cannot ask for one, and many
+# drop the first with what they read to know the stream.
+KEY_FRAME_S, MAX_KEY_FRAME_S = 1.0, 10.0
 # A robot that knew it could write a part of any kind into a frame.
 BOUNDARY = secrets.token_hex(16)
 # What web_video_server does to its own stream and no feed can: such a stream is passed through.
@@ -236,6 +239,8 @@ class StreamSession:
         self._feed = feed
         self._viewer = viewer
         self._cursor = cursor
+        self._key_frame_s = KEY_FRAME_S
+        self._key_frame_at_s = time.monotonic() + KEY_FRAME_S
 
     async def answer(
         self,
@@ -261,6 +266,7 @@ class StreamSession:
                     await response.write(stream_format.write(frame))
                     await writer.drain()
                 self._feed.taken(frame.sequence)
+                self._request_key_frame(frame)
                 frame = await self._viewer.next(self._cursor)
         except (ConnectionError, TimeoutError):
             log.info("robot %s: a stream's viewer did not take it", self._permit.robot.name)
@@ -268,6 +274,13 @@ class StreamSession:
         if request.transport is not None:
             request.transport.abort()
         return response
+
+    def _request_key_frame(self, frame: Frame) -> None:
+        now_s = time.monotonic()
+        if frame.codec.depends_on_earlier and now_s >= self._key_frame_at_s:
+            self._feed.request_key_frame()
+            self._key_frame_s = min(MAX_KEY_FRAME_S, 2 * self._key_frame_s)
+            self._key_frame_at_s = now_s + self._key_frame_s
 
 
 def format_of(request: web.Request) -> StreamFormat:

@@ -113,8 +113,12 @@ async def show_each(camera, frames, codec):
         await camera.show(frame, codec=codec, is_key=is_key)
 
 
-async def test_a_player_gets_h264(relay, sim1, camera, video):
-    """A ticket opens it; it begins with a key frame and ends when the robot sends JPEG."""
+async def test_a_player_gets_h264(*, relay, sim1, camera, video, monkeypatch):
+    """A ticket opens it; it begins with a key frame and ends when the robot sends JPEG.
+
+    It gets another one soon: `ffmpeg -fflags nobuffer` drops those with which it learns what the stream is.
+    """
+    monkeypatch.setattr("robotether_server.relay.channels.video.streams.KEY_FRAME_S", 0.01)
     path = f"stream?topic=/a&codec=h264&ticket={relay.ticket(sim1)}"
     asking = asyncio.create_task(video(path, {}))
     await camera.wait_for("stream_request", codecs=["h264", "jpeg"])
@@ -131,6 +135,7 @@ async def test_a_player_gets_h264(relay, sim1, camera, video):
         # The last one has begun.
         while stream.count(b"\0\0\1\xe0") < len(frames):
             stream += await answer.content.readany()
+        await camera.wait_for("key_frame")
         await camera.show(JPEG)
         with pytest.raises(aiohttp.ClientError):
             await answer.read()
