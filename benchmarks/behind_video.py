@@ -34,6 +34,7 @@ from linked_robot import (
 from local_network import free_port
 from relay_server import until
 from report import Row, Section, quantiles
+from robotether_server.recorder.observer import KEY_FRAME_EVERY_S, CameraObserver
 from round_trip import made_in
 from video import (
     CODECS_VIEWED,
@@ -59,6 +60,7 @@ TYPE = "std_msgs/String"
 CALL = {"op": "call_service", "service": "/rosapi/topic_type", "args": {"topic": "/cmd_vel"}}
 # What web_video_server would give, at the quality that the agent's frames begin with.
 PLAIN, PLAIN_QUALITY = "plain MJPEG", 80
+RECORDER = "recorder"
 TRIP = (
     "A call goes to the robot and its answer comes back on the connection that drives, "
     f"{RATE_HZ} times a second over an emulated link: "
@@ -88,6 +90,8 @@ class Setup:
     bare: int = 0
     # PLAIN or a codec of the frames protocol; empty: none.
     video: str = ""
+    # Who else looks: RECORDER, which requests key frames, or who decodes a codec alone.
+    beside: str = ""
     topics: Sequence[Topic] = ()
     trips_ms: list[float] = field(default_factory=list)
     frames: list[Frame] = field(default_factory=list)
@@ -215,6 +219,16 @@ async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> 
         await view_frames(http, url, setup.frames.append, {"codecs": [setup.video]})
 
 
+async def look_beside(http: aiohttp.ClientSession, address: Address, who: str) -> None:
+    """Take frames for nothing until this is cancelled."""
+    url = frames_url(address, FAST_CAMERA)
+    if who != RECORDER:
+        await view_frames(http, url, lambda _frame: None, {"codecs": [who]})
+        return
+    async with http.ws_connect(url, compress=0, max_msg_size=0) as socket:
+        await CameraObserver(socket, FAST_CAMERA, lambda _message: None).run()
+
+
 async def round_trips(socket: aiohttp.ClientWebSocketResponse, setup: Setup, count: int) -> None:
     """Make `count` calls, each at its time, and take every answer."""
     sent_s: dict[str, float] = {}
@@ -241,6 +255,7 @@ async def measure_setup(link: Link, address: Address, setup: Setup, seconds: flo
         works = [publish(link, topic, setup) for topic in setup.topics]
         works += [observe(http, address, topic, setup) for topic in setup.topics]
         works += [watch(http, address, setup)] if setup.video else []
+        works += [look_beside(http, address, setup.beside)] if setup.beside else []
 
         def have_begun() -> bool:
             return len(setup.sent_at) == len(setup.topics) and bool(setup.frames or not setup.video)
@@ -276,12 +291,15 @@ def measure(seconds: float = SECONDS) -> Section:
         Setup("one ssh -R, as in the paper", bare=1, video=PLAIN),
         Setup("two ssh -R", bare=2, video=PLAIN),
         *(Setup(f"Robotether, {codec}", video=codec) for codec in CODECS_VIEWED),
+        Setup("Robotether, h264, recorded", video="h264", beside=RECORDER),
+        Setup("Robotether, h264 beside a viewer of JPEG", video="h264", beside="jpeg"),
         Setup("Robotether, no video"),
     ]
     text = (
         f"{TRIP}38 ms, {UP_MBIT_S} Mbit/s up, queues of 256 KB. {FAST_CAMERA} turns fast and has noise: at "
         f"quality {PLAIN_QUALITY} its {FPS} frames a second are more than the link takes. Agent, guard and relay "
-        "are included, nginx and TLS are not. The robot's TCP is cubic.\n\n"
+        "are included, nginx and TLS are not. The robot's TCP is cubic. What reads to record requests a key frame each "
+        f"{KEY_FRAME_EVERY_S:g} s.\n\n"
         "Aim: p50 under 60 ms and p99 under 100 ms with video."
     )
     rows = [setup.row for setup in measured(setups, seconds)]
