@@ -219,7 +219,7 @@ async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> 
         await view_frames(http, url, setup.frames.append, {"codecs": [setup.video]})
 
 
-async def look_beside(http: aiohttp.ClientSession, address: Address, who: str) -> None:
+async def view_beside(http: aiohttp.ClientSession, address: Address, who: str) -> None:
     """Take frames for nothing until this is cancelled."""
     url = frames_url(address, FAST_CAMERA)
     if who != RECORDER:
@@ -255,7 +255,7 @@ async def measure_setup(link: Link, address: Address, setup: Setup, seconds: flo
         works = [publish(link, topic, setup) for topic in setup.topics]
         works += [observe(http, address, topic, setup) for topic in setup.topics]
         works += [watch(http, address, setup)] if setup.video else []
-        works += [look_beside(http, address, setup.beside)] if setup.beside else []
+        works += [view_beside(http, address, setup.beside)] if setup.beside else []
 
         def have_begun() -> bool:
             return len(setup.sent_at) == len(setup.topics) and bool(setup.frames or not setup.video)

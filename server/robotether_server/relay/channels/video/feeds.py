@@ -11,15 +11,21 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from operator import attrgetter
 from typing import NamedTuple, Protocol
 
 from robotether_common.codecs import CODECS, H264, JPEG, NAMES
-from robotether_common.frames import HEADER, MAX_CREDITS, SEQUENCES, StreamRequest, VideoStatus
+from robotether_common.frames import (
+    ENCODER_STARTS,
+    HEADER,
+    MAX_CREDITS,
+    SEQUENCES,
+    StreamRequest,
+    VideoStatus,
+)
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
@@ -90,7 +96,7 @@ class Viewer(CopyUser, Protocol):
 
 
 class FeedKey(NamedTuple):
-    """A camera, and whether the feed's viewers decode H.264."""
+    """A camera, and whether it is the feed for those who decode H.264."""
 
     camera: str
     decodes_h264: bool = True
@@ -172,6 +178,20 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         """Whether somebody else than the recorder follows it."""
         return any(not viewer.is_recorder for viewer in self.users)
 
+    @property
+    def has_decoders(self) -> bool:
+        """Whether an operator follows it who decodes H.264."""
+        return any(decodes_h264(viewer) for viewer in self.users if not viewer.is_recorder)
+
+    @property
+    def lacks_encoder(self) -> bool:
+        """Whether the robot sends JPEG although H.264 is requested, and not only until its encoder has started."""
+        if self.newest is None or self.newest.codec is not JPEG or self.status is None:
+            return False
+        # Older agents say nothing of codecs.
+        reason = self.status.no_encoder
+        return reason != ENCODER_STARTS and bool(reason or self.status.codec is None)
+
     def worth(self, driver_id: int | None) -> tuple[bool, bool]:
         """Return what decides which of a camera's feeds goes first: whether its driver follows it, or who may drive."""
         return driver_id in self.user_ids(), any(viewer.may_drive for viewer in self.users)
@@ -192,7 +212,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
         Beside H.264 of the camera it is JPEG, as a robot has one encoder a camera, and little unless it goes first.
         """
-        request, watched = self._all_want(), self._watched()
+        request, watched = self._combined_request(), self._watched()
         if (
             request is None
             or self.key.decodes_h264
@@ -204,13 +224,18 @@ class Feed(SharedCopy[FeedKey, Viewer]):
             return request
         return replace(request, fps=min(request.fps, YIELDING_FPS), yields=True)
 
-    def _all_want(self) -> StreamRequest | None:
+    def _combined_request(self) -> StreamRequest | None:
         viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
         leading = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
         requests = [
             viewer.stream_request for viewer in leading if viewer.stream_request is not None
         ]
-        return reduce(combined, requests) if requests else None
+        if not requests:
+            return None
+        # Who does not decode H.264 is here as long as the robot has none.
+        choosing = [each for each in requests if H264.name in each.codecs] or requests
+        codecs = reduce(combined, choosing).codecs
+        return replace(reduce(combined, requests), codecs=codecs)
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
@@ -292,6 +317,12 @@ class Feed(SharedCopy[FeedKey, Viewer]):
             viewer.end(close_reasons.relay_failed())
 
 
+def decodes_h264(viewer: Viewer) -> bool:
+    """Return whether a viewer says that it decodes H.264."""
+    request = viewer.stream_request
+    return request is not None and H264.name in request.codecs
+
+
 RunFeed = Callable[[Feed], Awaitable[CloseReason]]
 
 
@@ -303,26 +334,17 @@ class Feeds(SharedCopies[Feed]):
         self.traffic = FeedTraffic()
         self._run_feed = run
 
-    @contextmanager
-    def followed(self, robot: RelayRobot, camera: str, viewer: Viewer) -> Iterator[Feed]:
-        """Follow a camera inside the block; the last one's end closes the feed."""
-        feed = self.follow(robot, self.key_for(robot, camera, viewer), viewer)
-        try:
-            yield feed
-        finally:
-            self.leave(feed, viewer)
-
     def follow(self, robot: RelayRobot, key: FeedKey, viewer: Viewer) -> Feed:
         """Have a viewer follow a feed until it leaves."""
         feed = self._of(robot.id).get(key) or self._open(self._new(robot, key))
         feed.join(viewer)
-        self._tell(feed)
+        self._wake(feed)
         return feed
 
     def leave(self, feed: Feed, viewer: Viewer) -> None:
         """Have a viewer follow a feed no more; the last one's end closes it."""
         feed.leave(viewer)
-        self._tell(feed)
+        self._wake(feed)
         self._let_linger(feed)
 
     def key_for(
@@ -330,17 +352,25 @@ class Feeds(SharedCopies[Feed]):
     ) -> FeedKey:
         """Return which feed a viewer follows, who follows `now`: that of what it decodes.
 
-        The recorder follows the one that goes first, which the driver sees, as soon as that has a frame.
+        Who does not decode H.264 shares the other's JPEGs where the robot has no encoder. The recorder follows the feed
+        that goes first, which the driver sees, as soon as that has a frame.
         """
-        request = viewer.stream_request
         if not viewer.is_recorder:
-            return FeedKey(camera, request is None or H264.name in request.codecs)
+            shares = decodes_h264(viewer) or self._gives_jpeg(robot.id, FeedKey(camera), now)
+            return FeedKey(camera, shares)
         watched = self._watched(robot.id, camera)
         if not watched:
             return FeedKey(camera)
         if now is not None and not watched[0].fresh(time.monotonic()):
             return now.key
         return watched[0].key
+
+    def _gives_jpeg(self, robot_id: int, key: FeedKey, now: Feed | None) -> bool:
+        """Whether the feed for H.264 has JPEGs, for somebody who follows `now`."""
+        feed = self._of(robot_id).get(key)
+        if feed is None or feed is now:
+            return feed is not None and (feed.newest is None or feed.newest.codec is JPEG)
+        return feed.lacks_encoder or (feed.has_operators and not feed.has_decoders)
 
     def _new(self, robot: RelayRobot, key: FeedKey) -> Feed:
         counts = self._registry.ensure_robot(robot.id).camera_counts
@@ -359,7 +389,7 @@ class Feeds(SharedCopies[Feed]):
         feeds = [feed for feed in self._of_camera(robot_id, camera) if feed.has_operators]
         return sorted(feeds, key=lambda feed: feed.worth(driver_id), reverse=True)
 
-    def _tell(self, feed: Feed) -> None:
+    def _wake(self, feed: Feed) -> None:
         """Have the robot told what the camera's other feed may take now."""
         for each in self._of_camera(feed.robot.id, feed.key.camera):
             each.due.set()

@@ -30,6 +30,7 @@ from robotether_server.relay.channels.video.frame_protocol import (
 from robotether_server.relay.channels.video.viewers import (
     Cursor,
     VideoContext,
+    ViewerPlace,
     connection_of,
     counted,
     note_sent,
@@ -106,7 +107,7 @@ class FramesSession(OperatorConnection):
         self._sent_status: VideoStatus | None = None
         self._blocked = asyncio.Event()
         # From the first stream request on, which says what the viewer decodes.
-        self._cursor: Cursor | None = None
+        self._place: ViewerPlace | None = None
 
     @property
     def is_recorder(self) -> bool:
@@ -124,8 +125,7 @@ class FramesSession(OperatorConnection):
 
     def notify(self) -> None:
         """The feed has something new."""
-        if self.is_recorder:
-            self._follow()
+        self._follow()
         self._push()
 
     async def run(self) -> CloseReason:
@@ -140,20 +140,17 @@ class FramesSession(OperatorConnection):
             try:
                 return await self._run_until_ended(self._work())
             finally:
-                if self._cursor is not None:
-                    self._context.feeds.leave(self._cursor.feed, self)
+                if self._place is not None:
+                    self._place.leave()
 
     def _follow(self) -> None:
-        """Follow the feed that is the viewer's now, in place of the one before."""
-        feeds, robot, before = self._context.feeds, self._permit.robot, self._cursor
-        feed = None if before is None else before.feed
-        key = feeds.key_for(robot, self._camera, self, feed)
-        if self._ended.done() or (feed is not None and feed.key == key):
+        """Follow the feed that is the viewer's now."""
+        if self._ended.done():
             return
-        self._cursor = Cursor(feeds.follow(robot, key, self), self, time.monotonic())
-        self._under_way.clear()
-        if feed is not None:
-            feeds.leave(feed, self)
+        if self._place is None:
+            self._place = ViewerPlace(self._context.feeds, self._permit.robot, self._camera, self)
+        elif self._place.move():
+            self._under_way.clear()
 
     async def _work(self) -> CloseReason:
         return await self._run_together(
@@ -200,19 +197,19 @@ class FramesSession(OperatorConnection):
                 request if self._permit.may_drive else replace(request, prefers=None)
             )
             self._follow()
-            if self._cursor is not None:
-                self._cursor.feed.due.set()
-        elif operation == "key_frame" and self._cursor is not None:
+            if self._place is not None:
+                self._place.feed.due.set()
+        elif operation == "key_frame" and self._place is not None:
             if self.is_recorder:
                 # A reader of the file needs one; the recorder itself goes on with what comes until then.
-                self._cursor.feed.request_key_frame()
+                self._place.feed.request_key_frame()
             else:
-                self._cursor.restart()
+                self._place.cursor.restart()
 
     def _on_credit(self, frames: int, sequence: int | None) -> None:
-        if self._cursor is None:
+        if self._place is None:
             raise ProtocolError("stream_request comes before credit")
-        feed = self._cursor.feed
+        feed = self._place.feed
         self._credits = min(self._credits + frames, MAX_CREDITS)
         if sequence is None and self._under_way:
             # A client that does not say which.
@@ -251,13 +248,13 @@ class FramesSession(OperatorConnection):
             t_ms, self._clock_sync_ms = self._clock_sync_ms, None
             sender_ms = round(time.monotonic() * 1000, 3)
             return clock_sync_message(t_ms, sender_ms)
-        if self._cursor is None:
+        if self._place is None:
             return None
-        status = self._cursor.feed.status
+        status = self._place.feed.status
         if status is not None and status is not self._sent_status:
             self._sent_status = status
             return status_message(status)
-        return self._next_frame(self._cursor)
+        return self._next_frame(self._place.cursor)
 
     def _next_frame(self, cursor: Cursor) -> bytes | None:
         frame = cursor.next() if self._credits else None

@@ -27,13 +27,12 @@ from robotether_server.problems import (
     VideoDownError,
 )
 from robotether_server.relay.auth.access import Permit
-from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import Frame, parse_stream_request
 from robotether_server.relay.channels.video.headers import headers_of_stream
 from robotether_server.relay.channels.video.mpeg_ts import TransportStream
 from robotether_server.relay.channels.video.viewers import (
-    Cursor,
     VideoContext,
+    ViewerPlace,
     note_sent,
     topic_of,
 )
@@ -126,10 +125,11 @@ class StreamViewer:
         self.close_reason = self.close_reason or close_reason
         self._changed.set()
 
-    async def next(self, cursor: Cursor) -> Frame | None:
+    async def next(self, place: ViewerPlace) -> Frame | None:
         """Wait for a frame that was not sent yet; None when there are no more."""
         while self.close_reason is None:
-            if (frame := cursor.next()) is not None:
+            place.move()
+            if (frame := place.cursor.next()) is not None:
                 return frame
             await self.changed()
         return None
@@ -153,29 +153,29 @@ class Streams:
         robot, user = permit.robot, permit.user
         stream_format = format_of(request)
         viewer = StreamViewer(permit, stream_request_of(request, stream_format.codec))
-        with (
-            self._context.feeds.followed(robot, topic_of(request), viewer) as feed,
-            self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id),
-        ):
-            cursor = Cursor(feed, viewer, time.monotonic())
-            first = await FirstFrame(feed, viewer, cursor, stream_format.codec).wait()
-            if first is None:
-                return None
-            session = StreamSession(self._context, permit, feed, viewer, cursor)
-            headers = {
-                "Content-Type": stream_format.mime_type,
-                **headers_of_stream(embeddable=embeddable),
-            }
-            return await session.answer(request, first, headers, stream_format)
+        stats = self._context.registry.ensure_robot(robot.id).viewer_stats
+        place = ViewerPlace(self._context.feeds, robot, topic_of(request), viewer)
+        try:
+            with stats.viewing(user.id):
+                first = await FirstFrame(place, viewer, stream_format.codec).wait()
+                if first is None:
+                    return None
+                session = StreamSession(self._context, permit, place, viewer)
+                headers = {
+                    "Content-Type": stream_format.mime_type,
+                    **headers_of_stream(embeddable=embeddable),
+                }
+                return await session.answer(request, first, headers, stream_format)
+        finally:
+            place.leave()
 
 
 class FirstFrame:
     """Waits for a stream's first frame, or for the reason why there is none."""
 
-    def __init__(self, feed: Feed, viewer: StreamViewer, cursor: Cursor, codec: Codec) -> None:
-        self._feed = feed
+    def __init__(self, place: ViewerPlace, viewer: StreamViewer, codec: Codec) -> None:
+        self._place = place
         self._viewer = viewer
-        self._cursor = cursor
         self._codec = codec
         self._other_codec: Codec | None = None
 
@@ -186,7 +186,7 @@ class FirstFrame:
                 frame = await self._next()
         except TimeoutError as exc:
             raise self._no_frame() from exc
-        robot, close_reason = self._feed.robot.name, self._viewer.close_reason
+        robot, close_reason = self._place.feed.robot.name, self._viewer.close_reason
         if frame is None and close_reason != close_reasons.frames_unknown(robot):
             raise _problem_of(robot, close_reason)
         if frame is None and self._codec is not JPEG:
@@ -196,17 +196,17 @@ class FirstFrame:
     async def _next(self) -> Frame | None:
         """Wait for a frame of the codec; a robot may begin with JPEG."""
         while True:
-            frame = await self._viewer.next(self._cursor)
+            frame = await self._viewer.next(self._place)
             if frame is None or frame.codec is self._codec:
                 return frame
             if why := self._why_other_codec():
                 raise self._no_encoder(why)
             self._other_codec = frame.codec
-            self._feed.taken(frame.sequence)
+            self._place.feed.taken(frame.sequence)
             await self._viewer.changed()
 
     def _why_other_codec(self) -> str:
-        status = self._feed.status
+        status = self._place.feed.status
         if status is None or status.no_encoder == ENCODER_STARTS:
             return ""
         return status.no_encoder
@@ -214,12 +214,13 @@ class FirstFrame:
     def _no_frame(self) -> RobotetherError:
         if self._other_codec is not None:
             return self._no_encoder(f"its agent sends {self._other_codec.name}")
-        detail = "" if self._feed.status is None else self._feed.status.detail
+        status = self._place.feed.status
+        detail = "" if status is None else status.detail
         why = detail or f"its camera sent no frame in {FIRST_FRAME_WITHIN_S:g} s"
-        return NoFramesError(f"cannot show video of robot {self._feed.robot.name}: {why}")
+        return NoFramesError(f"cannot show video of robot {self._place.feed.robot.name}: {why}")
 
     def _no_encoder(self, why: str) -> NoEncoderError:
-        robot = self._feed.robot.name
+        robot = self._place.feed.robot.name
         return NoEncoderError(f"cannot show video of robot {robot} as {self._codec.name}: {why}")
 
 
@@ -227,18 +228,12 @@ class StreamSession:
     """One answer from its first frame on."""
 
     def __init__(
-        self,
-        context: VideoContext,
-        permit: Permit,
-        feed: Feed,
-        viewer: StreamViewer,
-        cursor: Cursor,
+        self, context: VideoContext, permit: Permit, place: ViewerPlace, viewer: StreamViewer
     ) -> None:
         self._context = context
         self._permit = permit
-        self._feed = feed
+        self._place = place
         self._viewer = viewer
-        self._cursor = cursor
         self._key_frame_s = KEY_FRAME_S
         self._key_frame_at_s = time.monotonic() + KEY_FRAME_S
 
@@ -260,14 +255,14 @@ class StreamSession:
             if stream_format.start:
                 await response.write(stream_format.start)
             while frame is not None and frame.codec is stream_format.codec:
-                self._cursor.sent(frame)
-                note_sent(self._context, self._permit, self._feed.key.camera, frame)
+                self._place.cursor.sent(frame)
+                note_sent(self._context, self._permit, self._place.feed.key.camera, frame)
                 async with asyncio.timeout(VIEWER_SLOW_AFTER_S):
                     await response.write(stream_format.write(frame))
                     await writer.drain()
-                self._feed.taken(frame.sequence)
+                self._place.feed.taken(frame.sequence)
                 self._request_key_frame(frame)
-                frame = await self._viewer.next(self._cursor)
+                frame = await self._viewer.next(self._place)
         except (ConnectionError, TimeoutError):
             log.info("robot %s: a stream's viewer did not take it", self._permit.robot.name)
         # The answer has no end of its own, and the viewer must not take it for whole.
@@ -278,7 +273,7 @@ class StreamSession:
     def _request_key_frame(self, frame: Frame) -> None:
         now_s = time.monotonic()
         if frame.codec.depends_on_earlier and now_s >= self._key_frame_at_s:
-            self._feed.request_key_frame()
+            self._place.feed.request_key_frame()
             self._key_frame_s = min(MAX_KEY_FRAME_S, 2 * self._key_frame_s)
             self._key_frame_at_s = now_s + self._key_frame_s
 

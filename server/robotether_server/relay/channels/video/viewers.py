@@ -5,15 +5,17 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from aiohttp import web
 
+from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import FieldInvalidError
 from robotether_server.relay.auth.access import HandlerContext, Permit
-from robotether_server.relay.channels.video.feeds import Feed, Feeds, Viewer
+from robotether_server.relay.channels.video.feeds import Feed, FeedKey, Feeds, Viewer
 from robotether_server.relay.channels.video.frame_protocol import Frame
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.connection import Connection
@@ -58,7 +60,7 @@ class Cursor:
     """
 
     def __init__(self, feed: Feed, viewer: Viewer, now_s: float) -> None:
-        self.feed = feed
+        self._feed = feed
         self._viewer = viewer
         # Positions of the frame that was sent last, and of the one that is next if none is skipped.
         self._sent = -1
@@ -77,38 +79,70 @@ class Cursor:
 
         A frame for which it cannot wait is given back: without credit the robot could send no other.
         """
-        newest = self.feed.newest
+        newest = self._feed.newest
         if newest is None or newest.position < self._next:
             return None
         frame = self._decodable(newest)
         if frame is None:
-            self.feed.taken(newest.sequence)
+            self._feed.taken(newest.sequence)
         return frame
 
     def sent(self, frame: Frame) -> None:
         """The viewer was sent the frame."""
-        self.feed.sent(frame, max(0, frame.position - self._next))
+        self._feed.sent(frame, max(0, frame.position - self._next))
         self._sent, self._next, self._continues = frame.position, frame.position + 1, True
 
     def restart(self) -> None:
         """The viewer can decode nothing before a key frame."""
         self._continues = False
-        if self.feed.newest is not None:
-            self._decodable(self.feed.newest)
+        if self._feed.newest is not None:
+            self._decodable(self._feed.newest)
 
     def _decodable(self, newest: Frame) -> Frame | None:
         """Return the next frame, None when none can be decoded; then the robot is asked for a key frame."""
         request = self._viewer.stream_request
         if request is None or newest.codec.name not in request.codecs:
             return None
-        held = self.feed.held
+        held = self._feed.held
         if self._continues and (frame := held.at(self._sent + 1)) is not None:
             return frame
         if (start := held.start) is not None and start.position > self._sent:
             return start
         if newest.codec.depends_on_earlier:
-            self.feed.request_key_frame()
+            self._feed.request_key_frame()
         return None
+
+
+class ViewerPlace:
+    """The feed of a camera that a viewer follows now, and which frame of it is next; `leave` ends it."""
+
+    feed: Feed
+    cursor: Cursor
+
+    def __init__(self, feeds: Feeds, robot: RelayRobot, camera: str, viewer: Viewer) -> None:
+        self._feeds = feeds
+        self._robot = robot
+        self._camera = camera
+        self._viewer = viewer
+        self._follow(feeds.key_for(robot, camera, viewer))
+
+    def move(self) -> bool:
+        """Follow the feed that is the viewer's now; return whether that is another one than before."""
+        before = self.feed
+        key = self._feeds.key_for(self._robot, self._camera, self._viewer, before)
+        if key == before.key:
+            return False
+        self._follow(key)
+        self._feeds.leave(before, self._viewer)
+        return True
+
+    def leave(self) -> None:
+        """Follow nothing."""
+        self._feeds.leave(self.feed, self._viewer)
+
+    def _follow(self, key: FeedKey) -> None:
+        self.feed = self._feeds.follow(self._robot, key, self._viewer)
+        self.cursor = Cursor(self.feed, self._viewer, time.monotonic())
 
 
 def note_sent(context: VideoContext, permit: Permit, camera: str, frame: Frame) -> None:

@@ -3,12 +3,13 @@
 import asyncio
 import struct
 import time
+from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
 from relay_server import until
 from robotether_common.codecs import NAMES, decoded_by
-from robotether_common.frames import StreamRequest
+from robotether_common.frames import ENCODER_STARTS, StreamRequest, VideoStatus
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video import feeds as feeds_module
 from robotether_server.relay.channels.video.feeds import Feed, FeedKey, Feeds, FeedTraffic
@@ -110,6 +111,15 @@ async def _for_ever():
     return await asyncio.get_running_loop().create_future()
 
 
+@contextmanager
+def followed(feeds, robot, camera, viewer):
+    feed = feeds.follow(robot, feeds.key_for(robot, camera, viewer), viewer)
+    try:
+        yield feed
+    finally:
+        feeds.leave(feed, viewer)
+
+
 def feeds_that(work):
     return Feeds(SessionRegistry(), lambda _feed: work())
 
@@ -117,13 +127,16 @@ def feeds_that(work):
 async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):
     monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 0.05)
     feeds = feeds_that(_for_ever)
-    with feeds.followed(sim1, "/a", Eye()) as feed:
-        with feeds.followed(sim1, "/a", Eye()) as same, feeds.followed(sim1, "/b", Eye()) as other:
+    with followed(feeds, sim1, "/a", Eye()) as feed:
+        with (
+            followed(feeds, sim1, "/a", Eye()) as same,
+            followed(feeds, sim1, "/b", Eye()) as other,
+        ):
             assert same is feed
             assert other is not feed
             assert feeds.count() == 2
         await until(lambda: feeds.count() == 1, "the other is closed")
-    with feeds.followed(sim1, "/a", Eye()) as again:
+    with followed(feeds, sim1, "/a", Eye()) as again:
         await asyncio.sleep(0.1)
         assert again is feed
         assert feeds.count() == 1
@@ -165,9 +178,9 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
         eye("h264", "vp8", may_drive=h264_may_drive),
         eye("vp8", may_drive=jpeg_may_drive, user_id=2),
     )
-    with feeds.followed(sim1, "/a", second) as jpeg:
+    with followed(feeds, sim1, "/a", second) as jpeg:
         assert jpeg.stream_request().codecs == ("vp8", "jpeg")
-        with feeds.followed(sim1, "/a", first) as h264:
+        with followed(feeds, sim1, "/a", first) as h264:
             assert h264.stream_request() == first.stream_request
             request = jpeg.stream_request()
             assert (request.codecs, request.yields) == (("jpeg",), yields)
@@ -186,13 +199,40 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
     await feeds.close()
 
 
+@pytest.mark.parametrize(
+    ("codec", "status", "shares"),
+    [
+        (1, VideoStatus("live", codec="jpeg", no_encoder="PyAV is missing"), True),
+        # Of an older agent.
+        (1, VideoStatus("live"), True),
+        (1, VideoStatus("live", codec="jpeg", no_encoder=ENCODER_STARTS), False),
+        (1, VideoStatus("live", codec="jpeg"), False),
+        (2, VideoStatus("live", codec="h264"), False),
+    ],
+)
+async def test_a_robot_without_an_encoder_sends_jpeg_once(sim1, codec, status, shares):
+    """Its viewers share a feed, until H.264 comes after all."""
+    feeds, viewer = feeds_that(_for_ever), eye()
+    with followed(feeds, sim1, "/a", eye("h264")) as h264:
+        h264.on_connected()
+        h264.credit()
+        come(h264, 1, codec=codec, is_key=True)
+        h264.on_status(status)
+        with followed(feeds, sim1, "/a", viewer) as feed:
+            assert (feed is h264) is shares
+            assert h264.stream_request().codecs == ("h264", "jpeg")
+            come(h264, 2, codec=2, is_key=True)
+            assert not feeds.key_for(sim1, "/a", viewer, feed).decodes_h264
+    await feeds.close()
+
+
 async def test_few_feeds_linger(sim1, monkeypatch):
     """Who opens and leaves one camera after the other must not use up the room that a robot has for others."""
     monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 60)
     feeds = feeds_that(_for_ever)
-    with feeds.followed(sim1, "/watched", Eye()):
+    with followed(feeds, sim1, "/watched", Eye()):
         for sequence in range(20):
-            with feeds.followed(sim1, f"/{sequence}", Eye()):
+            with followed(feeds, sim1, f"/{sequence}", Eye()):
                 pass
         assert feeds.count() == 1 + feeds_module.MAX_LINGERING
     await feeds.close()
@@ -205,10 +245,10 @@ async def test_the_end_of_a_link_reaches_the_viewers(sim1):
         return close_reason
 
     feeds, eye = feeds_that(ends), Eye()
-    with feeds.followed(sim1, "/a", eye) as feed:
+    with followed(feeds, sim1, "/a", eye) as feed:
         await until(lambda: eye.close_reasons, "it is told")
         assert eye.close_reasons == [close_reason]
-        with feeds.followed(sim1, "/a", Eye()) as other:
+        with followed(feeds, sim1, "/a", Eye()) as other:
             assert other is not feed
     await feeds.close()
 
@@ -218,7 +258,7 @@ async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
         raise RuntimeError("a defect of the link")
 
     feeds, eye = feeds_that(fails), Eye()
-    with feeds.followed(sim1, "/a", eye):
+    with followed(feeds, sim1, "/a", eye):
         await until(lambda: eye.close_reasons, "it is told")
     assert eye.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of the link" in caplog.text
@@ -228,7 +268,7 @@ async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
 async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
     other_robot = memory_database.add_robot(8, "sim2")
     feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
-    with feeds.followed(sim1, "/a", eye), feeds.followed(other_robot, "/a", other):
+    with followed(feeds, sim1, "/a", eye), followed(feeds, other_robot, "/a", other):
         feeds.on_robot_change(Change("updated", sim1.id, Presence()))
         assert feeds.count() == 2
         feeds.on_robot_change(Change("disconnected", sim1.id, Presence()))
