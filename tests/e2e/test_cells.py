@@ -26,6 +26,7 @@ from programs import Program, drive_forward, open_echo
 from robot_key import RobotKey, session_line
 from robotether_common.codecs import H264
 from robotether_common.frames import KEY
+from sim_watch import SimWatch
 from stack import Stack
 from video_clips import Decoder
 
@@ -160,6 +161,32 @@ def test_robot_goes_to_its_region_when_it_next_connects(first: Stack, second: St
     first.robotether("robot", "move-ports", "sim1")
     wait_at(first, "b", "sim1")
     first.robotether("robot", "set", "sim1", "region=null")
+
+
+def live_route(cell: Stack) -> Any:
+    """The one route, as the cell has it; empty: it knows none yet."""
+    routes = cell.admin.ask("GET", "/routes/live")["routes"]
+    return routes[0] if routes else {}
+
+
+def test_a_route_leads_to_a_robot_of_another_cell(first: Stack, second: Stack) -> None:
+    """The target's cell runs it; sim2 goes while sim1 is driven, and stops after it."""
+    wait_at(first, "b", "sim1")
+    wait_at(first, "a", "sim2")
+    ends = {"source": "sim1", "source_topic": "/cmd_vel", "target": "sim2"}
+    what = {"target_topic": "/cmd_vel", "type": "geometry_msgs/msg/Twist"}
+    route = first.admin.ask("POST", "/routes", {**ends, **what})
+    try:
+        first.wait("it runs", lambda: live_route(first).get("state") == "runs", "relay")
+        second.wait("b knows", lambda: live_route(second).get("state") == "elsewhere", "relay")
+        program = Program(first, first.token("routes"))
+        with SimWatch(first, "sim2") as follower:
+            begun_at = time.monotonic()
+            assert asyncio.run(drive_forward(program, "sim1")) > 0.4
+            follower.wait_seen("moving", lambda pose: pose["linear_velocity"] > 0, begun_at)
+            follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
+    finally:
+        first.admin.ask("DELETE", f"/routes/{route['id']}")
 
 
 @contextmanager

@@ -24,7 +24,8 @@ from robotether_server.problems import (
     RobotetherError,
     ThrottledError,
 )
-from robotether_server.relay.cells.cell_topics import ROUTE, PeerTopicsHandler
+from robotether_server.relay.cells import cell_topics
+from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
@@ -32,6 +33,8 @@ from robotether_server.relay.channels import recorder
 from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.fleet import Fleet
+from robotether_server.relay.routes import cell_sources
+from robotether_server.relay.routes.cell_sources import CellSourceHandler
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.
@@ -137,7 +140,11 @@ def public_app(
 
 
 def peer_app(
-    app: web.Application, keys: PeerKeys, feed: PeerFeedHandler, topics: PeerTopicsHandler
+    app: web.Application,
+    keys: PeerKeys,
+    feed: PeerFeedHandler,
+    topics: PeerTopicsHandler,
+    sources: CellSourceHandler,
 ) -> web.Application:
     """Make of a public one the application for other cells, whose requests nginx's peer listener passes on."""
 
@@ -150,7 +157,8 @@ def peer_app(
 
     app.middlewares.insert(0, check_proof)
     app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
-    app.router.add_get(ROUTE, topics.handle, allow_head=False)
+    app.router.add_get(cell_topics.ROUTE, topics.handle, allow_head=False)
+    app.router.add_get(cell_sources.ROUTE, sources.handle, allow_head=False)
     return app
 
 

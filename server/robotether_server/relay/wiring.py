@@ -58,6 +58,7 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
 from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
@@ -252,7 +253,7 @@ class Relay:
         self._control_api = ControlApi(
             self.access, self.control, media, self.fleet.snapshot, other_cells
         )
-        self._make_routes(context, limit_bytes)
+        self._make_routes(context, limit_bytes, cells)
 
     def _make_access(self) -> None:
         settings = self._settings
@@ -271,12 +272,15 @@ class Relay:
             self.access, self.registry, self.fleet_events, self.fleet.snapshot
         )
 
-    def _make_routes(self, context: VideoContext, limit_bytes: int) -> None:
+    def _make_routes(
+        self, context: VideoContext, limit_bytes: int, cells: CellClient | None
+    ) -> None:
         self.routes = RouteRunner(
             RouteContext(
                 handlers=context,
                 control=self.control,
                 shared_topics=self.shared_topics,
+                cell_sources=CellSources(cells, self.peers, limit_bytes),
                 dialer=context.dialer(limit_bytes),
                 peers=self.peers,
                 event_writer=self.event_writer,
@@ -286,6 +290,9 @@ class Relay:
             )
         )
         self._route_api = RouteApi(self.access, self.routes)
+        self._cell_source_handler = CellSourceHandler(
+            self.routes.readable, self.shared_topics, self.traffic.piece_turns
+        )
 
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
@@ -306,6 +313,7 @@ class Relay:
                 peer_keys,
                 self.peer_feeds,
                 self._peer_topics,
+                self._cell_source_handler,
             )
 
     def _notify(self) -> None:

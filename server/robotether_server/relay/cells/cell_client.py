@@ -1,6 +1,6 @@
-"""Opens WebSockets to the peer listeners of other cells: for one observer, and for topics that a cell's clients share.
+"""Opens WebSockets to the peer listeners of other cells, for an observer, a topic that clients share, or a route.
 
-`forwarding` and `channels/rosbridge/topic_link` open them, the first beside nginx, which forwards all else.
+`forwarding`, `channels/rosbridge/topic_link` and `routes/cell_sources` open them; nginx forwards all else.
 """
 
 from __future__ import annotations
@@ -55,6 +55,18 @@ class CellClient:
                 server_hostname=SERVER_NAME,
             )
 
+    async def follow(self, peer: Peer, path: str, message_limit: int) -> RobotSocket:
+        """Open a WebSocket whose end is noticed, too; raise ConnectionClosedError with what people read."""
+        try:
+            return await self.open(peer, path, message_limit, ping_after_s=PING_AFTER_S)
+        except WSServerHandshakeError as exc:
+            why = f"cell {peer.name} answered HTTP {exc.status}; is its version older?"
+        except TimeoutError:
+            why = f"cell {peer.name} does not answer in time"
+        except (ClientError, OSError):
+            why = f"cell {peer.name} cannot be reached"
+        raise ConnectionClosedError(CloseReason("link_lost", why))
+
 
 @dataclass(frozen=True)
 class CellTopicDialer:
@@ -75,14 +87,4 @@ class CellTopicDialer:
         if peer is None or self.cells is None:
             return await self.media.open(robot, media_path, within_s)
         path = URL.build(path=f"{TOPICS_PATH}/{robot.id}", query=media_path.query)
-        try:
-            return await self.cells.open(
-                peer, str(path), media_path.message_limit, ping_after_s=PING_AFTER_S
-            )
-        except WSServerHandshakeError as exc:
-            why = f"cell {peer.name} answered HTTP {exc.status}; is its version older?"
-        except TimeoutError:
-            why = f"cell {peer.name} does not answer in time"
-        except (ClientError, OSError):
-            why = f"cell {peer.name} cannot be reached"
-        raise ConnectionClosedError(CloseReason("link_lost", why))
+        return await self.cells.follow(peer, str(path), media_path.message_limit)

@@ -132,7 +132,7 @@ class PeerTopicsHandler:
             asyncio.ensure_future(part)
             for part in (
                 copies.send(deliver),
-                _listen(socket),
+                listen(socket),
                 _ping(socket),
                 asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait(),
             )
@@ -156,7 +156,7 @@ async def _subscription(socket: OperatorSocket) -> TopicRequest | None:
         return None
 
 
-async def _listen(socket: OperatorSocket) -> None:
+async def listen(socket: OperatorSocket) -> None:
     """Answer pings until the other cell is gone."""
     count = 0
     while True:

@@ -1,4 +1,4 @@
-"""Runs the routes whose two robots are here, and ends those that must end. Their table is web's.
+"""Runs the routes whose target is here, and ends those that must end. Their table is web's.
 
 `fleet` hands it the routes that last, once a second with robots and rights. A route ends for good when its maker's
 right does, its time is over, or its target is stopped or driven by anybody else: it never takes the lease back by
@@ -30,8 +30,9 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.robot import Change
 from robotether_server.relay.robots.robot_dialer import RobotDialer
+from robotether_server.relay.routes.cell_sources import CellSources, ReadableSource
 from robotether_server.relay.routes.driver import RouteDriver
-from robotether_server.relay.routes.source import RouteSource, rules_of
+from robotether_server.relay.routes.source import RouteSource
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -51,6 +52,7 @@ class RouteContext:
     handlers: HandlerContext
     control: Control
     shared_topics: SharedTopics
+    cell_sources: CellSources
     dialer: RobotDialer
     peers: Peers
     event_writer: EventWriter
@@ -135,6 +137,18 @@ class RouteRunner:
             and snapshot.level(user_id, route.target_id) is not None
         ]
 
+    def readable(self, route_id: int) -> ReadableSource | None:
+        """Return a route that lasts and whose source is here, for the cell that has its target; None: there is none."""
+        snapshot, route = self._context.snapshot(), self._routes.get(route_id)
+        if route is None or route_id in self._ended or _why_over(route, snapshot, utc_now()):
+            return None
+        source, target = (snapshot.robots[each] for each in (route.source_id, route.target_id))
+        is_here = self._context.handlers.registry.presence(source.id).online
+        if not is_here or self._context.peers.owner(source.id) is not None:
+            return None
+        is_drive = target.settings.guard.drive_topics.match(route.target_topic)
+        return ReadableSource(route, source, is_drive)
+
     def _update(self) -> None:
         """Bring what runs in line with what may run."""
         if self._is_closing:
@@ -151,7 +165,7 @@ class RouteRunner:
         for key, running in list(self._running.items()):
             routes = ready.get(key, ())
             self._keep_only(
-                running, [route.id for route in routes if _is_current(route, running, snapshot)]
+                running, [route.id for route in routes if self._is_current(route, running)]
             )
             if running.task is None and not routes:
                 del self._running[key]
@@ -175,13 +189,29 @@ class RouteRunner:
     def _add(
         self, running: RunningRoutes, driver: RouteDriver, route: RelayRoute, snapshot: Snapshot
     ) -> None:
+        context, robot = self._context, snapshot.robots[route.source_id]
         is_drive = running.robot.settings.guard.drive_topics.match(route.target_topic)
-        source = running.sources[route.id] = RouteSource(route, driver.wake, is_drive=is_drive)
+        source = running.sources[route.id] = RouteSource(
+            route, driver.wake, is_drive=is_drive, rules=self._rules(route)
+        )
         try:
-            source.open(snapshot.robots[route.source_id], self._context.shared_topics)
+            if context.peers.owner(robot.id) is None:
+                source.open(robot, context.shared_topics)
+            else:
+                source.bring(robot, context.cell_sources.bring)
         except RobotetherError as problem:
             source.problem = problem.detail
         driver.add(source)
+
+    def _is_current(self, route: RelayRoute, running: RunningRoutes) -> bool:
+        """Return whether a route reads its source where and as it may now."""
+        source = running.sources.get(route.id)
+        return source is None or source.rules == self._rules(route)
+
+    def _rules(self, route: RelayRoute) -> object:
+        robot = self._context.snapshot().robots[route.source_id]
+        peer = self._context.peers.owner(robot.id)
+        return robot.name, robot.settings.policy, None if peer is None else peer.name
 
     def _keep_only(self, running: RunningRoutes, route_ids: Iterable[int]) -> None:
         """Publish nothing more of other routes; without any the robot is released."""
@@ -266,20 +296,15 @@ class RouteRunner:
         return None if is_free else "lease_held"
 
     def _where(self, route: RelayRoute) -> LiveRoute | None:
-        """Say why a route does not run here; None: its two robots are here."""
-        peers, robots = self._context.peers, self._context.snapshot().robots
-        ids = (route.source_id, route.target_id)
-        cells = [peers.owner(robot_id) for robot_id in ids]
-        here = [self._context.handlers.registry.presence(robot_id).online for robot_id in ids]
-        for robot_id, cell, is_here in zip(ids, cells, here, strict=True):
-            if cell is None and not is_here:
-                name = robots[robot_id].name if robot_id in robots else "a robot"
+        """Say why a route does not run here; None: its target is here, and its source here or at another cell."""
+        owner, registry = self._context.peers.owner, self._context.handlers.registry
+        for robot_id in (route.source_id, route.target_id):
+            if owner(robot_id) is None and not registry.presence(robot_id).online:
+                robot = self._context.snapshot().robots.get(robot_id)
+                name = "a robot" if robot is None else robot.name
                 return LiveRoute(route.id, "waits", 0.0, f"{name} is offline")
-        if cells == [None, None]:
-            return None
-        if cells[0] is not cells[1]:
-            return LiveRoute(route.id, "waits", 0.0, "the robots are in different cells")
-        return LiveRoute(route.id, "elsewhere")
+        is_here = owner(route.target_id) is None
+        return None if is_here else LiveRoute(route.id, "elsewhere")
 
     def _describe(self, route: RelayRoute) -> LiveRoute:
         if (elsewhere := self._where(route)) is not None:
@@ -291,12 +316,6 @@ class RouteRunner:
         if not running.driver.is_connected:
             return LiveRoute(route.id, "waits", 0.0, running.why)
         return LiveRoute(route.id, "runs", source.rate_hz(), source.problem)
-
-
-def _is_current(route: RelayRoute, running: RunningRoutes, snapshot: Snapshot) -> bool:
-    """Return whether what a route reads, it may read as it does now."""
-    source, robot = running.sources.get(route.id), snapshot.robots[route.source_id]
-    return source is None or source.rules == rules_of(robot)
 
 
 def _why_over(route: RelayRoute, snapshot: Snapshot, now: datetime) -> str | None:

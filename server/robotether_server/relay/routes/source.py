@@ -1,14 +1,16 @@
 """The source of one route: the newest message of a robot's topic, with the time since when it may be under way.
 
-It shares the topic's one copy as an observer does. `driver` takes messages from here, at most at the route's rate; what
-comes in between is replaced by what comes next.
+It shares the topic's one copy as an observer does, or gets the messages from the cell that has the robot
+(`cell_sources`). `driver` takes messages from here, at most at the route's rate; what comes in between is replaced by
+what comes next.
 """
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from typing import Any, NamedTuple
 
 from aiohttp import WSMsgType
@@ -41,37 +43,31 @@ class SourceMessage(NamedTuple):
 class RouteSource:
     """Implements `shared_topics.TopicClient`. `is_drive`: the route's target is a drive topic."""
 
-    def __init__(self, route: RelayRoute, wake: Callable[[], None], *, is_drive: bool) -> None:
+    def __init__(
+        self, route: RelayRoute, wake: Callable[[], None], *, is_drive: bool, rules: object = None
+    ) -> None:
         self.route = route
+        # Where and by what it may read; when that changes, it is opened anew.
+        self.rules = rules
         self.is_drive = is_drive
         self.is_advertised = False
         # By time.monotonic(): when the next message may go.
         self.free_at_s = 0.0
         # Why the newest message went nowhere, or none comes; empty: none of it.
         self.problem = ""
-        # The rules by which it may read.
-        self.rules: object = None
         self._wake = wake
         self._newest: SourceMessage | None = None
         self._shared: SharedTopic | None = None
+        self._bringing: asyncio.Task[None] | None = None
         self._sent_at: deque[float] = deque(maxlen=MAX_TIMES)
 
     def open(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
         """Share the topic; raise the problem when the robot's policy does not allow it.
 
-        A drive topic gets no message that rosbridge repeats to newcomers: that is an old command. Nor is anything
-        throttled at its robot, where the last one, which stops, could be the one that is left out.
+        The robot is here. A drive topic gets no message that rosbridge repeats to newcomers: that is an old command.
+        Nor is anything throttled at its robot, where the last one, which stops, could be the one that is left out.
         """
-        self.rules, route = rules_of(robot), self.route
-        message: dict[str, object] = {
-            "op": "subscribe",
-            "topic": route.source_topic,
-            "type": route.type,
-        }
-        if not self.is_drive:
-            message |= {"throttle_rate": int(1000 / route.rate_hz), "queue_length": 1}
-        checked = check_message(robot, "manage", message)
-        request = TopicRequest.of(checked.subscription or {})
+        request = self.request(robot)
         share = shared_topics.watch if self.is_drive else shared_topics.join
         self._shared = share(robot, request, self, MAX_OBSERVED_TOPICS)
         if self._shared is None:
@@ -80,11 +76,33 @@ class RouteSource:
             self._shared.date_for(self)
             self.problem = self._shared.failure or ""
 
+    def request(self, robot: RelayRobot) -> TopicRequest:
+        """Return what it subscribes to; raise the problem when the robot's policy does not allow it."""
+        route = self.route
+        message: dict[str, object] = {
+            "op": "subscribe",
+            "topic": route.source_topic,
+            "type": route.type,
+        }
+        if not self.is_drive:
+            message |= {"throttle_rate": int(1000 / route.rate_hz), "queue_length": 1}
+        checked = check_message(robot, "manage", message)
+        return TopicRequest.of(checked.subscription or {})
+
+    def bring(
+        self, robot: RelayRobot, messages: Callable[[RouteSource], Coroutine[Any, Any, None]]
+    ) -> None:
+        """Get the messages from the robot's cell; raise the problem when the robot's policy does not allow it."""
+        self.request(robot)
+        self._bringing = asyncio.create_task(messages(self), name=f"route {self.route.id}")
+
     def close(self, shared_topics: SharedTopics) -> None:
         """Share it no more."""
         if self._shared is not None:
             shared_topics.leave(self._shared, self)
-        self._shared = self._newest = None
+        if self._bringing is not None:
+            self._bringing.cancel()
+        self._shared = self._newest = self._bringing = None
 
     def user_ids(self) -> set[int]:
         """Return whose route it is."""
@@ -93,8 +111,12 @@ class RouteSource:
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message came; it takes the place of one that waits."""
         if kind is WSMsgType.TEXT and self._shared is not None:
-            self._newest = SourceMessage(message, self._shared.sent_since_s())
-            self._wake()
+            self.receive(SourceMessage(message, self._shared.sent_since_s()))
+
+    def receive(self, message: SourceMessage) -> None:
+        """Have this go next, in place of one that waits."""
+        self._newest = message
+        self._wake()
 
     def on_topic_ready(self, topic: str) -> None:
         """The robot's rosbridge has the subscription."""
@@ -138,11 +160,6 @@ class RouteSource:
         """Return how many messages a second went to the target lately."""
         since_s = time.monotonic() - RATE_OVER_S
         return round(sum(sent_at > since_s for sent_at in self._sent_at) / RATE_OVER_S, 1)
-
-
-def rules_of(robot: RelayRobot) -> object:
-    """Return by what a robot's topics may be read; when it changes, they are opened anew."""
-    return robot.name, robot.settings.policy
 
 
 def words_of_error(message: dict[str, Any]) -> str:

@@ -106,7 +106,7 @@ class TopicLinks:
         uplink = self.dialer.registry.ensure_robot(topic.robot.id).uplink
         name = topic.key.topic
         timestamps = topic.timestamps = CommandTimestamps(time.monotonic())
-        dating = asyncio.create_task(_date(socket, topic, timestamps))
+        dating = asyncio.create_task(date(socket, topic.is_dated, timestamps))
         try:
             with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
                 return await self._pass_on(socket, topic)
@@ -148,12 +148,14 @@ class TopicLinks:
         return socket
 
 
-async def _date(socket: RobotSocket, topic: SharedTopic, timestamps: CommandTimestamps) -> None:
-    """Ping, while somebody needs ages: a message behind the pong, which rosbridge sends, is younger than the ping."""
+async def date(
+    socket: RobotSocket, is_needed: asyncio.Event, timestamps: CommandTimestamps
+) -> None:
+    """Ping, while somebody needs ages: a message behind the pong of the other end is younger than the ping."""
     # Why it broke is what is read next.
     with suppress(ConnectionError):
         while True:
-            await topic.is_dated.wait()
+            await is_needed.wait()
             if not socket.waiting_bytes():
                 await socket.ping(timestamps.ping(time.monotonic()))
             await asyncio.sleep(DATED_EVERY_S)

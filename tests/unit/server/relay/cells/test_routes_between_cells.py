@@ -1,0 +1,168 @@
+"""A route from robot sim2 at cell b to robot sim1 at cell a, which runs it."""
+
+import asyncio
+import json
+import time
+from dataclasses import dataclass, replace
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from fake_robot import HOST, FakeRobot
+from relay_server import until
+from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.relay.cells.keys import PROOF_HEADER
+from robotether_server.relay.routes import cell_sources
+from robotether_server.relay.routes import routes as relay_routes
+from robotether_server.settings import robot as robot_settings
+from site_cells import SiteCell
+
+SOURCE, TARGET = 8, 7
+FOLLOW = RelayRoute(
+    SOURCE,
+    "/cmd_vel",
+    TARGET,
+    "/cmd_vel",
+    "geometry_msgs/msg/Twist",
+    50,
+    5,
+    id=1,
+    user_name="eve",
+)
+
+
+@dataclass
+class TwoCells:
+    """The cells, with the robots of the route; eve, its maker, manages both."""
+
+    a: SiteCell
+    b: SiteCell
+    target: FakeRobot
+    source: FakeRobot
+
+    def live(self, cell):
+        return {route.id: (route.state, route.why) for route in cell.relay.routes.live(5)}
+
+    def why(self):
+        return self.live(self.a).get(1, ("", ""))[1]
+
+    def published(self):
+        received = map(json.loads, self.target.received)
+        return [message for message in received if message["op"] == "publish"]
+
+    async def send(self):
+        message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}
+        await self.source.send_to_topics(json.dumps(message).encode())
+
+    async def send_until(self, condition):
+        """Send a command again and again: the robot's own echo may follow the first."""
+        async with asyncio.timeout(10):
+            while not condition():
+                await self.send()
+                await asyncio.sleep(0.02)
+
+
+@pytest.fixture
+def memory_database(memory_database, monkeypatch):
+    monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 0.05)
+    monkeypatch.setattr(relay_routes, "CHECK_EVERY_S", 0.05)
+    memory_database.add_robot(SOURCE, "sim2", u5="manage")
+    memory_database.grants |= {(5, TARGET): "manage"}
+    memory_database.routes = [FOLLOW]
+    return memory_database
+
+
+@pytest_asyncio.fixture
+async def world(cell_a, cell_b, memory_database):
+    robots = memory_database.robots
+    source = await cell_b.robot(robots[SOURCE], epoch=1)
+    target = await cell_a.robot(robots[TARGET], epoch=1)
+    world = TwoCells(cell_a, cell_b, target, source)
+    await until(lambda: world.live(cell_a).get(1) == ("runs", ""), "the route runs")
+    await until(lambda: source.topics, "the source is subscribed")
+    return world
+
+
+async def test_a_command_goes_on_under_the_lease_of_the_targets_cell(world):
+    await world.send_until(world.published)
+    stamp = world.published()[0]["robotether"]
+    assert stamp["fence"] == 1
+    assert 0 <= world.target.session.clock_ms() - stamp["t_ms"] < 10_000
+    assert world.a.relay.control.describe(TARGET).driver.user == "eve (route)"
+    assert world.live(world.b) == {1: ("elsewhere", "")}
+    assert len(world.source.topics) == 1
+
+
+async def test_a_command_that_was_old_at_the_sources_cell_is_dropped(world, monkeypatch):
+    [topic] = world.b.relay.shared_topics._tasks
+    monkeypatch.setattr(topic, "sent_since_s", lambda: time.monotonic() - 60)
+    await world.send_until(lambda: "old" in world.why())
+    assert world.published() == []
+
+
+async def test_what_waited_on_the_line_between_the_cells_is_dropped(world):
+    """Nothing says that it is younger than the last ping before it."""
+    await world.send_until(world.published)
+    with world.b.listener.frozen():
+        # What is on the way already arrives.
+        await asyncio.sleep(0.2)
+        before = len(world.published())
+        for _ in range(10):
+            await world.send()
+            await asyncio.sleep(0.03)
+        await asyncio.sleep(1)
+    await until(lambda: "old" in world.why(), "the first of them was dropped")
+    assert len(world.published()) == before
+    await world.send_until(lambda: len(world.published()) > before)
+
+
+@pytest.mark.parametrize("cell", ["a", "b"])
+@pytest.mark.parametrize("robot_id", [SOURCE, TARGET])
+async def test_it_ends_whichever_cell_learns_that_the_right_has_ended(world, cell, robot_id):
+    site_cell = {"a": world.a, "b": world.b}[cell]
+    grants = {key: level for key, level in site_cell.database.grants.items() if key[1] != robot_id}
+    site_cell.database.grants = grants
+    await until(lambda: not world.source.topics, "the robot sends the topic no more", 2)
+    ends = [each.code for each in site_cell.database.written if isinstance(each, RouteEnd)]
+    assert ends == ["rights_ended"]
+
+
+async def test_a_source_that_its_policy_hides_is_not_read(world):
+    """The target's cell may know of it later."""
+    hidden = robot_settings.parse({"policy": {"manage": {"subscribe": ["/odom"]}}})
+    robots = world.b.database.robots
+    world.b.database.robots = {**robots, SOURCE: replace(robots[SOURCE], settings=hidden)}
+    await until(lambda: "policy" in world.why(), "the page says so")
+    await until(lambda: not world.source.topics, "the robot sends the topic no more")
+
+
+async def test_a_source_that_comes_to_the_targets_cell_is_read_there(world):
+    await world.source._close_ports()
+    here = await world.a.robot(world.a.database.robots[SOURCE], epoch=2)
+    await until(lambda: here.topics, "the source is subscribed")
+    world.source = here
+    before = len(world.published())
+    await world.send_until(lambda: len(world.published()) > before)
+
+
+async def test_a_cell_of_a_version_before_is_reported(world, monkeypatch):
+    monkeypatch.setattr(cell_sources, "ROUTES_PATH", "/cell/v1/none")
+    for socket in world.source.topics:
+        await socket.close()
+    async with world.b.listener.cut():
+        pass
+    await until(lambda: "is its version older?" in world.why(), "the page says so")
+
+
+async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world, http, peer_keys):
+    proof = {PROOF_HEADER: peer_keys.proof}
+    at_a, at_b = (f"http://{HOST}:{cell.relay.peer_port}" for cell in (world.a, world.b))
+    for url, headers, status in [
+        (f"{world.b.server.url}/cell/v1/routes/1", proof, 404),
+        (f"{at_b}/cell/v1/routes/1", {}, 403),
+        (f"{at_b}/cell/v1/routes/2", proof, 404),
+        (f"{at_a}/cell/v1/routes/1", proof, 404),
+    ]:
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(url, headers=headers)
+        assert refused.value.status == status
