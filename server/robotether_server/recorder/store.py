@@ -52,7 +52,6 @@ class RecorderStore:
 
     async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]] | None:
         """Read what there is to do; None while the database is away."""
-
         ends = list(self._ends)
 
         def read(tx: Transaction) -> tuple[list[RecordingRow], list[RecordableRobot]]:

@@ -283,7 +283,9 @@ def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpReq
     return waiting[:MAX_WAITING]
 
 
-def _ahead(tx: Transaction, row: OperatorRow, staff: Staff, open_requests: list[SeenRequest]) -> int:
+def _ahead(
+    tx: Transaction, row: OperatorRow, staff: Staff, open_requests: list[SeenRequest]
+) -> int:
     """Count the available operators without an offer, as far as this user sees, whom the plan asks before.
 
     Of those alone who may drive a robot that this user may drive: the others are asked for other requests.

@@ -129,7 +129,7 @@ def layout(value: Any, indent: str = "") -> str:
 
 def difference(before: dict[str, Any], after: dict[str, Any]) -> dict[str, Any]:
     """Return the members that are other than before, and of objects among them those members alone."""
-    found = dict.fromkeys(before.keys() - after.keys(), "<gone>")
+    found: dict[str, Any] = dict.fromkeys(before.keys() - after.keys(), "<gone>")
     for key, value in after.items():
         was = before.get(key, "<gone>")
         if value != was:

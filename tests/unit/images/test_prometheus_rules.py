@@ -28,7 +28,9 @@ def test_each_alert_has_a_section_and_each_section_an_alert():
 
 
 def test_times_of_alerts_are_tested_by_the_intervals_in_use():
-    rules = yaml.safe_load((ROOT / "images" / "prometheus" / "prometheus.yml").read_text())["global"]
+    rules = yaml.safe_load((ROOT / "images" / "prometheus" / "prometheus.yml").read_text())[
+        "global"
+    ]
     tested = yaml.safe_load((ROOT / "tests" / "images" / "prometheus_times.yml").read_text())
     intervals = {test["interval"] for test in tested["tests"]}
     assert intervals == {rules["scrape_interval"]}

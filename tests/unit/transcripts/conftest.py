@@ -7,8 +7,8 @@ from dataclasses import replace
 import pytest
 from relay_server import FAST
 from robotether_server.relay.control import stops
-from robotether_server.relay.robots import lease, port_checks, robot_dialer
 from robotether_server.relay.options import Timing
+from robotether_server.relay.robots import lease, port_checks, robot_dialer
 from syrupy.assertion import SnapshotAssertion
 from transcripts import TranscriptFile
 

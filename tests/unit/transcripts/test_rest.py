@@ -443,7 +443,10 @@ async def test_relay(
             options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
             async with http.request(method, server.url + API + path, **options) as answer:
                 shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
-                heading, said = f"< {answer.status} {answer.headers['Content-Type']}", await answer.json()
+                heading, said = (
+                    f"< {answer.status} {answer.headers['Content-Type']}",
+                    await answer.json(),
+                )
                 if answer.content_type == "application/problem+json":
                     transcript.add(heading, *shown, problem_line(answer.status, said))
                 else:

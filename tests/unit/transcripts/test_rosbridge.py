@@ -157,9 +157,7 @@ AGE = re.compile(r"\d+ ms old")
 async def test_what_is_refused(world: World, recorded: SnapshotAssertion) -> None:
     """How the relay writes messages anew, and the status of each message that goes no further."""
     transcript, robot = Transcript(), await world.robot()
-    for text, (what, got) in zip(
-        WRITTEN, await outcomes(world, robot, WRITTEN, CARL), strict=True
-    ):
+    for text, (what, got) in zip(WRITTEN, await outcomes(world, robot, WRITTEN, CARL), strict=True):
         transcript.add("client:", text)
         transcript.add(f"  {what}:", got)
     for text in REFUSED:

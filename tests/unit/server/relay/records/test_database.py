@@ -12,7 +12,7 @@ from fake_robot import FINGERPRINT, WAIT_S, FakeRobot
 from granted import give
 from relay_clients import closing
 from relay_server import SESSION_KEY, running_relay, until
-from robotether_server.db import Database, credentials, grants, robots, users
+from robotether_server.db import Database, credentials, robots, users
 from robotether_server.db.control import NewLease
 from robotether_server.db.fleet import RelayUser
 from robotether_server.identity import PublicKey
