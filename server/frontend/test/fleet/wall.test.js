@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { KEYS, MovingHand, askingText, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
+import { MovingHand, askingText, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
 
 const robot = (name, online = true) => ({ name, online });
 const asks = (name, more = {}) => ({ robot: name, reason: "stuck", source: "page", age_s: 125, priority: 2, state: "waiting", ...more });
