@@ -29,8 +29,8 @@ SCRIPT_RANKS = (
     "decoders texts",
     "client",
     "dom",
-    "control input overlays topics",
-    "fleet health queue replay video",
+    "control input overlays queue topics",
+    "fleet health replay video",
     "pages",
 )
 SCRIPT_RANK = {folder: rank for rank, row in enumerate(SCRIPT_RANKS) for folder in row.split()}
