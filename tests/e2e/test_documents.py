@@ -34,6 +34,7 @@ NOT_RUN = {
         r"ansible(-\w+)? |tools/build_(collection|agent_(deb|wheel))\b|(\.\./)?tools/agent_wheelhouse"
     ),
     "needs ROS, or a robot that runs it: by hand": r"ros2? |roslaunch |colcon |SERVER=",
+    "is for a player with a screen: tests/e2e/test_h264.py": r"(ticket=\$\(|jq |ffplay |mpv |vlc )",
     "needs a swarm: tests/images/test_swarm.py": (
         r"docker (node|stack|exec) |(CELL=\w PUBLIC_HOST=\S+ +)docker stack "
     ),
