@@ -41,7 +41,10 @@ APPLICATION = "robotether_server.web.app:start_app()"
 
 
 # Where the commands are whose libraries take as long to load as all the rest: loaded only for them.
-LOADED_LATE = {"fleet": "robotether_server.cli.fleet"}
+LOADED_LATE = {
+    "fleet": "robotether_server.cli.fleet",
+    "recording": "robotether_server.cli.recordings",
+}
 
 
 class Commands(click.Group):

@@ -1,0 +1,215 @@
+"""Reads what of a recording becomes training data: commands, who drives, odometry, and the frames of cameras.
+
+The layout of the messages is that of `recorder/channels.py`.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable, Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO, NamedTuple
+
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk
+
+from robotether_server.lerobot.actions import Action, action_of
+from robotether_server.lerobot.cdr_reader import CdrReader, DecodingError
+from robotether_server.problems import RobotetherError
+
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = struct.Struct("<BQ")
+# Maximum size of a record: a chunk has at most a megabyte and a frame.
+MAX_RECORD_BYTES = 32 * 1024 * 1024
+# Maximum number of messages of a recording that are kept in memory.
+MAX_MESSAGES = 4_000_000
+
+COMMANDS, CONTROL = "/robotether/commands", "/robotether/control"
+# Ending of a camera's topic, by the type of its messages.
+CAMERA_ENDINGS = {
+    "sensor_msgs/msg/CompressedImage": "/compressed",
+    "foxglove_msgs/msg/CompressedVideo": "/video",
+}
+_XYZ = ("x", "y", "z")
+# Names of what odometry says, by the type of its messages; the first that a recording has is its state.
+STATE_NAMES: Mapping[str, tuple[str, ...]] = {
+    "nav_msgs/msg/Odometry": (
+        *(f"position.{axis}" for axis in _XYZ),
+        *(f"orientation.{axis}" for axis in (*_XYZ, "w")),
+        *(f"linear.{axis}" for axis in _XYZ),
+        *(f"angular.{axis}" for axis in _XYZ),
+    ),
+    "turtlesim/msg/Pose": ("x", "y", "theta", "linear_velocity", "angular_velocity"),
+}
+COVARIANCES = 36
+
+
+class NotExportedError(RobotetherError, code="not_exported"):
+    """A recording cannot become training data."""
+
+
+class RecordedFrame(NamedTuple):
+    """A frame of a camera as it came. `taken_ns` is the robot's word, `log_ns` the recorder's."""
+
+    camera: str
+    codec: str
+    data: bytes
+    sequence: int
+    taken_ns: int
+    log_ns: int
+
+
+class Command(NamedTuple):
+    """A drive command. `action` None: nobody can read it; `seen`: by camera the number of a frame, -1 for unknown."""
+
+    at_ns: int
+    fence: int
+    is_sent: bool
+    action: Action | None
+    seen: tuple[tuple[str, int], ...]
+
+
+class Control(NamedTuple):
+    """Who has control from a time on."""
+
+    at_ns: int
+    is_driven: bool
+    fence: int
+    is_stopped: bool
+
+
+class State(NamedTuple):
+    """What odometry says; `kind` is the type of its message."""
+
+    at_ns: int
+    topic: str
+    kind: str
+    values: tuple[float, ...]
+
+
+Recorded = RecordedFrame | Command | Control | State
+
+
+def read_recording(path: Path) -> Iterator[Recorded]:
+    """Yield what is in a file, in its order; a message that is not of its type is left out. Raise NotExportedError."""
+    readers: dict[int, _Reader | None] = {}
+    schemas: dict[int, str] = {}
+    for record in _records(path):
+        if isinstance(record, Schema):
+            schemas[record.id] = record.name
+        elif isinstance(record, Channel):
+            readers[record.id] = _reader_of(record.topic, schemas.get(record.schema_id, ""))
+        elif isinstance(record, Message) and (read := readers.get(record.channel_id)) is not None:
+            try:
+                yield read(CdrReader(record.data), record)
+            except DecodingError:
+                continue
+
+
+_Reader = Callable[[CdrReader, Message], Recorded]
+
+
+def _reader_of(topic: str, kind: str) -> _Reader | None:
+    if topic == COMMANDS:
+        return _command
+    if topic == CONTROL:
+        return _control
+    if kind in STATE_NAMES:
+        return lambda fields, message: State(
+            message.log_time, topic, kind, tuple(_state_values(fields, kind))
+        )
+    ending = CAMERA_ENDINGS.get(kind)
+    if ending is None or not topic.endswith(ending):
+        return None
+    read, camera = _image if ending == "/compressed" else _video, topic.removesuffix(ending)
+    return lambda fields, message: RecordedFrame(
+        camera, *read(fields), message.sequence, message.publish_time, message.log_time
+    )
+
+
+def _command(fields: CdrReader, _message: Message) -> Command:
+    at_ns = fields.time_ns()
+    fields.text()  # topic
+    fields.text()  # person
+    fence = fields.whole()
+    fields.number("d")  # age
+    is_sent = fields.text() == "sent"
+    fields.skip("d", 2)  # speeds
+    action = action_of(fields.text())
+    cameras = fields.texts()
+    return Command(at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False)))
+
+
+def _control(fields: CdrReader, message: Message) -> Control:
+    fields.time_ns()
+    is_online, driver = bool(fields.number("?")), fields.text()
+    fence, is_stopped = fields.whole(), bool(fields.number("?"))
+    # The first of a file is older than that: it says what was the case before.
+    return Control(message.log_time, is_online and bool(driver), fence, is_stopped)
+
+
+def _state_values(fields: CdrReader, kind: str) -> Iterator[float]:
+    if kind == "turtlesim/msg/Pose":
+        yield from (fields.number("f") for _ in STATE_NAMES[kind])
+        return
+    fields.time_ns()
+    fields.text()  # frame
+    fields.text()  # child's frame
+    yield from (fields.number("d") for _ in range(7))
+    fields.skip("d", COVARIANCES)
+    yield from (fields.number("d") for _ in range(6))
+
+
+def _image(fields: CdrReader) -> tuple[str, bytes]:
+    fields.time_ns()
+    fields.text()  # frame
+    return fields.text(), fields.octets()
+
+
+def _video(fields: CdrReader) -> tuple[str, bytes]:
+    fields.time_ns()
+    fields.text()  # frame
+    data = fields.octets()
+    return fields.text(), data
+
+
+def _records(path: Path) -> Iterator[Schema | Channel | Message]:
+    """Yield the records of a file, which may say anything of their sizes."""
+    try:
+        with path.open("rb") as file:
+            for chunk in _chunks(file, path):
+                for record in breakup_chunk(chunk, validate_crc=True):
+                    if isinstance(record, Schema | Channel | Message):
+                        yield record
+    except OSError as exc:
+        raise NotExportedError(f"cannot read {path}: {exc.strerror}") from exc
+    except (McapError, struct.error, UnicodeDecodeError, ValueError) as exc:
+        raise NotExportedError(f"cannot export {path}: the file is damaged") from exc
+
+
+def _chunks(file: BinaryIO, path: Path) -> Iterator[Chunk]:
+    if file.read(len(MAGIC)) != MAGIC:
+        raise NotExportedError(f"cannot export {path}: it is no recording (MCAP)")
+    size = os.fstat(file.fileno()).st_size
+    while True:
+        head = file.read(RECORD.size)
+        opcode, length = RECORD.unpack(head) if len(head) == RECORD.size else (0, size)
+        if length > size - file.tell():
+            raise NotExportedError(
+                f"cannot export {path}: it has no end; download it again after the recording ended"
+            )
+        if length > MAX_RECORD_BYTES:
+            raise NotExportedError(f"cannot export {path}: a part of it is larger than a recorder writes")
+        body = file.read(length)
+        if opcode == Opcode.DATA_END:
+            return
+        if opcode == Opcode.CHUNK:
+            chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+            if chunk.compression:
+                raise NotExportedError(f"cannot export {path}: it is compressed, as no recorder of ours writes")
+            yield chunk
