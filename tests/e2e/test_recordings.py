@@ -14,6 +14,7 @@ from local_network import insecure_tls
 from mcap.reader import make_reader
 from pages import drive_live, expect_mode, open_drawer
 from playwright.sync_api import Page, expect
+from robotether_server.lerobot.export import ExportOptions, export
 from rosbags.highlevel import AnyReader
 from sim_watch import SimWatch
 from stack import Stack
@@ -84,13 +85,13 @@ def people(stack: Stack) -> Iterator[People]:
 def test_a_drive_is_recorded_and_read_by_rosbags(
     page: Page, stack: Stack, people: People, tmp_path: Path
 ) -> None:
-    """The page says so meanwhile; who only drives does not get the file."""
+    """The page says so meanwhile; who only drives does not get the file, of which training data can be made."""
     number = people.start()
     drive_live(page, stack, ROBOT)
     expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
     with SimWatch(stack, ROBOT) as watch:
         page_holds.drive(page, watch)
-        page.wait_for_timeout(1000)
+        page.wait_for_timeout(3000)
         page.keyboard.up("w")
     assert people.ask("rhea", "POST", f"/recordings/{number}/stop")[0] == 200
     stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
@@ -117,6 +118,8 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
     assert {command.person for command in moving} == {"admin"}
     assert {command.outcome for command in moving} == {"sent"}
     assert any(command.seen_frames.size for command in moving)
+    # It refuses a recording of which no episode is left.
+    export([file], tmp_path / "dataset", ExportOptions(None, (), "Drive."))
     assert people.ask("mark", "DELETE", f"/recordings/{number}")[0] == 204
     folder = "/var/lib/robotether/recordings"
     stack.wait(

@@ -29,7 +29,7 @@ class CdrReader:
         """Read a number by its letter of `struct`."""
         number = NUMBERS[letter]
         self._at += -self._at % number.size
-        return number.unpack(self._take(number.size))[0]  # type: ignore[no-any-return]
+        return number.unpack(self._next_bytes(number.size))[0]  # type: ignore[no-any-return]
 
     def whole(self, letter: str = "q") -> int:
         """Read a whole number by its letter of `struct`."""
@@ -43,13 +43,13 @@ class CdrReader:
     def text(self) -> str:
         """Read a string."""
         try:
-            return bytes(self._take(self.whole("I"))).rstrip(b"\0").decode()
+            return bytes(self._next_bytes(self.whole("I"))).rstrip(b"\0").decode()
         except UnicodeDecodeError as exc:
             raise DecodingError("a text that is no UTF-8") from exc
 
     def octets(self) -> bytes:
         """Read a sequence of uint8."""
-        return bytes(self._take(self.whole("I")))
+        return bytes(self._next_bytes(self.whole("I")))
 
     def texts(self) -> list[str]:
         """Read a sequence of strings."""
@@ -64,7 +64,7 @@ class CdrReader:
         for _ in range(count):
             self.number(letter)
 
-    def _take(self, size: int) -> memoryview:
+    def _next_bytes(self, size: int) -> memoryview:
         end = self._at + size
         if end > len(self._data):
             raise DecodingError("a message that ends too early")

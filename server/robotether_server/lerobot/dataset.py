@@ -20,7 +20,7 @@ from av.video.frame import VideoFrame
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from robotether_server.lerobot.pairing import Step
+from robotether_server.lerobot.pairing import EpisodeStep
 from robotether_server.lerobot.statistics import ImageStatistics, describe, sampled_steps
 
 VERSION = "v3.0"
@@ -36,7 +36,7 @@ VIDEO_OPTIONS = {"crf": "23", "g": "2", "bf": "0"}
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """What all episodes have in common. `cameras`: width and height in pixels, by the name in a feature."""
 
     fps: int
@@ -132,7 +132,7 @@ class VideoFile:
 class DatasetWriter:
     """Writes into an empty folder; without `finish` it is no dataset."""
 
-    def __init__(self, folder: Path, layout: Layout) -> None:
+    def __init__(self, folder: Path, layout: DatasetLayout) -> None:
         self._folder = folder
         self._layout = layout
         # What info.json and stats.json say, and the rows of the episodes' table.
@@ -152,7 +152,7 @@ class DatasetWriter:
         """The number of steps of all episodes."""
         return self._episodes[-1]["dataset_to_index"] if self._episodes else 0
 
-    def add_episode(self, steps: Sequence[Step]) -> int:
+    def add_episode(self, steps: Sequence[EpisodeStep]) -> int:
         """Write the steps of an episode, and return its number; `add_image` adds its images."""
         number, first, length = len(self._episodes), self.steps, len(steps)
         columns = self._columns_of(steps, number, first)
@@ -229,7 +229,7 @@ class DatasetWriter:
         )
 
     def _columns_of(
-        self, steps: Sequence[Step], number: int, first: int
+        self, steps: Sequence[EpisodeStep], number: int, first: int
     ) -> dict[str, NDArray[Any]]:
         """Return the values (steps, numbers of a step) of each feature."""
         count = np.arange(len(steps), dtype=np.int64)

@@ -17,14 +17,14 @@ from typing import Any
 from av.video.frame import VideoFrame
 
 from robotether_server.lerobot.actions import action_names, are_float32
-from robotether_server.lerobot.dataset import DatasetWriter, Layout
+from robotether_server.lerobot.dataset import DatasetWriter, DatasetLayout
 from robotether_server.lerobot.decoding import CameraDecoder
 from robotether_server.lerobot.pairing import (
     MIN_EPISODE_S,
-    Cut,
-    Drive,
-    Frame,
-    Step,
+    CutReason,
+    DriveData,
+    FrameInfo,
+    EpisodeStep,
     episodes,
     frame_rate,
     seen_cameras,
@@ -33,11 +33,11 @@ from robotether_server.lerobot.pairing import (
 from robotether_server.lerobot.recording import (
     MAX_MESSAGES,
     STATE_NAMES,
-    Command,
-    Control,
+    RecordedCommand,
+    RecordedControl,
     NotExportedError,
     RecordedFrame,
-    State,
+    RecordedState,
     read_recording,
 )
 
@@ -68,7 +68,7 @@ class ExportReport:
     steps: int = 0
     short_episodes: int = 0
     short_steps: int = 0
-    cut: Counter[Cut] = field(default_factory=Counter)
+    cut: Counter[CutReason] = field(default_factory=Counter)
 
 
 @dataclass(frozen=True)
@@ -76,8 +76,8 @@ class _Recording:
     """One recording, and its episodes."""
 
     path: Path
-    drive: Drive
-    episodes: list[list[Step]] = field(default_factory=list)
+    drive: DriveData
+    episodes: list[list[EpisodeStep]] = field(default_factory=list)
 
 
 def export(paths: Sequence[Path], folder: Path, options: ExportOptions) -> ExportReport:
@@ -94,7 +94,7 @@ def export(paths: Sequence[Path], folder: Path, options: ExportOptions) -> Expor
         _find_episodes(recording, command_kind, report)
     if not report.episodes:
         raise NotExportedError(f"cannot export: no episode is left; {describe_cuts(report)}")
-    layout = Layout(
+    layout = DatasetLayout(
         fps=fps,
         task=options.task,
         cameras=_sizes(recordings, cameras),
@@ -113,13 +113,13 @@ def describe_cuts(report: ExportReport) -> str:
     return "; ".join(f"{count / report.fps:.1f} s: {why}" for why, count in found.items())
 
 
-def read_drive(path: Path, cameras: Sequence[str] = ()) -> Drive:
+def read_drive(path: Path, cameras: Sequence[str] = ()) -> DriveData:
     """Read a recording, with the frames of these cameras, or of all; raise NotExportedError."""
-    drive = Drive()
+    drive = DriveData()
     lists: dict[type, list[Any]] = {
-        Command: drive.commands,
-        Control: drive.controls,
-        State: drive.states,
+        RecordedCommand: drive.commands,
+        RecordedControl: drive.controls,
+        RecordedState: drive.states,
     }
     decoders: dict[str, CameraDecoder] = {}
     for count, record in enumerate(read_recording(path)):
@@ -129,7 +129,7 @@ def read_drive(path: Path, cameras: Sequence[str] = ()) -> Drive:
             lists[type(record)].append(record)
         elif not cameras or record.camera in cameras:
             decoder = decoders.setdefault(record.camera, CameraDecoder())
-            frame = Frame(record.sequence, record.taken_ns, record.log_ns, 0, 0)
+            frame = FrameInfo(record.sequence, record.taken_ns, record.log_ns, 0, 0)
             drive.frames.setdefault(record.camera, []).append(frame)
             _note_sizes(drive.frames[record.camera], decoder.decode(record))
         if len(decoders) > MAX_CAMERAS:
@@ -142,7 +142,7 @@ def read_drive(path: Path, cameras: Sequence[str] = ()) -> Drive:
     return drive
 
 
-def _note_sizes(frames: list[Frame], decoded: Iterable[tuple[int, VideoFrame]]) -> None:
+def _note_sizes(frames: list[FrameInfo], decoded: Iterable[tuple[int, VideoFrame]]) -> None:
     for place, image in decoded:
         frames[place] = frames[place]._replace(width=image.width, height=image.height)
 
@@ -197,9 +197,9 @@ def _command_kind(recordings: Sequence[_Recording]) -> str:
 
 
 def _find_episodes(recording: _Recording, command_kind: str, report: ExportReport) -> None:
-    def counted() -> Iterator[Step | Cut]:
+    def counted() -> Iterator[EpisodeStep | CutReason]:
         for step in steps(recording.drive, report.cameras, command_kind, report.fps):
-            if isinstance(step, Cut):
+            if isinstance(step, CutReason):
                 report.cut[step] += 1
             yield step
 
@@ -240,7 +240,7 @@ def _name_of(camera: str) -> str:
 
 
 def _write(
-    recordings: Sequence[_Recording], folder: Path, layout: Layout, cameras: Sequence[str]
+    recordings: Sequence[_Recording], folder: Path, layout: DatasetLayout, cameras: Sequence[str]
 ) -> None:
     keys = dict(zip(cameras, layout.video_keys(), strict=True))
     try:

@@ -13,7 +13,7 @@ from statistics import median
 from typing import NamedTuple
 
 from robotether_server.lerobot.actions import KINDS
-from robotether_server.lerobot.recording import Command, Control, State
+from robotether_server.lerobot.recording import RecordedCommand, RecordedControl, RecordedState
 
 NS_PER_S = 1_000_000_000
 # Maximum age of what the driver saw, and of the state: beyond it the video was frozen, or the robot silent.
@@ -30,7 +30,7 @@ MAX_EPISODE_S = 1000.0
 FPS = (1, 60)
 
 
-class Frame(NamedTuple):
+class FrameInfo(NamedTuple):
     """A frame that was recorded. Sizes in pixels, 0 of one that cannot be decoded."""
 
     sequence: int
@@ -41,16 +41,16 @@ class Frame(NamedTuple):
 
 
 @dataclass
-class Drive:
+class DriveData:
     """What one recording has, each list in the order of its times; frames by camera."""
 
-    frames: dict[str, list[Frame]] = field(default_factory=dict)
-    commands: list[Command] = field(default_factory=list)
-    controls: list[Control] = field(default_factory=list)
-    states: list[State] = field(default_factory=list)
+    frames: dict[str, list[FrameInfo]] = field(default_factory=dict)
+    commands: list[RecordedCommand] = field(default_factory=list)
+    controls: list[RecordedControl] = field(default_factory=list)
+    states: list[RecordedState] = field(default_factory=list)
 
 
-class Cut(Enum):
+class CutReason(Enum):
     """Why a time is in no episode."""
 
     NOT_DRIVEN = "nobody drove"
@@ -60,7 +60,7 @@ class Cut(Enum):
     UNKNOWN_COMMAND = "the command cannot be read"
 
 
-class Step(NamedTuple):
+class EpisodeStep(NamedTuple):
     """One row of a dataset. `frames` and `ages_s` in the order of the cameras."""
 
     fence: int
@@ -70,7 +70,7 @@ class Step(NamedTuple):
     action: tuple[float, ...]
 
 
-def frame_rate(drives: Iterable[Drive], cameras: Iterable[str]) -> int:
+def frame_rate(drives: Iterable[DriveData], cameras: Iterable[str]) -> int:
     """Return the median rate in Hz of the quickest camera, from 1 to 60."""
     intervals: dict[str, list[int]] = {camera: [] for camera in cameras}
     for drive in drives:
@@ -82,13 +82,13 @@ def frame_rate(drives: Iterable[Drive], cameras: Iterable[str]) -> int:
     return round(min(max(max(rates, default=least), least), most))
 
 
-def seen_cameras(drive: Drive) -> list[str]:
+def seen_cameras(drive: DriveData) -> list[str]:
     """Return the recorded cameras of which the driver saw a frame."""
     named = {camera for command in drive.commands for camera, sequence in command.seen if sequence >= 0}
     return sorted(named & drive.frames.keys())
 
 
-def steps(drive: Drive, cameras: Sequence[str], kind: str, fps: int) -> Iterator[Step | Cut]:
+def steps(drive: DriveData, cameras: Sequence[str], kind: str, fps: int) -> Iterator[EpisodeStep | CutReason]:
     """Yield what is the case each 1/fps, from the first command to the last; commands are of one kind."""
     situation = _Situation(drive, cameras, kind)
     events = sorted(
@@ -105,15 +105,15 @@ def steps(drive: Drive, cameras: Sequence[str], kind: str, fps: int) -> Iterator
         yield situation.step(at_ns)
 
 
-def episodes(found: Iterable[Step | Cut], fps: int) -> Iterator[list[Step]]:
+def episodes(found: Iterable[EpisodeStep | CutReason], fps: int) -> Iterator[list[EpisodeStep]]:
     """Yield the stretches without a cut, each of one driver, those that are too short included."""
-    episode: list[Step] = []
+    episode: list[EpisodeStep] = []
     for step in found:
-        goes_on = isinstance(step, Step) and (not episode or step.fence == episode[0].fence)
+        goes_on = isinstance(step, EpisodeStep) and (not episode or step.fence == episode[0].fence)
         if episode and (not goes_on or len(episode) >= MAX_EPISODE_S * fps):
             yield episode
             episode = []
-        if isinstance(step, Step):
+        if isinstance(step, EpisodeStep):
             episode.append(step)
     if episode:
         yield episode
@@ -122,33 +122,33 @@ def episodes(found: Iterable[Step | Cut], fps: int) -> Iterator[list[Step]]:
 class _Situation:
     """What is known at a time."""
 
-    def __init__(self, drive: Drive, cameras: Sequence[str], kind: str) -> None:
+    def __init__(self, drive: DriveData, cameras: Sequence[str], kind: str) -> None:
         self._zero = (0.0,) * len(KINDS[kind])
         self._frames = {camera: drive.frames[camera] for camera in cameras}
         self._numbers = {camera: _by_number(frames) for camera, frames in self._frames.items()}
-        self._control: Control | None = None
-        self._state: State | None = None
+        self._control: RecordedControl | None = None
+        self._state: RecordedState | None = None
         self._fence = 0
         # Of the one who drives: the newest command that was sent, and by camera the place of the newest frame that they
         # had seen, None for unknown.
-        self._command: Command | None = None
+        self._command: RecordedCommand | None = None
         self._seen: dict[str, int | None] = {}
 
-    def update(self, event: Command | Control | State) -> None:
+    def update(self, event: RecordedCommand | RecordedControl | RecordedState) -> None:
         """Take over what happened next."""
-        if isinstance(event, State):
+        if isinstance(event, RecordedState):
             self._state = event
             return
         if event.fence > self._fence:
             self._fence, self._command, self._seen = event.fence, None, {}
-        if isinstance(event, Control):
+        if isinstance(event, RecordedControl):
             self._control = event
         elif event.fence == self._fence:
             self._see(event)
             if event.is_sent:
                 self._command = event
 
-    def _see(self, command: Command) -> None:
+    def _see(self, command: RecordedCommand) -> None:
         for camera, sequence in command.seen:
             if camera not in self._frames:
                 continue
@@ -168,37 +168,37 @@ class _Situation:
         ]
         return near[0] if len(near) == 1 else None
 
-    def step(self, at_ns: int) -> Step | Cut:
+    def step(self, at_ns: int) -> EpisodeStep | CutReason:
         """Return the step of a time up to which all was taken over."""
         control, state = self._control, self._state
         if control is None or not control.is_driven:
-            return Cut.NOT_DRIVEN
+            return CutReason.NOT_DRIVEN
         views = [self._view(camera, at_ns) for camera in self._frames]
         places, ages_s = [], []
         for view in views:
-            if isinstance(view, Cut):
+            if isinstance(view, CutReason):
                 return view
             places.append(view[0])
             ages_s.append(view[1])
         if state is None or at_ns - state.at_ns > MAX_AGE_S * NS_PER_S:
-            return Cut.NO_STATE
+            return CutReason.NO_STATE
         action = self._action(at_ns, control)
         if action is None:
-            return Cut.UNKNOWN_COMMAND
-        return Step(self._fence, tuple(places), tuple(ages_s), state.values, action)
+            return CutReason.UNKNOWN_COMMAND
+        return EpisodeStep(self._fence, tuple(places), tuple(ages_s), state.values, action)
 
-    def _view(self, camera: str, at_ns: int) -> tuple[int, float] | Cut:
+    def _view(self, camera: str, at_ns: int) -> tuple[int, float] | CutReason:
         """Return which frame of a camera the driver had seen, and its age in seconds."""
         place = self._seen.get(camera)
         if place is None:
-            return Cut.UNKNOWN_FRAME
+            return CutReason.UNKNOWN_FRAME
         frame = self._frames[camera][place]
         if not frame.width or frame.taken_ns - frame.log_ns > MAX_DELAY_S * NS_PER_S:
-            return Cut.UNKNOWN_FRAME
+            return CutReason.UNKNOWN_FRAME
         age_s = max(0, at_ns - min(frame.taken_ns, frame.log_ns)) / NS_PER_S
-        return (place, age_s) if age_s <= MAX_AGE_S else Cut.FROZEN
+        return (place, age_s) if age_s <= MAX_AGE_S else CutReason.FROZEN
 
-    def _action(self, at_ns: int, control: Control) -> tuple[float, ...] | None:
+    def _action(self, at_ns: int, control: RecordedControl) -> tuple[float, ...] | None:
         """Return the command in force; zero where there is none, as the guard makes the robot stand."""
         command = self._command
         if command is None or control.is_stopped:
@@ -208,7 +208,7 @@ class _Situation:
         return None if command.action is None else command.action.values
 
 
-def _by_number(frames: Sequence[Frame]) -> Mapping[int, list[int]]:
+def _by_number(frames: Sequence[FrameInfo]) -> Mapping[int, list[int]]:
     places: dict[int, list[int]] = {}
     for place, frame in enumerate(frames):
         places.setdefault(frame.sequence, []).append(place)

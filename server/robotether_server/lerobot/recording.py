@@ -31,7 +31,7 @@ MAX_MESSAGES = 4_000_000
 
 COMMANDS, CONTROL = "/robotether/commands", "/robotether/control"
 # Ending of a camera's topic, by the type of its messages.
-CAMERA_ENDINGS = {
+CAMERA_SUFFIXES = {
     "sensor_msgs/msg/CompressedImage": "/compressed",
     "foxglove_msgs/msg/CompressedVideo": "/video",
 }
@@ -64,7 +64,7 @@ class RecordedFrame(NamedTuple):
     log_ns: int
 
 
-class Command(NamedTuple):
+class RecordedCommand(NamedTuple):
     """A drive command. `action` None: nobody can read it; `seen`: by camera the number of a frame, -1 for unknown."""
 
     at_ns: int
@@ -74,7 +74,7 @@ class Command(NamedTuple):
     seen: tuple[tuple[str, int], ...]
 
 
-class Control(NamedTuple):
+class RecordedControl(NamedTuple):
     """Who has control from a time on."""
 
     at_ns: int
@@ -83,7 +83,7 @@ class Control(NamedTuple):
     is_stopped: bool
 
 
-class State(NamedTuple):
+class RecordedState(NamedTuple):
     """What odometry says; `kind` is the type of its message."""
 
     at_ns: int
@@ -92,14 +92,14 @@ class State(NamedTuple):
     values: tuple[float, ...]
 
 
-Recorded = RecordedFrame | Command | Control | State
+Recorded = RecordedFrame | RecordedCommand | RecordedControl | RecordedState
 
 
 def read_recording(path: Path) -> Iterator[Recorded]:
     """Yield what is in a file, in its order; a message that is not of its type is left out. Raise NotExportedError."""
     readers: dict[int, _Reader | None] = {}
     schemas: dict[int, str] = {}
-    for record in _records(path):
+    for record in _mcap_records(path):
         if isinstance(record, Schema):
             schemas[record.id] = record.name
         elif isinstance(record, Channel):
@@ -120,19 +120,19 @@ def _reader_of(topic: str, kind: str) -> _Reader | None:
     if topic == CONTROL:
         return _control
     if kind in STATE_NAMES:
-        return lambda fields, message: State(
+        return lambda fields, message: RecordedState(
             message.log_time, topic, kind, tuple(_state_values(fields, kind))
         )
-    ending = CAMERA_ENDINGS.get(kind)
-    if ending is None or not topic.endswith(ending):
+    suffix = CAMERA_SUFFIXES.get(kind)
+    if suffix is None or not topic.endswith(suffix):
         return None
-    read, camera = _image if ending == "/compressed" else _video, topic.removesuffix(ending)
+    read, camera = _image if suffix == "/compressed" else _video, topic.removesuffix(suffix)
     return lambda fields, message: RecordedFrame(
         camera, *read(fields), message.sequence, message.publish_time, message.log_time
     )
 
 
-def _command(fields: CdrReader, _message: Message) -> Command:
+def _command(fields: CdrReader, _message: Message) -> RecordedCommand:
     at_ns = fields.time_ns()
     fields.text()  # topic
     fields.text()  # person
@@ -142,15 +142,15 @@ def _command(fields: CdrReader, _message: Message) -> Command:
     fields.skip("d", 2)  # speeds
     action = action_of(fields.text())
     cameras = fields.texts()
-    return Command(at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False)))
+    return RecordedCommand(at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False)))
 
 
-def _control(fields: CdrReader, message: Message) -> Control:
+def _control(fields: CdrReader, message: Message) -> RecordedControl:
     fields.time_ns()
     is_online, driver = bool(fields.number("?")), fields.text()
     fence, is_stopped = fields.whole(), bool(fields.number("?"))
     # The first of a file is older than that: it says what was the case before.
-    return Control(message.log_time, is_online and bool(driver), fence, is_stopped)
+    return RecordedControl(message.log_time, is_online and bool(driver), fence, is_stopped)
 
 
 def _state_values(fields: CdrReader, kind: str) -> Iterator[float]:
@@ -178,7 +178,7 @@ def _video(fields: CdrReader) -> tuple[str, bytes]:
     return fields.text(), data
 
 
-def _records(path: Path) -> Iterator[Schema | Channel | Message]:
+def _mcap_records(path: Path) -> Iterator[Schema | Channel | Message]:
     """Yield the records of a file, which may say anything of their sizes."""
     try:
         with path.open("rb") as file:

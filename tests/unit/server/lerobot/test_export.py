@@ -33,7 +33,7 @@ from robotether_server.recorder.mcap_file import RecordedMessage
 from video_clips import jpeg_of
 
 FRONT, REAR = "/front/image_raw", "/rear/image_raw"
-OPTIONS = ExportOptions(None, (), "Drive.")
+OPTIONS = ExportOptions(None, (), "DriveData.")
 # Median difference of pixels from what the camera saw, of 255.
 MAX_CODING_ERROR = 7
 LATE = {"lost": 0.1, "delay_ms": 400, "refused": 0.1}

@@ -15,8 +15,8 @@ from recorded_drive import (
 )
 from robotether_server.lerobot.actions import Action
 from robotether_server.lerobot.decoding import CameraDecoder
-from robotether_server.lerobot.pairing import Cut, Drive, Frame, Step, episodes, steps
-from robotether_server.lerobot.recording import Command, Control, RecordedFrame, State
+from robotether_server.lerobot.pairing import CutReason, DriveData, FrameInfo, EpisodeStep, episodes, steps
+from robotether_server.lerobot.recording import RecordedCommand, RecordedControl, RecordedFrame, RecordedState
 
 CAMERAS = {"/front": "jpeg", "/rear": "jpeg"}
 FPS = 15
@@ -40,23 +40,23 @@ DRIVES = st.builds(
 )
 
 
-def drive_of(recorded: RecordedDrive) -> Drive:
+def drive_of(recorded: RecordedDrive) -> DriveData:
     """What the reader makes of its recording."""
     sequences = {
         camera: {frame.number: frame.sequence for frame in frames}
         for camera, frames in recorded.frames.items()
     }
-    return Drive(
+    return DriveData(
         frames={
             camera: [
-                Frame(frame.sequence, ns(frame.taken_ms), ns(frame.log_ms), 64, 48)
+                FrameInfo(frame.sequence, ns(frame.taken_ms), ns(frame.log_ms), 64, 48)
                 for frame in frames
                 if frame.is_recorded
             ]
             for camera, frames in recorded.frames.items()
         },
         commands=[
-            Command(
+            RecordedCommand(
                 ns(command.at_ms),
                 command.fence,
                 command.is_sent,
@@ -66,11 +66,11 @@ def drive_of(recorded: RecordedDrive) -> Drive:
             for command in recorded.commands
         ],
         controls=[
-            Control(ns(at_ms), fence > 0, fence, recorded.is_stopped(at_ms))
+            RecordedControl(ns(at_ms), fence > 0, fence, recorded.is_stopped(at_ms))
             for at_ms in recorded.changes_ms
             for fence in [recorded.fence_at(at_ms)]
         ],
-        states=[State(ns(at_ms), "/odom", "", (at_ms / 1000,)) for at_ms in recorded.states_ms],
+        states=[RecordedState(ns(at_ms), "/odom", "", (at_ms / 1000,)) for at_ms in recorded.states_ms],
     )
 
 
@@ -88,7 +88,7 @@ def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(recorded):
     for count, step in enumerate(steps(drive, list(CAMERAS), "twist", FPS)):
         at_ms = (drive.commands[0].at_ns - BASE_NS) / MS + count * 1000 / FPS
         row = None
-        if isinstance(step, Step):
+        if isinstance(step, EpisodeStep):
             seen = [numbers[camera][place] for camera, place in zip(CAMERAS, step.frames, strict=True)]
             ages_s = tuple(round(age_s, 6) for age_s in step.ages_s)
             row = Row(recorded.seed, tuple(seen), ages_s, step.state[0], step.action[0])
@@ -99,35 +99,35 @@ def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(recorded):
 def step_of(frames, named):
     """What a step is 100 ms after a command of each number in `named`."""
     at_ns = ns(20_000)
-    drive = Drive(
+    drive = DriveData(
         {"/front": frames},
         [
-            Command(at_ns + count, 1, True, Action("twist", (0.0,) * 6), (("/front", number),))
+            RecordedCommand(at_ns + count, 1, True, Action("twist", (0.0,) * 6), (("/front", number),))
             for count, number in enumerate(named)
         ]
-        + [Command(at_ns + 100 * MS, 1, True, Action("twist", (0.0,) * 6), ())],
-        [Control(at_ns, True, 1, False)],
-        [State(at_ns, "/odom", "", ())],
+        + [RecordedCommand(at_ns + 100 * MS, 1, True, Action("twist", (0.0,) * 6), ())],
+        [RecordedControl(at_ns, True, 1, False)],
+        [RecordedState(at_ns, "/odom", "", ())],
     )
     return list(steps(drive, ["/front"], "twist", 10))[-1]
 
 
 def frame(sequence, log_ms, taken_ms=None):
-    return Frame(sequence, ns(log_ms if taken_ms is None else taken_ms), ns(log_ms), 64, 48)
+    return FrameInfo(sequence, ns(log_ms if taken_ms is None else taken_ms), ns(log_ms), 64, 48)
 
 
 @pytest.mark.parametrize(
     ("frames", "named", "expected"),
     [
         ([frame(7, 19_900)], [7], 0),
-        ([frame(7, 19_900)], [8], Cut.UNKNOWN_FRAME),
-        ([frame(7, 19_900)], [7, -1], Cut.UNKNOWN_FRAME),
+        ([frame(7, 19_900)], [8], CutReason.UNKNOWN_FRAME),
+        ([frame(7, 19_900)], [7, -1], CutReason.UNKNOWN_FRAME),
         ([frame(6, 19_800), frame(7, 19_900)], [7, 6], 1),
-        ([frame(7, 15_000), frame(7, 19_900)], [7], Cut.UNKNOWN_FRAME),
+        ([frame(7, 15_000), frame(7, 19_900)], [7], CutReason.UNKNOWN_FRAME),
         ([frame(7, 5_000), frame(7, 19_900)], [7], 1),
-        ([frame(7, 19_900, 20_900)], [7], Cut.UNKNOWN_FRAME),
-        ([frame(7, 25_000, 19_900)], [7], Cut.UNKNOWN_FRAME),
-        ([frame(7, 19_900, 0)], [7], Cut.FROZEN),
+        ([frame(7, 19_900, 20_900)], [7], CutReason.UNKNOWN_FRAME),
+        ([frame(7, 25_000, 19_900)], [7], CutReason.UNKNOWN_FRAME),
+        ([frame(7, 19_900, 0)], [7], CutReason.FROZEN),
     ],
     ids=[
         "recorded",
@@ -143,12 +143,12 @@ def frame(sequence, log_ms, taken_ms=None):
 )
 def test_a_frame_that_is_not_sure_is_cut(frames, named, expected):
     step = step_of(frames, named)
-    assert (step if isinstance(step, Cut) else step.frames[0]) == expected
+    assert (step if isinstance(step, CutReason) else step.frames[0]) == expected
 
 
 def test_an_episode_has_one_driver_no_cut_and_an_end():
-    one, other = (Step(fence, (), (), (), ()) for fence in (1, 2))
-    found = [one] * 3 + [other] * 2 + [Cut.FROZEN] + [other] * 1001
+    one, other = (EpisodeStep(fence, (), (), (), ()) for fence in (1, 2))
+    found = [one] * 3 + [other] * 2 + [CutReason.FROZEN] + [other] * 1001
     assert [len(episode) for episode in episodes(found, fps=1)] == [3, 2, 1000, 1]
 
 
