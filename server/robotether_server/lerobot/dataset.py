@@ -106,7 +106,7 @@ class VideoFile:
         self._stream.time_base = self._time_base
 
     def add(self, image: VideoFrame, times: int) -> bool:
-        """Write an image for so many steps; return whether it was the last."""
+        """Write an image for a number of steps; return whether it was the last."""
         pixels = image.to_ndarray(
             format="rgb24", width=self._stream.width, height=self._stream.height
         )
@@ -157,7 +157,9 @@ class DatasetWriter:
         number, first, length = len(self._episodes), self.steps, len(steps)
         columns = self._columns_of(steps, number, first)
         arrays = [
-            pa.array(list(columns[name]) if columns[name].shape[1] > 1 else columns[name][:, 0], kind)
+            pa.array(
+                list(columns[name]) if columns[name].shape[1] > 1 else columns[name][:, 0], kind
+            )
             for name, kind in zip(self._schema.names, self._schema.types, strict=True)
         ]
         self._data.write_table(pa.table(arrays, schema=self._schema))
@@ -187,7 +189,7 @@ class DatasetWriter:
         return number
 
     def add_image(self, number: int, key: str, image: VideoFrame, times: int) -> None:
-        """Add an image to a video of an episode, for so many steps."""
+        """Add an image to a video of an episode, for a number of steps."""
         video = self._open.get((number, key))
         if video is None:
             video = self._open[number, key] = self._new_video(number, key)

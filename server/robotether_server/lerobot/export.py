@@ -17,14 +17,14 @@ from typing import Any
 from av.video.frame import VideoFrame
 
 from robotether_server.lerobot.actions import action_names, are_float32
-from robotether_server.lerobot.dataset import DatasetWriter, DatasetLayout
+from robotether_server.lerobot.dataset import DatasetLayout, DatasetWriter
 from robotether_server.lerobot.decoding import CameraDecoder
 from robotether_server.lerobot.pairing import (
     MIN_EPISODE_S,
     CutReason,
     DriveData,
-    FrameInfo,
     EpisodeStep,
+    FrameInfo,
     episodes,
     frame_rate,
     seen_cameras,
@@ -33,9 +33,9 @@ from robotether_server.lerobot.pairing import (
 from robotether_server.lerobot.recording import (
     MAX_MESSAGES,
     STATE_NAMES,
+    NotExportedError,
     RecordedCommand,
     RecordedControl,
-    NotExportedError,
     RecordedFrame,
     RecordedState,
     read_recording,
@@ -107,10 +107,12 @@ def export(paths: Sequence[Path], folder: Path, options: ExportOptions) -> Expor
 
 def describe_cuts(report: ExportReport) -> str:
     """Return how much is in no episode, and why."""
-    found = {cut.value: count for cut, count in report.cut.most_common()}
+    counts = {cut.value: count for cut, count in report.cut.most_common()}
     if report.short_steps:
-        found[f"{report.short_episodes} stretches shorter than {MIN_EPISODE_S:g} s"] = report.short_steps
-    return "; ".join(f"{count / report.fps:.1f} s: {why}" for why, count in found.items())
+        counts[f"{report.short_episodes} stretches shorter than {MIN_EPISODE_S:g} s"] = (
+            report.short_steps
+        )
+    return "; ".join(f"{count / report.fps:.1f} s: {why}" for why, count in counts.items())
 
 
 def read_drive(path: Path, cameras: Sequence[str] = ()) -> DriveData:
@@ -159,7 +161,9 @@ def _choose_cameras(recordings: Sequence[_Recording], chosen: Sequence[str]) -> 
             )
     names = Counter(map(_name_of, cameras))
     if len(names) < len(cameras):
-        raise NotExportedError("cannot export: two cameras have the same name but for its punctuation")
+        raise NotExportedError(
+            "cannot export: two cameras have the same name but for its punctuation"
+        )
     return cameras
 
 
@@ -167,7 +171,10 @@ def _choose_states(recordings: Sequence[_Recording]) -> str:
     """Keep the states of one odometry of each recording, of a type that all have, and return the type."""
     for kind in STATE_NAMES:
         topics = [
-            min((state.topic for state in recording.drive.states if state.kind == kind), default=None)
+            min(
+                (state.topic for state in recording.drive.states if state.kind == kind),
+                default=None,
+            )
             for recording in recordings
         ]
         if None in topics:
@@ -217,14 +224,14 @@ def _sizes(recordings: Sequence[_Recording], cameras: Sequence[str]) -> dict[str
     """Return width and height of each camera's videos: those of its largest frame, as even numbers."""
     sizes = {}
     for number, camera in enumerate(cameras):
-        found = {
+        shapes = {
             (frame.width, frame.height)
             for recording in recordings
             for place in {step.frames[number] for each in recording.episodes for step in each}
             for frame in [recording.drive.frames[camera][place]]
         }
-        width, height = max(found, key=math.prod)
-        for other_width, other_height in found:
+        width, height = max(shapes, key=math.prod)
+        for other_width, other_height in shapes:
             difference = other_width / other_height * height / width - 1
             if abs(difference) > MAX_SHAPE_DIFFERENCE:
                 raise NotExportedError(
@@ -259,20 +266,18 @@ def _write(
         raise
 
 
-def _write_recording(
-    recording: _Recording, writer: DatasetWriter, keys: Mapping[str, str]
-) -> None:
+def _write_recording(recording: _Recording, writer: DatasetWriter, keys: Mapping[str, str]) -> None:
     # By camera and place of a frame: the episodes that have it, and for how many steps.
-    wanted: dict[tuple[str, int], Counter[int]] = {}
+    needed_places: dict[tuple[str, int], Counter[int]] = {}
     for episode in recording.episodes:
         number = writer.add_episode(episode)
         for step in episode:
             for camera, place in zip(keys, step.frames, strict=True):
-                wanted.setdefault((camera, place), Counter())[number] += 1
+                needed_places.setdefault((camera, place), Counter())[number] += 1
     for camera, place, image in _images(recording.path, keys):
-        for number, times in wanted.pop((camera, place), {}).items():
+        for number, times in needed_places.pop((camera, place), {}).items():
             writer.add_image(number, keys[camera], image, times)
-    if wanted:
+    if needed_places:
         raise NotExportedError(f"cannot export {recording.path}: the file changed meanwhile")
 
 

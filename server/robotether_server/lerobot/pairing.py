@@ -74,21 +74,25 @@ def frame_rate(drives: Iterable[DriveData], cameras: Iterable[str]) -> int:
     """Return the median rate in Hz of the quickest camera, from 1 to 60."""
     intervals: dict[str, list[int]] = {camera: [] for camera in cameras}
     for drive in drives:
-        for camera, found in intervals.items():
+        for camera, lengths in intervals.items():
             times = [frame.taken_ns for frame in drive.frames.get(camera, ())]
-            found += [after - before for before, after in pairwise(times) if after > before]
-    rates = [NS_PER_S / median(found) for found in intervals.values() if found]
+            lengths += [after - before for before, after in pairwise(times) if after > before]
+    rates = [NS_PER_S / median(lengths) for lengths in intervals.values() if lengths]
     least, most = FPS
     return round(min(max(max(rates, default=least), least), most))
 
 
 def seen_cameras(drive: DriveData) -> list[str]:
     """Return the recorded cameras of which the driver saw a frame."""
-    named = {camera for command in drive.commands for camera, sequence in command.seen if sequence >= 0}
+    named = {
+        camera for command in drive.commands for camera, sequence in command.seen if sequence >= 0
+    }
     return sorted(named & drive.frames.keys())
 
 
-def steps(drive: DriveData, cameras: Sequence[str], kind: str, fps: int) -> Iterator[EpisodeStep | CutReason]:
+def steps(
+    drive: DriveData, cameras: Sequence[str], kind: str, fps: int
+) -> Iterator[EpisodeStep | CutReason]:
     """Yield what is the case each 1/fps, from the first command to the last; commands are of one kind."""
     situation = _Situation(drive, cameras, kind)
     events = sorted(
@@ -105,10 +109,10 @@ def steps(drive: DriveData, cameras: Sequence[str], kind: str, fps: int) -> Iter
         yield situation.step(at_ns)
 
 
-def episodes(found: Iterable[EpisodeStep | CutReason], fps: int) -> Iterator[list[EpisodeStep]]:
+def episodes(timeline: Iterable[EpisodeStep | CutReason], fps: int) -> Iterator[list[EpisodeStep]]:
     """Yield the stretches without a cut, each of one driver, those that are too short included."""
     episode: list[EpisodeStep] = []
-    for step in found:
+    for step in timeline:
         goes_on = isinstance(step, EpisodeStep) and (not episode or step.fence == episode[0].fence)
         if episode and (not goes_on or len(episode) >= MAX_EPISODE_S * fps):
             yield episode
@@ -154,9 +158,7 @@ class _Situation:
                 continue
             place = self._place(camera, sequence, command.at_ns)
             before = self._seen.get(camera)
-            self._seen[camera] = (
-                place if place is None or before is None else max(place, before)
-            )
+            self._seen[camera] = place if place is None or before is None else max(place, before)
 
     def _place(self, camera: str, sequence: int, at_ns: int) -> int | None:
         """Return which frame a command names; None where it is not recorded, or more than one has its number."""

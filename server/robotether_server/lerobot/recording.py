@@ -142,7 +142,9 @@ def _command(fields: CdrReader, _message: Message) -> RecordedCommand:
     fields.skip("d", 2)  # speeds
     action = action_of(fields.text())
     cameras = fields.texts()
-    return RecordedCommand(at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False)))
+    return RecordedCommand(
+        at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False))
+    )
 
 
 def _control(fields: CdrReader, message: Message) -> RecordedControl:
@@ -204,12 +206,16 @@ def _chunks(file: BinaryIO, path: Path) -> Iterator[Chunk]:
                 f"cannot export {path}: it has no end; download it again after the recording ended"
             )
         if length > MAX_RECORD_BYTES:
-            raise NotExportedError(f"cannot export {path}: a part of it is larger than a recorder writes")
+            raise NotExportedError(
+                f"cannot export {path}: a part of it is larger than a recorder writes"
+            )
         body = file.read(length)
         if opcode == Opcode.DATA_END:
             return
         if opcode == Opcode.CHUNK:
             chunk = Chunk.read(ReadDataStream(BytesIO(body)))
             if chunk.compression:
-                raise NotExportedError(f"cannot export {path}: it is compressed, as no recorder of ours writes")
+                raise NotExportedError(
+                    f"cannot export {path}: it is compressed, as no recorder of ours writes"
+                )
             yield chunk

@@ -225,7 +225,9 @@ def _within(at_ms: float, spans: tuple[tuple[int, int], ...]) -> bool:
     return any(from_ms <= at_ms < to_ms for from_ms, to_ms in spans)
 
 
-def own_message(topic: str, members: dict[str, Any], at_ms: int, late_ms: int = 0) -> RecordedMessage:
+def own_message(
+    topic: str, members: dict[str, Any], at_ms: int, late_ms: int = 0
+) -> RecordedMessage:
     """A message of the relay's, recorded a little later."""
     own, at_ns = OWN_TOPICS[topic], BASE_NS + at_ms * MS
     data = own.encode({"stamp": stamp_of(at_ns), **members})
@@ -256,7 +258,9 @@ def odometry(at_ms: int, x: float, y: float = 0.0) -> RecordedMessage:
         "twist": {"twist": {"linear": zero, "angular": zero}, "covariance": [0.0] * 36},
     }
     at_ns = BASE_NS + at_ms * MS
-    return RecordedMessage(channel_of("/odom", ODOMETRY), at_ns, at_ns, 0, encoder_of(ODOMETRY)(message))
+    return RecordedMessage(
+        channel_of("/odom", ODOMETRY), at_ns, at_ns, 0, encoder_of(ODOMETRY)(message)
+    )
 
 
 def encoder_of_frames(codec: str, size: tuple[int, int] = (WIDTH, HEIGHT)) -> Any:
@@ -299,9 +303,7 @@ def true_row(drive: RecordedDrive, at_ms: float) -> Row | None:
     """What a dataset must have of a time; None: nothing, as it is frozen, not driven or not known."""
     fence = drive.fence_at(at_ms)
     before = [
-        command
-        for command in drive.commands
-        if command.at_ms <= at_ms and command.fence == fence
+        command for command in drive.commands if command.at_ms <= at_ms and command.fence == fence
     ]
     if not before or before[-1].seen.keys() != drive.frames.keys():
         return None

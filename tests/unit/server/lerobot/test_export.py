@@ -102,7 +102,11 @@ def numbers_of(path, fps):
             **LATE,
         ),
     ],
-    ids=["JPEG of two sizes", "H.264 with losses", "two cameras, two drivers, frozen, idle, stopped"],
+    ids=[
+        "JPEG of two sizes",
+        "H.264 with losses",
+        "two cameras, two drivers, frozen, idle, stopped",
+    ],
 )
 def test_a_dataset_has_what_the_driver_had_seen(tmp_path, drive):
     report = export([drive.write(tmp_path / "1.mcap")], tmp_path / "dataset", OPTIONS)
@@ -149,7 +153,18 @@ def damaged(change):
         (RecordedDrive(1, seconds=2, frozen=((0, 2000),)).write, "no episode"),
         (RecordedDrive(1, {"/a/b": "jpeg", "/a_b": "jpeg"}).write, "same name"),
     ],
-    ids=["another file", "cut", "length", "checksum", "compressed", "long", "shapes", "not driven", "frozen", "names"],
+    ids=[
+        "another file",
+        "cut",
+        "length",
+        "checksum",
+        "compressed",
+        "long",
+        "shapes",
+        "not driven",
+        "frozen",
+        "names",
+    ],
 )
 def test_what_cannot_be_exported_leaves_nothing(tmp_path, write, why):
     write(tmp_path / "1.mcap")
@@ -171,10 +186,16 @@ def test_what_a_robot_names_and_says_stays_data(tmp_path):
             for data in (b"", b"\0\1\0\0", b"\0\1\0\0" + b"\xff" * 800)
         ),
         CameraWriter(camera, "gif").message(b"GIF", log_ns=BASE_NS, taken_ns=BASE_NS, sequence=3),
-        CameraWriter(camera, "h264").message(b"\0\0\1\x67\xff", log_ns=BASE_NS, taken_ns=BASE_NS, sequence=3),
+        CameraWriter(camera, "h264").message(
+            b"\0\0\1\x67\xff", log_ns=BASE_NS, taken_ns=BASE_NS, sequence=3
+        ),
     ]
     bomb = frames[50]
-    path = drive.write(tmp_path / "1.mcap", extra=hostile, images={bomb.number: jpeg_of(np.zeros((3200, 3200, 3), np.uint8))})
+    path = drive.write(
+        tmp_path / "1.mcap",
+        extra=hostile,
+        images={bomb.number: jpeg_of(np.zeros((3200, 3200, 3), np.uint8))},
+    )
     export([path], tmp_path / "dataset", OPTIONS)
     rows = rows_of(tmp_path / "dataset")
     assert pairing_errors([drive], rows) == []

@@ -15,8 +15,20 @@ from recorded_drive import (
 )
 from robotether_server.lerobot.actions import Action
 from robotether_server.lerobot.decoding import CameraDecoder
-from robotether_server.lerobot.pairing import CutReason, DriveData, FrameInfo, EpisodeStep, episodes, steps
-from robotether_server.lerobot.recording import RecordedCommand, RecordedControl, RecordedFrame, RecordedState
+from robotether_server.lerobot.pairing import (
+    CutReason,
+    DriveData,
+    EpisodeStep,
+    FrameInfo,
+    episodes,
+    steps,
+)
+from robotether_server.lerobot.recording import (
+    RecordedCommand,
+    RecordedControl,
+    RecordedFrame,
+    RecordedState,
+)
 
 CAMERAS = {"/front": "jpeg", "/rear": "jpeg"}
 FPS = 15
@@ -33,7 +45,9 @@ DRIVES = st.builds(
     missed=st.sampled_from([0, 0.05]),
     refused=st.sampled_from([0, 0.5]),
     delay_ms=st.sampled_from([20, 400, 1200]),
-    drivers=st.sampled_from([((150, 5800),), ((150, 2500), (2500, 5800)), ((150, 2500), (3000, 5800))]),
+    drivers=st.sampled_from(
+        [((150, 5800),), ((150, 2500), (2500, 5800)), ((150, 2500), (3000, 5800))]
+    ),
     frozen=SPANS,
     idle=SPANS,
     stopped=SPANS,
@@ -61,7 +75,9 @@ def drive_of(recorded: RecordedDrive) -> DriveData:
                 command.fence,
                 command.is_sent,
                 Action("twist", (command.speed, 0.0, 0.0, 0.0, 0.0, 0.0)),
-                tuple((camera, sequences[camera][number]) for camera, number in command.seen.items()),
+                tuple(
+                    (camera, sequences[camera][number]) for camera, number in command.seen.items()
+                ),
             )
             for command in recorded.commands
         ],
@@ -70,7 +86,9 @@ def drive_of(recorded: RecordedDrive) -> DriveData:
             for at_ms in recorded.changes_ms
             for fence in [recorded.fence_at(at_ms)]
         ],
-        states=[RecordedState(ns(at_ms), "/odom", "", (at_ms / 1000,)) for at_ms in recorded.states_ms],
+        states=[
+            RecordedState(ns(at_ms), "/odom", "", (at_ms / 1000,)) for at_ms in recorded.states_ms
+        ],
     )
 
 
@@ -89,11 +107,15 @@ def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(recorded):
         at_ms = (drive.commands[0].at_ns - BASE_NS) / MS + count * 1000 / FPS
         row = None
         if isinstance(step, EpisodeStep):
-            seen = [numbers[camera][place] for camera, place in zip(CAMERAS, step.frames, strict=True)]
+            seen = [
+                numbers[camera][place] for camera, place in zip(CAMERAS, step.frames, strict=True)
+            ]
             ages_s = tuple(round(age_s, 6) for age_s in step.ages_s)
             row = Row(recorded.seed, tuple(seen), ages_s, step.state[0], step.action[0])
         truth = true_row(recorded, at_ms)
-        assert row == (truth and truth._replace(ages_s=tuple(round(age, 6) for age in truth.ages_s)))
+        assert row == (
+            truth and truth._replace(ages_s=tuple(round(age, 6) for age in truth.ages_s))
+        )
 
 
 def step_of(frames, named):
@@ -102,7 +124,9 @@ def step_of(frames, named):
     drive = DriveData(
         {"/front": frames},
         [
-            RecordedCommand(at_ns + count, 1, True, Action("twist", (0.0,) * 6), (("/front", number),))
+            RecordedCommand(
+                at_ns + count, 1, True, Action("twist", (0.0,) * 6), (("/front", number),)
+            )
             for count, number in enumerate(named)
         ]
         + [RecordedCommand(at_ns + 100 * MS, 1, True, Action("twist", (0.0,) * 6), ())],
