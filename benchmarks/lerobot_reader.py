@@ -1,8 +1,9 @@
-"""Whether LeRobot's own reader takes what `robotether recording export` writes, and whether each step has the right frame.
+"""Whether LeRobot's own reader takes what `robotether recording export` writes, and whether each step has its frame.
 
-Exports made-up recordings of two cameras, with losses, delays, frozen video and changes of drivers, as one dataset, and
-reads every item by LeRobotDataset, which checks each timestamp to 1e-4 s. Compares it with the truth: each frame has its
-number in its pixels. Needs lerobot, which needs 8 GB and other versions than the tests do, so an environment of its own:
+Exports made-up recordings of two cameras, with losses, delays, frozen video and changes of drivers, as one dataset,
+and reads every item by LeRobotDataset, which checks each timestamp to 1e-4 s. Compares it with the truth: each frame
+has its number in its pixels. Needs lerobot, which needs 8 GB and other versions than the tests do, so an environment
+of its own:
 
     python3 -m venv /tmp/lerobot && /tmp/lerobot/bin/pip install lerobot==0.4.4 mcap msgspec
     PYTHONPATH=common:server:images/sim_robot:tests/support/fakes /tmp/lerobot/bin/python benchmarks/lerobot_reader.py
@@ -77,10 +78,13 @@ def main() -> int:
         took_s = time.monotonic() - began
         rows = list(read(Path(folder, "dataset"), arguments.backend))
     errors = pairing_errors(drives, rows)
-    print(f"{report.episodes} episodes, {report.steps} steps, exported in {took_s:.1f} s")
-    print(f"left out: {describe_cuts(report)}")
-    print(f"{len(rows)} items read with {arguments.backend}, {len(errors)} pairing errors")
-    print(*errors[:10], sep="\n")
+    said = (
+        f"{report.episodes} episodes, {report.steps} steps, exported in {took_s:.1f} s",
+        f"left out: {describe_cuts(report)}",
+        f"{len(rows)} items read with {arguments.backend}, {len(errors)} pairing errors",
+        *errors[:10],
+    )
+    sys.stdout.write("\n".join(said) + "\n")
     return int(bool(errors) or len(rows) != report.steps)
 
 

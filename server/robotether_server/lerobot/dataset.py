@@ -11,12 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import numpy as np
 import pyarrow as pa
 from av.video.frame import VideoFrame
+from av.video.stream import VideoStream
 from numpy.typing import NDArray
 from pyarrow import parquet
 
@@ -99,7 +100,8 @@ class VideoFile:
         self._left = length
         self._written = 0
         self._container = av.open(str(path), "w", format="mp4")
-        self._stream = self._container.add_stream(VIDEO_CODEC, rate=fps, options=VIDEO_OPTIONS)
+        stream = self._container.add_stream(VIDEO_CODEC, rate=fps, options=VIDEO_OPTIONS)
+        self._stream = cast(VideoStream, stream)
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = PIXELS
         self._time_base = Fraction(1, fps)
@@ -107,9 +109,8 @@ class VideoFile:
 
     def add(self, image: VideoFrame, times: int) -> bool:
         """Write an image for a number of steps; return whether it was the last."""
-        pixels = image.to_ndarray(
-            format="rgb24", width=self._stream.width, height=self._stream.height
-        )
+        width, height = self._stream.width, self._stream.height
+        pixels = np.asarray(image.to_ndarray(format="rgb24", width=width, height=height), np.uint8)
         frame = VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format=PIXELS)
         frame.time_base = self._time_base
         for _ in range(times):
@@ -235,7 +236,7 @@ class DatasetWriter:
     ) -> dict[str, NDArray[Any]]:
         """Return the values (steps, numbers of a step) of each feature."""
         count = np.arange(len(steps), dtype=np.int64)
-        columns = {
+        columns: dict[str, NDArray[Any]] = {
             STATE: np.array([step.state for step in steps], np.float32),
             ACTION: np.array([step.action for step in steps], np.float32),
             AGE: np.array([step.ages_s for step in steps], np.float32),

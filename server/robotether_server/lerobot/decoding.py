@@ -46,7 +46,7 @@ class CameraDecoder:
             yield from self._decoded(None)
             self._decoder = None
 
-    def _decoded(self, packet: av.Packet | None) -> Iterator[tuple[int, VideoFrame]]:
+    def _decoded(self, packet: av.Packet[Any] | None) -> Iterator[tuple[int, VideoFrame]]:
         try:
             frames = self._decoder.decode(packet)
         except (av.FFmpegError, MemoryError, ValueError):

@@ -95,9 +95,12 @@ def steps(
 ) -> Iterator[EpisodeStep | CutReason]:
     """Yield what is the case each 1/fps, from the first command to the last; commands are of one kind."""
     situation = _Situation(drive, cameras, kind)
-    events = sorted(
-        [*drive.controls, *drive.commands, *drive.states], key=lambda event: event.at_ns
-    )
+    events: list[RecordedCommand | RecordedControl | RecordedState] = [
+        *drive.controls,
+        *drive.commands,
+        *drive.states,
+    ]
+    events.sort(key=lambda event: event.at_ns)
     start_ns = drive.commands[0].at_ns
     count = (drive.commands[-1].at_ns - start_ns) * fps // NS_PER_S + 1
     passed = 0

@@ -1,6 +1,7 @@
 """A recorded drive of a made-up robot, and its truth: each frame has its number in its pixels, each command its time.
 
-Frames get lost, come late and stand still; drivers pause, change, and stop the robot. Times are whole ms from `BASE_NS`.
+Frames get lost, come late and stand still; drivers pause, change, and stop the robot. Times are whole ms from
+`BASE_NS`.
 """
 
 from __future__ import annotations
@@ -328,7 +329,7 @@ def true_row(drive: RecordedDrive, at_ms: float) -> Row | None:
 
 
 def pairing_errors(drives: Iterable[RecordedDrive], rows: Iterable[Row]) -> list[str]:
-    """Compare rows with the truth of their times, which follow from when a frame was taken and how old it is said to be."""
+    """Compare rows with the truth of their times, which follow from when a frame was taken and its age."""
     by_seed = {drive.seed: drive for drive in drives}
     errors = []
     for row in rows:
