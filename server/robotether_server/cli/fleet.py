@@ -9,6 +9,7 @@ and ends the process group when it closes, including what sudo started. Output i
 its robot's name. Control characters are escaped: a robot must not control the operator's terminal.
 """
 
+import contextlib
 import logging
 import shlex
 import sys
@@ -142,7 +143,9 @@ class Runner(Remote):  # type: ignore[misc] # fabric has no types
         """Start the command; the first line is for sudo, or else for the watcher, which takes no notice."""
         super().send_start_message(command)
         if self._password is not None:
-            self.channel.sendall(f"{self._password}\n".encode())
+            # A command that has ended already reads nothing; its status says how.
+            with contextlib.suppress(OSError):
+                self.channel.sendall(f"{self._password}\n".encode())
 
     def handle_stdout(self, buffer_: list[str], hide: bool, output: IO[str]) -> None:
         """Pass standard output on."""
