@@ -18,6 +18,7 @@ from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecorderStore
 from robotether_server.settings.server import RecorderSettings, load
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -49,8 +50,7 @@ async def run(settings: RecorderSettings) -> None:
         working = asyncio.create_task(service.run())
         stopping = asyncio.create_task(stopped.wait())
         await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        working.cancel()
-        await asyncio.gather(working, return_exceptions=True)
+        await end_tasks([working])
         await service.close()
         await runner.cleanup()
 

@@ -28,6 +28,7 @@ from robotether_server.recorder.channels import JSON_TEXT, NAMESPACE, CameraWrit
 from robotether_server.recorder.mcap_file import RecordedMessage
 from robotether_server.recorder.relay_client import AGAIN_S, RelayClient
 from robotether_server.recorder.ros_types import RosType, UnknownTypeError, short_name, type_of
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -140,9 +141,7 @@ class RobotObserver:
             await self._again_and_again(self._observe_topics, "rosbridge")
         finally:
             tasks = list(self._cameras.values())
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_tasks(tasks)
 
     def _observe_cameras(self, cameras: Sequence[str]) -> None:
         """Observe these, too; those of the robot's page, if it names any, and no others."""
@@ -198,8 +197,7 @@ class RosbridgeObserver:
                 if message.type is WSMsgType.TEXT:
                     self._on_text(message.data)
         finally:
-            discovering.cancel()
-            await asyncio.gather(discovering, return_exceptions=True)
+            await end_tasks([discovering])
 
     def _on_text(self, text: str) -> None:
         try:
@@ -299,8 +297,7 @@ class CameraObserver:
                 elif message.type is WSMsgType.TEXT:
                     self._on_text(message.data)
         finally:
-            asking.cancel()
-            await asyncio.gather(asking, return_exceptions=True)
+            await end_tasks([asking])
 
     async def _on_frame(self, data: bytes) -> None:
         number, flags, _, sequence, taken_ms = HEADER.unpack_from(data)

@@ -22,6 +22,7 @@ from robotether_server.recorder.channels import OWN_TOPICS
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
 from robotether_server.recorder.observer import RobotObserver
 from robotether_server.recorder.relay_client import RelayClient
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -215,8 +216,7 @@ class RobotRecorder:
         self.keep_recent(False)
         observing = self._observing
         if observing is not None:
-            observing.cancel()
-            await asyncio.gather(observing, return_exceptions=True)
+            await end_tasks([observing])
 
     def _write_to(self, recording: OpenRecording, message: RecordedMessage) -> None:
         if recording.failure is None:

@@ -32,6 +32,7 @@ from robotether_server.recorder.robot_recorder import (
 )
 from robotether_server.recorder.store import RecorderStore, RecordingEnd
 from robotether_server.settings.server import RecorderSettings
+from robotether_server.tasks import end_tasks
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -92,9 +93,7 @@ class RecorderService:
         try:
             await asyncio.gather(*tasks)
         finally:
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_tasks(tasks)
 
     async def close(self) -> None:
         """End all recordings; the recorder stops."""

@@ -44,7 +44,7 @@ from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi, OtherCells
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.event_loop import end_tasks, start_task
+from robotether_server.relay.http.event_loop import start_task
 from robotether_server.relay.http.sockets import robot_client
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver
@@ -62,6 +62,7 @@ from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellS
 from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
+from robotether_server.tasks import end_tasks
 from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
 

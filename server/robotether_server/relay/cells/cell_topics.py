@@ -39,6 +39,7 @@ from robotether_server.relay.http.event_loop import PieceTurns, next_turn
 from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
+from robotether_server.tasks import end_tasks
 
 # Time limit for the subscription.
 SUBSCRIBED_WITHIN_S = 3.0
@@ -141,9 +142,7 @@ class PeerTopicsHandler:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             copies.close()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_tasks(tasks)
 
 
 async def _subscription(socket: OperatorSocket) -> TopicRequest | None:

@@ -17,7 +17,7 @@ from robotether_server.relay.cells.feed import FLEET_PATH, receive
 from robotether_server.relay.cells.keys import SERVER_NAME, PeerKeys
 from robotether_server.relay.cells.messages import PeerHello, parse
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.http.event_loop import end_tasks
+from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
 log = logging.getLogger(__name__)

@@ -29,6 +29,7 @@ from robotether_server.relay.cells.messages import (
 from robotether_server.relay.channels.events import ChangedRobots, FleetEvents
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_stops import RobotStops
+from robotether_server.tasks import end_tasks
 
 FLEET_PATH = "/cell/v1/fleet"
 PING_EVERY_S = 1.0
@@ -115,9 +116,7 @@ class PeerFeedHandler:
                 if request.transport is not None:
                     request.transport.abort()
             finally:
-                for task in tasks:
-                    task.cancel()
-                await asyncio.gather(*tasks, return_exceptions=True)
+                await end_tasks(tasks)
         return connection
 
     @contextmanager

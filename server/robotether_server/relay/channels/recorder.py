@@ -27,6 +27,7 @@ from robotether_server.relay.auth.access import Access
 from robotether_server.relay.robots.recorders import RecordedTopic, RecorderOfRobot, stamped
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -207,8 +208,7 @@ class RecorderHandler:
                 try:
                     await self._read(socket, connection)
                 finally:
-                    sending.cancel()
-                    await asyncio.gather(sending, return_exceptions=True)
+                    await end_tasks([sending])
         finally:
             self._connections.discard(connection)
             connection.leave()

@@ -10,7 +10,7 @@ import faulthandler
 import logging
 import resource
 import socket
-from collections.abc import Awaitable, Collection, Coroutine
+from collections.abc import Awaitable, Coroutine
 from typing import Any
 
 import uvloop
@@ -106,13 +106,6 @@ def start_task(name: str, work: Coroutine[None, None, None]) -> asyncio.Task[Non
     task = asyncio.create_task(work, name=name)
     task.add_done_callback(_report_failure)
     return task
-
-
-async def end_tasks(tasks: Collection[asyncio.Task[None]]) -> None:
-    """End them, and return when they have ended."""
-    for task in tasks:
-        task.cancel()
-    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 def _report_failure(task: asyncio.Task[None]) -> None:

@@ -39,6 +39,7 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.event_loop import PIECE_BYTES, PieceTurns, next_turn
 from robotether_server.relay.http.timing import Liveness, LivenessLimits
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -234,8 +235,7 @@ class OperatorConnection:
         try:
             return await self._ended
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await end_tasks([task])
 
     async def _run_together(self, *parts: Coroutine[Any, Any, CloseReason]) -> CloseReason:
         async with asyncio.TaskGroup() as group:

@@ -16,6 +16,7 @@ from robotether_common.services import ServiceName
 from robotether_common.session import ServiceState
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -117,8 +118,7 @@ class LinkChecks:
     async def close(self) -> None:
         """Check no more."""
         if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+            await end_tasks([self._task])
 
     async def _run(self) -> None:
         while self._is_due:

@@ -23,6 +23,7 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import FAREWELL_S, LinkRules, RobotLink
 from robotether_server.relay.robots.session_messages import Preface, WrongKeyError
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -74,9 +75,7 @@ class SessionServer:
             link.end("relay_stopping", "the relay is stopping; connect again in a moment")
         if self._tasks:
             _, running = await asyncio.wait(self._tasks, timeout=2 * FAREWELL_S)
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)
+            await end_tasks(running)
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """End the links of robots that may no longer connect; send others their new settings."""

@@ -12,9 +12,9 @@ from collections.abc import Callable, Collection, Coroutine, Hashable
 from typing import Any, Generic, Protocol, TypeVar, cast
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.http.event_loop import end_tasks
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Robot
+from robotether_server.tasks import end_tasks
 
 
 class CopyUser(Protocol):

@@ -37,6 +37,7 @@ from robotether_server.relay.http.sockets import (
     own_words,
 )
 from robotether_server.relay.routes.source import RouteSource, SourceMessage
+from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
 ROUTES_PATH = "/cell/v1/routes"
@@ -96,8 +97,7 @@ class CellSources:
         try:
             return await self._read(socket, source, timestamps)
         finally:
-            dating.cancel()
-            await asyncio.gather(dating, return_exceptions=True)
+            await end_tasks([dating])
             socket.drop()
 
     async def _read(
@@ -155,9 +155,7 @@ class CellSourceHandler:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             source.close(self._shared_topics)
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
+            await end_tasks(tasks)
         await socket.finish(close_reasons.client_left(readable.robot.name))
         return socket
 

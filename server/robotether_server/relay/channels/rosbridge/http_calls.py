@@ -35,6 +35,7 @@ from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorConnection
 from robotether_server.relay.robots.connection import Connection, Use
 from robotether_server.schemas import Level
+from robotether_server.tasks import end_tasks
 
 # Time limit for a client to take each piece of its answer.
 TAKEN_WITHIN_S = 10.0
@@ -84,8 +85,7 @@ class HttpCall(OperatorConnection):
                 return task.result()
             raise ConnectionClosedError(self._ended.result())
         finally:
-            task.cancel()
-            await asyncio.gather(task, return_exceptions=True)
+            await end_tasks([task])
 
     async def _answer(self, work: Coroutine[Any, Any, Struct | None]) -> web.StreamResponse:
         answer = await work

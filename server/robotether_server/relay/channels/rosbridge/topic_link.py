@@ -32,6 +32,7 @@ from robotether_server.relay.http.sockets import RobotSocket, own_words
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaPath
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
@@ -112,8 +113,7 @@ class TopicLinks:
                 return await self._pass_on(socket, topic)
         finally:
             topic.timestamps = None
-            dating.cancel()
-            await asyncio.gather(dating, return_exceptions=True)
+            await end_tasks([dating])
             socket.drop()
 
     async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> str:

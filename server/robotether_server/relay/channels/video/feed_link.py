@@ -40,6 +40,7 @@ from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
+from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
@@ -117,8 +118,7 @@ class FeedLink:
         except ProtocolError as exc:
             log.warning("robot %s: broke the frames protocol: %s", name, exc)
         finally:
-            sending.cancel()
-            await asyncio.gather(sending, return_exceptions=True)
+            await end_tasks([sending])
 
     async def _read(self, socket: RobotSocket) -> None:
         now_s = time.monotonic()
