@@ -10,6 +10,7 @@ import datetime as dt
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from inspect import getdoc
 from types import NoneType, UnionType
@@ -118,22 +119,22 @@ def operation(
         # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
         renew = renews_login and not briefly
 
+        def answer(handle: Handler, **names: object) -> Response:
+            return respond(handle(**names, **_arguments(api_operation, any_type=any_type)))
+
+        def answer_caller(tx: Transaction, **names: Any) -> Response:
+            caller = auth.admit(tx, who, names.get("robot", ""), renew=renew)
+            return answer(handler, caller=caller, **names)
+
         def view(**names: Any) -> Response:
-            def answer(handle: Handler = handler, **caller: object) -> Response:
-                arguments = _arguments(api_operation, any_type=any_type)
-                return respond(handle(**caller, **names, **arguments))
-
-            def answer_caller(tx: Transaction) -> Response:
-                return answer(caller=auth.admit(tx, who, names.get("robot", ""), renew=renew))
-
             try:
                 if who == "anybody":
-                    return answer()
-                return context().database.run(answer_caller, briefly=briefly)
+                    return answer(handler, **names)
+                return context().database.run(partial(answer_caller, **names), briefly=briefly)
             except StoreUnavailableError:
                 if without_database is None:
                     raise
-            return answer(without_database)
+            return answer(without_database, **names)
 
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
