@@ -1,4 +1,4 @@
-"""DriveData commands as numbers with names, by the messages of ROS that drive a robot. Pure."""
+"""Drive commands as numbers with names, by the messages of ROS that drive a robot. Pure."""
 
 from __future__ import annotations
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import struct
 from collections.abc import Mapping
 
+from robotether_server.contract.recordings import CDR_START
 from robotether_server.problems import RobotetherError
 
-# CDR, little endian. Alignment counts from the end of these four bytes.
-START = b"\0\1\0\0"
 NUMBERS: Mapping[str, struct.Struct] = {letter: struct.Struct(f"<{letter}") for letter in "?iIqfd"}
 
 
@@ -20,9 +19,9 @@ class CdrReader:
     """The fields of one message in their order; each method raises DecodingError."""
 
     def __init__(self, data: bytes) -> None:
-        if data[: len(START)] != START:
+        if data[: len(CDR_START)] != CDR_START:
             raise DecodingError("a message in another encoding")
-        self._data = memoryview(data)[len(START) :]
+        self._data = memoryview(data)[len(CDR_START) :]
         self._at = 0
 
     def number(self, letter: str) -> float:

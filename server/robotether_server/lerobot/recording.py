@@ -18,22 +18,27 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, Message, Schema
 from mcap.stream_reader import breakup_chunk
 
+from robotether_server.contract.recordings import (
+    IMAGE_SUFFIX,
+    MAGIC,
+    NAMESPACE,
+    RECORD,
+    VIDEO_SUFFIX,
+)
 from robotether_server.lerobot.actions import Action, action_of
 from robotether_server.lerobot.cdr_reader import CdrReader, DecodingError
 from robotether_server.problems import RobotetherError
 
-MAGIC = b"\x89MCAP0\r\n"
-RECORD = struct.Struct("<BQ")
 # Maximum size of a record: a chunk has at most a megabyte and a frame.
 MAX_RECORD_BYTES = 32 * 1024 * 1024
 # Maximum number of messages of a recording that are kept in memory.
 MAX_MESSAGES = 4_000_000
 
-COMMANDS, CONTROL = "/robotether/commands", "/robotether/control"
+COMMANDS, CONTROL = f"{NAMESPACE}commands", f"{NAMESPACE}control"
 # Ending of a camera's topic, by the type of its messages.
 CAMERA_SUFFIXES = {
-    "sensor_msgs/msg/CompressedImage": "/compressed",
-    "foxglove_msgs/msg/CompressedVideo": "/video",
+    "sensor_msgs/msg/CompressedImage": IMAGE_SUFFIX,
+    "foxglove_msgs/msg/CompressedVideo": VIDEO_SUFFIX,
 }
 _XYZ = ("x", "y", "z")
 # Names of what odometry says, by the type of its messages; the first that a recording has is its state.
@@ -126,7 +131,7 @@ def _reader_of(topic: str, kind: str) -> _Reader | None:
     suffix = CAMERA_SUFFIXES.get(kind)
     if suffix is None or not topic.endswith(suffix):
         return None
-    read, camera = _image if suffix == "/compressed" else _video, topic.removesuffix(suffix)
+    read, camera = _image if suffix == IMAGE_SUFFIX else _video, topic.removesuffix(suffix)
     return lambda fields, message: RecordedFrame(
         camera, *read(fields), message.sequence, message.publish_time, message.log_time
     )

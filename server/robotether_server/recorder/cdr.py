@@ -11,11 +11,10 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robotether_server.contract.recordings import CDR_START
 from robotether_server.problems import RobotetherError
 from robotether_server.recorder.ros_types import RosField, RosType
 
-# The beginning of each message: CDR, little endian, no options. Alignment counts from its end.
-START = b"\0\1\0\0"
 NAN = float("nan")
 FORMATS = {
     "bool": "?",
@@ -49,7 +48,7 @@ def encoder_of(ros_type: RosType) -> Encoder:
     write = _Writers(ros_type).of(ros_type.name)
 
     def encode(message: Mapping[str, Any]) -> bytes:
-        data = bytearray(START)
+        data = bytearray(CDR_START)
         try:
             write(data, message)
         except (
@@ -163,7 +162,7 @@ def _write_count(data: bytearray, count: int) -> None:
 
 
 def _align(data: bytearray, size: int) -> None:
-    data += bytes(-(len(data) - len(START)) % size)
+    data += bytes(-(len(data) - len(CDR_START)) % size)
 
 
 def _decoded(text: str) -> bytes:

@@ -10,11 +10,16 @@ import struct
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from robotether_server.recorder.cdr import COUNT, START, Encoder, encoder_of
+from robotether_server.contract.recordings import (
+    CDR_START,
+    IMAGE_SUFFIX,
+    NAMESPACE,
+    VIDEO_SUFFIX,
+)
+from robotether_server.recorder.cdr import COUNT, Encoder, encoder_of
 from robotether_server.recorder.mcap_file import RecordedChannel, RecordedMessage
 from robotether_server.recorder.ros_types import RosType, parse_definition
 
-NAMESPACE = "/robotether/"
 STAMP = struct.Struct("<iI")
 NS_PER_S = 1_000_000_000
 # Maximum time of a stamp; a robot's clock may say anything.
@@ -120,8 +125,8 @@ class CameraWriter:
     def __init__(self, camera: str, codec: str) -> None:
         self._is_image = codec == "jpeg"
         ros_type = _IMAGE if self._is_image else _VIDEO
-        name = "compressed" if self._is_image else "video"
-        self._channel = channel_of(f"{camera.rstrip('/')}/{name}", ros_type)
+        suffix = IMAGE_SUFFIX if self._is_image else VIDEO_SUFFIX
+        self._channel = channel_of(camera.rstrip("/") + suffix, ros_type)
         self._codec = codec.encode() + b"\0"
         frame_id = camera.encode() + b"\0"
         self._frame_id = COUNT.pack(len(frame_id)) + frame_id
@@ -134,7 +139,7 @@ class CameraWriter:
         if self._is_image:
             begin = _aligned(begin) + COUNT.pack(len(self._codec)) + self._codec
         begin = _aligned(begin) + COUNT.pack(len(data))
-        parts = [START, begin, data]
+        parts = [CDR_START, begin, data]
         if not self._is_image:
             padding = bytes(-(len(begin) + len(data)) % COUNT.size)
             parts += [padding, COUNT.pack(len(self._codec)), self._codec]

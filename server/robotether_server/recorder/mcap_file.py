@@ -33,10 +33,9 @@ from mcap.records import (
     Statistics,
 )
 
-MAGIC = b"\x89MCAP0\r\n"
+from robotether_server.contract.recordings import MAGIC, RECORD
+
 PROFILE = "ros2"
-# Opcode and length of a record.
-RECORD = struct.Struct("<BQ")
 # Of a message: channel, sequence, and the times of its log and of its publication in ns.
 MESSAGE = struct.Struct("<HIQQ")
 # Of a chunk: first and last time in ns, size, CRC; the length of no compression; the size of what follows.

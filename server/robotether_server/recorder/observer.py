@@ -22,9 +22,10 @@ from robotether_common.codecs import CODECS
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS
 from robotether_common.ros import camera_topics
 
+from robotether_server.contract.recordings import NAMESPACE
 from robotether_server.db.recordings import RecordableRobot
 from robotether_server.recorder.cdr import EncodingError, encoder_of
-from robotether_server.recorder.channels import JSON_TEXT, NAMESPACE, CameraWriter, channel_of
+from robotether_server.recorder.channels import JSON_TEXT, CameraWriter, channel_of
 from robotether_server.recorder.mcap_file import RecordedMessage
 from robotether_server.recorder.relay_client import AGAIN_S, RelayClient
 from robotether_server.recorder.ros_types import RosType, UnknownTypeError, short_name, type_of
