@@ -18,7 +18,7 @@ from typing import Any
 import docker
 from docker.models.containers import Container
 from docker_engine import address_of, container_of, machine_address
-from inside import run_inside
+from inside import output_of
 from local_network import request_json
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -54,13 +54,7 @@ class LiveServer(ABC):
 
     def exec(self, service: str, *command: str) -> str:
         """Run a command in a service's container and return what it printed."""
-        done = run_inside(self.container(service), *command)
-        if done.returncode != 0:
-            raise RuntimeError(
-                f"{command[0]} in {service} exited {done.returncode}\n"
-                f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-            )
-        return done.stdout
+        return output_of(service, self.container(service), *command)
 
     def robotether(self, *arguments: str) -> str:
         return self.exec("web", "robotether", *arguments)

@@ -40,3 +40,14 @@ def run_inside(
         timeout=limit_s,
         check=False,
     )
+
+
+def output_of(service: str, container: Container, *command: str, user: str = "") -> str:
+    """Run a command in a service's container and return what it printed; AssertionError if it fails."""
+    done = run_inside(container, *command, user=user)
+    if done.returncode != 0:
+        raise AssertionError(
+            f"{' '.join(command)} in {service} exited {done.returncode}\n"
+            f"{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
+        )
+    return done.stdout

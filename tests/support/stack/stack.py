@@ -22,7 +22,7 @@ import docker
 import image_names
 from docker.models.containers import Container
 from docker_engine import container_of
-from inside import run_inside
+from inside import output_of
 from local_network import free_port, request_json
 from logins import Login
 from openssh_server import wait_until
@@ -127,13 +127,7 @@ class Stack:
 
     def exec(self, service: str, *command: str, user: str = "") -> str:
         """Run a command in a service's container, by the engine, as compose takes long; return what it printed."""
-        done = run_inside(self.container(service), *command, user=user)
-        if done.returncode != 0:
-            raise AssertionError(
-                f"{' '.join(command)} in {service} exited {done.returncode}\n"
-                f"{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
-            )
-        return done.stdout
+        return output_of(service, self.container(service), *command, user=user)
 
     def robotether(self, *arguments: str) -> str:
         return self.exec("web", "robotether", *arguments)
