@@ -282,7 +282,7 @@ async def test_its_video_is_seen(program: Program) -> None:
 
 
 async def test_its_h264_is_seen_beside_jpeg(program: Program) -> None:
-    """Each viewer gets what it decodes, of one camera, through the other cell."""
+    """Viewers of one camera get the codec that they decode, through the other cell."""
     url = f"{program.stack.url}/robots/sim1/video/frames?topic={quote(TOPIC)}"
     async with (
         aiohttp.ClientSession(headers=program.headers) as http,

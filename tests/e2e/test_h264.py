@@ -121,7 +121,7 @@ def test_the_page_shows_h264_as_the_camera_sees_it(
 
 
 def test_a_player_shows_what_the_camera_sees(page: Page, stack: Stack) -> None:
-    """With a ticket, by FFmpeg's own HTTP client, and as a player that drops what it reads to know the stream."""
+    """FFmpeg plays it with a ticket, also as a player that drops what it has probed."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
     ticket = Program(stack, stack.token("player")).ticket(ROBOT, "observe")

@@ -34,7 +34,7 @@ REVOKED = (take_grant, lower_grant, disable_user, remove_key)
 
 @pytest.fixture
 def four(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[list[Person]]:
-    """As many who manage the robot as there are ways to lose the right."""
+    """Managers of the robot, one for each way to lose the right."""
     people = [Person(stack, tmp_path, f"jumping-{revoke.__name__}") for revoke in REVOKED]
     try:
         for person in people:
