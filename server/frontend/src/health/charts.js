@@ -22,9 +22,12 @@ import { lineText, markText, valueText } from "./lines.js";
 const HEIGHT = 160;
 // As in health.css.
 const COLOURS = ["--accent", "--bad", "--wait", "--good"];
+// Distances of the marks of an axis of counts, which has no halves.
+const COUNT_STEPS = [1, 10, 100, 1e3, 1e4, 1e5, 1e6].flatMap((step) => [step, 2 * step, 5 * step]);
 const DASHES = [[], [8, 4], [2, 3], [8, 3, 2, 3]];
 
-// `answer` is as that of /api/v1/health/history, `wordsOf(line, unit)` says a line. Gives what ends them.
+// `answer` is as that of /api/v1/health/history, `wordsOf(line, unit)` says a line; a chart's `none` is
+// said where it has no line. Gives what ends them.
 export function drawCharts(container, answer, range, wordsOf = lineText) {
   const charts = answer.charts.map((chart) => draw(chart, answer.times, range, wordsOf));
   container.replaceChildren(...charts.map(({ figure }) => figure));
@@ -37,11 +40,11 @@ export function drawCharts(container, answer, range, wordsOf = lineText) {
   };
 }
 
-function draw({ name, title: words = texts.titles[name] ?? name, unit, lines }, times, range, wordsOf) {
+function draw({ name, title: words = texts.titles[name] ?? name, unit, lines, none = texts.noData }, times, range, wordsOf) {
   const items = lines.map((line) => make("li", {}, wordsOf(line, unit)));
   const place = make("div", { class: "plot", "aria-hidden": "true" });
   const title = make("h3", {}, words);
-  const said = items.length ? make("ul", {}, ...items) : make("p", { class: "soft" }, texts.noData);
+  const said = items.length ? make("ul", {}, ...items) : make("p", { class: "soft" }, none);
   const figure = make("figure", { class: "chart", "data-testid": `chart-${name}` }, make("figcaption", {}, title, said), place);
   const data = /** @type {uPlot.AlignedData} */ ([times, ...lines.map(({ values }) => values)]);
   return { figure, place, plot: lines.length ? new uPlot(options(unit, lines, range), data, place) : null };
@@ -61,7 +64,12 @@ function options(unit, lines, range) {
     scales: { y: { range: (_, __, most) => [0, most > 0 ? most * 1.1 : 1] } },
     axes: [
       { ...axis, values: (_, marks) => marks.map((mark) => markText(mark, range)) },
-      { ...axis, size: 76, values: (_, marks) => marks.map((mark) => valueText(mark, unit)) },
+      {
+        ...axis,
+        size: 76,
+        ...(unit === "count" && { incrs: COUNT_STEPS }),
+        values: (_, marks) => marks.map((mark) => valueText(mark, unit)),
+      },
     ],
     series: [
       {},

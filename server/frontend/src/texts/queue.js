@@ -98,6 +98,7 @@ export const supervise = {
     waiting_p50_s: (most) => `Half within: at most ${most}`,
     waiting_p95_s: (most) => `95 % within: at most ${most}`,
   },
+  noWaits: "No wait is known in this time.",
   partly: (count) => `; unknown for the first ${count}`,
   periods: { hour: "The last 24 hours, by hour.", day: "The last 30 days, by day of UTC." },
   noPeriods: (detail) => (detail ? sentence(detail) : "The server does not answer."),
