@@ -24,7 +24,8 @@ def test_admin_sees_all_and_user_her_own(admin, ann, admin_database):
         "2 too old, 3 to a topic that is not allowed",
     ):
         assert text in page
-    assert "No drive matches" in ann.ask("GET", "/drives").text
+    assert "There is no drive yet" in ann.ask("GET", "/drives").text
+    assert "Nothing matches" in ann.ask("GET", "/drives?robot=sim2").text
     add_drive(admin_database, "sim1", "ann", ended_at=None, stops=1)
     page = ann.ask("GET", "/drives").text
     assert "ongoing" in page

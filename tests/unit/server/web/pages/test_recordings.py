@@ -34,7 +34,7 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
     assert send(browser, f"/recordings/{number}/delete").status_code == 404
     assert send(browser, f"/recordings/{number}/stop").status_code == 303
-    assert "There is no recording." in browser.ask("GET", "/recordings?robot=sim2").text
+    assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
 
 
 def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
