@@ -27,7 +27,7 @@ const COUNT_STEPS = [1, 10, 100, 1e3, 1e4, 1e5, 1e6].flatMap((step) => [step, 2 
 const DASHES = [[], [8, 4], [2, 3], [8, 3, 2, 3]];
 
 // `answer` is as that of /api/v1/health/history, `wordsOf(line, unit)` says a line; a chart's `none` is
-// said where it has no line. Gives what ends them.
+// said where nothing of it is known. Gives what ends them.
 export function drawCharts(container, answer, range, wordsOf = lineText) {
   const charts = answer.charts.map((chart) => draw(chart, answer.times, range, wordsOf));
   container.replaceChildren(...charts.map(({ figure }) => figure));
@@ -40,7 +40,8 @@ export function drawCharts(container, answer, range, wordsOf = lineText) {
   };
 }
 
-function draw({ name, title: words = texts.titles[name] ?? name, unit, lines, none = texts.noData }, times, range, wordsOf) {
+function draw({ name, title: words = texts.titles[name] ?? name, unit, lines: all, none = texts.noData }, times, range, wordsOf) {
+  const lines = all.some(({ values }) => values.some(Number.isFinite)) ? all : [];
   const items = lines.map((line) => make("li", {}, wordsOf(line, unit)));
   const place = make("div", { class: "plot", "aria-hidden": "true" });
   const title = make("h3", {}, words);
@@ -61,7 +62,7 @@ function options(unit, lines, range) {
     legend: { show: false },
     cursor: { show: false },
     ...(range === "month" && { tzDate: (seconds) => uPlot.tzDate(new Date(seconds * 1000), "Etc/UTC") }),
-    scales: { y: { range: (_, __, most) => [0, most > 0 ? most * 1.1 : 1] } },
+    scales: { y: { range: (_, __, most) => [0, most > 0 ? most * 1.1 : unit === "bits_per_s" ? 1e6 : 1] } },
     axes: [
       { ...axis, values: (_, marks) => marks.map((mark) => markText(mark, range)) },
       {

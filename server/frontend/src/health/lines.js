@@ -13,7 +13,7 @@ export function valueText(value, unit) {
 // One line in words: now, lowest, highest, and how much of the time is not known.
 export function lineText({ name, values }, unit) {
   const known = values.filter((value) => value !== null);
-  if (!known.length) return texts.noData;
+  if (!known.length) return texts.noLine(texts.lines[name] ?? name);
   const [now, least, most] = [values[values.length - 1], Math.min(...known), Math.max(...known)].map((value) => valueText(value, unit));
   const percent = Math.ceil((100 * (values.length - known.length)) / values.length);
   return texts.line({ name: texts.lines[name] ?? name, now, least, most }) + (percent ? texts.gaps(percent) : "");

@@ -17,12 +17,11 @@ const WAITS = ["waiting_p50_s", "waiting_p95_s"];
 // Charts as of health/charts.js; `periods` as of GET /api/v1/requests/periods.
 export function chartsOf(periods) {
   const line = (name) => ({ name, values: periods.map((period) => period[name]) });
-  const waits = WAITS.map(line).filter(({ values }) => values.some(Number.isFinite));
   return {
     times: periods.map(({ begins_at: at }) => Date.parse(at) / 1000),
     charts: [
       { name: "requests", title: texts.charts.requests, unit: "count", lines: COUNTS.map(line) },
-      { name: "waits", title: texts.charts.waits, unit: "seconds", lines: waits, none: texts.noWaits },
+      { name: "waits", title: texts.charts.waits, unit: "seconds", lines: WAITS.map(line), none: texts.noWaits },
     ],
   };
 }

@@ -42,6 +42,7 @@ export const history = {
     bits_per_s: (text) => `${text} Mbit/s`,
     percent: (text) => `${text} %`,
   },
+  noLine: (name) => `${name}: unknown for all of this time`,
   line: ({ name, now, least, most }) => `${name ? `${name}: ` : ""}now ${now}, lowest ${least}, highest ${most}`,
   gaps: (percent) => `, unknown for ${percent} % of the time`,
 };

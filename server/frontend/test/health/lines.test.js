@@ -9,7 +9,7 @@ test("a line says what is known of it, and what is not is no 0", () => {
     "99 % within: now unknown, lowest 50 ms, highest 200 ms, unknown for 50 % of the time",
   );
   assert.equal(lineText({ name: "", values: [3, 0] }, "count"), "now 0, lowest 0, highest 3");
-  assert.equal(lineText({ name: "lost", values: [null, null] }, "count"), "Unknown for all of this time.");
+  assert.equal(lineText({ name: "lost", values: [null, null] }, "count"), "driver lost: unknown for all of this time");
 });
 
 test("a value has the unit that people read", () => {
