@@ -47,11 +47,19 @@ def _expect_stopped(page: Page, by: str) -> None:
 
 def _hold_release(page: Page) -> None:
     """Hold the button until the robot is released, which takes a second of the page's own time."""
-    box = page.get_by_test_id("release").bounding_box()
-    assert box is not None
-    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    page.mouse.down()
-    expect(page.get_by_test_id("stop-bar")).to_have_attribute("data-stop", "none", timeout=5_000)
+    button, bar = page.get_by_test_id("release"), page.get_by_test_id("stop-bar")
+
+    def press() -> None:
+        button.hover()
+        page.mouse.down()
+
+    page_holds.hold(
+        page,
+        press,
+        page.mouse.up,
+        lambda: expect(bar).to_have_attribute("data-stop", "none", timeout=5_000),
+        lambda _: expect(button).to_be_visible(),
+    )
     page.mouse.up()
 
 
