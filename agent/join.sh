@@ -423,16 +423,10 @@ ensure_join() {
   result=0
   answer=$("$venv/bin/robotether-agent" join 2>&1) || result=$?
   case $result in
-    0) forget_token ;;
+    0) if [ -e "$TOKEN" ]; then rm -f "$TOKEN"; remove_key "$CONFIG" token_file; fi ;;
     10) pending=1 ;;
     *) fail "${answer#robotether-agent: }" ;;
   esac
-}
-
-forget_token() {
-  if [ ! -e "$TOKEN" ]; then return; fi
-  rm -f "$TOKEN"
-  remove_key "$CONFIG" token_file
 }
 
 ensure_unit() {
@@ -498,7 +492,8 @@ tell_result() {
     if [ -z "$did" ]; then say 'nothing to do: all is installed as it should be'; fi
     robot=$(sed -n 's/.*"robot": "\([^"]*\)".*/\1/p' "$STATE/enrolment.json")
     say "done: this robot is $robot, at https://$server/robots/$robot"
-    if ! grep -q '^rosbridge *ok' "$work/status"; then tell_rosbridge; fi
+    grep -q '^rosbridge *ok' "$work/status" ||
+      say "rosbridge does not answer yet ($(sed -n 's/^rosbridge *//p' "$work/status")): start it whenever you like, nothing else is needed"
     sed -n 's/^warning */WARNING: /p' "$work/status" | while read -r line; do say "$line"; done
   else
     cat "$work/status" >&2
@@ -529,10 +524,6 @@ tell_how_to_approve() {
   say "the key of this robot is $(ssh-keygen -lf "$STATE/id_ed25519.pub" | cut -d ' ' -f 2)"
   say "done: an admin approves it at https://$server/admin/add-robot, or with 'robotether robot approve', after comparing that key." \
     'The agent runs and asks by itself'
-}
-
-tell_rosbridge() {
-  say "rosbridge does not answer yet ($(sed -n 's/^rosbridge *//p' "$work/status")): start it whenever you like, nothing else is needed"
 }
 
 # --- the way back ---
