@@ -159,12 +159,12 @@ class Workload:
         self.wait_online(ONLINE_WITHIN_S)
         source, target = self.routed
         topics = {"source_topic": TOPIC, "target_topic": TOPIC, "type": TYPE}
-        self.site.world.api("POST", "/routes", {"source": source, "target": target, **topics})
+        self.site.world.ask("POST", "/routes", {"source": source, "target": target, **topics})
 
     def end_route(self) -> list[str]:
         """Remove the route, which ends its drive; return why it has ended already, if it has."""
-        [route] = self.site.world.api("GET", "/routes")["routes"]
-        self.site.world.api("DELETE", f"/routes/{route['id']}")
+        [route] = self.site.world.ask("GET", "/routes")["routes"]
+        self.site.world.ask("DELETE", f"/routes/{route['id']}")
         return [f"the route ended: {route['end_code']}"] if route["ended_at"] else []
 
     def wait_online(self, within_s: float) -> float:
