@@ -26,44 +26,29 @@ def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Robo
 @pytest.fixture(scope="module")
 def robot(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
     """A robot whose shell listens."""
-    made = ShellRobot(stack, tmp_path_factory.mktemp("robot"), "jumped", "00:00:5e:00:53:61")
-    # Whatever happens: names and MACs come again in the next module.
-    try:
-        with made.listening():
-            yield made
-    finally:
-        made.remove()
+    folder = tmp_path_factory.mktemp("robot")
+    with ShellRobot.added(stack, folder, "jumped", "00:00:5e:00:53:61") as made, made.listening():
+        yield made
 
 
 @pytest.fixture(scope="module")
 def other(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[ShellRobot]:
     """A robot whose shell listens too, and that ann may only drive."""
-    made = ShellRobot(stack, tmp_path_factory.mktemp("other"), "foreign", "00:00:5e:00:53:62")
-    try:
-        with made.listening():
-            yield made
-    finally:
-        made.remove()
+    folder = tmp_path_factory.mktemp("other")
+    with ShellRobot.added(stack, folder, "foreign", "00:00:5e:00:53:62") as made, made.listening():
+        yield made
 
 
 @pytest.fixture
 def ann(stack: Stack, tmp_path: Path, robot: ShellRobot, other: ShellRobot) -> Iterator[Person]:
     """Somebody who manages one robot and drives the other."""
-    person = Person(stack, tmp_path, "jumping-ann")
-    try:
-        person.grant(robot, "manage")
-        person.grant(other, "drive")
+    levels = {robot: "manage", other: "drive"}
+    with Person.added(stack, tmp_path, "jumping-ann", levels) as person:
         yield person
-    finally:
-        person.remove()
 
 
 @pytest.fixture
 def bob(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[Person]:
     """Somebody else who manages the robot."""
-    person = Person(stack, tmp_path, "jumping-bob")
-    try:
-        person.grant(robot, "manage")
+    with Person.added(stack, tmp_path, "jumping-bob", {robot: "manage"}) as person:
         yield person
-    finally:
-        person.remove()

@@ -33,13 +33,9 @@ def manager(
     other: ShellRobot,
 ) -> Iterator[Person]:
     """Somebody with ann's rights, which no test changes."""
-    person = Person(stack, tmp_path_factory.mktemp("manager"), "jumping-manager")
-    try:
-        person.grant(robot, "manage")
-        person.grant(other, "drive")
+    folder, levels = tmp_path_factory.mktemp("manager"), {robot: "manage", other: "drive"}
+    with Person.added(stack, folder, "jumping-manager", levels) as person:
         yield person
-    finally:
-        person.remove()
 
 
 @pytest.mark.parametrize(

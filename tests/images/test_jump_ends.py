@@ -35,14 +35,13 @@ REVOKED = (take_grant, lower_grant, disable_user, remove_key)
 @pytest.fixture
 def four(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[list[Person]]:
     """Managers of the robot, one for each way to lose the right."""
-    people = [Person(stack, tmp_path, f"jumping-{revoke.__name__}") for revoke in REVOKED]
-    try:
-        for person in people:
-            person.grant(robot, "manage")
-        yield people
-    finally:
-        for person in people:
-            person.remove()
+    with ExitStack() as added:
+        yield [
+            added.enter_context(
+                Person.added(stack, tmp_path, f"jumping-{revoke.__name__}", {robot: "manage"})
+            )
+            for revoke in REVOKED
+        ]
 
 
 def test_connection_ends_with_its_persons_right(
@@ -61,31 +60,22 @@ def test_connection_ends_with_its_persons_right(
 
 @pytest.mark.parametrize(
     "change",
-    ["shell = FALSE", "state = 'disabled'", "shell_port = NULL"],
+    [
+        "UPDATE robots SET shell = FALSE",
+        "UPDATE robots SET state = 'disabled'",
+        "UPDATE robots SET shell_port = NULL",
+        "DELETE FROM robots",
+    ],
 )
 def test_connection_ends_with_its_robots_port(
-    ann: Person, robot: ShellRobot, tmp_path: Path, change: str
+    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path, change: str
 ) -> None:
-    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:63")
-    try:
+    with ShellRobot.added(stack, tmp_path, "extra", "00:00:5e:00:53:63") as extra:
         ann.grant(extra, "manage")
         with ann.connected(robot.shell_port) as running:
-            extra.change(change)
+            stack.sql(f"{change} WHERE name = 'extra'")
             assert ended(running)
         assert ann.reach(robot.shell_port).stdout != ""
-    finally:
-        extra.remove()
-
-
-def test_connection_ends_with_its_robot(ann: Person, robot: ShellRobot, tmp_path: Path) -> None:
-    extra = ShellRobot(ann.stack, tmp_path, "extra", "00:00:5e:00:53:64")
-    try:
-        ann.grant(extra, "manage")
-        with ann.connected(robot.shell_port) as running:
-            extra.remove()
-            assert ended(running)
-    finally:
-        extra.remove()
 
 
 @pytest.mark.release

@@ -11,7 +11,7 @@ import json
 import subprocess
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from socketserver import BaseRequestHandler, ThreadingTCPServer
@@ -58,26 +58,26 @@ class RobotSshd(ThreadingTCPServer):
 class ShellRobot:
     """An active robot with a shell port; `listening` opens its forward as an agent does."""
 
-    def __init__(self, stack: Stack, folder: Path, name: str, mac: str) -> None:
+    def __init__(self, stack: Stack, folder: Path, name: str) -> None:
         self.stack = stack
         self.name = name
-        self.mac = mac
         self.key = RobotKey(stack, folder, name)
         self._control = folder / f"{name}.control"
-        self.insert()
 
-    def insert(self) -> None:
-        key = " ".join(self.key.public.split()[:2])
-        self.stack.sql(
+    @classmethod
+    @contextmanager
+    def added(cls, stack: Stack, folder: Path, name: str, mac: str) -> Iterator[ShellRobot]:
+        """Add a robot, and remove it whatever happens: names and MACs come again in the next module."""
+        robot = cls(stack, folder, name)
+        key = " ".join(robot.key.public.split()[:2])
+        stack.sql(
             "INSERT INTO robots (mac, name, state, public_key, fingerprint, shell) "
-            f"VALUES ('{self.mac}', '{self.name}', 'active', '{key}', '{self.key.fingerprint}', TRUE)"
+            f"VALUES ('{mac}', '{name}', 'active', '{key}', '{robot.key.fingerprint}', TRUE)"
         )
-
-    def change(self, change: str) -> None:
-        self.stack.sql(f"UPDATE robots SET {change} WHERE name = '{self.name}'")
-
-    def remove(self) -> None:
-        self.stack.sql(f"DELETE FROM robots WHERE name = '{self.name}'")
+        try:
+            yield robot
+        finally:
+            stack.sql(f"DELETE FROM robots WHERE name = '{name}'")
 
     @property
     def shell_port(self) -> int:
@@ -133,15 +133,26 @@ class Person:
         self.stack = stack
         self.name = name
         self.key = RobotKey(stack, folder, name)
-        stack.sql(f"INSERT INTO users (name, password_hash) VALUES ('{name}', 'x')")
-        self.add_key()
 
-    def add_key(self) -> None:
-        key = " ".join(self.key.public.split()[:2])
-        self.stack.sql(
-            "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) "
-            f"SELECT id, 'laptop', '{self.key.fingerprint}', '{key}' FROM users WHERE name = '{self.name}'"
-        )
+    @classmethod
+    @contextmanager
+    def added(
+        cls, stack: Stack, folder: Path, name: str, levels: Mapping[ShellRobot, str]
+    ) -> Iterator[Person]:
+        """Add a user with a key and grants, and remove them at the end."""
+        person = cls(stack, folder, name)
+        key = " ".join(person.key.public.split()[:2])
+        try:
+            stack.sql(f"INSERT INTO users (name, password_hash) VALUES ('{name}', 'x')")
+            stack.sql(
+                "INSERT INTO user_ssh_keys (user_id, name, fingerprint, public_key) "
+                f"SELECT id, 'laptop', '{person.key.fingerprint}', '{key}' FROM users WHERE name = '{name}'"
+            )
+            for robot, level in levels.items():
+                person.grant(robot, level)
+            yield person
+        finally:
+            stack.sql(f"DELETE FROM users WHERE name = '{name}'")
 
     def grant(self, robot: ShellRobot, level: str) -> None:
         self.stack.sql(
@@ -152,9 +163,6 @@ class Person:
     def lose_grants(self) -> None:
         mine = f"u.name = '{self.name}'"
         self.stack.sql(f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE {mine}")
-
-    def remove(self) -> None:
-        self.stack.sql(f"DELETE FROM users WHERE name = '{self.name}'")
 
     def reach(self, port: int) -> subprocess.CompletedProcess[str]:
         """`ssh -W 127.0.0.1:PORT jump@...` to its end; nothing is sent."""
