@@ -16,6 +16,8 @@ from robotether_common.audit_head import NAMESPACE, statement
 from robotether_server import signatures
 from robotether_server.signatures import SigningKey
 
+# Kind of the line that a restored backup adds to each chain.
+RESTORED = "records_restored"
 # Purpose of the server's key, which relays derive from the session key.
 SERVER_KEY_PURPOSE = "robotether audit heads"
 
@@ -44,7 +46,11 @@ class ChainLine(Struct, frozen=True, tag="line"):
 
 
 class SignedHead(Struct, frozen=True, tag="head"):
-    """A line's hash, signed; `previous` is the SHA-256 of the statement that the robot signed before."""
+    """A line's hash, signed; `previous` is the SHA-256 of the statement that the robot signed before.
+
+    `lost_since`: position of the line which says that a backup was put back, and the line that the robot signed is no
+    longer in the log; None: it is.
+    """
 
     chain: str
     position: int
@@ -53,6 +59,7 @@ class SignedHead(Struct, frozen=True, tag="head"):
     public_key: str
     previous: str | None
     signature: str
+    lost_since: int | None = None
 
     @property
     def statement(self) -> str:
@@ -74,6 +81,18 @@ Record = ChainEnd | SignedHead | ChainLine
 
 
 @dataclass
+class Restore:
+    """A backup that was put back: its line's position and time; `lost_up_to`: the last line that the robot had signed.
+
+    None: nobody knows whether lines are lost.
+    """
+
+    line: int
+    at: str
+    lost_up_to: int | None = None
+
+
+@dataclass
 class ChainReport:
     """What was found in one chain; `fault` names its first line that does not fit."""
 
@@ -87,6 +106,8 @@ class ChainReport:
     keys: dict[Signer, list[str]] = field(default_factory=dict)
     # Lines at which the robot signed without what it had signed before.
     restarts: list[int] = field(default_factory=list)
+    # Lines at which a backup was put back.
+    restores: list[Restore] = field(default_factory=list)
 
     @property
     def name(self) -> str:
@@ -181,6 +202,8 @@ class _ChainCheck:
             self.fail(
                 f"line {line.position} of {_time(line)} ({line.kind}) was changed, or one before"
             )
+        if line.kind == RESTORED:
+            self._report.restores.append(Restore(line.position, _time(line)))
         self._hash = line.hash
         self._check_heads(self._position)
         self._report.lines += 1
@@ -198,7 +221,8 @@ class _ChainCheck:
         """Check the signatures, and begin behind the head up to which lines were deleted."""
         self._by_position = {}
         for head in self.heads:
-            self._by_position.setdefault(head.position, []).append(head)
+            if head.lost_since is None:
+                self._by_position.setdefault(head.position, []).append(head)
             self._check_signature(head)
         if first > 1:
             anchors = [h for h in self._by_position.get(first - 1, ()) if h.signer == "server"]
@@ -219,8 +243,11 @@ class _ChainCheck:
         keys = self._report.keys.setdefault(head.signer, [])
         if key not in keys:
             keys.append(key)
-        newest = max(head.position, self._report.signed.get(head.signer, 0))
-        self._report.signed[head.signer] = newest
+        if head.lost_since is None:
+            newest = max(head.position, self._report.signed.get(head.signer, 0))
+            self._report.signed[head.signer] = newest
+        elif head.signer == "server":
+            self.fail(f"line {head.position} cannot be lost: the server signed it")
 
     def _check_heads(self, position: int) -> None:
         for head in (self._by_position or {}).get(position, ()):
@@ -236,15 +263,35 @@ class _ChainCheck:
             self.fail(f"line {self._position} is not the newest that the database counted")
 
     def _check_statements(self) -> None:
-        """Check that each statement of the robot names the one before, so that none in between is missing."""
+        """Check that each statement of the robot names one before, so that none in between is missing.
+
+        What it signed of lost lines comes after the lines before the restore, and before those after it. So a restore
+        explains no loss of lines that the robot signed later.
+        """
         heads = {h.statement_hash: h for h in self.heads if h.signer == "robot"}
-        ordered = sorted(heads.values(), key=lambda head: head.position)
-        for number, head in enumerate(ordered):
+        seen: set[str] = set()
+        for head in sorted(heads.values(), key=_sort_key):
             if head.previous is None:
-                if number:
+                if seen:
                     self._report.restarts.append(head.position)
-            elif head.previous not in heads and not (number == 0 and self._report.deleted):
+            elif head.previous not in seen and (seen or not self._report.deleted):
                 self.fail(f"what the robot signed before line {head.position} is missing")
+            seen.add(head.statement_hash)
+            if head.lost_since is not None:
+                self._note_loss(head.position, head.lost_since)
+
+    def _note_loss(self, position: int, since: int) -> None:
+        for restore in self._report.restores:
+            if restore.line == since <= position:
+                restore.lost_up_to = max(position, restore.lost_up_to or 0)
+                return
+        self.fail(f"line {position}, which the robot signed, is lost, and no restored backup says so")
+
+
+def _sort_key(head: SignedHead) -> tuple[int, bool, int]:
+    if head.lost_since is None:
+        return head.position, True, head.position
+    return head.lost_since, False, head.position
 
 
 def _time(line: ChainLine) -> str:

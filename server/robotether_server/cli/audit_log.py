@@ -3,8 +3,10 @@
 The site's accounts only add to that log; the database prunes it (AUDIT_DAYS).
 """
 
+import dataclasses
 import json
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +14,7 @@ import click
 import msgspec
 
 from robotether_server import audit_chain, signatures
-from robotether_server.audit_chain import ChainReport, Record, SignedHead
+from robotether_server.audit_chain import ChainReport, Record, Restore, SignedHead
 from robotether_server.cli.common import (
     JSON,
     NotDoneError,
@@ -27,6 +29,8 @@ from robotether_server.db import audit, audit_chains
 from robotether_server.settings.server import SessionKeySettings, load
 
 MAX_EVENTS = 10000
+# Exit status of `verify` where all that is there fits, and a backup was put back.
+PUT_BACK = 3
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 
 
@@ -70,7 +74,10 @@ def audit_log(
 def verify(
     file: Path | None, server_keys: tuple[str, ...], against: Path | None, *, as_json: bool
 ) -> None:
-    """Check that no line of the database, or of an exported FILE, was changed, swapped or removed."""
+    """Check that no line of the database, or of an exported FILE, was changed, swapped or removed.
+
+    Ends with status 3 if all fits, and a backup was put back: lines that followed it may be lost.
+    """
     older = _older_heads(against)
     if file is None:
         with open_database().transaction() as tx:
@@ -81,7 +88,7 @@ def verify(
         reports = audit_chain.check(read_export(file), server_keys=server_keys, older_heads=older)
         outside = []
     if as_json:
-        print_json([vars(report) for report in reports])
+        print_json([dataclasses.asdict(report) for report in reports])
     else:
         for report in reports:
             click.echo(harmless(_sentence(report)))
@@ -89,6 +96,8 @@ def verify(
     faults += [f"line with id {number} is in no chain" for number in outside]
     if faults:
         raise NotDoneError(f"cannot verify the audit log: {harmless('; '.join(faults))}")
+    if any(report.restores for report in reports):
+        sys.exit(PUT_BACK)
 
 
 @audit_log.command()
@@ -142,7 +151,17 @@ def _sentence(report: ChainReport) -> str:
         elif signer == "server" or report.chain:
             parts.append(f"not signed by the {signer}")
     parts += [f"the robot signed anew from line {line}" for line in report.restarts]
+    parts += map(_restore_words, report.restores)
     return f"{report.name}: {'; '.join(parts)}"
+
+
+def _restore_words(restore: Restore) -> str:
+    words = f"A BACKUP WAS PUT BACK at {restore.at} (line {restore.line})"
+    if restore.lost_up_to is None:
+        return f"{words}: whether lines are lost since then is not known"
+    count = restore.lost_up_to - restore.line + 1
+    lines = "1 line" if count == 1 else f"{count} lines"
+    return f"{words}: {lines} that the robot had signed are lost, up to line {restore.lost_up_to}"
 
 
 def _as_row(event: AuditEvent) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ LINE = (
 )
 HEAD = (
     "chain, position, LOWER(HEX(hash)) AS hash, signer, public_key, "
-    "LOWER(HEX(previous)) AS previous, signature"
+    "LOWER(HEX(previous)) AS previous, signature, lost_since"
 )
 
 
@@ -64,9 +64,9 @@ def read_lines(tx: Transaction, chain: str, after: int, limit: int) -> list[Chai
 
 
 def next_head(tx: Transaction, chain: str, signer: Signer, position: int) -> SignedHead | None:
-    """Return the first head of this signer from a position on."""
+    """Return the first head of this signer from a position on, of a line that is in the log."""
     row = tx.row(
-        f"SELECT {HEAD} FROM audit_heads WHERE chain = %s AND signer = %s AND position >= %s "  # noqa: S608 - as above
+        f"SELECT {HEAD} FROM audit_heads WHERE chain = %s AND signer = %s AND position >= %s AND lost_since IS NULL "  # noqa: S608 - as above
         "ORDER BY position LIMIT 1",
         (chain, signer, position),
     )
@@ -98,25 +98,31 @@ def sign_newest(
     end = ChainEnd(**row)
     heads = tx.rows(
         f"SELECT {HEAD} FROM audit_heads WHERE chain = %s AND signer = 'robot' "  # noqa: S608 - as above
-        "ORDER BY position DESC LIMIT 1",
+        "ORDER BY position DESC, id DESC LIMIT 1",
         (chain,),
     )
     newest = SignedHead(**heads[0]) if heads else None
-    _add_head(tx, sign(end))
+    head = sign(end)
+    tx.change(
+        "INSERT IGNORE INTO audit_heads (chain, position, hash, signer, public_key, signature) "
+        "VALUES (%s, %s, UNHEX(%s), 'server', %s, %s)",
+        (chain, end.position, end.hash, head.public_key, head.signature),
+    )
     if newest is None:
         return end, None
     return None if newest.position >= end.position else (end, newest.statement_hash)
 
 
 def add_robots_head(tx: Transaction, head: SignedHead) -> bool:
-    """Add what a robot signed; return whether it is there: the server must have signed the same line."""
+    """Add what a robot signed; return whether it is there.
+
+    That line must be in the log, or have been lost when a backup was put back.
+    """
     row = tx.row(
-        "SELECT 1 FROM audit_heads WHERE chain = %s AND position = %s AND hash = UNHEX(%s) AND signer = 'server'",
-        (head.chain, head.position, head.hash),
+        "CALL add_robots_head(%s, %s, UNHEX(%s), %s, UNHEX(%s), %s)",
+        (head.chain, head.position, head.hash, head.public_key, head.previous, head.signature),
     )
-    if row is not None:
-        _add_head(tx, head)
-    return row is not None
+    return row is not None and bool(row["is_kept"])
 
 
 def chains_to_sign(tx: Transaction) -> list[str]:
@@ -129,23 +135,6 @@ def chains_to_sign(tx: Transaction) -> list[str]:
         "AND IFNULL(h.signed_at < CURRENT_TIMESTAMP(6) - INTERVAL 1 DAY, TRUE) LIMIT 1000"
     )
     return [row["chain"] for row in rows]
-
-
-def _add_head(tx: Transaction, head: SignedHead) -> None:
-    """Add a head; one of this signer and line that is there already stays."""
-    tx.change(
-        "INSERT IGNORE INTO audit_heads (chain, position, hash, signer, public_key, previous, signature) "
-        "VALUES (%s, %s, UNHEX(%s), %s, %s, UNHEX(%s), %s)",
-        (
-            head.chain,
-            head.position,
-            head.hash,
-            head.signer,
-            head.public_key,
-            head.previous,
-            head.signature,
-        ),
-    )
 
 
 def _lines(tx: Transaction, chain: str) -> Iterator[ChainLine]:

@@ -5,14 +5,14 @@ import json
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from robotether_server.audit_chain import ChainLine, SignedHead, content_hash
+from robotether_server.audit_chain import RESTORED, ChainLine, SignedHead, content_hash
 from robotether_server.db import audit_chains, cells
 from robotether_server.db.database import Row, Transaction
 from robotether_server.schemas import Count, Timestamp
 
 Answer = Literal["driver", "nobody", "unknown"]
 # Why the answer is unknown.
-Reason = Literal["future", "too_new", "before_log", "end_unknown"]
+Reason = Literal["future", "too_new", "before_log", "end_unknown", "restored"]
 # Time for which lines may still be on their way from a relay.
 WRITTEN_WITHIN_S = 10
 # Maximum number of lines of a proof.
@@ -74,10 +74,22 @@ def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
     first = _line(tx, chain, "TRUE", (), "position")
     if first is None or at < first["at"]:
         return Controller(chain, at, "unknown", "before_log")
+    if _may_be_lost(tx, chain, at):
+        return Controller(chain, at, "unknown", "restored")
     controller = _find(tx, chain, at, first)
     if controller.answer != "driver" and at > row["now"] - dt.timedelta(seconds=WRITTEN_WITHIN_S):
         return Controller(chain, at, "unknown", "too_new", proof=controller.proof)
     return controller
+
+
+def _may_be_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
+    """Whether a backup from before that time was put back later: lines of then may be lost."""
+    rows = tx.rows(
+        "SELECT JSON_VALUE(details, '$.records_of') AS records_of FROM audit_events "
+        "WHERE robot = %s AND position IS NOT NULL AND kind = %s AND at > %s",
+        (chain, RESTORED, at),
+    )
+    return any(at > dt.datetime.fromisoformat(row["records_of"]) for row in rows)
 
 
 def _find(tx: Transaction, chain: str, at: dt.datetime, first: Row) -> Controller:

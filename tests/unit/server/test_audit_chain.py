@@ -7,7 +7,7 @@ import pytest
 from robot_signer import RobotSigner
 from robotether_common.audit_head import NAMESPACE, statement
 from robotether_server import audit_chain
-from robotether_server.audit_chain import ChainEnd, ChainLine, SignedHead
+from robotether_server.audit_chain import RESTORED, ChainEnd, ChainLine, SignedHead
 from robotether_server.signatures import SigningKey, fingerprint
 
 LINES = 12
@@ -15,14 +15,15 @@ SERVER = audit_chain.server_key("x" * 32)
 ROBOT = RobotSigner(1)
 
 
-def chain_of(count=LINES):
+def chain_of(count=LINES, restored=()):
+    """The lines; those at the positions `restored` say that a backup was put back."""
     line_hash, lines = audit_chain.start_hash("sim1"), []
     for position in range(1, count + 1):
         line = ChainLine(
             position,
             f"1764373339.{position:06}",
             "ann\n2:x",
-            "robot_stopped",
+            RESTORED if position in restored else "robot_stopped",
             "sim1",
             "192.0.2.1" if position % 2 else None,
             '{"reason": "é"}',
@@ -33,13 +34,15 @@ def chain_of(count=LINES):
     return lines
 
 
-def head_of(line, signer, previous=None):
+def head_of(line, signer, previous=None, lost_since=None):
     text = statement("sim1", line.position, line.hash, previous)
     if signer == "server":
         key, signature = SERVER.public_key, SERVER.sign(NAMESPACE, text)
     else:
         key, signature = ROBOT.key.line, ROBOT.sign(NAMESPACE, text)
-    return SignedHead("sim1", line.position, line.hash, signer, key, previous, signature)
+    return SignedHead(
+        "sim1", line.position, line.hash, signer, key, previous, signature, lost_since
+    )
 
 
 def check(lines, heads, end=None, **options):
@@ -128,6 +131,45 @@ def test_robot_statement_that_was_taken_away_is_found():
     assert check(lines, [first, second]).fault is None
     assert check(lines, [second]).fault == "what the robot signed before line 6 is missing"
     assert check(lines, [first, head_of(lines[5], "robot")]).restarts == [6]
+
+
+@pytest.fixture
+def restored():
+    """Lines after a backup was put back at line 5, and what the robot signed in order: 3, 8 of before, 9 and 12."""
+    before, lines = chain_of(), chain_of(restored=[5])
+    heads = [head_of(lines[2], "robot")]
+    for line, since in ((before[7], 5), (lines[8], None), (lines[11], None)):
+        heads.append(head_of(line, "robot", heads[-1].statement_hash, since))
+    return lines, heads
+
+
+def test_restored_backup_says_which_signed_lines_are_lost(restored):
+    lines, heads = restored
+    report = check(lines, heads)
+    assert (report.fault, report.signed) == (None, {"robot": 12})
+    assert [(item.line, item.lost_up_to) for item in report.restores] == [(5, 8)]
+    report = check(lines[:8], heads[:1])
+    assert [(item.line, item.lost_up_to) for item in report.restores] == [(5, None)]
+
+
+@pytest.mark.parametrize(
+    "attack", ["no_restore", "taken_away", "in_the_log", "later_cut", "server", "before_restore"]
+)
+def test_restored_backup_hides_no_other_loss(restored, attack):
+    """In `later_cut`, lines from 10 on are others than those of which the robot signed 12, after the restore and 9."""
+    lines, heads = restored
+    _, lost, fits, last = heads
+    heads = {
+        "no_restore": [*heads[:3], msgspec.structs.replace(last, lost_since=10)],
+        "taken_away": [heads[0], fits, last],
+        "in_the_log": [heads[0], msgspec.structs.replace(lost, lost_since=None), fits, last],
+        "later_cut": [*heads[:3], msgspec.structs.replace(last, lost_since=5)],
+        "server": [*heads, head_of(chain_of()[7], "server", lost_since=5)],
+        "before_restore": [msgspec.structs.replace(heads[0], lost_since=5), *heads[1:]],
+    }[attack]
+    changed = [*lines[:9], msgspec.structs.replace(lines[9], actor="ben"), *lines[10:]]
+    lines = rehash(changed) if attack in ("no_restore", "later_cut") else lines
+    assert check(lines, heads).fault is not None
 
 
 def test_heads_of_an_earlier_export_must_fit():

@@ -9,8 +9,8 @@ from robotether_server.db import Database
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
 # All that a relay writes of its cell, by name: who drains one is an admin.
 CELL = (
-    "clock_ahead_s, heartbeat_at, host, https_port, peer_address, region, robots, ssh_ports, "
-    "started_at, version"
+    "clock_ahead_s, disk_free, heartbeat_at, host, https_port, peer_address, recorders, region, "
+    "robots, ssh_ports, started_at, version"
 )
 EXPECTED = {
     "web": {
@@ -69,6 +69,7 @@ EXPECTED = {
         "cells": f"SELECT, INSERT ({CELL.replace('peer', 'name, peer')}), UPDATE ({CELL})",
         "relay_requests": "SELECT",
         "PROCEDURE ask_for_help": "EXECUTE",
+        "PROCEDURE add_robots_head": "EXECUTE",
     },
     "recorder": {
         "recorder_robots": "SELECT",

@@ -126,6 +126,20 @@ def test_log_that_begins_in_a_drive_has_its_driver(at, write, older_log, admin_d
     assert answer(at(minutes(35))) == ("nobody", None, None)
 
 
+def test_what_a_restored_backup_lacks_is_unknown(at, write, first_line):
+    """The line is as record_restore() writes it."""
+    write(line("drive_started", minutes(40), fence=1))
+    write(line("drive_ended", minutes(35), fence=1, lasted_s=300.0))
+    write(line("records_restored", minutes(20), records_of=minutes(30).isoformat()))
+    for time, expected in (
+        (minutes(37), ("driver", "ann", None)),
+        (minutes(30), ("nobody", None, None)),
+        (minutes(25), ("unknown", None, "restored")),
+        (minutes(20), ("nobody", None, None)),
+    ):
+        assert answer(at(time)) == expected, time
+
+
 def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
     write(line("drive_started", minutes(30), fence=1))
     write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))

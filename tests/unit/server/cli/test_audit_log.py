@@ -82,6 +82,20 @@ def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
     assert "sim1" in run("audit", "verify", "--against", tmp_path / "older").err
 
 
+def test_restored_backup_has_a_status_of_its_own(run, admin_database):
+    """A change has the status of a change, also then."""
+    run(*ADD)
+    with admin_database.transaction() as tx:
+        tx.change("CALL record_restore()")
+    done = run("audit", "verify")
+    assert (done.status, done.err) == (3, "")
+    assert "sim1: 2 lines fit; " in done.out
+    assert "A BACKUP WAS PUT BACK" in done.out
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE audit_events SET actor = 'ben' WHERE kind = 'robot_added'")
+    assert run("audit", "verify").status == 1
+
+
 def test_servers_key_is_that_of_the_session_key(run, monkeypatch):
     monkeypatch.setenv("SESSION_KEY", "x" * 32)
     expected = server_key("x" * 32).public_key

@@ -2,6 +2,7 @@
 
 import asyncio
 import datetime as dt
+import hashlib
 import json
 from types import SimpleNamespace
 
@@ -105,6 +106,43 @@ async def test_lines_without_a_drive_are_signed_too(quick_sweeps, parts, databas
     with admin_database.transaction() as tx:
         fleet.write(tx, [AuditEntry(NOON, "ann", "login")])
     await until(lambda: report(database).signed == {"server": 1}, "what the relay asks and stores")
+
+
+async def test_what_a_robot_signed_before_a_restore_stays_visible(parts, database, admin_database):
+    """It signs lines 1 and 2; a backup from between them is put back; then it signs 4, which names 2.
+
+    Retention deletes what it signed of line 2 with the restore's line.
+    """
+    statements = []
+
+    def newest():
+        last = statements[-1]
+        text = statement("sim1", last.position, last.hash, last.previous)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    async def end_drive_signed(position):
+        parts.end_drive()
+        await until(lambda: len(parts.robot.asked) > len(statements), "what the relay asks")
+        previous = newest() if statements else None
+        statements.append(signed(parts.robot.asked[-1], previous=previous))
+        for item in statements:
+            parts.signer.on_signed_head(1, item)
+        await until(lambda: report(database).signed.get("robot") == position, "what is stored")
+
+    await end_drive_signed(1)
+    await end_drive_signed(2)
+    with admin_database.transaction() as tx:
+        for table in ("audit_heads", "audit_events"):
+            tx.change(f"DELETE FROM {table} WHERE position > 1")
+        tx.change("UPDATE audit_chains SET position = 1, hash = UNHEX(%s)", (statements[0].hash,))
+        tx.change("CALL record_restore()")
+        fleet.write(tx, [DRIVE_END])
+    await end_drive_signed(4)
+    found = report(database)
+    assert (found.fault, [(item.line, item.lost_up_to) for item in found.restores]) == (None, [(2, 2)])
+    with admin_database.transaction() as tx:
+        tx.change("CALL prune_audit_chains(CURRENT_TIMESTAMP(6) + INTERVAL 1 DAY)")
+    assert (report(database).fault, report(database).restores) == (None, [])
 
 
 @pytest.mark.parametrize("wrong", ["key", "hash", "signature", "unasked"])
