@@ -285,7 +285,9 @@ class _ChainCheck:
             if restore.line == since <= position:
                 restore.lost_up_to = max(position, restore.lost_up_to or 0)
                 return
-        self.fail(f"line {position}, which the robot signed, is lost, and no restored backup says so")
+        self.fail(
+            f"line {position}, which the robot signed, is lost, and no restored backup says so"
+        )
 
 
 def _sort_key(head: SignedHead) -> tuple[int, bool, int]:

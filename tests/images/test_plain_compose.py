@@ -218,6 +218,11 @@ def test_backup_alone_makes_the_server_on_another_machine(
         other.tool("tools/restore", "--database", str(backup))
         other.compose("up", "--detach", "--wait")
         assert other.robots().keys() == before.keys()
+        # One line of each restore: the second put the first one's away, too.
+        lines = other.compose(
+            *ADMIN_COMMAND, "audit", "--kind", "records_restored", "--robot", "sim1"
+        )
+        assert len(lines.splitlines()) == 2
     finally:
         other.down(images=False)
         (site.compose_folder / ".env").unlink()

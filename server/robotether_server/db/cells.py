@@ -37,6 +37,7 @@ class Cell:
     """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there.
 
     `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown, or its tickets expired.
+    `disk_free`: part of its disk that is free, from 0 to 1; `recorders`: how many are connected there; None: unknown.
     """
 
     name: str
@@ -50,11 +51,22 @@ class Cell:
     is_alive: bool
     region: str | None = None
     clock_ahead_s: float | None = None
+    disk_free: float | None = None
+    recorders: int | None = None
 
     @property
     def is_listed(self) -> bool:
         """Whether robots are sent there while there is a choice."""
         return self.host is not None and self.is_alive and not self.draining
+
+
+@dataclass(frozen=True)
+class CellCounts:
+    """What a relay says of its cell with each heartbeat, as in `Cell`."""
+
+    robots: int
+    disk_free: float | None = None
+    recorders: int | None = None
 
 
 CLOCK_AHEAD_S = "TIMESTAMPDIFF(MICROSECOND, CURRENT_TIMESTAMP(6), %(now)s) / 1000000"
@@ -75,7 +87,8 @@ IS_PRESENT = (
 )
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
-    f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive FROM cells c "
+    f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive,"
+    f" IF({IS_ALIVE}, c.disk_free, NULL) AS disk_free, IF({IS_ALIVE}, c.recorders, NULL) AS recorders FROM cells c "
 )
 
 
@@ -133,7 +146,13 @@ def _cell_of(row: Row) -> Cell:
 
 
 def write_heartbeat(
-    tx: Transaction, cell: CellSettings, *, robots: int, started_at: datetime
+    tx: Transaction,
+    cell: CellSettings,
+    *,
+    robots: int,
+    started_at: datetime,
+    disk_free: float | None = None,
+    recorders: int | None = None,
 ) -> None:
     """Write that a cell is alive; RecordExistsError while a relay that started later has its name."""
     values = {
@@ -145,6 +164,8 @@ def write_heartbeat(
         "region": cell.region,
         "version": __version__,
         "robots": robots,
+        "disk_free": disk_free,
+        "recorders": recorders,
         "started_at": started_at,
     }
     changes = ", ".join(f"{column} = %({column})s" for column in values if column != "name")

@@ -105,6 +105,7 @@ class Relay:
         self.metrics.collect_build(settings.cell.name)
         self.metrics.collect_backups(RECORD)
         self.metrics.collect_disk(JOURNAL.parent)
+        self.cells.count_recorders(self.recorder_handler.count)
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
@@ -116,6 +117,7 @@ class Relay:
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
             start_task("cells", self.cells.run()),
+            start_task("disk", self.cells.watch_disk(JOURNAL.parent)),
             start_task("cell_drain", self.cell_drain.run()),
             start_task("rebalancing", self.rebalancing.run()),
             start_task("fleet", self.fleet.run()),

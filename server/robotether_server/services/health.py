@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from itertools import chain
 from pathlib import Path
 from typing import Literal
 
@@ -18,7 +19,7 @@ from robotether_server.db import Transaction, cells
 from robotether_server.db.cells import ALIVE_S, Cell
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import HistoryUnavailableError, SiteCertificateUnavailableError
-from robotether_server.services.history import DISK_FREE, RECORDERS, FiringAlert, Prometheus
+from robotether_server.services.history import FiringAlert, Prometheus
 from robotether_server.times import utc_now
 
 # As in the alerts of images/prometheus/rules.yml.
@@ -33,7 +34,7 @@ SSH_KEPT_S = 60.0
 SSH_HELLO = b"SSH-2.0-health\r\n"
 # What sshd says first, also with as many log-ins under way as it takes.
 SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
-ASK_RELAY = "See docker compose ps and docker compose logs relay."
+ASK_RELAY = "On its machine, see docker compose ps and docker compose logs relay."
 
 PartState = Literal["good", "bad", "unknown"]
 
@@ -97,17 +98,20 @@ def read_health(
     parts = [
         PartHealth("web", "good", "It answers."),
         PartHealth("database", "good", "It answers."),
-        *map(_cell, cells.read(tx)),
+        *chain.from_iterable(map(_of_cell, cells.read(tx))),
         _sshd(ssh_probe.answers()),
         _certificate(certificates),
         _backups(backup_record),
     ]
     try:
-        measured = _measured(prometheus)
         alerts = prometheus.alerts()
     except HistoryUnavailableError:
-        return SiteHealth([*parts, *_unmeasured()], None)
-    return SiteHealth([*parts, *measured], alerts)
+        return SiteHealth([*parts, _prometheus(answers=False)], None)
+    return SiteHealth([*parts, _prometheus(answers=True)], alerts)
+
+
+def _of_cell(cell: Cell) -> list[PartHealth]:
+    return [_cell(cell), _recorder(cell), _disk(cell)]
 
 
 def _cell(cell: Cell) -> PartHealth:
@@ -117,7 +121,7 @@ def _cell(cell: Cell) -> PartHealth:
             name,
             "bad",
             f"Its relay has written nothing for {ALIVE_S} s.",
-            "On its machine, see docker compose ps and docker compose logs relay.",
+            ASK_RELAY,
         )
     if cell.clock_ahead_s is not None and abs(cell.clock_ahead_s) > MAX_CLOCK_AHEAD_S:
         return PartHealth(
@@ -179,41 +183,30 @@ def _backups(record: Path) -> PartHealth:
     return PartHealth("backups", "bad", words, run_it)
 
 
-def _measured(prometheus: Prometheus) -> list[PartHealth]:
-    """Judge what the relay measures, and Prometheus keeps; raise HistoryUnavailableError."""
-    return [
-        _recorder(prometheus.value(RECORDERS, "relay")),
-        _disk(prometheus.value(DISK_FREE, "relay")),
-        PartHealth("prometheus", "good", "It answers."),
-    ]
-
-
-def _unmeasured() -> list[PartHealth]:
-    """Return the same without Prometheus."""
-    needs, set_it = "It is known only with the profile metrics.", "Set COMPOSE_PROFILES=metrics."
+def _prometheus(*, answers: bool) -> PartHealth:
+    if answers:
+        return PartHealth("prometheus", "good", "It answers.")
     words = "It does not answer; history and alerts need it."
-    return [
-        PartHealth("recorder", "unknown", needs, set_it),
-        PartHealth("disk", "unknown", needs, set_it),
-        PartHealth("prometheus", "unknown", words, set_it),
-    ]
+    return PartHealth("prometheus", "unknown", words, "Set COMPOSE_PROFILES=metrics.")
 
 
-def _recorder(recorders: float | None) -> PartHealth:
-    if recorders is None:
-        words = "The relay of this machine does not say whether it is connected."
-        return PartHealth("recorder", "unknown", words, ASK_RELAY)
-    if recorders:
-        return PartHealth("recorder", "good", "It is connected to the relay of this machine.")
-    words = "It is not connected to the relay of this machine, so nothing is recorded here."
-    return PartHealth("recorder", "bad", words, "See docker compose logs recorder.")
+def _recorder(cell: Cell) -> PartHealth:
+    name = f"recorder of {cell.name}"
+    if cell.recorders is None:
+        return PartHealth(name, "unknown", "The cell's relay does not say it.", ASK_RELAY)
+    if cell.recorders:
+        return PartHealth(name, "good", "It is connected to the cell's relay.")
+    words = "It is not connected to the cell's relay, so nothing is recorded there."
+    advice = "On its machine, see docker compose logs recorder."
+    return PartHealth(name, "bad", words, advice)
 
 
-def _disk(free: float | None) -> PartHealth:
-    if free is None:
-        words = "The relay of this machine does not say how full it is."
-        return PartHealth("disk", "unknown", words, ASK_RELAY)
-    words = f"{free:.0%} is free on this machine."
-    if free >= MIN_DISK_FREE:
-        return PartHealth("disk", "good", words)
-    return PartHealth("disk", "bad", words, "See docker system df, and delete what is not needed.")
+def _disk(cell: Cell) -> PartHealth:
+    name = f"disk of {cell.name}"
+    if cell.disk_free is None:
+        return PartHealth(name, "unknown", "The cell's relay does not say it.", ASK_RELAY)
+    words = f"{cell.disk_free:.0%} is free."
+    if cell.disk_free >= MIN_DISK_FREE:
+        return PartHealth(name, "good", words)
+    advice = "On its machine, see docker system df, and delete what is not needed."
+    return PartHealth(name, "bad", words, advice)

@@ -90,10 +90,6 @@ CHARTS_OF_ROBOT = (
     *COMMON,
     Chart("battery", "percent", "max(robotether_robot_battery_percent{$of})"),
 )
-DISK_FREE = (
-    "min by (instance) (robotether_relay_disk_free_bytes / robotether_relay_disk_size_bytes)"
-)
-RECORDERS = "min by (instance) (robotether_relay_recorders)"
 
 
 class Line(Struct, frozen=True):
@@ -137,13 +133,6 @@ class Prometheus:
         times = list(range(end_s - span.length_s, end_s + 1, span.step_s))
         charts = CHARTS_OF_SITE if robot is None else CHARTS_OF_ROBOT
         return History(times, [self._chart(chart, times, span, robot) for chart in charts])
-
-    def value(self, query: str, instance: str) -> float | None:
-        """Read the newest value of a fixed query for one target; None: it is not known."""
-        for series in self._ask("query", {"query": query}):
-            if series["metric"].get("instance", "").startswith(f"{instance}:"):
-                return _number(series["value"][1])
-        return None
 
     def alerts(self) -> list[FiringAlert]:
         """Read what alerts last."""

@@ -18,7 +18,7 @@ from datetime import datetime, timezone
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
 from robotether_server import __version__
-from robotether_server.db.cells import Cell
+from robotether_server.db.cells import Cell, CellCounts
 from robotether_server.db.control import NewLease, Stop, StoredControl
 from robotether_server.db.fleet import (
     Changes,
@@ -144,7 +144,9 @@ class MemoryDatabase(RelayDatabase):
         self.fences[lease.robot_id] = fence
         return fence
 
-    async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
+    async def heartbeat(
+        self, cell: CellSettings, counts: CellCounts, started_at: datetime
+    ) -> list[Cell]:
         self._check_up()
         before = self.cells.get(cell.name)
         self.cells[cell.name] = Cell(
@@ -154,10 +156,12 @@ class MemoryDatabase(RelayDatabase):
             ssh_ports=cell.ssh_ports,
             peer_address=cell.peer_address,
             version=__version__,
-            robots=robots,
+            robots=counts.robots,
             draining=before is not None and before.draining,
             is_alive=True,
             region=cell.region,
+            disk_free=counts.disk_free,
+            recorders=counts.recorders,
         )
         return list(self.cells.values())
 

@@ -7,11 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from pathlib import Path
 
 from robotether_server.db import cells
-from robotether_server.db.cells import ALIVE_S, Cell, SshAddresses
+from robotether_server.db.cells import ALIVE_S, Cell, CellCounts, SshAddresses
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.settings.server import CellSettings
@@ -24,6 +26,9 @@ POLL_EVERY_S = 1.0
 CURRENT_S = 3.0
 # Difference up to which clocks count as equal: the way to the database takes part of it.
 CLOCKS_AGREE_S = 0.5
+# Interval between two looks at the disk, and the maximum age of what it said: a disk may hang.
+DISK_EVERY_S = 10.0
+DISK_CURRENT_S = 30.0
 
 
 class Cells:
@@ -48,6 +53,26 @@ class Cells:
         self._cells: Mapping[str, Cell] = {}
         self._problem: str | None = None
         self._settled_at = self._read_at = 0.0
+        self._recorders: Callable[[], int] | None = None
+        # When it was read, and what part is free.
+        self._disk: tuple[float, float] | None = None
+
+    def count_recorders(self, count: Callable[[], int]) -> None:
+        """Say with each heartbeat how many recorders are connected."""
+        self._recorders = count
+
+    async def watch_disk(self, folder: Path) -> None:
+        """Say with each heartbeat how full the file system of the folder is, for ever."""
+        while True:
+            try:
+                usage = await asyncio.to_thread(shutil.disk_usage, folder)
+            except OSError as problem:
+                log.warning("cannot see how full %s is: %s", folder, problem)
+            else:
+                # What is kept for root is nobody's here.
+                free = usage.free / ((usage.used + usage.free) or 1)
+                self._disk = asyncio.get_running_loop().time(), free
+            await asyncio.sleep(DISK_EVERY_S)
 
     @property
     def name(self) -> str:
@@ -135,7 +160,7 @@ class Cells:
         """Write the heartbeat, and read all cells."""
         try:
             site_cells = await self._database.heartbeat(
-                self._settings, self._robots(), self._started_at
+                self._settings, self._counts(), self._started_at
             )
         except StoreUnavailableError:
             # `fleet` says in the log that the database is away.
@@ -147,6 +172,12 @@ class Cells:
         else:
             self._report(None)
             self._update({cell.name: cell for cell in site_cells})
+
+    def _counts(self) -> CellCounts:
+        now, free = asyncio.get_running_loop().time(), None
+        if self._disk is not None and now - self._disk[0] <= DISK_CURRENT_S:
+            free = self._disk[1]
+        return CellCounts(self._robots(), free, self._recorders() if self._recorders else None)
 
     def _update(self, site_cells: Mapping[str, Cell]) -> None:
         self._read_at = asyncio.get_running_loop().time()
@@ -169,4 +200,5 @@ class Cells:
 
 
 def _without_counts(site_cells: Mapping[str, Cell]) -> list[Cell]:
-    return [replace(cell, robots=0, clock_ahead_s=None) for cell in site_cells.values()]
+    nothing = {"robots": 0, "clock_ahead_s": None, "disk_free": None, "recorders": None}
+    return [replace(cell, **nothing) for cell in site_cells.values()]  # type: ignore[arg-type] # as in Cell

@@ -7,6 +7,7 @@ hangs must not take the loop's shared threads, where names are resolved for new 
 from __future__ import annotations
 
 import asyncio
+import dataclasses
 import logging
 import threading
 import time
@@ -18,7 +19,7 @@ from typing import TypeVar
 
 from robotether_server.audit_chain import ChainEnd, SignedHead
 from robotether_server.db import Database, Transaction, audit_chains, cells, control, fleet
-from robotether_server.db.cells import Cell
+from robotether_server.db.cells import Cell, CellCounts
 from robotether_server.db.control import NewLease, StoredControl
 from robotether_server.db.fleet import Changes, Credential, Entry, RelayRequest, RelayUser, Snapshot
 from robotether_server.problems import StoreError, StoreUnavailableError
@@ -98,11 +99,13 @@ class RelayDatabase:
         """Number a drive; the number is committed. One that comes too late is not."""
         return await self._ask(lambda tx: control.next_fence(tx, lease, self._cell), briefly=True)
 
-    async def heartbeat(self, cell: CellSettings, robots: int, started_at: datetime) -> list[Cell]:
-        """Write that this cell is alive, and its number of robots; return all cells."""
+    async def heartbeat(
+        self, cell: CellSettings, counts: CellCounts, started_at: datetime
+    ) -> list[Cell]:
+        """Write that this cell is alive, and what it counts; return all cells."""
 
         def exchange(tx: Transaction) -> list[Cell]:
-            cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
+            cells.write_heartbeat(tx, cell, started_at=started_at, **dataclasses.asdict(counts))
             return cells.read(tx)
 
         others = await self._ask(exchange)

@@ -1,13 +1,18 @@
 """How the site is, for admins alone: what cannot be known here is unknown, and nothing else."""
 
+import datetime as dt
 import socket
 from dataclasses import replace
 from threading import Thread
 
 import pytest
+from relay_server import cell_settings
+from robotether_server.db import cells
 from robotether_server.problems import HistoryUnavailableError
 from robotether_server.services.health import SshProbe
 from robotether_server.services.history import FiringAlert, Prometheus
+
+NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
 
 
 class AbsentPrometheus(Prometheus):
@@ -16,15 +21,6 @@ class AbsentPrometheus(Prometheus):
 
 
 class FakePrometheus(Prometheus):
-    """One whose relay measures these."""
-
-    def __init__(self, **values):
-        super().__init__(("nobody", 1))
-        self.values = values
-
-    def value(self, query, instance):
-        return self.values.get("recorders" if "recorders" in query else "disk")
-
     def alerts(self):
         return [FiringAlert("DiskFull", "5% are free")]
 
@@ -45,26 +41,33 @@ def states(root):
     return {part["name"]: part["state"] for part in health["parts"]}, health["alerts"]
 
 
-def test_without_prometheus_its_parts_are_unknown(root, use):
+def test_without_prometheus_alerts_are_unknown(root, use):
     parts, alerts = states(root)
     assert (parts["web"], parts["database"]) == ("good", "good")
-    assert {parts[name] for name in ("recorder", "disk", "prometheus", "sshd")} == {"unknown"}
+    assert {parts[name] for name in ("prometheus", "sshd")} == {"unknown"}
     assert alerts is None
-
-
-@pytest.mark.parametrize(
-    ("values", "expected"),
-    [
-        ({"recorders": 1.0, "disk": 0.5}, ("good", "good")),
-        ({"recorders": 0.0, "disk": 0.05}, ("bad", "bad")),
-        ({}, ("unknown", "unknown")),
-    ],
-)
-def test_what_the_relay_measures_is_judged(root, use, values, expected):
-    use(prometheus=FakePrometheus(**values))
+    use(prometheus=FakePrometheus(("nobody", 1)))
     parts, alerts = states(root)
-    assert (parts["recorder"], parts["disk"]) == expected
+    assert parts["prometheus"] == "good"
     assert alerts == [{"name": "DiskFull", "summary": "5% are free"}]
+
+
+def test_disk_and_recorder_of_each_cell_are_judged(root, use, relay_database, admin_database):
+    """What a relay does not say is unknown, as is all that one said that is silent now."""
+    said = {
+        "a": {"disk_free": 0.5, "recorders": 1},
+        "b": {"disk_free": 0.05, "recorders": 0},
+        "c": {},
+        "dead": {"disk_free": 0.5, "recorders": 1},
+    }
+    with relay_database.transaction() as tx:
+        for name, counts in said.items():
+            cells.write_heartbeat(tx, cell_settings(name), robots=0, started_at=NOON, **counts)
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'dead'", (NOON,))
+    parts, _ = states(root)
+    for name, state in {"a": "good", "b": "bad", "c": "unknown", "dead": "unknown"}.items():
+        assert {parts[f"recorder of {name}"], parts[f"disk of {name}"]} == {state}
 
 
 @pytest.mark.parametrize(

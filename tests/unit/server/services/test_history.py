@@ -96,14 +96,4 @@ def test_a_robots_name_stays_a_value():
 def test_what_is_no_answer_is_none(monkeypatch, answer, status):
     monkeypatch.setattr(history, "MAX_ANSWER_BYTES", 64)
     with answering(answer, status) as (prometheus, _), pytest.raises(HistoryUnavailableError):
-        prometheus.value(history.DISK_FREE, "relay")
-
-
-def test_a_value_is_that_of_the_target_that_is_asked_for():
-    series = [
-        {"metric": {"instance": f"{host}:9100"}, "value": [END_S, text]}
-        for host, text in {"relay2": "9", "relay": "0.25"}.items()
-    ]
-    with answering(result(*series)) as (prometheus, _):
-        assert prometheus.value(history.DISK_FREE, "relay") == 0.25
-        assert prometheus.value(history.DISK_FREE, "web") is None
+        prometheus.alerts()

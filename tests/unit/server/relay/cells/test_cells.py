@@ -1,5 +1,6 @@
 """What a relay knows of the cells, from records that a test changes."""
 
+import asyncio
 import logging
 from dataclasses import replace
 
@@ -9,6 +10,7 @@ from robotether_server.db.cells import Cell
 from robotether_server.problems import RecordExistsError
 from robotether_server.relay.cells import cells as relay_cells
 from robotether_server.relay.cells.cells import Cells
+from robotether_server.tasks import end_tasks
 
 OTHER = Cell("b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 3, False, True)
 
@@ -88,6 +90,28 @@ async def test_other_cells_get_a_while_to_come_back_with_the_database(
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     await cells.poll()
     assert [address.host for address in cells.addresses(7)] == hosts
+
+
+async def test_disk_and_recorders_are_said_while_they_are_known(
+    cells, memory_database, monkeypatch, tmp_path
+):
+    await cells.poll()
+    assert memory_database.cells["a"].disk_free is memory_database.cells["a"].recorders is None
+    cells.count_recorders(lambda: 1)
+    watch = asyncio.create_task(cells.watch_disk(tmp_path))
+    try:
+        async with asyncio.timeout(10):
+            while memory_database.cells["a"].disk_free is None:
+                await asyncio.sleep(0.01)
+                await cells.poll()
+        assert 0 < memory_database.cells["a"].disk_free < 1
+        assert memory_database.cells["a"].recorders == 1
+        # A disk that hangs says nothing more.
+        monkeypatch.setattr(relay_cells, "DISK_CURRENT_S", -1)
+        await cells.poll()
+        assert memory_database.cells["a"].disk_free is None
+    finally:
+        await end_tasks([watch])
 
 
 class Taken(MemoryDatabase):

@@ -139,7 +139,10 @@ async def test_what_a_robot_signed_before_a_restore_stays_visible(parts, databas
         fleet.write(tx, [DRIVE_END])
     await end_drive_signed(4)
     found = report(database)
-    assert (found.fault, [(item.line, item.lost_up_to) for item in found.restores]) == (None, [(2, 2)])
+    assert (found.fault, [(item.line, item.lost_up_to) for item in found.restores]) == (
+        None,
+        [(2, 2)],
+    )
     with admin_database.transaction() as tx:
         tx.change("CALL prune_audit_chains(CURRENT_TIMESTAMP(6) + INTERVAL 1 DAY)")
     assert (report(database).fault, report(database).restores) == (None, [])
