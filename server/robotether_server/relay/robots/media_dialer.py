@@ -91,7 +91,7 @@ class MediaDialer:
                 why = "no answer in time"
             except (ClientError, OSError):
                 why, pause_s = "the robot refuses the connection", next(pauses)
-            if (left_s := deadline - loop.time()) < 0:
+            if (left_s := deadline - loop.time()) <= 0:
                 raise ConnectionClosedError(media_path.down(robot.name, why))
             await asyncio.sleep(min(pause_s, left_s))
 
