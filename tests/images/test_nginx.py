@@ -125,12 +125,6 @@ def test_inner_address_of_a_problem_is_closed(stack: Stack) -> None:
     assert stack.request("GET", "/nginx-bad-request")[0] == 404
 
 
-def test_ssh_answers_on_443(stack: Stack) -> None:
-    with socket.create_connection(("localhost", stack.https_port), timeout=5) as plain:
-        plain.sendall(b"SSH-2.0-test\r\n")
-        assert plain.recv(64).startswith(b"SSH-2.0-OpenSSH")
-
-
 # Holds connections that have passed to the server for TLS, each with a client's first message, and tries one more.
 # Prints how many were answered, whether one more was, and how many are once the first are closed.
 HOLD_PLACES = """
@@ -246,26 +240,6 @@ def test_an_admins_token_reads_the_relays_numbers(stack: Stack) -> None:
     assert {status for status, _ in answers} == {200, 429}
 
 
-def test_configuration_in_force_is_ours(stack: Stack) -> None:
-    printed = stack.exec("nginx", "nginx", "-T")
-    assert "sites-enabled" not in printed
-    assert "ssl_protocols TLSv1.2 TLSv1.3;" in printed
-
-
 def test_kernel_keeps_little_for_slow_viewers(stack: Stack) -> None:
     """What is not under way yet to who watches a stream is bounded where nginx runs."""
     assert stack.exec("nginx", "cat", "/proc/sys/net/ipv4/tcp_notsent_lowat").strip() == "16384"
-
-
-def test_frames_are_asked_for_by_an_upgrade(stack: Stack) -> None:
-    """The upgrade for pictures reaches the relay, which wants to know who asks; on its neighbours it is none."""
-    handshake = {
-        "Connection": "Upgrade",
-        "Upgrade": "websocket",
-        "Sec-WebSocket-Version": "13",
-        "Sec-WebSocket-Key": "dGhlIHNhbXBsZSBub25jZQ==",
-    }
-    path = "/robots/sim1/video/frames?topic=/a"
-    assert stack.request("GET", path, headers=handshake)[0] == 401
-    # The relay sees a plain GET.
-    assert stack.request("GET", path)[0] == 426

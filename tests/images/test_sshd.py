@@ -165,14 +165,6 @@ def test_programs_of_a_log_in_load_no_library(stack: Stack) -> None:
         assert "statically linked" in stack.exec("sshd", "ldd", program), program
 
 
-def test_robot_opens_its_session_through_443(key: RobotKey) -> None:
-    running = key.start(USER, "session", port=key.stack.https_port)
-    try:
-        assert session_line(running)["robot"] == "thief"
-    finally:
-        end(running)
-
-
 def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: Path) -> None:
     """Both ports, added to the live connection as an agent does, listen inside the tunnel network."""
     control = str(tmp_path / "control")
