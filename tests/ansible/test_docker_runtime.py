@@ -3,29 +3,21 @@
 from __future__ import annotations
 
 import pytest
-from docker.types import Mount
+from cloud_machines import boot_docker_host
 from playbooks import Site
-from robot_hosts import SYSTEMD, RobotHost, RobotHosts
+from robot_hosts import RobotHost, RobotHosts
 
 # An image is built, carried over and loaded by a Docker inside the host.
 pytestmark = pytest.mark.release
 # Its usual bridge would have the very address at which this machine's server is.
 SETTINGS = b'{"bridge": "none"}'
-# A container's /proc/sys is read-only, and Docker inside it sets its networks up there.
-DROP_IN = b"[Service]\nExecStartPre=/bin/mount -o remount,rw,bind /proc/sys\n"
 
 
 @pytest.fixture(scope="module")
 def robot(hosts: RobotHosts) -> RobotHost:
     """A robot with a Docker of its own."""
-    host = hosts.boot(
-        "boxed",
-        # overlay2 needs another file system than the container's own; runc needs to look into what it started.
-        mounts=[Mount("/var/lib/docker", None, type="volume")],
-        cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
-    )
+    host = boot_docker_host(hosts, "boxed")
     host.put(SETTINGS, "/etc/docker/daemon.json")
-    host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
     # Packages of the distribution stay on a robot that is retired.
     packages = "docker.io python3-requests"
     host.run(f"apt-get update -qq && apt-get install -y -qq --no-install-recommends {packages}")

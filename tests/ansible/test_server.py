@@ -63,15 +63,12 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
     images.unlink()
 
 
-def test_check_works_before_the_first_run(server: Server) -> None:
-    """--check on a bare machine ends well and changes nothing."""
+def test_bare_machine_becomes_the_server_once(server: Server) -> None:
+    """--check works before; the first run ends healthy and prints its fingerprint; the second changes nothing."""
     before = server.host.run("ls /opt /etc /etc/systemd/system")
     server.play("--check")
     assert server.host.run("ls /opt /etc /etc/systemd/system") == before
 
-
-def test_bare_machine_becomes_the_server_once(server: Server) -> None:
-    """The first run ends with a healthy stack and prints its fingerprint; the second changes nothing."""
     changed, said = server.play()
     assert changed > 0
     assert "https://robots.test/" in said

@@ -39,15 +39,21 @@ def clone_sources(folder: Path) -> Path:
     return sources
 
 
-def boot_machine(hosts: RobotHosts, name: str) -> RobotHost:
+def boot_docker_host(hosts: RobotHosts, name: str) -> RobotHost:
+    """Boot a host in which a Docker of its own can run."""
     host = hosts.boot(
         name,
         # overlay2 needs another file system than the container's own; runc needs to look into what it started.
         mounts=[Mount("/var/lib/docker", None, type="volume")],
         cap_add=[*SYSTEMD["cap_add"], "SYS_PTRACE"],
     )
-    host.run("systemctl disable --now sim-robot")
     host.put(DROP_IN, "/etc/systemd/system/docker.service.d/container.conf")
+    return host
+
+
+def boot_machine(hosts: RobotHosts, name: str) -> RobotHost:
+    host = boot_docker_host(hosts, name)
+    host.run("systemctl disable --now sim-robot")
     return host
 
 

@@ -98,7 +98,6 @@ async function seconds(count, act = () => {}) {
 // The states that are shown, how many links were opened and whether the newest is closed from here.
 for (const [name, steps, shown, opened, closed = false] of [
   ["it is not live before the robot itself has answered", [begin, open, settle], "connecting", 1],
-  ["it is live when it has", [live], "connecting live", 1],
   ["a robot that is offline is reported by the close code", [begin, open, () => end(4503)], "connecting offline", 1, true],
   ["it is tried again", [begin, open, () => end(4503), () => pass(500)], "connecting offline", 2],
   ["no answer from the robot is reported as such", [begin, open, () => pass(8000)], "connecting rosbridge_down", 1, true],

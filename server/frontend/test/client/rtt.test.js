@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { RttProbe, median } from "../../src/client/rtt.js";
+import { RttProbe } from "../../src/client/rtt.js";
 
 let clock, calls, reading, probe;
 
@@ -27,11 +27,6 @@ const answer = async (result = { ok: true }) => {
   calls.at(-1).resolve(result);
   for (let i = 0; i < 5; i++) await Promise.resolve();
 };
-
-test("the median ignores one slow answer", () => {
-  assert.equal(median([10, 12, 500, 11, 13]), 12);
-  assert.equal(median([10, 20]), 15);
-});
 
 test("an answer that says that the service failed counts as well", async () => {
   probe.start();

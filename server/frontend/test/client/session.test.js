@@ -27,15 +27,6 @@ test("a page that watches, and one without a drive topic, advertise and publish 
   }
 });
 
-test("a command carries its timestamp in the relay's time", () => {
-  session.useType("geometry_msgs/Twist");
-  session.use(true);
-  session.publish({ forward: 1, turn: 0 }, 5);
-  const [[message, robotether]] = published;
-  assert.equal(message.linear.x, 1);
-  assert.deepEqual(robotether, { t_ms: 1005 });
-});
-
 test("a command names the frames that were seen at its input, also before the relay's clock is known", () => {
   const at = [];
   session.seenAt = (timestamp) => (at.push(timestamp), [{ camera: "/a", frame: 41 }]);
