@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import queue
@@ -189,6 +190,11 @@ class LineProgram:
             if not self.handle(message):
                 self._lines.put(message)
         self._lines.put(GONE)
+
+
+async def read_line() -> Any:
+    """Read what whoever started this process says next; None when its input has ended."""
+    return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
 
 
 def write_line(value: object) -> None:

@@ -9,8 +9,6 @@ written into the history.
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
@@ -41,7 +39,7 @@ from paper.client import (
     new_http,
 )
 from paper.histogram import Histogram
-from paper.programs import write_line
+from paper.programs import read_line, write_line
 
 # A stop is answered within 1 s, a release within 2 s, by a cell that must ask another one.
 ORDER_S = 5.0
@@ -389,18 +387,14 @@ class People:
         }
 
 
-async def _line() -> Any:
-    return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
-
-
 async def work() -> None:
-    order = await _line()
+    order = await read_line()
     async with new_http(force_close=True) as http:
         scene = Scene(order, "people", http)
         people = People(scene)
         tasks = [asyncio.create_task(person.run()) for person in people.all]
         write_line({"begun": True})
-        await _line()
+        await read_line()
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -409,7 +403,7 @@ async def work() -> None:
         await asyncio.gather(*(operator.settle() for operator in people.operators))
         write_line({"settled": True})
         # The database is read meanwhile.
-        await _line()
+        await read_line()
         for operator in people.operators:
             for robot in operator.robots:
                 await operator.release(robot)

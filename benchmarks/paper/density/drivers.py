@@ -10,8 +10,6 @@ counted when it ends before.
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 import time
 from collections import Counter
 from collections.abc import Mapping
@@ -24,7 +22,7 @@ import uvloop
 
 from paper.client import FAILURES, Client, Echoes, begin, close, command, new_http
 from paper.histogram import Histogram
-from paper.programs import write_line
+from paper.programs import read_line, write_line
 
 READY_WITHIN_S, AGAIN_S, LAST_WITHIN_S = 60.0, 0.2, 2.0
 # Number of commands that do not count.
@@ -133,13 +131,13 @@ def begins(drivers: int, rate_hz: float) -> list[float]:
 
 
 async def work() -> None:
-    order = json.loads(await asyncio.to_thread(sys.stdin.readline))
+    order = await read_line()
     rate_hz, seconds = order["rate_hz"], order["seconds"]
     async with new_http() as http:
         drivers = [Driver(Drive(**drive), order["site"], http) for drive in order["drives"]]
         await asyncio.gather(*(driver.open() for driver in drivers))
         write_line({"ready": True})
-        await asyncio.to_thread(sys.stdin.readline)
+        await read_line()
         began, cpu_s = time.monotonic(), time.process_time()
         moments = begins(len(drivers), rate_hz)
         runs = (item.run(at, rate_hz, seconds) for item, at in zip(drivers, moments, strict=True))

@@ -8,8 +8,6 @@ next. Some leave when they are offered a request, without a word. What counts is
 from __future__ import annotations
 
 import asyncio
-import json
-import sys
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -19,7 +17,7 @@ from robotether_server.relay.http.event_loop import EventLoop
 
 from paper.cells.people import Person, Scene
 from paper.client import FAILURES, new_http
-from paper.programs import write_line
+from paper.programs import read_line, write_line
 
 ASK_EVERY_S, POLL_EVERY_S = 3.0, 1.0
 PRIORITIES = (1, 2, 3)
@@ -101,12 +99,8 @@ class QueueOperator(QueuePerson):
         self._history.add("accepted", robot=request["robot"], connection=self.name, what=what)
 
 
-async def _line() -> Any:
-    return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
-
-
 async def work() -> None:
-    order = await _line()
+    order = await read_line()
     async with new_http(force_close=True) as http:
         scene = Scene(order, "people", http)
         asker = Asker(scene, "admin", order["admin"])
@@ -118,7 +112,7 @@ async def work() -> None:
         for number, operator in enumerate(operators):
             operator.begin_at(number)
         write_line({"begun": True})
-        await _line()
+        await read_line()
         asking.cancel()
         await asker.wait_for_none()
         for task in tasks:
@@ -127,7 +121,7 @@ async def work() -> None:
         failed = [repr(result) for result in ended if isinstance(result, Exception)]
         met = sum((person.met for person in (asker, *operators)), Counter[str]())
         write_line({"met": dict(met.most_common(30)), "failed": failed})
-        await _line()
+        await read_line()
         scene.history.close()
         write_line({"ended": True})
 
