@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import page_holds
 import pytest
 from accessibility import BY_LOOK, RULES, violations
 from page_users import release_all
@@ -52,17 +53,14 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
     _assert_accessible(page, "the drive page with gamepad and topics unfolded")
     page.get_by_test_id("drawer-open").click()
     with frozen_cameras(stack, ROBOT):
-        expect(page.get_by_test_id("state")).to_have_attribute("data-shown", "held", timeout=5_000)
+        expect(page.get_by_test_id("state")).to_have_attribute("data-shown", "held")
         _assert_accessible(page, "the drive page while driving is held")
     try:
         page.get_by_test_id("stop").click()
         bar = page.get_by_test_id("stop-bar")
-        expect(bar).to_have_attribute("data-stop", "stopped", timeout=5_000)
+        expect(bar).to_have_attribute("data-stop", "stopped")
         _assert_accessible(page, "the drive page of a stopped robot")
-        page.get_by_test_id("release").hover()
-        page.mouse.down()
-        expect(bar).to_have_attribute("data-stop", "none", timeout=5_000)
-        page.mouse.up()
+        page_holds.release_stop(page)
     finally:
         release_all(stack, [ROBOT])
 

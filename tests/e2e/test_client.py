@@ -113,7 +113,7 @@ def _drive_and_stop(page: Page, watch: SimWatch, stack: Stack, token: str) -> No
     watch.wait_pose("moving", _moving)
     _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.30")
     page.mouse.up()
-    watch.wait_pose("standing", _standing, seconds=2)
+    watch.wait_pose("standing", _standing)
     _expect_value(page, COUNT_COLOURS, lambda colours: colours > 10)
     page.locator("#stop").click()
     stack.wait("stopped", lambda: _stopped(stack, token), "relay")
@@ -141,7 +141,7 @@ def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> N
         watch.wait_pose("moving", _moving)
         _expect_value(lab, COUNT_COLOURS, lambda colours: colours > 10)
         lab.evaluate("void (stick.y = 0)")
-        watch.wait_pose("standing", _standing, seconds=2)
+        watch.wait_pose("standing", _standing)
 
 
 def test_a_site_that_is_not_allowed_gets_nothing(

@@ -461,9 +461,9 @@ def test_a_driver_without_network_reads_that_and_nothing_drives_on(
     expect(state).not_to_have_attribute("data-state", "live")
     try:
         page.keyboard.press("Space")
-        expect(bar).to_have_attribute("data-stop", "unheard", timeout=5_000)
+        expect(bar).to_have_attribute("data-stop", "unheard")
         page.context.set_offline(False)
-        expect(bar).to_have_attribute("data-stop", "stopped", timeout=10_000)
+        expect(bar).to_have_attribute("data-stop", "stopped")
     finally:
         release_all(stack, [ROBOT])
 

@@ -125,9 +125,7 @@ def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
         assert card.bounding_box() == before
         assert _shown(fleet)[-1] == coming
         fleet.get_by_test_id("fleet-search").hover()
-        stack.wait(
-            "the order is right", lambda: _shown(fleet)[:2] == ["crowd-000", coming], seconds=5
-        )
+        stack.wait("the order is right", lambda: _shown(fleet)[:2] == ["crowd-000", coming])
     finally:
         stack.sql(f"DELETE FROM robots WHERE name IN ('{going}', '{coming}')")
 

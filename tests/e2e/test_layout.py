@@ -163,7 +163,7 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     expect(driven.get_by_test_id("question")).to_be_hidden()
     state = driven.get_by_test_id("state")
     with frozen_cameras(stack, ROBOT):
-        expect(state).to_have_attribute("data-shown", "held", timeout=5_000)
+        expect(state).to_have_attribute("data-shown", "held")
         assert _places(driven, request, "held") == before
         driven.get_by_test_id("state-action").click()
         expect(state).to_have_attribute("data-shown", "blind")

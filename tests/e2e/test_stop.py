@@ -39,28 +39,10 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
 
 def _expect_stopped(page: Page, by: str) -> None:
     bar = page.get_by_test_id("stop-bar")
-    expect(bar).to_have_attribute("data-stop", "stopped", timeout=5_000)
+    expect(bar).to_have_attribute("data-stop", "stopped")
     expect(page.get_by_test_id("stop-text")).to_have_text(
         re.compile(rf"Stopped by {by} at \d\d:\d\d")
     )
-
-
-def _hold_release(page: Page) -> None:
-    """Hold the button until the robot is released, which takes a second of the page's own time."""
-    button, bar = page.get_by_test_id("release"), page.get_by_test_id("stop-bar")
-
-    def press() -> None:
-        button.hover()
-        page.mouse.down()
-
-    page_holds.hold(
-        page,
-        press,
-        page.mouse.up,
-        lambda: expect(bar).to_have_attribute("data-stop", "none", timeout=5_000),
-        lambda _: expect(button).to_be_visible(),
-    )
-    page.mouse.up()
 
 
 def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release(
@@ -83,7 +65,7 @@ def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release
         ann.keyboard.up("w")
         assert [seen for seen in watch.commands(stopped) if seen.msg["linear"]["x"] != 0] == []
         expect(olga.get_by_test_id("release")).to_have_count(0)
-        _hold_release(ann)
+        page_holds.release_stop(ann)
         expect_mode(ann, "drive")
         expect_armed(ann)
         page_holds.drive(ann, watch)
@@ -93,7 +75,7 @@ def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release
     page_users.go(ann, ROBOT)
     _expect_stopped(ann, "ann")
     expect(ann.get_by_test_id("control-drive")).to_be_hidden()
-    _hold_release(ann)
+    page_holds.release_stop(ann)
     expect_mode(ann, "observe")
 
 
@@ -102,7 +84,7 @@ def test_robots_are_stopped_on_the_fleet_page(page_users: PageUsers, stack: Stac
     olga = page_users.open_fleet("olga")
     card = olga.get_by_test_id(f"robot-card-{ROBOT}")
     card.get_by_test_id("card-stop").click()
-    expect(card.get_by_test_id("card-stopped")).to_contain_text("Stopped by olga at", timeout=5_000)
+    expect(card.get_by_test_id("card-stopped")).to_contain_text("Stopped by olga at")
     expect(olga.get_by_test_id("stop-all")).to_be_hidden()
     release_all(stack, [ROBOT])
     stack.admin.ask("POST", "/sites", {"name": "lab"})
@@ -111,12 +93,12 @@ def test_robots_are_stopped_on_the_fleet_page(page_users: PageUsers, stack: Stac
         admin = page_users.open_fleet("admin")
         result = admin.get_by_test_id("stop-result")
         admin.get_by_test_id("stop-site-lab").click(timeout=15_000)
-        expect(result).to_have_text("sim2: stopped", timeout=5_000)
+        expect(result).to_have_text("sim2: stopped")
         for name, stop in (("sim1", "none"), ("sim2", "stopped")):
             card = admin.get_by_test_id(f"robot-card-{name}")
             expect(card).to_have_attribute("data-stop", stop)
         admin.get_by_test_id("stop-all").click()
         for name in SIMS:
-            expect(result).to_contain_text(re.compile(rf"{name}: stopped"), timeout=5_000)
+            expect(result).to_contain_text(re.compile(rf"{name}: stopped"))
     finally:
         stack.admin.remove("sites", "lab")

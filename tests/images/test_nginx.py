@@ -151,7 +151,7 @@ with socket.create_connection(address, timeout=5) as one_more:
 for connection in held:
     connection.close()
 # nginx sees the ends a moment later.
-again, ends_at = [], time.monotonic() + 10
+again, ends_at = [], time.monotonic() + 60
 while len(again) < places and time.monotonic() < ends_at:
     connection = socket.create_connection(address, timeout=5)
     if is_answered(connection):

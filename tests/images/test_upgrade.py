@@ -11,7 +11,6 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
-from urllib.error import URLError
 from urllib.request import urlopen
 
 import docker
@@ -48,7 +47,7 @@ def run(*command: str | Path, cwd: Path = ROOT) -> str:
 def answers(url: str) -> bool:
     try:
         urlopen(url, timeout=1).close()
-    except (URLError, ConnectionError):
+    except OSError:
         return False
     return True
 

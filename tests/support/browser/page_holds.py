@@ -8,7 +8,8 @@ note(page)
 hold something, and see what the robot does
 if had_to_let_go(page): let go, and hold it once more
 
-`hold` is that for anything that is pressed, `drive` for a key and a robot that has to move.
+`hold` is that for anything that is pressed, `drive` for a key and a robot that has to move, `release_stop` for the
+button that releases a stop.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from pages import expect_armed
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from sim_watch import SimWatch
 
 # As of gamepad.js, which looks in each frame; teleop.js, by its timer, waits 100 ms longer.
@@ -88,3 +89,21 @@ def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
         # Who drives without video is very slow.
         lambda: watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0),
     )
+
+
+def release_stop(page: Page) -> None:
+    """Hold the button that releases the robot until it is released, which takes a second of the page's own time."""
+    button, bar = page.get_by_test_id("release"), page.get_by_test_id("stop-bar")
+
+    def press() -> None:
+        button.hover()
+        page.mouse.down()
+
+    hold(
+        page,
+        press,
+        page.mouse.up,
+        lambda: expect(bar).to_have_attribute("data-stop", "none", timeout=5_000),
+        lambda _: expect(button).to_be_visible(),
+    )
+    page.mouse.up()

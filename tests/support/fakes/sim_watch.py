@@ -65,7 +65,7 @@ class SimWatch(LoopThread):
 
         self.wait_pose(what, came)
 
-    def wait_pose(self, what: str, condition: Any, seconds: float = 5.0) -> float:
+    def wait_pose(self, what: str, condition: Any, seconds: float = 10.0) -> float:
         """Wait until the condition holds for the pose; the seconds it took."""
         start = time.monotonic()
         while not condition(self.pose):

@@ -50,7 +50,7 @@ async def echo(
     socket: aiohttp.ClientWebSocketResponse,
     text: str,
     topic: str = "/test_echo",
-    seconds: float = 5,
+    seconds: float = 10,
 ) -> str:
     """Publish a std_msgs/String that the same connection is subscribed to; what came back."""
     await socket.send_json({"op": "publish", "topic": topic, "msg": {"data": text}})
@@ -107,7 +107,7 @@ async def drive_forward(program: Program, robot: str) -> float:
 async def _x_of_pose(socket: aiohttp.ClientWebSocketResponse) -> float:
     """Return x of the next pose, in metres; a command that a busy machine made too old is dropped, and said so."""
     while True:
-        message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
+        message = json.loads(await asyncio.wait_for(socket.receive_str(), 10))
         if message["op"] == "status" and " ms old, over " in message["msg"]:
             continue
         assert message["op"] == "publish", message
