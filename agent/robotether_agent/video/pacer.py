@@ -17,15 +17,19 @@ import termios
 from collections import deque
 from collections.abc import Callable
 
-from robotether_agent.video.bandwidth_estimator import BandwidthEstimator, Reading
+from robotether_agent.video.bandwidth_estimator import (
+    MIN_BURST_SEGMENTS,
+    BandwidthEstimator,
+    Reading,
+)
 
 # Time after which unwritten data is stuck at a viewer that reads nothing, and must not delay the
 # others.
 STUCK_AFTER_S = 0.25
 # Maximum sending time that idle senders save.
 SAVED_S = 0.012
-# Maximum interval between checks while a sender waits and until the data has arrived: the end shows
-# how fast a frame was.
+# Maximum interval between checks while a sender waits and until a frame has arrived: the end shows
+# how fast it was. What is too little to show that is not followed.
 CHECK_EVERY_S = 0.004
 ARRIVES_WITHIN_S = 1.0
 # Maximum and minimum size of one turn: a stream must not delay the others, and ssh must make no
@@ -139,8 +143,10 @@ class Pacer:
         self._warned = False
         # Somebody has waited since the last look.
         self._has_waited = False
-        # What was handed on until then may still be under way.
+        # A frame that was handed on may be under way until then.
         self._arrives_until_s = 0.0
+        # At the last look, and what was handed on since.
+        self._in_flight = 0
 
     def use(self, connection: socket.socket | None) -> None:
         """Look at this connection from now on; it stays the caller's."""
@@ -222,7 +228,7 @@ class Pacer:
             self._paced = estimator, TokenBucket(reading.at_s, estimator.window)
         estimator, bucket = self._paced
         left = self._handed.remaining(reading)
-        in_flight = reading.in_flight + left
+        self._in_flight = in_flight = reading.in_flight + left
         if not in_flight:
             self._arrives_until_s = 0.0
         is_handed = not (self._has_waited or left)
@@ -247,7 +253,7 @@ class Pacer:
             requested, turn = waiting.popleft()
             granted = min(requested, room, share, MAX_TURN_BYTES)
             room -= granted
-            self._note(granted, reading.at_s)
+            self._note(granted, reading)
             turn.set_result(granted)
             if waiting is not self._bulk and self._bulk:
                 # Who had this turn may want the next one, before bulk gets what is left.
@@ -264,9 +270,11 @@ class Pacer:
             return self._waiting if self._turns % BULK_TURN else self._bulk
         return self._waiting or self._bulk
 
-    def _note(self, granted: int, now_s: float) -> None:
+    def _note(self, granted: int, reading: Reading) -> None:
         self._handed.add(granted)
-        self._arrives_until_s = now_s + ARRIVES_WITHIN_S
+        self._in_flight += granted
+        if self._in_flight >= MIN_BURST_SEGMENTS * reading.segment:
+            self._arrives_until_s = reading.at_s + ARRIVES_WITHIN_S
         if self._paced is not None:
             self._paced[1].consume(granted)
 

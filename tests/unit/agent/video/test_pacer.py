@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 from fake_cloud import eventually
 from openssh_server import wait_until
-from robotether_agent.video.bandwidth_estimator import Reading
+from robotether_agent.video.bandwidth_estimator import MIN_BURST_SEGMENTS, Reading
 from robotether_agent.video.pacer import (
     ARRIVES_WITHIN_S,
     MAX_TURN_BYTES,
@@ -150,6 +150,14 @@ async def test_a_frame_is_followed_until_it_has_arrived(pacer, connection):
     connection.arrived = connection.written
     await asyncio.sleep(0.05)
     assert await _looks_in(connection, 0.1) == 0
+
+
+async def test_a_small_message_is_not_followed(pacer, connection):
+    """Topics send many, and each check delays the next one."""
+    connection.written += await pacer.acquire(MIN_BURST_SEGMENTS * SEGMENT - 1)
+    assert await _looks_in(connection, 0.05) == 0
+    connection.written += await pacer.acquire(1)
+    assert await _looks_in(connection, 0.05) > 0
 
 
 async def test_a_frame_that_never_arrives_is_not_followed_for_ever(pacer, connection):
