@@ -36,7 +36,6 @@ class FakeFrames:
         self.texts: list[dict[str, Any]] = []
         self.connections: set[web.WebSocketResponse] = set()
         self.credits: dict[web.WebSocketResponse, int] = {}
-        self.bytes_out = 0
         self.sequence = 0
         self._newest: tuple[int, bytes] | None = None
         self._changed = asyncio.Event()
@@ -121,6 +120,5 @@ class FakeFrames:
             return
         (_, frame), self._newest = self._newest, None
         self.credits[socket] -= 1
-        self.bytes_out += len(frame)
         with contextlib.suppress(ConnectionError):
             await socket.send_bytes(frame)
