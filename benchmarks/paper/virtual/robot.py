@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -22,6 +22,7 @@ from typing import Any, NoReturn, Protocol
 
 import asyncssh
 from asyncssh.constants import MSG_IGNORE
+from asyncssh.forward import SSHForwarder
 from robotether_agent import __version__
 from robotether_agent.backoff import Backoff, Uptime, keep_going
 from robotether_agent.clock import EpochClock, robot_time
@@ -164,6 +165,25 @@ def _without_ignored(send_packet: Callable[..., None]) -> Callable[..., None]:
 
 asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[method-assign]
     asyncssh.SSHClientConnection.send_packet
+)
+
+
+def _none_left(
+    forward_connection: Callable[..., Awaitable[SSHForwarder]],
+) -> Callable[..., Awaitable[SSHForwarder]]:
+    """Close what was opened to a service while the SSH connection ended: asyncssh forgets it open, at both its ends."""
+
+    async def forward(connection: asyncssh.SSHConnection, *args: Any) -> SSHForwarder:
+        forwarder = await forward_connection(connection, *args)
+        if connection.is_closed():
+            forwarder.close()
+        return forwarder
+
+    return forward
+
+
+asyncssh.SSHClientConnection.forward_connection = _none_left(  # type: ignore[method-assign]
+    asyncssh.SSHClientConnection.forward_connection
 )
 
 
