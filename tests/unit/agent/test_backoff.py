@@ -35,10 +35,6 @@ class Longest(Random):
         return b
 
 
-def test_ceilings_double_up_to_15_s():
-    assert list(islice(delays(Longest()), 6)) == [1, 2, 4, 8, 15, 15]
-
-
 def test_delays_are_spread_from_half_a_second():
     drawn = list(islice(delays(Random(1)), 1000))
     assert min(drawn) >= 0.5

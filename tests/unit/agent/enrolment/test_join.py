@@ -39,14 +39,6 @@ def answer(**changes: object) -> bytes:
     return json.dumps({"state": "active", "robot": "sim1", "ssh": {**SSH, **changes}}).encode()
 
 
-async def test_pinned_certificate_is_enough(cloud):
-    settings = Settings(server=cloud.server, tls_fingerprint=bytes.fromhex(fingerprint()))
-    joined = await join(settings, REQUEST)
-    assert joined.robot == "sim1"
-    assert joined.ssh.ports == (cloud.ssh.port,)
-    assert cloud.joins == [REQUEST.body()]
-
-
 async def test_other_certificate_is_not_trusted(cloud):
     """Neither a wrong fingerprint nor an unknown authority gets the request, and the sentence says which."""
     with pytest.raises(TlsUntrustedError, match="not the pinned one") as pinned:

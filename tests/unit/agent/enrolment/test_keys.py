@@ -17,8 +17,6 @@ from robotether_agent.enrolment.keys import (
     ensure_key,
     ensure_next_key,
     next_key,
-    parse_host_key,
-    pin_host_keys,
     pinned_host_keys,
     present_key,
     promote,
@@ -143,17 +141,6 @@ ENROLMENT = Enrolment("a.example", "sim1", "00:1b:44:11:3a:b7", ACCESS)
 BLOB = "AAAAC3NzaC1lZDI1NTE5AAAAIJXwzyV7Yl1cYqPGRkvnkSnMuRlWZ2EiJkXYh2JYQ0bF"
 PINNED = HostKey("ssh-ed25519", BLOB)
 OTHER = HostKey("ssh-ed25519", BLOB[:-2] + "aA")
-
-
-def test_openssh_finds_the_pinned_key(place):
-    command = ["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(place / "k")]
-    subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
-    key = parse_host_key((place / "k.pub").read_text())
-    pin_host_keys(place / "known_hosts", [key])
-    find = ["ssh-keygen", "-l", "-F", ALIAS, "-f", str(place / "known_hosts")]
-    found = subprocess.run(find, check=True, capture_output=True, text=True).stdout
-    assert key.fingerprint in found
-    assert pinned_host_keys(place / "known_hosts") == [key]
 
 
 @pytest.mark.parametrize(

@@ -46,6 +46,7 @@ def test_the_lease_drives_with_the_key() -> None:
     rights.check(authorization, 13, NOW)
     assert rights.holds(authorization)
     assert rights.keeps(authorization)
+    assert not rights.holds(Authorization("observe", 13))
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,6 @@ from robotether_agent.guard.drive_controller import (
     REGISTERED_WITHIN_S,
     UNREGISTERED_AFTER_S,
 )
-from robotether_agent.guard.drive_messages import DriveLimits
 from robotether_agent.guard.topics import (
     ZEROS,
     ZEROS_AFTER_RECONNECT,
@@ -321,15 +320,6 @@ async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> No
     world.publisher.breaks = False
     await world.pass_time(5)
     assert world.publisher.speeds == [0.0] * ZEROS_AFTER_RECONNECT
-
-
-async def test_commands_are_limited_against_the_last_one(world: World) -> None:
-    world.controller.use(GuardConfig("ws://x", limits=DriveLimits(max_acceleration_m_s2=2)))
-    await world.drive(5)
-    await world.pass_time(0.05)
-    await world.drive(5)
-    assert world.publisher.speeds[0] == pytest.approx(0.2)
-    assert world.publisher.speeds[1] == pytest.approx(0.3)
 
 
 async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shlex
 import socket
 import subprocess
-from array import array
 from pathlib import Path
 
 import pytest
@@ -15,21 +14,6 @@ from robotether_agent.tunnel.openssh import _proxy_options, stderr_with
 
 def helper() -> list[str]:
     return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
-
-
-def test_ssh_gets_the_connection(connection):
-    ours, clients = stderr_with(connection)
-    ssh, helpers = socket.socketpair()
-    with ours, clients, ssh, helpers:
-        done = subprocess.run(
-            helper(), stdin=helpers, stdout=helpers, stderr=clients, timeout=10, check=False
-        )
-        assert done.returncode == 0
-        received = array("i")
-        _, [(_, _, data)], *_ = ssh.recvmsg(1, socket.CMSG_LEN(received.itemsize))
-        received.frombytes(data)
-        with socket.socket(fileno=received[0]) as handed:
-            assert handed.getsockname() == connection.getsockname()
 
 
 def test_nothing_to_hand_over():

@@ -6,7 +6,6 @@ import asyncio
 import logging
 import os
 import resource
-import signal
 import struct
 import sys
 from collections.abc import Awaitable, Callable
@@ -172,18 +171,6 @@ async def test_the_process_steps_back_behind_the_robots_own(start):
     assert os.getpriority(os.PRIO_PROCESS, pid) >= 10
     assert of_process(pid, "oom_score_adj") == "1000"
     assert resource.prlimit(pid, resource.RLIMIT_DATA) == (192 * 2**20, 192 * 2**20)
-
-
-async def test_a_killed_process_is_an_error_and_starts_again(start, monkeypatch):
-    monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
-    encoder = await start()
-    jpeg = jpeg_of(next(clip(1, step=0)))
-    (pid,) = descendants(os.getpid())
-    os.kill(pid, signal.SIGKILL)
-    with pytest.raises(EncoderError, match="the encoder ended: SIGKILL"):
-        await encoder.encode(replace(NOTHING, jpeg=jpeg))
-    await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
-    assert (await encoder.encode(replace(NOTHING, jpeg=jpeg))).is_key
 
 
 @pytest.mark.parametrize(

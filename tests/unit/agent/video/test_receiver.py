@@ -87,20 +87,6 @@ async def test_each_frame_is_reported_before_it_leaves(world):
     assert unpacked(world.socket.pictures[0]).sequence == FIRST + 2
 
 
-async def test_while_a_frame_is_on_its_way_the_next_is_the_newest_then(world):
-    world.socket.stuck = True
-    world.socket.ask("stream_request")
-    world.socket.ask("credit", frames=2)
-    await world.until_open()
-    world.give(1)
-    await world.got(1)
-    for number in (2, 3):
-        world.give(number)
-    world.socket.ask("clock_sync", t_ms=1.0)
-    await eventually(lambda: len(world.receiver._texts) > 0, lambda: "the clock sync waits")
-    assert len(world.socket.pictures) == 1
-
-
 async def take_late(world: World, count: int) -> None:
     """Give frames of which each is taken 0.15 s later."""
     for number in range(1, count + 1):
