@@ -51,12 +51,6 @@ def drive(steps: Steps, link: FakeLink, from_s: float, seconds: float) -> list[t
     return changes
 
 
-def test_the_ladder_goes_through_quality_and_then_size():
-    assert [level.quality for level in levels_of(25, 50)] == [50, 40, 30, 25]
-    assert LEVELS[-len(SCALES) :] == tuple(Level(20, scale) for scale in SCALES)
-    assert levels_of(50, 50) == (Level(50),)
-
-
 @pytest.mark.parametrize(
     ("fps", "rates"), [(30.0, [1, *RATES]), (15.0, [1, 0.67, 0.5]), (7.0, [1]), (1.0, [1])]
 )
@@ -96,12 +90,6 @@ def test_a_link_that_gets_better_gets_the_best_again():
     assert steps.level == LEVELS[0]
     gaps = [after[0] - before[0] for before, after in itertools.pairwise(changes)]
     assert min(gaps) >= 4
-
-
-def test_one_late_frame_changes_nothing():
-    steps = Steps(LEVELS, LATENCY_S, 0)
-    for n in range(100):
-        assert not steps.on_taken(n / FPS, 0.4 if n % 10 == 0 else 0.1)
 
 
 def test_very_late_frames_are_left_soon():
