@@ -371,6 +371,13 @@ async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
         assert (taken.kinds, len(server.asked)) == (["rosbridge"], 1)
 
 
+async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(run):
+    async with FakeVideoServer("ends") as server, TopicRosbridge(IMAGES) as rosbridge:
+        running, _ = run(source_settings(server.url, rosbridge.url))
+        await publish_png(rosbridge, "16UC1; png compressed")
+        await fails(running, "format '16UC1; png compressed', not JPEG")
+
+
 @pytest.mark.usefixtures("no_pyav")
 @pytest.mark.parametrize("source", ["auto", "web_video_server"])
 async def test_images_that_web_video_server_cannot_convert_are_named_by_their_encoding(run, source):
