@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import time
 from collections import deque
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
@@ -347,30 +346,23 @@ class Feeds(SharedCopies[Feed]):
         self._wake(feed)
         self._let_linger(feed)
 
-    def key_for(
-        self, robot: RelayRobot, camera: str, viewer: Viewer, now: Feed | None = None
-    ) -> FeedKey:
-        """Return which feed a viewer follows, who follows `now`: that of what it decodes.
+    def key_for(self, robot: RelayRobot, camera: str, viewer: Viewer) -> FeedKey:
+        """Return which feed is a viewer's: that of what it decodes.
 
-        Who does not decode H.264 shares the other's JPEGs where the robot has no encoder. The recorder follows the feed
-        that goes first, which the driver sees, as soon as that has a frame.
+        Who does not decode H.264 shares the other's JPEGs where the robot has no encoder, or nobody decodes H.264. The
+        recorder follows the feed that goes first, which the driver sees.
         """
         if not viewer.is_recorder:
-            shares = decodes_h264(viewer) or self._gives_jpeg(robot.id, FeedKey(camera), now)
-            return FeedKey(camera, shares)
+            return FeedKey(camera, decodes_h264(viewer) or self._gives_jpeg(robot.id, camera))
         watched = self._watched(robot.id, camera)
-        if not watched:
-            return FeedKey(camera)
-        if now is not None and not watched[0].fresh(time.monotonic()):
-            return now.key
-        return watched[0].key
+        return watched[0].key if watched else FeedKey(camera)
 
-    def _gives_jpeg(self, robot_id: int, key: FeedKey, now: Feed | None) -> bool:
-        """Whether the feed for H.264 has JPEGs, for somebody who follows `now`."""
-        feed = self._of(robot_id).get(key)
-        if feed is None or feed is now:
-            return feed is not None and (feed.newest is None or feed.newest.codec is JPEG)
-        return feed.lacks_encoder or (feed.has_operators and not feed.has_decoders)
+    def _gives_jpeg(self, robot_id: int, camera: str) -> bool:
+        """Whether the feed for H.264 has JPEGs."""
+        feed = self._of(robot_id).get(FeedKey(camera))
+        return feed is not None and (
+            feed.lacks_encoder or (feed.has_operators and not feed.has_decoders)
+        )
 
     def _new(self, robot: RelayRobot, key: FeedKey) -> Feed:
         counts = self._registry.ensure_robot(robot.id).camera_counts

@@ -60,7 +60,7 @@ class Cursor:
     """
 
     def __init__(self, feed: Feed, viewer: Viewer, now_s: float) -> None:
-        self._feed = feed
+        self.feed = feed
         self._viewer = viewer
         # Positions of the frame that was sent last, and of the one that is next if none is skipped.
         self._sent = -1
@@ -79,70 +79,94 @@ class Cursor:
 
         A frame for which it cannot wait is given back: without credit the robot could send no other.
         """
-        newest = self._feed.newest
+        newest = self.feed.newest
         if newest is None or newest.position < self._next:
             return None
         frame = self._decodable(newest)
         if frame is None:
-            self._feed.taken(newest.sequence)
+            self.feed.taken(newest.sequence)
         return frame
 
     def sent(self, frame: Frame) -> None:
         """The viewer was sent the frame."""
-        self._feed.sent(frame, max(0, frame.position - self._next))
+        self.feed.sent(frame, max(0, frame.position - self._next))
         self._sent, self._next, self._continues = frame.position, frame.position + 1, True
 
     def restart(self) -> None:
         """The viewer can decode nothing before a key frame."""
         self._continues = False
-        if self._feed.newest is not None:
-            self._decodable(self._feed.newest)
+        if self.feed.newest is not None:
+            self._decodable(self.feed.newest)
+
+    def decodes(self, newest: Frame) -> bool:
+        """Return whether the viewer decodes this frame's codec."""
+        request = self._viewer.stream_request
+        return request is not None and newest.codec.name in request.codecs
 
     def _decodable(self, newest: Frame) -> Frame | None:
         """Return the next frame, None when none can be decoded; then the robot is asked for a key frame."""
-        request = self._viewer.stream_request
-        if request is None or newest.codec.name not in request.codecs:
+        if not self.decodes(newest):
             return None
-        held = self._feed.held
+        held = self.feed.held
         if self._continues and (frame := held.at(self._sent + 1)) is not None:
             return frame
         if (start := held.start) is not None and start.position > self._sent:
             return start
         if newest.codec.depends_on_earlier:
-            self._feed.request_key_frame()
+            self.feed.request_key_frame()
         return None
 
 
 class ViewerPlace:
-    """The feed of a camera that a viewer follows now, and which frame of it is next; `leave` ends it."""
+    """The feed of a camera that a viewer follows now, and which frame of it is next; `leave` ends it.
 
-    feed: Feed
-    cursor: Cursor
+    Where another feed becomes the viewer's, it follows both until the other has a frame for it, so that none is
+    missing.
+    """
 
     def __init__(self, feeds: Feeds, robot: RelayRobot, camera: str, viewer: Viewer) -> None:
         self._feeds = feeds
         self._robot = robot
         self._camera = camera
         self._viewer = viewer
-        self._follow(feeds.key_for(robot, camera, viewer))
+        self.cursor = self._follow(feeds.key_for(robot, camera, viewer))
+        # Of the feed that becomes the viewer's.
+        self._coming: Cursor | None = None
+
+    @property
+    def feed(self) -> Feed:
+        """The feed whose frames the viewer gets now."""
+        return self.cursor.feed
 
     def move(self) -> bool:
-        """Follow the feed that is the viewer's now; return whether that is another one than before."""
-        before = self.feed
-        key = self._feeds.key_for(self._robot, self._camera, self._viewer, before)
-        if key == before.key:
+        """Follow the feed that is the viewer's now; return whether its frames come from another one than before."""
+        key = self._feeds.key_for(self._robot, self._camera, self._viewer)
+        if self._coming is not None and self._coming.feed.key != key:
+            self._leave_coming()
+        if key == self.feed.key:
             return False
-        self._follow(key)
+        if self._coming is None:
+            self._coming = self._follow(key)
+        newest = self.feed.newest
+        if self._coming.next() is None and newest is not None and self.cursor.decodes(newest):
+            return False
+        before, self.cursor, self._coming = self.feed, self._coming, None
         self._feeds.leave(before, self._viewer)
         return True
 
     def leave(self) -> None:
         """Follow nothing."""
+        self._leave_coming()
         self._feeds.leave(self.feed, self._viewer)
 
-    def _follow(self, key: FeedKey) -> None:
-        self.feed = self._feeds.follow(self._robot, key, self._viewer)
-        self.cursor = Cursor(self.feed, self._viewer, time.monotonic())
+    def _follow(self, key: FeedKey) -> Cursor:
+        feed = self._feeds.follow(self._robot, key, self._viewer)
+        return Cursor(feed, self._viewer, time.monotonic())
+
+    def _leave_coming(self) -> None:
+        coming, self._coming = self._coming, None
+        if coming is not None:
+            self._feeds.leave(coming.feed, self._viewer)
 
 
 def note_sent(context: VideoContext, permit: Permit, camera: str, frame: Frame) -> None:

@@ -14,6 +14,8 @@ from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video import feeds as feeds_module
 from robotether_server.relay.channels.video.feeds import Feed, FeedKey, Feeds, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import SenderClock
+from robotether_server.relay.channels.video.held_frames import MAX_HELD
+from robotether_server.relay.channels.video.viewers import ViewerPlace
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change, Presence
@@ -186,16 +188,9 @@ async def test_who_does_not_decode_h264_takes_it_from_nobody(
             assert (request.codecs, request.yields) == (("jpeg",), yields)
             assert request.fps == (feeds_module.YIELDING_FPS if yields else StreamRequest().fps)
             goes_first = h264 if yields else jpeg
-            other = jpeg if yields else h264
             assert feeds.key_for(sim1, "/a", recording) == goes_first.key
-            # No gap in a file: it stays where it is until there is a frame.
-            assert feeds.key_for(sim1, "/a", recording, other) == other.key
-            goes_first.on_connected()
-            goes_first.credit()
-            come(goes_first, 1)
-            assert feeds.key_for(sim1, "/a", recording, other) == goes_first.key
         assert jpeg.stream_request() == second.stream_request
-    assert feeds.key_for(sim1, "/a", recording, jpeg) == FeedKey("/a")
+    assert feeds.key_for(sim1, "/a", recording) == FeedKey("/a")
     await feeds.close()
 
 
@@ -222,7 +217,66 @@ async def test_a_robot_without_an_encoder_sends_jpeg_once(sim1, codec, status, s
             assert (feed is h264) is shares
             assert h264.stream_request().codecs == ("h264", "jpeg")
             come(h264, 2, codec=2, is_key=True)
-            assert not feeds.key_for(sim1, "/a", viewer, feed).decodes_h264
+            assert not feeds.key_for(sim1, "/a", viewer).decodes_h264
+    await feeds.close()
+
+
+def connect(feed):
+    feed.on_connected()
+    feed.credit()
+
+
+@pytest.mark.parametrize("comes_first", ["JPEG", "H.264"])
+async def test_no_jpeg_is_missing_when_an_encoder_starts(sim1, comes_first):
+    """A viewer stays until its own feed has a JPEG, or the one that it leaves has no more of them."""
+    feeds, viewer, other = feeds_that(_for_ever), eye(), eye("h264", user_id=2)
+    with followed(feeds, sim1, "/a", other) as first:
+        connect(first)
+        come(first, 1)
+        first.on_status(VideoStatus("live", codec="jpeg", no_encoder="it was too slow"))
+        place = ViewerPlace(feeds, sim1, "/a", viewer)
+        assert place.feed is first
+        first.on_status(VideoStatus("live", codec="jpeg", no_encoder=ENCODER_STARTS))
+        assert not place.move()
+        assert place.cursor.next() is first.newest
+        (second,) = (feed for feed in feeds._tasks if feed is not first)
+        connect(second)
+        if comes_first == "JPEG":
+            come(second, 1)
+        else:
+            come(first, 2, codec=2, is_key=True)
+        assert place.move()
+        assert place.feed is second
+        assert place.cursor.next() is second.newest
+        assert (first.users, second.users) == ({other}, {viewer})
+        place.leave()
+    await feeds.close()
+
+
+async def test_a_recording_has_no_gap_when_another_feed_goes_first(sim1):
+    """It goes over at a key frame, which is requested; where that does not come, it stays."""
+    feeds, recording = feeds_that(_for_ever), Recording(StreamRequest(codecs=NAMES))
+    with followed(feeds, sim1, "/a", eye()) as jpeg:
+        place = ViewerPlace(feeds, sim1, "/a", recording)
+        assert place.feed is jpeg
+        connect(jpeg)
+        come(jpeg, 1)
+        with followed(feeds, sim1, "/a", eye("h264", may_drive=True)) as h264:
+            connect(h264)
+            come(h264, 1, codec=2, is_key=True)
+            for number in range(2, MAX_HELD + 3):
+                h264.taken(number - 1)
+                h264.credit()
+                come(h264, number, codec=2)
+            assert not place.move()
+            assert place.feed is jpeg
+            assert h264.needs_key_frame
+            h264.credit()
+            come(h264, MAX_HELD + 3, codec=2, is_key=True)
+            assert place.move()
+            assert place.cursor.next() is h264.newest
+            assert recording not in jpeg.users
+            place.leave()
     await feeds.close()
 
 
