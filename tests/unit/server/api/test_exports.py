@@ -43,13 +43,6 @@ def test_csv_has_no_cell_that_a_spreadsheet_runs(text):
     assert row == ["-5", "'" + text + '",=2', json.dumps({"a": text})]
 
 
-def test_json_has_an_object_a_line():
-    records = [{"id": 2, "actor": "=ü\n"}, {"id": 1, "actor": None}]
-    answer = exports.answer(iter(records), COLUMNS, "jsonl", "x")
-    assert [json.loads(line) for line in answer.get_data(as_text=True).splitlines()] == records
-    assert answer.headers["Content-Disposition"] == 'attachment; filename="x.jsonl"'
-
-
 def test_empty_csv_has_its_heads():
     assert exports.answer([], COLUMNS, "csv", "x").get_data(as_text=True) == "id,actor,details\r\n"
 

@@ -20,16 +20,6 @@ def test_settings_in_force_are_json(run):
     assert (shown["guard"]["deadman_ms"], shown["shell_user"]) == (400, "pi")
 
 
-def test_settings_are_set_in_one_step(run, database):
-    """The others stay, and the audit log has one line."""
-    run("robot", "set", "sim1", "--shell-user", "pi")
-    done = run("robot", "set", "sim1", "guard.max_speed_m_s=0.5", 'policy.drive.call=["/arm/*"]')
-    assert done.out == 'robot sim1 has guard.max_speed_m_s=0.5 policy.drive.call=["/arm/*"]\n'
-    given = {"guard": {"max_speed_m_s": 0.5}, "policy": {"drive": {"call": ["/arm/*"]}}}
-    assert robot(database).settings == {"shell_user": "pi"} | given
-    assert kinds(database).count("robot_settings_set") == 2
-
-
 def test_null_is_the_default(run, database):
     run("robot", "set", "sim1", "guard.max_speed_m_s=1", "guard.deadman_ms=400", "shell_user=pi")
     done = run("robot", "set", "sim1", "guard.deadman_ms=null", "shell_user=null")

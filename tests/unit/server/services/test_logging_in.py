@@ -5,7 +5,7 @@ from contextlib import contextmanager
 
 import pytest
 from robotether_server import passwords
-from robotether_server.db import Database, audit, credentials, users
+from robotether_server.db import Database, audit, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import LoginFailedError, ThrottledError
 from robotether_server.services.logging_in import (
@@ -17,7 +17,6 @@ from robotether_server.services.logging_in import (
     confirm,
     free_at,
     log_in,
-    log_out,
 )
 from web_visitor import HASH, PASSWORD
 
@@ -29,16 +28,6 @@ ANN = Source("ann", "192.0.2.1")
 def _ann(database):
     with database.transaction() as tx:
         users.add(tx, "ann", HASH, "user")
-
-
-def test_right_password_makes_a_login(database):
-    text = log_in(database, ANN, PASSWORD, HOUR)
-    with database.transaction() as tx:
-        user = credentials.find_login_user(tx, text)
-    assert user.name == "ann"
-    log_out(database, ANN, text)
-    with database.transaction() as tx:
-        assert credentials.find_login_user(tx, text) is None
 
 
 def test_disabled_user_looks_like_a_wrong_password(database):

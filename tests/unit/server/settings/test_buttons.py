@@ -13,10 +13,6 @@ def nested(depth):
     return {"a": nested(depth - 1)} if depth > 1 else {}
 
 
-def test_buttons_come_back_as_they_were_given():
-    assert [button.as_dict() for button in parse([LIGHTS, DOCK])] == [LIGHTS, DOCK]
-
-
 def test_a_button_sends_nothing_in_particular_unless_told():
     [dock] = parse([{"name": "Dock", "kind": "call", "service": "/dock"}])
     assert dock.as_dict() == {**DOCK, "confirm": False}

@@ -9,12 +9,6 @@ from robotether_server.settings.page import MAX_CAMERAS, Camera, parse
 FRONT = {"topic": "/camera/image_raw", "name": "Front", "turned_deg": 180}
 
 
-def test_driving_is_held_unless_somebody_says_otherwise():
-    """A missing `hold_after_ms` is a second; only null switches it off."""
-    assert parse({}).hold_after_ms == 1000
-    assert parse({"hold_after_ms": None}).hold_after_ms is None
-
-
 def test_a_camera_need_not_say_how_it_is_turned():
     """Most hang as they should; 90.0 is 90."""
     [upright] = parse({"cameras": [{"topic": "/a", "name": "A"}]}).cameras

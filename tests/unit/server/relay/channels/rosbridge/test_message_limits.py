@@ -133,13 +133,6 @@ def test_answers_have_a_limit():
     assert answers() == ANSWERS_PER_S
 
 
-def test_each_id_of_a_topic_counts_once():
-    mine = Subscriptions(2)
-    assert [mine.add("/a", 1), mine.add("/a", 1), mine.add("/a", None)] == [True, True, True]
-    assert [mine.add("/b", 1), mine.add("/a", 2), mine.add("/a", 1)] == [False, False, True]
-    assert len(mine) == 2
-
-
 def test_one_is_given_up_by_its_id_and_without_one_all_of_the_topic():
     """As in rosbridge; giving up what there is not changes nothing."""
     mine = Subscriptions(3)
