@@ -56,6 +56,27 @@ RobotName = Annotated[
         extra={"longest": MAX_NAME_LENGTH},
     ),
 ]
+# A web app of a user.
+AppName = Annotated[
+    str,
+    Meta(
+        max_length=MAX_NAME_LENGTH,
+        pattern=ROBOT_NAME_PATTERN,
+        extra={"must": f"1 to {MAX_NAME_LENGTH} characters a-z, 0-9 and -, with no - at its ends"},
+    ),
+]
+# A robot, or with `app:` before its name a web app of who makes the route.
+RouteEndName = Annotated[
+    str,
+    Meta(
+        description="A robot's name, or app:NAME for a web app of who makes the route",
+        extra_json_schema={
+            "pattern": f"^(app:)?{ROBOT_NAME_PATTERN.removeprefix('^')}",
+            "examples": ["turtle"],
+        },
+        extra={"longest": MAX_NAME_LENGTH + len("app:")},
+    ),
+]
 UserName = Annotated[
     str,
     Meta(extra_json_schema={"pattern": PLAIN_NAME_PATTERN}, extra={"longest": MAX_NAME_LENGTH}),

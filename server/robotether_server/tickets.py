@@ -1,4 +1,4 @@
-"""Signs and verifies tickets: short-lived permissions to open one WebSocket to one robot.
+"""Signs and verifies tickets: short-lived permissions to open one WebSocket to one robot, or as one app.
 
 Made by web, checked by the relay, which also remembers the ids that were used (docs/reference/protocols.md,
 "Credentials"). Must never say more about a bad ticket than its code does.
@@ -16,7 +16,7 @@ from itsdangerous import BadData, BadSignature, URLSafeTimedSerializer
 from robotether_server.problems import TicketExpiredError, TicketForgedError, TicketMalformedError
 from robotether_server.times import MAX_TICKET_AHEAD_S
 
-Mode = Literal["observe", "drive"]
+Mode = Literal["observe", "drive", "app"]
 CredentialKind = Literal["login", "token"]
 SALT = "robotether.ticket"
 # Of tickets that the stack's recorder signs for itself: web signs none of these, whoever asks.
@@ -30,13 +30,14 @@ PARTS = 3
 class Ticket:
     """What a ticket permits, to whom, on which robot, and the login or token that asked for it.
 
-    What the ticket opens ends with that login or token, of which it holds what the database does.
+    With mode `app` its user's app of the name `robot` connects, and there is no robot. What the ticket opens ends with
+    that login or token, of which it holds what the database does.
     """
 
     id: str
     user_id: int
     user: str
-    # None, if `remembered`: the relay finds the robot by its name.
+    # None, if `remembered`: the relay finds the robot by its name; and of an app.
     robot_id: int | None
     robot: str
     mode: Mode

@@ -124,7 +124,7 @@ RELAYED = (
         method="GET",
         path="/routes/live",
         name="liveRoutes",
-        summary="Get the routes that last as they are now: whether they run, and their rates",
+        summary="Get the routes that last as they are now: whether they run, and their rates; and your web apps",
         who="user",
         answers={200: LiveRouteList},
     ),

@@ -1,4 +1,4 @@
-"""/api/v1/routes: routes between robots, made and removed by those who manage them. The relay shows them live."""
+"""/api/v1/routes: routes between robots and web apps, made and removed by managers. The relay shows them live."""
 
 import datetime as dt
 from typing import Annotated
@@ -9,7 +9,7 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.contract.ros import RosType
 from robotether_server.db.routes import Route
-from robotether_server.schemas import RobotName
+from robotether_server.schemas import RouteEndName
 from robotether_server.services import routes as route_service
 from robotether_server.services.routes import MAX_HOURS, MAX_RATE_HZ, MIN_RATE_HZ, RouteRequest
 
@@ -21,9 +21,9 @@ Topic = Annotated[
 class GivenRoute(Struct, forbid_unknown_fields=True):
     """A new route. `type`: of both topics. Without `hours` it lasts until somebody removes it."""
 
-    source: RobotName
+    source: RouteEndName
     source_topic: Topic
-    target: RobotName
+    target: RouteEndName
     target_topic: Topic
     type: RosType
     rate_hz: (
@@ -48,13 +48,13 @@ class RouteList(Struct):
 
 @operation("GET", "/routes", "user")
 def list_routes(caller: Caller) -> RouteList:
-    """List the routes whose two robots the caller may see."""
+    """List the routes whose robots the caller may see."""
     return RouteList(route_service.list_seen(caller.tx, caller.user))
 
 
 @operation("POST", "/routes", "user", problems=(404, 409))
 def make_route(caller: Caller, body: GivenRoute) -> Created[Route]:
-    """Make a route from a topic of one robot to one of another; level manage on both.
+    """Make a route from a topic of one robot, or of an app of the caller's, to one of another; level manage on robots.
 
     A route drives its target as a driver does, with the lease. It ends for good when the target is stopped or anybody
     else drives it, and within 2 s when its maker's right ends. 409 not_possible: it would close a loop.

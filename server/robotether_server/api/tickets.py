@@ -1,5 +1,7 @@
 """/api/v1/tickets: permissions to open one WebSocket, which the relay verifies by itself."""
 
+from typing import Literal
+
 from flask import request
 from msgspec import UNSET, Struct, UnsetType
 
@@ -11,16 +13,23 @@ from robotether_server.api.recent_users import RecentUser
 from robotether_server.db import cells, grants, seen_robots
 from robotether_server.db.cells import Cell
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissingError, RobotUnknownError, StoreUnavailableError
-from robotether_server.schemas import RobotName
+from robotether_server.problems import (
+    GrantMissingError,
+    RobotUnknownError,
+    StoreUnavailableError,
+)
+from robotether_server.schemas import AppName, RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
+
+# What a ticket of a robot is for.
+RobotMode = Literal["observe", "drive"]
 
 
 class NewTicket(Struct, forbid_unknown_fields=True):
     """A new ticket."""
 
     robot: RobotName
-    mode: Mode
+    mode: RobotMode
 
 
 class CellAddress(Struct):
@@ -38,10 +47,25 @@ class SignedTicket(Struct):
 
     ticket: str
     robot: RobotName
-    mode: Mode
+    mode: RobotMode
     expires_in_s: int
     ros_url: str
     cell: CellAddress | UnsetType = UNSET
+
+
+class NewAppTicket(Struct, forbid_unknown_fields=True):
+    """A new ticket for a web app."""
+
+    app: AppName
+
+
+class AppTicket(Struct):
+    """A ticket, and the path of the WebSocket with which an app connects."""
+
+    ticket: str
+    app: AppName
+    expires_in_s: int
+    ros_url: str
 
 
 def create_without_database(body: NewTicket) -> Created[SignedTicket]:
@@ -77,20 +101,39 @@ def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     return _sign(caller.user, body, seen.robot.id, cell), 201
 
 
+@operation("POST", "/tickets/app", "user", any_type=True)
+def create_app_ticket(caller: Caller, body: NewAppTicket) -> Created[AppTicket]:
+    """Create a ticket, with which an app of the caller's connects once, as an end of the caller's routes."""
+    text = _text(caller.user, None, body.app, "app")
+    url = f"/apps/{body.app}/ros?ticket={text}"
+    return AppTicket(text, body.app, context().signer.ttl_s, url), 201
+
+
 def _sign(
     user: User | RecentUser,
     body: NewTicket,
     robot_id: int | None,
     cell: CellAddress | UnsetType = UNSET,
 ) -> SignedTicket:
-    name, mode, signer = body.robot, body.mode, context().signer
+    name, mode = body.robot, body.mode
+    text = _text(user, robot_id, name, mode, remembered=robot_id is None)
+    url = f"/robots/{name}/ros?ticket={text}"
+    return SignedTicket(text, name, mode, context().signer.ttl_s, url, cell)
+
+
+def _text(
+    user: User | RecentUser,
+    robot_id: int | None,
+    name: str,
+    mode: Mode,
+    *,
+    remembered: bool = False,
+) -> str:
     kind, sha256 = auth.credential_of(request)
-    remembered, who = robot_id is None, (user.id, user.name)
-    text = signer.sign(
+    who = (user.id, user.name)
+    return context().signer.sign(
         Ticket(new_id(), *who, robot_id, name, mode, kind, sha256, remembered=remembered)
     )
-    url = f"/robots/{name}/ros?ticket={text}"
-    return SignedTicket(text, name, mode, signer.ttl_s, url, cell)
 
 
 def _address_of(cell: Cell | None) -> CellAddress | UnsetType:

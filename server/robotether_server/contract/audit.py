@@ -95,7 +95,8 @@ def _route_sentence(done: str) -> Callable[[AuditEvent], str]:
     def words(event: AuditEvent) -> str:
         details = _Details(event.details)
         start = f"{details['source']} {details['source_topic']}"
-        return f"{done} route {details['route']} from {start} to {event.robot} {details['target_topic']}"
+        target = event.details.get("target", event.robot)
+        return f"{done} route {details['route']} from {start} to {target} {details['target_topic']}"
 
     return words
 
@@ -103,7 +104,8 @@ def _route_sentence(done: str) -> Callable[[AuditEvent], str]:
 def _route_end_sentence(event: AuditEvent) -> str:
     details = _Details(event.details)
     why = end_words(str(details["end_code"]))
-    return f"lost route {details['route']} from {details['source']} to {event.robot}: {why}"
+    target = event.details.get("target", event.robot)
+    return f"lost route {details['route']} from {details['source']} to {target}: {why}"
 
 
 def _holder(event: AuditEvent) -> str:

@@ -1,4 +1,4 @@
-"""Routes between robots as they are now, and why they ended."""
+"""Routes and web apps as they are now, and why routes ended."""
 
 from collections.abc import Mapping
 from typing import Annotated, Literal
@@ -24,16 +24,32 @@ class LiveRoute(Struct, frozen=True):
     why: str = ""
 
 
+class AppTopic(Struct, frozen=True):
+    """A topic of an app."""
+
+    topic: str
+    type: str
+
+
+class LiveApp(Struct, frozen=True):
+    """A web app that is connected to this machine, with the topics that it advertises and subscribes to."""
+
+    name: str
+    advertises: list[AppTopic]
+    subscribes: list[AppTopic]
+
+
 class LiveRouteList(Struct, frozen=True):
-    """The routes that last and whose two robots the caller may see."""
+    """The routes that last and whose robots the caller may see, and the caller's apps."""
 
     routes: list[LiveRoute]
+    apps: list[LiveApp]
 
 
 # Why a route ended; a code that is not here is shown as it is.
 ROUTE_ENDS: Mapping[str, str] = {
     "expired": "its time was over",
-    "rights_ended": "its maker may no longer manage both robots",
+    "rights_ended": "its maker may no longer manage its robots",
     "robot_inactive": "one of its robots was disabled",
     "robot_stopped": "the target was stopped",
     "lease_held": "somebody else drove the target",

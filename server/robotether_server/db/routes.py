@@ -1,4 +1,4 @@
-"""Routes between robots: web makes, lists and deletes them, the relay reads those that last and writes their ends."""
+"""Routes between robots and web apps: web makes and deletes them, the relay reads those that last, and ends some."""
 
 import json
 from dataclasses import dataclass
@@ -6,29 +6,32 @@ from datetime import datetime
 
 from robotether_server.db.database import Transaction
 from robotether_server.problems import RecordMissingError
-from robotether_server.schemas import RobotName, Timestamp, UserName
+from robotether_server.schemas import RouteEndName, Timestamp, UserName
 
 MAX_ACTOR = 63
+# Before the name of an end that is a web app; no robot has such a name.
+APP = "app:"
 
 SELECT = (
-    "SELECT t.id, source.name AS source, t.source_topic, target.name AS target, t.target_topic, t.type, t.rate_hz, "
+    "SELECT t.id, COALESCE(source.name, CONCAT('app:', t.source_app)) AS source, t.source_topic, "
+    "COALESCE(target.name, CONCAT('app:', t.target_app)) AS target, t.target_topic, t.type, t.rate_hz, "
     "u.name AS made_by, t.made_at, t.ends_at, "
     "COALESCE(t.ended_at, IF(t.ends_at <= CURRENT_TIMESTAMP(6), t.ends_at, NULL)) AS ended_at, "
     "COALESCE(t.end_code, IF(t.ends_at <= CURRENT_TIMESTAMP(6), 'expired', NULL)) AS end_code "
-    "FROM routes t JOIN robots source ON source.id = t.source_id JOIN robots target ON target.id = t.target_id "
-    "JOIN users u ON u.id = t.user_id "
+    "FROM routes t LEFT JOIN robots source ON source.id = t.source_id "
+    "LEFT JOIN robots target ON target.id = t.target_id JOIN users u ON u.id = t.user_id "
 )
 LASTS = "t.ended_at IS NULL AND (t.ends_at IS NULL OR t.ends_at > CURRENT_TIMESTAMP(6))"
 
 
 @dataclass(frozen=True)
 class Route:
-    """A route, by the names of its robots and its maker; `ended_at` and `end_code` are None while it lasts."""
+    """A route, by the names of its ends and its maker; `ended_at` and `end_code` are None while it lasts."""
 
     id: int
-    source: RobotName
+    source: RouteEndName
     source_topic: str
-    target: RobotName
+    target: RouteEndName
     target_topic: str
     type: str
     rate_hz: float
@@ -41,16 +44,26 @@ class Route:
 
 @dataclass(frozen=True)
 class NewRoute:
-    """A route that is about to be made, by the ids of its robots and its maker."""
+    """A route that is about to be made, by the ids of its robots and its maker.
 
-    source_id: int
+    An end without a robot is the app of that name; one end is a robot.
+    """
+
+    source_id: int | None
     source_topic: str
-    target_id: int
+    target_id: int | None
     target_topic: str
     type: str
     rate_hz: float
     user_id: int
     ends_at: datetime | None = None
+    source_app: str | None = None
+    target_app: str | None = None
+
+    @property
+    def robot_ids(self) -> list[int]:
+        """Its robots, the source first."""
+        return [each for each in (self.source_id, self.target_id) if each is not None]
 
 
 @dataclass(frozen=True)
@@ -63,7 +76,7 @@ class RelayRoute(NewRoute):
 
 @dataclass(frozen=True)
 class RouteEnd:
-    """A route that the relay has ended: of whom, between which robots, and why."""
+    """A route that the relay has ended: of whom, between which ends, and why."""
 
     route_id: int
     ended_at: datetime
@@ -71,6 +84,16 @@ class RouteEnd:
     user: str
     source: str
     target: str
+
+
+def is_app(end: str) -> bool:
+    """Return whether an end of a route is a web app, by its name."""
+    return end.startswith(APP)
+
+
+def audited_robot(source: str, target: str) -> str:
+    """Return in whose audit log a route between two ends is: in its target's, if that is a robot."""
+    return source if is_app(target) else target
 
 
 def list_all(tx: Transaction) -> list[Route]:
@@ -89,12 +112,14 @@ def get(tx: Transaction, route_id: int) -> Route:
 def add(tx: Transaction, route: NewRoute) -> int:
     """Add a route; return its id."""
     return tx.insert(
-        "INSERT INTO routes (source_id, source_topic, target_id, target_topic, type, rate_hz, user_id, ends_at) "
-        "VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
+        "INSERT INTO routes (source_id, source_app, source_topic, target_id, target_app, target_topic, type, rate_hz, "
+        "user_id, ends_at) VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s, %s)",
         (
             route.source_id,
+            route.source_app,
             route.source_topic,
             route.target_id,
+            route.target_app,
             route.target_topic,
             route.type,
             route.rate_hz,
@@ -112,8 +137,8 @@ def remove(tx: Transaction, route_id: int) -> None:
 def read_lasting(tx: Transaction) -> tuple[RelayRoute, ...]:
     """Return the routes that last, the oldest first; for the relay."""
     rows = tx.rows(
-        "SELECT id, source_id, source_topic, target_id, target_topic, type, rate_hz, user_id, user_name, ends_at "
-        "FROM relay_routes ORDER BY id"
+        "SELECT id, source_id, source_app, source_topic, target_id, target_app, target_topic, type, rate_hz, user_id, "
+        "user_name, ends_at FROM relay_lasting_routes ORDER BY id"
     )
     return tuple(RelayRoute(**row) for row in rows)
 
@@ -125,8 +150,17 @@ def write_end(tx: Transaction, entry: RouteEnd) -> None:
         (entry.ended_at, entry.code, entry.route_id),
     )
     if ended:
-        details = {"route": entry.route_id, "source": entry.source, "end_code": entry.code}
+        ends = {
+            "source": entry.source,
+            **({"target": entry.target} if is_app(entry.target) else {}),
+        }
+        details = {"route": entry.route_id, **ends, "end_code": entry.code}
         tx.insert(
             "INSERT INTO audit_events (at, actor, kind, robot, details) VALUES (%s, %s, 'route_ended', %s, %s)",
-            (entry.ended_at, entry.user[:MAX_ACTOR], entry.target, json.dumps(details)),
+            (
+                entry.ended_at,
+                entry.user[:MAX_ACTOR],
+                audited_robot(entry.source, entry.target),
+                json.dumps(details),
+            ),
         )

@@ -51,6 +51,7 @@ from robotether_server.relay.records.fleet import Fleet
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_server import SessionServer
+from robotether_server.relay.routes.apps import Apps
 from robotether_server.relay.routes.routes import RouteRunner
 from robotether_server.times import BOUNDS_S
 
@@ -61,6 +62,7 @@ SAMPLES_IN_PART = 500
 class CountedParts(Protocol):
     """The parts of a relay whose numbers are read when somebody asks."""
 
+    apps: Apps
     connections: Connections
     control: Control
     database: RelayDatabase
@@ -131,7 +133,8 @@ class Metrics:
         gauge("topics", "Topics that robots send", parts.shared_topics.count)
         gauge("cells_connected", "Other cells that are connected", parts.peers.count)
         gauge("robots_elsewhere", "Robots of other cells", parts.peers.robot_count)
-        gauge("routes", "Routes between robots that run", parts.routes.count)
+        gauge("routes", "Routes between robots and apps that run", parts.routes.count)
+        gauge("apps", "Web apps that are connected", parts.apps.count)
         gauge("event_clients", "Clients of the live fleet", parts.fleet_events.subscriber_count)
         gauge("recorders", "Recorders that are connected", parts.recorder_handler.count)
         gauge("store_up", "1 when the database answers", lambda: fleet.store_up)

@@ -58,6 +58,7 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.routes.apps import Apps
 from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
 from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
@@ -141,6 +142,7 @@ class Relay:
     async def stop(self) -> None:
         """Notify operators, then robots, and write the rest down."""
         self.connections.end_all(close_reasons.relay_stopping())
+        self.apps.end_all(close_reasons.relay_stopping())
         await self.routes.close()
         self.fleet_events.end_subscriptions()
         # Operators first: they must be notified that the relay stops, and not that a link was lost.
@@ -278,12 +280,16 @@ class Relay:
     def _make_routes(
         self, context: VideoContext, limit_bytes: int, cells: CellClient | None
     ) -> None:
+        self.apps = Apps(
+            self.access, self.credentials, self._timing.driver_limits, self.traffic.piece_turns
+        )
         self.routes = RouteRunner(
             RouteContext(
                 handlers=context,
                 control=self.control,
                 shared_topics=self.shared_topics,
                 cell_sources=CellSources(cells, self.peers, limit_bytes),
+                apps=self.apps,
                 dialer=context.dialer(limit_bytes),
                 peers=self.peers,
                 event_writer=self.event_writer,
@@ -292,7 +298,7 @@ class Relay:
                 traffic=self.traffic,
             )
         )
-        self._route_api = RouteApi(self.access, self.routes)
+        self._route_api = RouteApi(self.access, self.routes, self.apps)
         self._cell_source_handler = CellSourceHandler(
             self.routes.readable, self.shared_topics, self.traffic.piece_turns
         )
@@ -301,7 +307,7 @@ class Relay:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
-        parts = (self._channels, self._control_api, self._route_api)
+        parts = (self._channels, self._control_api, self._route_api, self.apps)
         log_format = self._settings.log_format
         self._public = public_app(self.metrics, cors, parts, forwarding, log_format)
         self._inside = inside_app(
@@ -332,6 +338,7 @@ class Relay:
             self.fleet_events.on_snapshot,
         )
         self.fleet.hand_routes_to(self.routes.on_routes)
+        self.apps.listen(self.routes.update)
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
         self.registry.listen(
             self.connections.on_robot_change,

@@ -1,4 +1,4 @@
-"""Routes between robots: who may make and remove them, and that they make no loop. The relay runs them."""
+"""Routes between robots and web apps: who may make and remove them, and that they make no loop. The relay runs them."""
 
 import datetime as dt
 from collections.abc import Collection, Iterable
@@ -22,6 +22,7 @@ from robotether_server.problems import (
     RecordMissingError,
     RobotUnknownError,
 )
+from robotether_server.schemas import AppName
 
 # Rate of drive commands from a page, in Hz.
 USUAL_RATE_HZ = 20.0
@@ -31,7 +32,7 @@ MAX_ROUTES = 50
 MAX_HOURS = 8760
 LOCK, LOCK_WITHIN_S = "robotether routes", 5
 
-# A robot's name, and the full name of one of its topics.
+# A robot's name, or an app's with its user's before it, and the full name of one of its topics.
 Node = tuple[str, str]
 
 
@@ -66,47 +67,56 @@ def loop_with(edges: Iterable[tuple[Node, Node]], start: Node, end: Node) -> lis
 
 
 def list_seen(tx: Transaction, user: User) -> list[Route]:
-    """Return the routes whose two robots the user may see."""
+    """Return the routes whose robots the user may see."""
     names = {seen.robot.name for seen in seen_robots.list_seen(tx, user)}
-    return [route for route in routes.list_all(tx) if {route.source, route.target} <= names]
+    return [route for route in routes.list_all(tx) if names.issuperset(_robots(route))]
 
 
 def make(tx: Transaction, source: Source, user: User, route_request: RouteRequest) -> Route:
-    """Make a route; who makes it must manage both robots.
+    """Make a route; who makes it must manage its robots, and an app is that user's own.
 
     Raises FieldInvalidError, GrantMissingError, RobotUnknownError, RecordExistsError or NotPossibleError.
     """
-    start = (route_request.source, _topic("source_topic", route_request.source_topic))
-    end = (route_request.target, _topic("target_topic", route_request.target_topic))
+    names = (route_request.source, route_request.target)
+    topics = (
+        _topic("source_topic", route_request.source_topic),
+        _topic("target_topic", route_request.target_topic),
+    )
     schemas.check("type", route_request.type, RosType)
     if not MIN_RATE_HZ <= route_request.rate_hz <= MAX_RATE_HZ:
         raise FieldInvalidError(
             f"cannot use rate_hz: it must be {MIN_RATE_HZ:g} to {MAX_RATE_HZ:g}", "rate_hz"
         )
-    if route_request.source == route_request.target:
+    if names[0] == names[1]:
         raise FieldInvalidError("cannot make the route: it must lead to another robot", "target")
-    robots = [
-        _get_managed(tx, user, name).robot for name in (route_request.source, route_request.target)
+    if all(map(routes.is_app, names)):
+        raise FieldInvalidError("cannot make the route: one of its ends must be a robot", "target")
+    apps = [_app(field, name) for field, name in zip(("source", "target"), names, strict=True)]
+    robot_ids = [
+        _get_managed(tx, user, name).robot.id if app is None else None
+        for name, app in zip(names, apps, strict=True)
     ]
     # Two that are made at once could close a loop that neither sees.
     if not tx.lock(LOCK, LOCK_WITHIN_S):
         raise NotPossibleError("cannot make the route: others are being made; try again shortly")
+    start, end = (_node(user.name, *each) for each in zip(names, topics, strict=True))
     _check_among(routes.list_all(tx), user, start, end)
     route_id = routes.add(
         tx,
         NewRoute(
-            robots[0].id,
-            start[1],
-            robots[1].id,
-            end[1],
+            robot_ids[0],
+            topics[0],
+            robot_ids[1],
+            topics[1],
             route_request.type,
             route_request.rate_hz,
             user.id,
             route_request.ends_at,
+            *apps,
         ),
     )
     route = routes.get(tx, route_id)
-    audit.record(tx, source, "route_made", route.target, **_details(route))
+    audit.record(tx, source, "route_made", _audited(route), **_details(route))
     return route
 
 
@@ -116,16 +126,16 @@ def remove(tx: Transaction, source: Source, user: User, route_id: int) -> Route:
     Raises RecordMissingError or GrantMissingError.
     """
     route = routes.get(tx, route_id)
-    ends = [seen_robots.find_seen(tx, user, name) for name in (route.source, route.target)]
+    ends = [seen_robots.find_seen(tx, user, name) for name in _robots(route)]
     levels = [seen.level for seen in ends if seen is not None]
     if len(levels) < len(ends) and route.made_by != user.name:
         raise RecordMissingError(f"cannot find route {route_id}: there is none of that number")
     if route.made_by != user.name and "manage" not in levels:
         raise GrantMissingError(
-            f"cannot remove route {route_id}: it is {route.made_by}'s, and you manage neither robot"
+            f"cannot remove route {route_id}: it is {route.made_by}'s, and you manage none of its robots"
         )
     routes.remove(tx, route_id)
-    audit.record(tx, source, "route_removed", route.target, **_details(route))
+    audit.record(tx, source, "route_removed", _audited(route), **_details(route))
     return route
 
 
@@ -145,11 +155,33 @@ def _check_among(present: Collection[Route], user: User, start: Node, end: Node)
 
 
 def _start(route: Route) -> Node:
-    return route.source, route.source_topic
+    return _node(route.made_by, route.source, route.source_topic)
 
 
 def _end(route: Route) -> Node:
-    return route.target, route.target_topic
+    return _node(route.made_by, route.target, route.target_topic)
+
+
+def _node(user: str, end: str, topic: str) -> Node:
+    """Name a topic of an end; apps of two users with one name are two."""
+    return f"{user}/{end}" if routes.is_app(end) else end, topic
+
+
+def _robots(route: Route) -> list[str]:
+    return [end for end in (route.source, route.target) if not routes.is_app(end)]
+
+
+def _audited(route: Route) -> str:
+    return routes.audited_robot(route.source, route.target)
+
+
+def _app(field: str, end: str) -> str | None:
+    """Return the name of the app that an end is; None: it is a robot."""
+    if not routes.is_app(end):
+        return None
+    name = end.removeprefix(routes.APP)
+    schemas.check(field, name, AppName)
+    return name
 
 
 def _get_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
@@ -174,6 +206,7 @@ def _details(route: Route) -> dict[str, object]:
     return {
         "route": route.id,
         "source": route.source,
+        **({"target": route.target} if routes.is_app(route.target) else {}),
         "source_topic": route.source_topic,
         "target_topic": route.target_topic,
         "maker": route.made_by,

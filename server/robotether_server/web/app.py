@@ -75,7 +75,7 @@ PERMISSIONS_POLICY = ", ".join(
 )
 
 # What pages of ALLOWED_ORIGINS need to drive, with an API token. The relay does the same for control and video.
-CORS_PATHS = frozenset(("/api/v1/tickets", "/api/v1/robots"))
+CORS_PATHS = frozenset(("/api/v1/tickets", "/api/v1/tickets/app", "/api/v1/robots"))
 CORS_METHODS = "GET, POST"
 CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_CACHE_S = 600

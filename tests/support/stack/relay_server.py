@@ -228,6 +228,15 @@ class RelayServer:
         ticket = self.ticket(robot, mode, user, credential)
         return f"{self.url}/robots/{robot.name}/ros?ticket={ticket}"
 
+    def app_url(self, name: str, user: RelayUser, ticket_of: str | None = None) -> str:
+        """Where a user's app connects; the ticket is for the app of that name unless the test names another."""
+        by = self._login_of(user)
+        who, what, credential = (user.id, user.name), ticket_of or name, (by.kind, by.digest.hex())
+        ticket = self.signer.sign(
+            Ticket(secrets.token_hex(16), *who, None, what, "app", *credential)
+        )
+        return f"{self.url}/apps/{name}/ros?ticket={ticket}"
+
     def _login_of(self, user: RelayUser) -> Credential:
         login = credential_of("login", f"the login of {user.name}")
         if isinstance(self._memory_database, MemoryDatabase):

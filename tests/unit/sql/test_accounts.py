@@ -65,6 +65,7 @@ EXPECTED = {
         "audit_chains": "SELECT",
         "audit_heads": "SELECT, INSERT (chain, hash, position, previous, public_key, signature, signer)",
         "relay_routes": "SELECT",
+        "relay_lasting_routes": "SELECT",
         "routes": "SELECT (ended_at, id), UPDATE (end_code, ended_at)",
         "cells": f"SELECT, INSERT ({CELL.replace('peer', 'name, peer')}), UPDATE ({CELL})",
         "relay_requests": "SELECT",

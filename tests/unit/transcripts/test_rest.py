@@ -262,6 +262,8 @@ def test_robots(
     for mode in ("drive", "manage"):
         talk.ask("ann", "POST", "/tickets", {"robot": "sim1", "mode": mode})
     talk.ask("ann", "POST", "/tickets", {"robot": "sim2", "mode": "observe"})
+    talk.ask("ann", "POST", "/tickets/app", {"app": "joy"})
+    talk.ask("ann", "POST", "/tickets/app", {"app": "<b>"})
     new = {"mac": "02:00:00:00:51:03", "public_key": KEYS[3], "hostname": "turtle"}
     talk.ask("ann", "PUT", "/robots/sim3", new)
     talk.ask("root", "PUT", "/robots/sim3", new | {"agent_version": "0.1.0"})
@@ -381,6 +383,8 @@ def test_routes(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> 
     }
     made = talk.ask("root", "POST", "/routes", route)["id"]
     talk.ask("ann", "POST", "/routes", route)
+    talk.ask("ann", "POST", "/routes", route | {"source": "app:joy"})
+    talk.ask("root", "POST", "/routes", route | {"source": "app:joy"})
     talk.ask("ann", "GET", "/routes")
     talk.ask("root", "GET", "/routes")
     talk.ask("ann", "DELETE", "/routes/{route_id}", route_id=made)

@@ -153,9 +153,22 @@ class Access:
         if (permit := self._permit_of_recorder(request.ticket, name, "observe")) is not None:
             return permit
         ticket, issued_at = self._verified(request.ticket)
+        if ticket.mode == "app":
+            raise TicketForeignError(f"cannot open robot {name}: the ticket is for an app")
         permit = self._permit_of_ticket(ticket, issued_at, name, ticket.mode)
         self._use(ticket, issued_at, permit.robot)
         return permit
+
+    def for_app(self, request: Request, name: str) -> Ticket:
+        """Let a ticket open its one WebSocket for its user's app `name`, and use it up."""
+        self.check_origin(request)
+        if request.ticket is None:
+            raise TicketMissingError(f"cannot connect app {name}: the request has no ticket")
+        ticket, issued_at = self._verified(request.ticket)
+        if ticket.mode != "app" or ticket.robot != name:
+            raise TicketForeignError(f"cannot connect app {name}: the ticket is for something else")
+        self._used.use(ticket.id, issued_at)
+        return ticket
 
     async def for_video(self, request: Request, name: str) -> Permit:
         """Let a ticket, login or token see the video of robot `name`."""

@@ -36,7 +36,7 @@ from robotether_server.relay.http.sockets import (
     RobotSocket,
     own_words,
 )
-from robotether_server.relay.routes.source import RouteSource, SourceMessage
+from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
 from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
@@ -45,9 +45,8 @@ ROUTE = f"{ROUTES_PATH}/{{route_id:[0-9]{{1,10}}}}"
 # Maximum size of a message from the cell that reads; it sends none.
 MAX_REQUEST_BYTES = 1024
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 2.0
-# Interval between looks at the rights, and at messages that wait for the line.
+# Interval between looks at the rights.
 CHECK_EVERY_S = 0.5
-LOOK_EVERY_S = 0.005
 # Seconds by which a message was older, at most, when it was sent; not a number: unknown.
 AGE = struct.Struct("!d")
 
@@ -82,7 +81,8 @@ class CellSources:
 
     async def _bring(self, source: RouteSource) -> str:
         """Bring messages until the connection ends; return why."""
-        peer = self.peers.owner(source.route.source_id)
+        robot_id = source.route.source_id
+        peer = None if robot_id is None else self.peers.owner(robot_id)
         if peer is None or self.cells is None:
             return "the source's cell is not connected"
         # The other cell may send at once, before this one knows that the connection is open.

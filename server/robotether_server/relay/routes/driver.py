@@ -33,10 +33,13 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import OperatorConnection, RobotSocket, why_closed
 from robotether_server.relay.robots.robot import SeenReport
-from robotether_server.relay.routes.source import RouteSource, SourceMessage, words_of_error
+from robotether_server.relay.routes.source import (
+    LOOK_EVERY_S,
+    RouteSource,
+    SourceMessage,
+    words_of_error,
+)
 
-# Minimum interval between looks for messages that wait.
-LOOK_EVERY_S = 0.005
 # Maximum size of an answer of a robot that is read; nothing but a complaint is of use here.
 MAX_ANSWER_BYTES = 4096
 

@@ -1,22 +1,22 @@
-"""Runs the routes whose target is here, and ends those that must end. Their table is web's.
+"""Runs the routes whose target is here, a robot or an app, and ends those that must end. Their table is web's.
 
 `fleet` hands it the routes that last, once a second with robots and rights. A route ends for good when its maker's
 right does, its time is over, or its target is stopped or driven by anybody else: it never takes the lease back by
-itself. It only waits while a robot is offline or the way to one is broken. All routes of a user into a robot drive it
-together, with one lease.
+itself. It only waits while a robot or an app is away or the way to one is broken. All routes of a user into a robot
+drive it together, with one lease.
 """
 
 from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
 from robotether_server.contract.routes import LiveRoute
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.db.routes import APP, RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.auth.access import HandlerContext
 from robotether_server.relay.auth.principal import Principal
@@ -30,6 +30,7 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.robot import Change
 from robotether_server.relay.robots.robot_dialer import RobotDialer
+from robotether_server.relay.routes.apps import App, Apps
 from robotether_server.relay.routes.cell_sources import CellSources, ReadableSource
 from robotether_server.relay.routes.driver import RouteDriver
 from robotether_server.relay.routes.source import RouteSource
@@ -53,6 +54,7 @@ class RouteContext:
     control: Control
     shared_topics: SharedTopics
     cell_sources: CellSources
+    apps: Apps
     dialer: RobotDialer
     peers: Peers
     event_writer: EventWriter
@@ -87,6 +89,8 @@ class RouteRunner:
         # Those that have ended here, until the database has it.
         self._ended: set[int] = set()
         self._running: dict[Key, RunningRoutes] = {}
+        # Those that lead to apps, by id.
+        self._to_apps: dict[int, tuple[App, RouteSource]] = {}
         self._is_closing = False
 
     def restore(self, ends: Iterable[RouteEnd]) -> None:
@@ -97,18 +101,18 @@ class RouteRunner:
         """These are the routes that last; robots and rights are no older."""
         self._routes = {route.id: route for route in routes}
         self._ended &= self._routes.keys()
-        self._update()
+        self.update()
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot."""
         if change.what in {"connected", "disconnected"}:
-            self._update()
+            self.update()
 
     async def run(self) -> None:
         """Try again what failed, and end what is over, for ever."""
         while True:
             await asyncio.sleep(CHECK_EVERY_S)
-            self._update()
+            self.update()
 
     async def close(self) -> None:
         """Run nothing any more; the routes last."""
@@ -116,25 +120,25 @@ class RouteRunner:
         tasks = [running.task for running in self._running.values() if running.task is not None]
         for running in list(self._running.values()):
             self._keep_only(running, ())
+        self._update_apps({})
         await asyncio.gather(*tasks, return_exceptions=True)
 
     def count(self) -> int:
         """How many routes run here."""
-        return sum(
+        return len(self._to_apps) + sum(
             len(running.sources)
             for running in self._running.values()
             if running.driver is not None and running.driver.is_connected
         )
 
     def live(self, user_id: int) -> list[LiveRoute]:
-        """Describe the routes whose two robots the user may see."""
+        """Describe the routes whose robots the user may see."""
         snapshot = self._context.snapshot()
         return [
             self._describe(route)
             for route in self._routes.values()
             if route.id not in self._ended
-            and snapshot.level(user_id, route.source_id) is not None
-            and snapshot.level(user_id, route.target_id) is not None
+            and all(snapshot.level(user_id, each) is not None for each in route.robot_ids)
         ]
 
     def readable(self, route_id: int) -> ReadableSource | None:
@@ -142,25 +146,35 @@ class RouteRunner:
         snapshot, route = self._context.snapshot(), self._routes.get(route_id)
         if route is None or route_id in self._ended or _why_over(route, snapshot, utc_now()):
             return None
-        source, target = (snapshot.robots[each] for each in (route.source_id, route.target_id))
-        is_here = self._context.handlers.registry.presence(source.id).online
-        if not is_here or self._context.peers.owner(source.id) is not None:
+        source_id = route.source_id
+        if source_id is None or self._context.peers.owner(source_id) is not None:
             return None
-        is_drive = target.settings.guard.drive_topics.match(route.target_topic)
-        return ReadableSource(route, source, is_drive)
+        if not self._context.handlers.registry.presence(source_id).online:
+            return None
+        return ReadableSource(route, snapshot.robots[source_id], self._is_drive(route))
 
-    def _update(self) -> None:
+    def _is_drive(self, route: RelayRoute) -> bool:
+        """Return whether a route leads to a drive topic."""
+        robot = self._context.snapshot().robots.get(route.target_id or 0)
+        return robot is not None and robot.settings.guard.drive_topics.match(route.target_topic)
+
+    def update(self) -> None:
         """Bring what runs in line with what may run."""
         if self._is_closing:
             return
         snapshot, now = self._context.snapshot(), utc_now()
         ready: dict[Key, list[RelayRoute]] = {}
+        to_apps: dict[int, RelayRoute] = {}
         for route in list(self._routes.values()):
             if route.id in self._ended:
                 continue
             if (code := _why_over(route, snapshot, now) or self._why_not_ours(route)) is not None:
                 self._end(route, code)
-            elif self._where(route) is None:
+            elif self._where(route) is not None:
+                continue
+            elif route.target_id is None:
+                to_apps[route.id] = route
+            else:
                 ready.setdefault((route.user_id, route.target_id), []).append(route)
         for key, running in list(self._running.items()):
             routes = ready.get(key, ())
@@ -171,6 +185,21 @@ class RouteRunner:
                 del self._running[key]
         for key, routes in ready.items():
             self._run_all(key, routes, snapshot)
+        self._update_apps(to_apps)
+
+    def _update_apps(self, routes: Mapping[int, RelayRoute]) -> None:
+        """Send apps what these routes bring, and nothing more of others."""
+        for route_id, (app, source) in list(self._to_apps.items()):
+            if route_id not in routes or source.rules != self._rules(routes[route_id]):
+                del self._to_apps[route_id]
+                app.remove(source)
+                source.close(self._context.shared_topics)
+        for route in routes.values():
+            target = self._app(route, route.target_app)
+            if target is not None and route.id not in self._to_apps:
+                source = self._open(route, target.wake)
+                self._to_apps[route.id] = target, source
+                target.add(source)
 
     def _run_all(self, key: Key, routes: list[RelayRoute], snapshot: Snapshot) -> None:
         robot = snapshot.robots[key[1]]
@@ -184,24 +213,29 @@ class RouteRunner:
             )
         for route in routes:
             if route.id not in running.sources and running.driver is not None:
-                self._add(running, running.driver, route, snapshot)
+                source = running.sources[route.id] = self._open(route, running.driver.wake)
+                running.driver.add(source)
 
-    def _add(
-        self, running: RunningRoutes, driver: RouteDriver, route: RelayRoute, snapshot: Snapshot
-    ) -> None:
-        context, robot = self._context, snapshot.robots[route.source_id]
-        is_drive = running.robot.settings.guard.drive_topics.match(route.target_topic)
-        source = running.sources[route.id] = RouteSource(
-            route, driver.wake, is_drive=is_drive, rules=self._rules(route)
-        )
+    def _open(self, route: RelayRoute, wake: Callable[[], None]) -> RouteSource:
+        """Let a route read its source: a robot here or at another cell, or an app."""
+        context, robot_id = self._context, route.source_id
+        source = RouteSource(route, wake, is_drive=self._is_drive(route), rules=self._rules(route))
         try:
-            if context.peers.owner(robot.id) is None:
-                source.open(robot, context.shared_topics)
+            if robot_id is None:
+                if (app := self._app(route, route.source_app)) is not None:
+                    source.follow(app.read, app.leave)
+            elif context.peers.owner(robot_id) is None:
+                source.open(context.snapshot().robots[robot_id], context.shared_topics)
             else:
+                robot = context.snapshot().robots[robot_id]
                 source.bring(robot, context.cell_sources.bring)
         except RobotetherError as problem:
             source.problem = problem.detail
-        driver.add(source)
+        return source
+
+    def _app(self, route: RelayRoute, name: str | None) -> App | None:
+        """Return an app of the route's maker, if it is connected."""
+        return None if name is None else self._context.apps.get(route.user_id, name)
 
     def _is_current(self, route: RelayRoute, running: RunningRoutes) -> bool:
         """Return whether a route reads its source where and as it may now."""
@@ -209,9 +243,13 @@ class RouteRunner:
         return source is None or source.rules == self._rules(route)
 
     def _rules(self, route: RelayRoute) -> object:
+        """Return what a route's connections depend on."""
+        apps = (self._app(route, route.source_app), self._app(route, route.target_app))
+        if route.source_id is None:
+            return apps
         robot = self._context.snapshot().robots[route.source_id]
         peer = self._context.peers.owner(robot.id)
-        return robot.name, robot.settings.policy, None if peer is None else peer.name
+        return robot.name, robot.settings.policy, None if peer is None else peer.name, apps
 
     def _keep_only(self, running: RunningRoutes, route_ids: Iterable[int]) -> None:
         """Publish nothing more of other routes; without any the robot is released."""
@@ -276,18 +314,22 @@ class RouteRunner:
         if route.id in self._ended:
             return
         self._ended.add(route.id)
-        robots = self._context.snapshot().robots
-        source, target = (
-            robots[robot_id].name if robot_id in robots else ""
-            for robot_id in (route.source_id, route.target_id)
-        )
+        source = self._name_of(route.source_id, route.source_app)
+        target = self._name_of(route.target_id, route.target_app)
         log.info("route %d of %s ended: %s", route.id, route.user_name, code)
         self._context.event_writer.add(
             RouteEnd(route.id, utc_now(), code, route.user_name, source, target)
         )
 
+    def _name_of(self, robot_id: int | None, app: str | None) -> str:
+        """Name an end of a route; a robot that is gone has no name."""
+        robot = self._context.snapshot().robots.get(robot_id or 0)
+        return f"{APP}{app}" if app is not None else "" if robot is None else robot.name
+
     def _why_not_ours(self, route: RelayRoute) -> str | None:
-        """Return why nothing may drive the target for the route; None: the robot is free, or routes drive it."""
+        """Return why nothing may drive the target for the route; None: it is free, driven by routes, or an app."""
+        if route.target_id is None:
+            return None
         if self._context.control.stops.of(route.target_id) is not None:
             return "robot_stopped"
         driver = self._context.control.leasing.of(route.target_id).driver
@@ -296,20 +338,30 @@ class RouteRunner:
         return None if is_free else "lease_held"
 
     def _where(self, route: RelayRoute) -> LiveRoute | None:
-        """Say why a route does not run here; None: its target is here, and its source here or at another cell."""
-        owner, registry = self._context.peers.owner, self._context.handlers.registry
-        for robot_id in (route.source_id, route.target_id):
-            if owner(robot_id) is None and not registry.presence(robot_id).online:
-                robot = self._context.snapshot().robots.get(robot_id)
-                name = "a robot" if robot is None else robot.name
+        """Say why a route does not run here; None: its target is here, and its source, too, or at another cell."""
+        peers, registry = self._context.peers, self._context.handlers.registry
+        for robot_id in route.robot_ids:
+            if peers.owner(robot_id) is None and not registry.presence(robot_id).online:
+                name = self._name_of(robot_id, None) or "a robot"
                 return LiveRoute(route.id, "waits", 0.0, f"{name} is offline")
-        is_here = owner(route.target_id) is None
-        return None if is_here else LiveRoute(route.id, "elsewhere")
+        if route.target_id is not None and peers.owner(route.target_id) is not None:
+            if self._app(route, route.source_app) is None:
+                return LiveRoute(route.id, "elsewhere")
+            why = f"app {route.source_app} is here, and the robot at another machine of the site"
+            return LiveRoute(route.id, "waits", 0.0, why)
+        for app in (route.source_app, route.target_app):
+            if app is not None and self._app(route, app) is None:
+                where = " to this machine of the site" if peers.count() else ""
+                return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected{where}")
+        return None
 
     def _describe(self, route: RelayRoute) -> LiveRoute:
         if (elsewhere := self._where(route)) is not None:
             return elsewhere
-        running = self._running.get((route.user_id, route.target_id))
+        if route.id in self._to_apps:
+            _, to_app = self._to_apps[route.id]
+            return LiveRoute(route.id, "runs", to_app.rate_hz(), to_app.problem)
+        running = self._running.get((route.user_id, route.target_id or 0))
         source = None if running is None else running.sources.get(route.id)
         if running is None or source is None or running.driver is None:
             return LiveRoute(route.id, "waits", 0.0, CONNECTING if running is None else running.why)
@@ -322,7 +374,7 @@ def _why_over(route: RelayRoute, snapshot: Snapshot, now: datetime) -> str | Non
     """Return why a route must end now; None: it may go on."""
     if route.ends_at is not None and route.ends_at <= now:
         return "expired"
-    for robot_id in (route.source_id, route.target_id):
+    for robot_id in route.robot_ids:
         if snapshot.level(route.user_id, robot_id) != "manage":
             return "rights_ended"
         robot = snapshot.robots.get(robot_id)

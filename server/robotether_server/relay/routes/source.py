@@ -1,8 +1,8 @@
-"""The source of one route: the newest message of a robot's topic, with the time since when it may be under way.
+"""The source of one route: the newest message of a topic, with the time since when it may be under way.
 
-It shares the topic's one copy as an observer does, or gets the messages from the cell that has the robot
-(`cell_sources`). `driver` takes messages from here, at most at the route's rate; what comes in between is replaced by
-what comes next.
+It shares the one copy of a robot's topic as an observer does, or gets the messages from the cell that has the robot
+(`cell_sources`), or from an app (`apps`). `driver` or an app takes messages from here, at most at the route's rate;
+what comes in between is replaced by what comes next.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
 
+# Minimum interval between looks for messages that wait.
+LOOK_EVERY_S = 0.005
 # Time over which the rate of a route is measured.
 RATE_OVER_S = 2.0
 MAX_TIMES = 1000
@@ -58,6 +60,7 @@ class RouteSource:
         self._wake = wake
         self._newest: SourceMessage | None = None
         self._shared: SharedTopic | None = None
+        self._leave_app: Callable[[RouteSource], None] | None = None
         self._bringing: asyncio.Task[None] | None = None
         self._sent_at: deque[float] = deque(maxlen=MAX_TIMES)
 
@@ -96,10 +99,19 @@ class RouteSource:
         self.request(robot)
         self._bringing = asyncio.create_task(messages(self), name=f"route {self.route.id}")
 
+    def follow(
+        self, read: Callable[[RouteSource], None], leave: Callable[[RouteSource], None]
+    ) -> None:
+        """Get the messages from an app, which has these two."""
+        self._leave_app = leave
+        read(self)
+
     def close(self, shared_topics: SharedTopics) -> None:
         """Share it no more."""
         if self._shared is not None:
             shared_topics.leave(self._shared, self)
+        if self._leave_app is not None:
+            self._leave_app(self)
         if self._bringing is not None:
             self._bringing.cancel()
         self._shared = self._newest = self._bringing = None
@@ -143,7 +155,7 @@ class RouteSource:
         try:
             message = read_json(data)
         except NotJsonError as problem:
-            self.problem = f"the robot sends what is no JSON: {problem}"
+            self.problem = f"the source sends what is no JSON: {problem}"
             return None
         if message.get("op") == "publish":
             content = message.get("msg")

@@ -54,6 +54,7 @@ PASSWORD = "a password that nobody shall read"
 # deletes one is in test_recordings.py. What a heartbeat of the queue makes the planner do is the planner's.
 NO_CHANGE = {
     ("POST", "/tickets"),
+    ("POST", "/tickets/app"),
     ("PUT", "/queue/me"),
     ("POST", "/robots/sim9/recordings"),
     ("POST", "/recordings/{recording_id}/stop"),

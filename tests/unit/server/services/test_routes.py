@@ -97,9 +97,15 @@ def test_the_relay_ends_a_route_once(fleet_of_four, relay_database):
         ("sim3", "sim1", "ben", RobotUnknownError),
         ("sim1", "sim9", "ann", RobotUnknownError),
         ("sim1", "sim1", "ann", FieldInvalidError),
+        ("app:joy", "sim4", "ann", GrantMissingError),
+        ("app:joy", "sim9", "ann", RobotUnknownError),
+        ("sim4", "app:joy", "ann", GrantMissingError),
+        ("app:joy", "app:map", "ann", FieldInvalidError),
+        ("app:<b>", "sim1", "ann", FieldInvalidError),
+        ("app:", "sim1", "ann", FieldInvalidError),
     ],
 )
-def test_who_does_not_manage_both_robots_makes_none(fleet_of_four, start, end, by, refusal):
+def test_who_does_not_manage_its_robots_makes_none(fleet_of_four, start, end, by, refusal):
     with pytest.raises(refusal):
         made(fleet_of_four, start, end, by=by)
     with fleet_of_four.database.transaction() as tx:
@@ -124,6 +130,42 @@ def test_a_loop_is_found_before_it_is_saved(fleet_of_four):
     with pytest.raises(RecordExistsError):
         made(fleet_of_four, "sim1", "sim2")
     made(fleet_of_four, "sim3", "sim1", topic="/map")
+
+
+def test_an_app_of_the_maker_is_an_end_of_a_route(fleet_of_four, relay_database):
+    site = fleet_of_four
+    to_app = made(site, "sim1", "app:joy", topic="/odom")
+    from_app = made(site, "app:joy", "sim1")
+    with relay_database.transaction() as tx:
+        ends = [
+            (route.source_id, route.source_app, route.target_id, route.target_app)
+            for route in routes.read_lasting(tx)
+        ]
+    [(sim1, *to_joy), from_joy] = ends
+    assert (to_joy, from_joy) == ([None, None, "joy"], (None, "joy", sim1, None))
+    assert [event.robot for event in site.events("route_made")] == ["sim1", "sim1"]
+    with site.database.transaction() as tx:
+        seen = route_service.list_seen(tx, users.get(tx, "ben"))
+        assert [(route.source, route.target) for route in seen] == [
+            ("app:joy", "sim1"),
+            ("sim1", "app:joy"),
+        ]
+    with pytest.raises(GrantMissingError):
+        removed(site, from_app.id, "ben")
+    removed(site, to_app.id, "root")
+    end = RouteEnd(from_app.id, dt.datetime.now(dt.UTC), "expired", "ann", "app:joy", "sim1")
+    with relay_database.transaction() as tx:
+        fleet.write(tx, [end])
+    assert [event.robot for event in site.events("route_ended")] == ["sim1"]
+
+
+def test_a_loop_through_an_app_is_found(fleet_of_four):
+    """Another user's app of the same name is another."""
+    made(fleet_of_four, "sim1", "app:joy")
+    made(fleet_of_four, "app:joy", "sim2", by="root")
+    made(fleet_of_four, "sim2", "sim1")
+    with pytest.raises(NotPossibleError, match="sim1 /cmd_vel, ann/app:joy /cmd_vel, sim2"):
+        made(fleet_of_four, "app:joy", "sim2")
 
 
 NODES = st.tuples(st.sampled_from("abcd"), st.sampled_from(("/x", "/y")))

@@ -173,7 +173,7 @@ class MessageValidator:
             raise _RefusalError(
                 "size", f"cannot pass message: it has over {limit} KB, the robot's limit"
             )
-        cost = 1 if size < KB else _cost(data)
+        cost = message_cost(data)
         if cost > self._at_once:
             raise _RefusalError(
                 "size", "cannot pass message: it has too many values for one message"
@@ -287,8 +287,10 @@ def _check_plain_values(fields: Mapping[str, Any]) -> None:
         raise _RefusalError("shape", why, fields.get("id")) from exc
 
 
-def _cost(data: bytes) -> int:
-    """Return for how many messages a large one counts, by the time that reading it takes."""
+def message_cost(data: bytes) -> int:
+    """Return for how many small messages one counts, by the time that reading it takes."""
+    if len(data) < KB:
+        return 1
     values = data.count(b",") + data.count(b"{") + data.count(b"[")
     return 1 + len(data) // KB + values // VALUES_AS_ONE
 

@@ -1,0 +1,344 @@
+"""Answers /apps/NAME/ros: web apps as ends of routes, each of them its user's, while it is connected.
+
+An app speaks rosbridge: it advertises and publishes what routes take from it, and subscribes to what they bring. It
+reaches no robot by itself: `routes` lets a route of its user read it, or write to it. The age of what it publishes is
+bounded as that of a client without timestamps (docs/adr/0010-age-is-a-bound.md).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from typing import Any
+
+from aiohttp import WebSocketError, WSMsgType, web
+from robotether_common.ros import full_name
+
+from robotether_server.contract.routes import AppTopic, LiveApp
+from robotether_server.problems import HttpError, TokenInvalidError
+from robotether_server.relay.auth.access import Access, credential_in, request_of
+from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON, close_reason_of_broken
+from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
+from robotether_server.relay.channels.rosbridge.message_validator import (
+    ANSWERS_PER_S,
+    FLOOD_AFTER_S,
+    TOO_MANY,
+    message_cost,
+    status_error,
+)
+from robotether_server.relay.channels.rosbridge.operations import (
+    NotJsonError,
+    read_json,
+    write_json,
+)
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import CloseReason
+from robotether_server.relay.http.event_loop import PieceTurns, next_turn
+from robotether_server.relay.http.sockets import (
+    SEND_BUFFER_BYTES,
+    OperatorConnection,
+    OperatorSocket,
+)
+from robotether_server.relay.http.timing import Excess, LivenessLimits, RateLimiter
+from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
+
+PATH = "/apps/{name:[a-z0-9-]{1,63}}/ros"
+# Maximum number of a user's apps, and of an app's topics either way.
+MAX_APPS, MAX_TOPICS = 8, 32
+MAX_TYPE_LENGTH = 255
+# Maximum size of a message either way, and rate of an app's messages; large ones count more than once.
+MAX_MESSAGE_BYTES = 256 * 1024
+MAX_MESSAGES_PER_S = 1000
+CLOCK_SYNC = "robotether.clock_sync"
+
+# A user, by id, and the app's name.
+AppKey = tuple[int, str]
+
+
+class App(OperatorConnection):
+    """One app that is connected."""
+
+    def __init__(
+        self, key: AppKey, socket: OperatorSocket, limits: LivenessLimits, turns: PieceTurns
+    ) -> None:
+        super().__init__(f"app {key[1]}")
+        self.key = key
+        self._socket = socket
+        self._limits = limits
+        self._turns = turns
+        # Types, by topic.
+        self._offered: dict[str, str] = {}
+        self._taken: dict[str, str] = {}
+        # The routes from it and to it.
+        self._readers: set[RouteSource] = set()
+        self._sources: dict[int, RouteSource] = {}
+        self._due = asyncio.Event()
+        self._timestamps = CommandTimestamps(self._received_s)
+        now = self._received_s
+        self._messages = RateLimiter(now, per_s=MAX_MESSAGES_PER_S, at_once=MAX_MESSAGES_PER_S)
+        self._answers = RateLimiter(now, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
+        self._excess = Excess(now, per_s=MAX_MESSAGES_PER_S, for_s=FLOOD_AFTER_S)
+
+    def describe(self) -> LiveApp:
+        """Describe it as it is now."""
+        return LiveApp(
+            self.key[1],
+            *(
+                [AppTopic(topic, topics[topic]) for topic in sorted(topics)]
+                for topics in (self._offered, self._taken)
+            ),
+        )
+
+    def read(self, source: RouteSource) -> None:
+        """Give a route what the app publishes on its topic from now on."""
+        self._readers.add(source)
+        source.problem = self._why_unread(source)
+
+    def leave(self, source: RouteSource) -> None:
+        """Give a route nothing any more."""
+        self._readers.discard(source)
+
+    def wake(self) -> None:
+        """A route to it has a message."""
+        self._due.set()
+
+    def add(self, source: RouteSource) -> None:
+        """Send the app what this route brings from now on."""
+        self._sources[source.route.id] = source
+        self.wake()
+
+    def remove(self, source: RouteSource) -> None:
+        """Send the app nothing of this route any more."""
+        self._sources.pop(source.route.id, None)
+
+    async def run(self) -> CloseReason:
+        """Pass messages until the end; return why."""
+        return await self._run_until_ended(
+            self._run_together(
+                self._receive_all(),
+                self._send_all(),
+                self._watch(self._socket, self._limits),
+                self._ping(
+                    self._socket, self._limits, lambda: self._timestamps.ping(time.monotonic())
+                ),
+            )
+        )
+
+    async def _receive_all(self) -> CloseReason:
+        count = 0
+        while True:
+            count = await next_turn(count)
+            message = await self._socket.receive()
+            self._received_s = time.monotonic()
+            if message.type is WSMsgType.CLOSE:
+                return close_reasons.client_left(self.name)
+            if isinstance(message.data, WebSocketError):
+                return close_reason_of_broken(message.data, "you", self._socket.message_limit)
+            if message.type not in PASSED_ON:
+                return close_reasons.client_vanished(self.name)
+            # Before any of it is read.
+            is_allowed = self._messages.allow(self._received_s, message_cost(message.data))
+            if not is_allowed and self._excess.add(self._received_s, message_cost(message.data)):
+                return CloseReason("client_floods", f"{self.name} sent too much for too long")
+            if message.type is WSMsgType.PONG:
+                self._timestamps.pong(message.data)
+            elif message.type is WSMsgType.PING:
+                await self._socket.pong(message.data)
+            elif (answer := self._receive(message.data, is_allowed=is_allowed)) is not None:
+                await self._send(answer)
+
+    def _receive(self, data: bytes, *, is_allowed: bool) -> bytes | None:
+        """Do as a message says; return what tells the app that it is refused, or answers its clock sync."""
+        if not is_allowed:
+            return self._refusal(TOO_MANY)
+        try:
+            message = read_json(data)
+        except NotJsonError as problem:
+            return self._refusal(f"cannot read the message: {problem}")
+        if message.get("op") == CLOCK_SYNC:
+            # By the answers the app's page knows that the connection still is.
+            relay_ms = round(self._received_s * 1000, 3)
+            return write_json({**message, "relay_ms": relay_ms})
+        why = self._perform(message, data)
+        return None if why is None else self._refusal(why, message.get("id"))
+
+    def _refusal(self, why: str, message_id: object = None) -> bytes | None:
+        """Return the answer; None: there were enough of them this second."""
+        is_answered = self._answers.allow(self._received_s)
+        return status_error(why, message_id) if is_answered else None
+
+    def _perform(self, message: dict[str, Any], data: bytes) -> str | None:
+        """Do as a message says; return why not."""
+        op, topic = message.get("op"), full_name(message.get("topic"))
+        if topic is None:
+            return "cannot use the message: `topic` must be a topic's name"
+        match op:
+            case "publish":
+                return self._publish(topic, data)
+            case "advertise":
+                return self._note(self._offered, topic, message.get("type"))
+            case "subscribe":
+                return self._note(self._taken, topic, message.get("type"))
+            case "unadvertise":
+                self._forget(self._offered, topic)
+            case "unsubscribe":
+                self._forget(self._taken, topic)
+            case _:
+                return "cannot use the message: an app has the operations of topics alone"
+        return None
+
+    def _publish(self, topic: str, data: bytes) -> str | None:
+        if topic not in self._offered:
+            return f"cannot publish on {topic}: advertise it first"
+        since_s = self._timestamps.of(None, self._received_s)
+        for source in self._readers:
+            if source.route.source_topic == topic and not self._why_unread(source):
+                source.receive(SourceMessage(data, since_s))
+        return None
+
+    def _note(self, topics: dict[str, str], topic: str, type_name: object) -> str | None:
+        if not isinstance(type_name, str) or not 0 < len(type_name) <= MAX_TYPE_LENGTH:
+            return f"cannot use {topic}: `type` must be its type"
+        if not type_name.isprintable() or " " in type_name:
+            return f"cannot use {topic}: `type` must be its type"
+        if topic not in topics and len(topics) >= MAX_TOPICS:
+            return f"cannot use {topic}: an app has at most {MAX_TOPICS} topics either way"
+        topics[topic] = type_name
+        self._explain()
+        return None
+
+    def _forget(self, topics: dict[str, str], topic: str) -> None:
+        topics.pop(topic, None)
+        self._explain()
+
+    def _explain(self) -> None:
+        for source in self._readers:
+            source.problem = self._why_unread(source)
+
+    def _why_unread(self, source: RouteSource) -> str:
+        """Say why a route gets nothing of the app; empty: it may."""
+        return _why_unfit(self._offered, source.route.source_topic, source, "offer")
+
+    async def _send_all(self) -> CloseReason:
+        while True:
+            now_s = time.monotonic()
+            waits_s = [source.due_in_s(now_s) for source in self._sources.values()]
+            due_s = min((each for each in waits_s if each is not None), default=None)
+            if due_s == 0.0 and not self._socket.waiting_bytes():
+                await self._send_due()
+                continue
+            wait_s = None if due_s is None else max(due_s, LOOK_EVERY_S)
+            self._due.clear()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(wait_s):
+                    await self._due.wait()
+
+    async def _send_due(self) -> None:
+        for source in list(self._sources.values()):
+            if source.due_in_s(time.monotonic()) != 0.0:
+                continue
+            message = source.take(time.monotonic())
+            if message is None or (content := self._content(source, message.data)) is None:
+                continue
+            topic = source.route.target_topic
+            source.problem = _why_unfit(self._taken, topic, source, "subscribe to")
+            if not source.problem:
+                await self._send(write_json({"op": "publish", "topic": topic, "msg": content}))
+                source.on_sent(time.monotonic())
+
+    def _content(self, source: RouteSource, data: bytes) -> dict[str, Any] | None:
+        """Read what a robot sent, unless that would take long."""
+        if len(data) > MAX_MESSAGE_BYTES:
+            source.problem = f"the message has over {MAX_MESSAGE_BYTES >> 10} KB, the limit of apps"
+            return None
+        return source.content(data)
+
+    async def _send(self, data: bytes) -> None:
+        self._bytes_to_client += len(data)
+        if len(data) > SEND_BUFFER_BYTES:
+            await self._socket.send_large(data, WSMsgType.TEXT, self._turns)
+        else:
+            await self._socket.send_frame(data, WSMsgType.TEXT)
+
+
+def _why_unfit(topics: dict[str, str], topic: str, source: RouteSource, verb: str) -> str:
+    type_name = topics.get(topic)
+    if type_name is None:
+        return f"the app does not {verb} {topic}"
+    return "" if type_name == source.route.type else f"the app has {topic} with another type"
+
+
+class Apps:
+    """The apps that are connected here."""
+
+    def __init__(
+        self,
+        access: Access,
+        credentials: Credentials,
+        limits: LivenessLimits,
+        turns: PieceTurns,
+    ) -> None:
+        self._access = access
+        self._credentials = credentials
+        self._limits = limits
+        self._turns = turns
+        self._apps: dict[AppKey, App] = {}
+        self._listener: Callable[[], None] = lambda: None
+
+    def listen(self, listener: Callable[[], None]) -> None:
+        """Notify this when an app came or left."""
+        self._listener = listener
+
+    def add_routes(self, app: web.Application) -> None:
+        """Route the path of the contract here."""
+        app.router.add_get(PATH, self.handle, allow_head=False)
+
+    def count(self) -> int:
+        """How many apps there are."""
+        return len(self._apps)
+
+    def get(self, user_id: int, name: str) -> App | None:
+        """Return a user's app, if it is connected."""
+        return self._apps.get((user_id, name))
+
+    def of_user(self, user_id: int) -> list[App]:
+        """Return a user's apps."""
+        return [app for key, app in self._apps.items() if key[0] == user_id]
+
+    def end_all(self, close_reason: CloseReason) -> None:
+        """End every connection."""
+        for app in self._apps.values():
+            app.end(close_reason)
+
+    async def handle(self, request: web.Request) -> web.StreamResponse:
+        """Serve an app until it leaves, or its user's login or token ends."""
+        if not web.WebSocketResponse().can_prepare(request):
+            raise HttpError(426, "cannot connect the app: connect with a WebSocket")
+        access_request = request_of(request.headers, request.cookies, request.query)
+        ticket = self._access.for_app(access_request, request.match_info["name"])
+        key = (ticket.user_id, ticket.robot)
+        # It may drive from its first message on, and `held` alone would let it for a second.
+        if not await self._credentials.holds(credential_in(ticket)):
+            raise TokenInvalidError(f"cannot connect app {key[1]}: your login or token has ended")
+        if key in self._apps:
+            raise HttpError(409, f"cannot connect app {key[1]}: one of that name is connected")
+        if len(self.of_user(ticket.user_id)) >= MAX_APPS:
+            raise HttpError(429, f"cannot connect app {key[1]}: you have {MAX_APPS} connected")
+        socket = OperatorSocket(MAX_MESSAGE_BYTES)
+        app = App(key, socket, self._limits, self._turns)
+        ended = CloseReason("rights_ended", "your login or token has ended")
+        self._apps[key] = app
+        try:
+            with self._credentials.held(credential_in(ticket), partial(app.end, ended)):
+                await socket.open(request)
+                self._listener()
+                close_reason = await app.run()
+        finally:
+            del self._apps[key]
+            self._listener()
+        await socket.finish(close_reason)
+        return socket

@@ -1,0 +1,320 @@
+"""Web apps as ends of routes of a running relay: what routes carry from them and to them, and who may not connect."""
+
+import asyncio
+import json
+from contextlib import suppress
+
+import aiohttp
+import pytest
+import pytest_asyncio
+from aiohttp import WSMsgType
+from relay_server import BEN, EVE, until
+from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.relay.routes import apps
+from robotether_server.relay.routes import routes as relay_routes
+
+TWIST, ODOMETRY = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry"
+SIM1 = 7
+STEER = RelayRoute(
+    None, "/stick", SIM1, "/cmd_vel", TWIST, 50, 5, source_app="joy", id=1, user_name="eve"
+)
+SHOW = RelayRoute(
+    SIM1, "/odom", None, "/pose", ODOMETRY, 50, 5, target_app="joy", id=1, user_name="eve"
+)
+OFFER = {"op": "advertise", "topic": "/stick", "type": TWIST}
+TAKE = {"op": "subscribe", "topic": "/pose", "type": ODOMETRY}
+MOVE = {"op": "publish", "topic": "/stick", "msg": {"linear": {"x": 0.5}}}
+
+
+@pytest.fixture(autouse=True)
+def _quick(monkeypatch):
+    monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 0.05)
+    monkeypatch.setattr(relay_routes, "CHECK_EVERY_S", 0.05)
+
+
+@pytest.fixture
+def memory_database(memory_database):
+    memory_database.grants |= {(5, SIM1): "manage"}
+    memory_database.routes = [STEER]
+    return memory_database
+
+
+class World:
+    """A relay with robot sim1, which eve manages."""
+
+    def __init__(self, relay, memory_database, robot):
+        self.relay, self.database, self.robot = relay, memory_database, robot
+
+    def live(self):
+        [route] = self.relay.relay.routes.live(5) or [None]
+        return None if route is None else (route.state, route.why)
+
+    def driver(self):
+        driver = self.relay.relay.control.describe(SIM1).driver
+        return None if driver is None else driver.user
+
+    def published(self):
+        received = map(json.loads, self.robot.received)
+        return [message for message in received if message["op"] == "publish"]
+
+    def ends(self):
+        return [each.code for each in self.database.written if isinstance(each, RouteEnd)]
+
+
+@pytest.fixture
+def world(relay, memory_database, guarded):
+    return World(relay, memory_database, guarded)
+
+
+@pytest_asyncio.fixture
+async def connect(world, http):
+    opened = []
+
+    async def connect_app(*messages, user=EVE, name="joy", url=None, **options):
+        socket = await http.ws_connect(url or world.relay.app_url(name, user), **options)
+        opened.append(socket)
+        for message in messages:
+            await socket.send_json(message)
+        return socket
+
+    yield connect_app
+    for socket in opened:
+        await socket.close()
+
+
+async def publish_until(socket, condition):
+    """Publish, and answer pings meanwhile."""
+    async with asyncio.timeout(10):
+        while not condition():
+            await socket.send_json(MOVE)
+            with suppress(TimeoutError):
+                await socket.receive(timeout=0.02)
+
+
+async def closed_with(socket):
+    """Return the code with which the relay closes an app, and what it sent before."""
+    answers = []
+    async with asyncio.timeout(5):
+        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
+            answers.append(message.data)
+    return int(message.data), answers
+
+
+async def test_an_app_drives_as_long_as_it_is_connected(world, connect):
+    """Without it the robot is free, and the route waits."""
+    await until(lambda: world.live() == ("waits", "app joy is not connected"), "it waits")
+    assert world.driver() is None
+    for fence in (1, 2):
+        world.robot.received.clear()
+        socket = await connect(OFFER)
+        await publish_until(socket, world.published)
+        message = world.published()[0]
+        assert message["topic"] == "/cmd_vel"
+        assert message["robotether"]["fence"] == fence
+        assert 0 <= world.robot.session.clock_ms() - message["robotether"]["t_ms"] < 10_000
+        assert world.driver() == "eve (route)"
+        await socket.close()
+        await until(lambda: world.driver() is None, "the robot is free")
+    assert world.ends() == []
+
+
+async def test_a_stop_ends_a_route_of_an_app(world, connect):
+    socket = await connect(OFFER)
+    await publish_until(socket, world.published)
+    world.relay.relay.control.stops.stop(world.database.robots[SIM1], "ben")
+    await until(world.ends, "it ended")
+    assert world.ends() == ["robot_stopped"]
+    [end] = [each for each in world.database.written if isinstance(each, RouteEnd)]
+    assert (end.source, end.target) == ("app:joy", "sim1")
+    await until(lambda: world.driver() is None, "the lease is over")
+
+
+async def test_a_command_whose_age_no_pong_bounds_is_dropped(world, connect):
+    socket = await connect(OFFER, autoping=False)
+    await until(lambda: world.live() == ("runs", ""), "it runs")
+    await asyncio.sleep(1)
+    before = len(world.published())
+    await publish_until(socket, lambda: "old" in world.live()[1])
+    assert len(world.published()) == before
+
+
+async def test_an_app_ends_with_its_login(world, connect):
+    socket = await connect(OFFER)
+    await publish_until(socket, world.published)
+    world.database.credentials = {}
+    assert (await closed_with(socket))[0] == 4001
+    await until(lambda: world.driver() is None, "the robot is free", 2)
+
+
+async def test_a_ticket_of_a_login_that_ended_connects_no_app(world, connect):
+    """Not even for the second until the relay ends what a login opened."""
+    await (await connect(name="other")).close()
+    url = world.relay.app_url("joy", EVE)
+    world.database.credentials = {}
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await connect(url=url)
+    assert refused.value.status == 401
+
+
+async def test_a_route_reads_no_app_of_another_user(world, connect):
+    """Whose app has the same name, and who might manage the robot, too."""
+    world.database.grants |= {(BEN.id, SIM1): "manage"}
+    socket = await connect(OFFER, user=BEN)
+    for _ in range(10):
+        await socket.send_json(MOVE)
+        await asyncio.sleep(0.02)
+    assert world.live() == ("waits", "app joy is not connected")
+    assert world.published() == []
+
+
+@pytest.mark.parametrize(
+    ("messages", "why"),
+    [
+        ([], "the app does not offer /stick"),
+        ([{**OFFER, "type": "a/B"}], "the app has /stick with another type"),
+        ([OFFER, {"op": "unadvertise", "topic": "/stick"}], "the app does not offer /stick"),
+    ],
+)
+async def test_what_an_app_does_not_offer_is_said(world, connect, messages, why):
+    await connect(*messages)
+    await until(lambda: world.live() == ("runs", why), "the page says so")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "no json",
+        "[]",
+        "{}",
+        '{"op":"advertise","topic":"/<b>x</b>","type":"a/B"}',
+        '{"op":"advertise","topic":"/a","type":"<b> x"}',
+        '{"op":"advertise","topic":"/a","type":7}',
+        '{"op":"advertise","topic":"/thirty-three","type":"a/B"}',
+        '{"op":"publish","topic":"/a","msg":{}}',
+        '{"op":"call_service","service":"/rosapi/topics"}',
+        '{"op":"robotether.stop","topic":"/a"}',
+    ],
+)
+async def test_what_is_none_of_its_operations_is_refused(world, connect, text):
+    many = [{**OFFER, "topic": f"/t{number}"} for number in range(apps.MAX_TOPICS)]
+    socket = await connect(*many)
+    await socket.send_str(text)
+    answer = await socket.receive_json(timeout=5)
+    assert (answer["op"], answer["level"]) == ("status", "error")
+    [app] = world.relay.relay.apps.of_user(EVE.id)
+    assert len(app.describe().advertises) == apps.MAX_TOPICS
+
+
+async def test_a_clock_sync_is_answered(connect):
+    """A page sees no pings, and knows by it that the connection still is."""
+    socket = await connect()
+    sync = {"op": "robotether.clock_sync", "t_ms": 1.5, "key": "k"}
+    await socket.send_json(sync)
+    answer = await socket.receive_json(timeout=5)
+    assert answer.pop("relay_ms") > 0
+    assert answer == sync
+
+
+@pytest.mark.parametrize(("per_s", "size", "every_s"), [(20, 0, 0.001), (800, 50_000, 0.01)])
+async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, every_s):
+    """With many messages, or with fewer large ones; meanwhile it gets few answers."""
+    monkeypatch.setattr(apps, "MAX_MESSAGES_PER_S", per_s)
+    monkeypatch.setattr(apps, "FLOOD_AFTER_S", 0.2)
+    socket = await connect(OFFER)
+    message = {**MOVE, "msg": {"data": "x" * size}}
+
+    async def flood():
+        while not socket.closed:
+            await socket.send_json(message)
+            await asyncio.sleep(every_s)
+
+    flooding = asyncio.create_task(flood())
+    code, answers = await closed_with(socket)
+    flooding.cancel()
+    await asyncio.gather(flooding, return_exceptions=True)
+    assert code == 1008
+    assert all("too many" in answer for answer in answers)
+    assert len(answers) <= 20
+
+
+async def test_a_message_over_the_limit_closes_an_app(connect):
+    socket = await connect(OFFER)
+    await socket.send_str("x" * (apps.MAX_MESSAGE_BYTES + 1))
+    assert (await closed_with(socket))[0] == 1009
+
+
+async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
+    """Without the lease, and once it has subscribed."""
+    world.database.routes = [SHOW]
+    other = await connect(TAKE, user=BEN)
+    socket = await connect()
+    await until(lambda: world.robot.topics, "the robot is subscribed")
+    message = {"op": "publish", "topic": "/odom", "msg": {"child_frame_id": "<b>"}}
+    await world.robot.send_to_topics(json.dumps(message).encode())
+    await until(lambda: world.live() == ("runs", "the app does not subscribe to /pose"), "so it is")
+    await socket.send_json(TAKE)
+
+    async def send():
+        while True:
+            await world.robot.send_to_topics(json.dumps(message).encode())
+            await asyncio.sleep(0.02)
+
+    sending = asyncio.create_task(send())
+    answer = await socket.receive_json(timeout=5)
+    assert answer == {"op": "publish", "topic": "/pose", "msg": {"child_frame_id": "<b>"}}
+    sending.cancel()
+    assert world.driver() is None
+    message["msg"]["child_frame_id"] = "x" * apps.MAX_MESSAGE_BYTES
+    await world.robot.send_to_topics(json.dumps(message).encode())
+    too_large = ("runs", "the message has over 256 KB, the limit of apps")
+    await until(lambda: world.live() == too_large, "the page says so")
+    with pytest.raises(TimeoutError):
+        await other.receive(timeout=0.1)
+    del world.database.grants[5, SIM1]
+    await until(lambda: not world.robot.topics, "the subscription has ended", 2)
+    assert world.ends() == ["rights_ended"]
+
+
+async def test_apps_are_shown_to_their_user_alone(world, connect, http):
+    await connect(OFFER, TAKE)
+    url = f"{world.relay.url}/api/v1/routes/live"
+    for user, shown in (
+        (EVE, [{"name": "joy", "advertises": [_topic(OFFER)], "subscribes": [_topic(TAKE)]}]),
+        (BEN, []),
+    ):
+        async with http.get(url, headers=world.database.bearer(user)) as answer:
+            assert (await answer.json())["apps"] == shown
+
+
+def _topic(message):
+    return {"topic": message["topic"], "type": message["type"]}
+
+
+async def test_only_a_ticket_for_the_app_connects_it_and_once(world, connect, http):
+    used = world.relay.app_url("used", EVE)
+    await (await http.ws_connect(used)).close()
+    await connect()
+    robot = world.database.robots[SIM1]
+    for number in range(apps.MAX_APPS - 1):
+        await connect(user=BEN, name=f"app{number}")
+    await connect(user=BEN, name="last")
+    with_robots = world.relay.ros_url(robot, user=EVE).partition("?")[2]
+    for_app = world.relay.app_url("sim1", EVE).partition("?")[2]
+    for path, status in [
+        (used.removeprefix(world.relay.url), 401),
+        ("/apps/joy/ros", 401),
+        (world.relay.app_url("other", EVE, "mine").removeprefix(world.relay.url), 401),
+        (f"/apps/sim1/ros?{with_robots}", 401),
+        (f"/robots/sim1/ros?{for_app}", 401),
+        (f"/robots/sim1/video/frames?topic=/a&{for_app}", 401),
+        (world.relay.app_url("joy", EVE).removeprefix(world.relay.url), 409),
+        (world.relay.app_url("ninth", BEN).removeprefix(world.relay.url), 429),
+        ("/apps/<b>/ros", 404),
+    ]:
+        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+            await http.ws_connect(world.relay.url + path)
+        assert refused.value.status == status, path
+    headers = {"Origin": "https://evil.example"}
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(world.relay.app_url("evil", EVE), headers=headers)
+    assert refused.value.status == 403
