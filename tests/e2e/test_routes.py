@@ -1,4 +1,4 @@
-"""Routes between robots on the whole stack: sim2 follows sim1, drawn on the page, until something ends that."""
+"""Routes on the whole stack, drawn on the page: sim2 follows sim1, or an app, until something ends that."""
 
 from __future__ import annotations
 
@@ -17,6 +17,17 @@ from sim_watch import SimWatch
 from stack import Stack
 
 ROBOTS = ["sim1", "sim2"]
+# A web app in a page with its user's login: it publishes a turn on the spot, and keeps what it gets.
+APP = """async () => {
+  const { App } = await import("/static/dist/robotether-client.js");
+  const twist = "geometry_msgs/msg/Twist";
+  const app = new App({ name: "stick" });
+  app.advertise("/stick", twist);
+  app.subscribe("/pose", "nav_msgs/msg/Odometry", (message) => (window.odometry = message));
+  await app.connect();
+  const message = { linear: { x: 0, y: 0, z: 0 }, angular: { x: 0, y: 0, z: 0.5 } };
+  setInterval(() => app.publish("/stick", twist, message), 50);
+}"""
 
 
 @pytest.fixture
@@ -106,7 +117,7 @@ def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page: Page, stack:
         time.sleep(0.05)
     stack.admin.grant("mia", "sim1", "manage")
     stack.wait_for_right("mia", "sim1")
-    expect(_state(page)).to_have_text("Ended: its maker may no longer manage both robots")
+    expect(_state(page)).to_have_text("Ended: its maker may no longer manage its robots")
     assert _driver(stack) is None
 
 
@@ -125,3 +136,25 @@ def test_a_route_is_removed_by_its_line_or_its_list_and_a_loop_is_refused(page: 
     expect(page.get_by_test_id("route-problem")).to_contain_text("It would close a loop")
     page.locator(".knot").click()
     expect(page.get_by_test_id("routes")).to_have_count(0)
+
+
+def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(
+    page: Page, stack: Stack
+) -> None:
+    """It comes into both columns by itself; without it sim2 stands, and is free."""
+    app = page.context.new_page()
+    app.goto(f"{stack.url}/")
+    app.evaluate(APP)
+    page.bring_to_front()
+    _drag(page, _topic(page, "source", "app:stick", "/stick"), _topic(page, "target", "sim2"))
+    driving = page.locator('[data-source="app:stick"] [data-part="state"]')
+    expect(driving).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
+    _topic(page, "source", "sim2", "/odom").click()
+    _topic(page, "target", "app:stick", "/pose").click()
+    app.wait_for_function("window.odometry?.twist.twist.angular.z > 0")
+    assert _driver(stack)["user"] == "mia (route)"
+    with SimWatch(stack, "sim2") as watch:
+        app.close()
+        watch.wait_pose("standing", lambda pose: pose["angular_velocity"] == 0)
+    expect(driving).to_have_text("Waits: app stick is not connected")
+    assert _driver(stack) is None

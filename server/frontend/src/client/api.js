@@ -77,6 +77,11 @@ export class Api {
 /** @returns {string} */
 export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
 
+// The headers of who asks: a token, or the login of a page of the server's own.
+export function credentials(token) {
+  return () => /** @type {Record<string, string>} */ (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
+}
+
 // Gives what `ask` does.
 async function readAnswer(answer) {
   const { status, ok } = answer;
@@ -116,6 +121,22 @@ export async function requestTicket(api, robot, mode) {
   return body.ticket;
 }
 
+// As requestTicket, for a web app.
+export async function appTicket(api, app) {
+  const { ok, status, code, detail, body } = await api.post("/api/v1/tickets/app", { app });
+  if (!ok) throw new TicketRefused(status, code, detail);
+  return body.ticket;
+}
+
+// A ticket that a function of the page gives, from a backend of its own. Throws TicketRefused.
+export async function ticketBy(getTicket, wish) {
+  try {
+    return await getTicket(wish);
+  } catch (/** @type {any} */ error) {
+    throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code, error?.detail);
+  }
+}
+
 // Where a robot's WebSockets and streams are (docs/reference/protocols.md, docs/reference/media.md). Pure.
 
 // A query with its slashes as they are: web_video_server takes what stands there for the topic and undoes no escapes.
@@ -123,6 +144,12 @@ const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("
 
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
 export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
+
+export function appUrl(server, app, ticket) {
+  const url = new URL(`/apps/${app}/ros?${plainQuery({ ticket })}`, server);
+  url.protocol = url.protocol.replace("http", "ws");
+  return url.href;
+}
 
 export const framesUrl = (server, robot, topic, ticket) => address(server, robot, "video/frames", { topic, ticket }, true);
 

@@ -3,12 +3,14 @@
 
 import { DecoderChoice, FrameDecoder, jpegBlob } from "../decoders/frameDecoder.js";
 import { reasons } from "../texts/common.js";
-import { Api, TicketRefused, csrfToken, framesUrl, requestTicket, rosUrl, streamUrl } from "./api.js";
+import { Api, TicketRefused, credentials, framesUrl, requestTicket, rosUrl, streamUrl, ticketBy } from "./api.js";
+import { App } from "./app.js";
 import { GIVE_UP } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
 import { Painter } from "./painter.js";
+import { fullName } from "./rosbridge.js";
 import { Session } from "./session.js";
 import { ShownFrames } from "./shownFrames.js";
 
@@ -255,13 +257,8 @@ export class Robot {
     return byLogin ? undefined : this.ticket("observe");
   }
 
-  async ticket(mode) {
-    if (!this.getTicket) return requestTicket(this.api, this.name, mode);
-    try {
-      return await this.getTicket({ robot: this.name, mode });
-    } catch (/** @type {any} */ error) {
-      throw error instanceof TicketRefused ? error : new TicketRefused(error?.status ?? 0, error?.code, error?.detail);
-    }
+  ticket(mode) {
+    return this.getTicket ? ticketBy(this.getTicket, { robot: this.name, mode }) : requestTicket(this.api, this.name, mode);
   }
 
   async readDriveType(call) {
@@ -307,20 +304,13 @@ export class Robot {
   }
 }
 
-// As the server writes it, and the robot then names it in its messages: a subscriber of `odom` would hear of no `/odom`.
-const fullName = (topic) => (topic.startsWith("/") ? topic : `/${topic}`);
-
 // 0 would drive straight on, whatever turn is asked for, and less than 0 to the other side.
 function checkWheelbase(metres) {
   if (metres === null || (Number.isFinite(metres) && metres > 0)) return;
   throw new TypeError(`cannot steer: wheelbase is ${metres}, and must be a number of metres`);
 }
 
-function credentials(token) {
-  return () => /** @type {Record<string, string>} */ (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
-}
-
-export { FrameStream, TicketRefused };
+export { App, FrameStream, TicketRefused };
 
 // Shows frames in an <img> or on a <canvas> of the page, one at a time.
 // Gives the function that shows a frame and settles when it is to be seen; it rejects for what is no image.

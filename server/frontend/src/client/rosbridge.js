@@ -166,6 +166,9 @@ function parsePythons(data) {
   }
 }
 
+// As the server writes it, and the robot then names it in its messages: a subscriber of `odom` would hear of no `/odom`.
+export const fullName = (topic) => (topic.startsWith("/") ? topic : `/${topic}`);
+
 // Names and shapes of the ROS messages that the pages use, under their ROS 1 and ROS 2 names. Pure.
 const TWIST = "geometry_msgs/Twist";
 const TWIST_STAMPED = "geometry_msgs/TwistStamped";

@@ -3,7 +3,7 @@
 import { api } from "../dom/calls.js";
 import { localTimestamp, make, part, setText } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
-import { RouteDiagram } from "../topics/routeDiagram.js";
+import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
 
 const LIVE_EVERY_MS = 1000;
 const REFRESH_AFTER_MS = 2000; // least interval between two looks at the list that nobody here changed
@@ -30,14 +30,26 @@ export function stateWords(route) {
   return route.state === "waits" ? texts.waits(route.why) : texts.elsewhere;
 }
 
+// What the diagram shows of web apps, by their names in routes: the user's that are connected, and those that only the user's
+// routes name, of which it knows no topics. Pure.
+export function appsIn(live, rows) {
+  const names = rows.flatMap(({ source, target }) => [source, target]).filter(isApp);
+  const topics = live.map(({ name, advertises, subscribes }) => [`app:${name}`, { source: advertises, target: subscribes }]);
+  return new Map([...names.map((name) => [name, null]), ...topics]);
+}
+
+// Whether a route has a line: another user's app of the same name is another app. Pure.
+export const isDrawn = (row) => "mine" in row || ![row.source, row.target].some(isApp);
+
 const valueOf = ({ robot, topic, type }) => `${robot} ${topic} ${type}`;
 
-// Asks robots for their topics, for the diagram and the form.
+// Asks robots for their topics, for the diagram and the form; those of apps come with the routes.
 class Topics {
   constructor(diagram, form) {
     this.diagram = diagram;
     this.form = form;
-    this.known = new Map();
+    this.known = new Map(); // by robot or app, its topics by column
+    this.shownApps = new Map(); // by app, its topics as a text
   }
 
   start() {
@@ -58,21 +70,46 @@ class Topics {
   }
 
   async load(robot) {
-    this.known.set(robot, []);
+    this.known.set(robot, { source: [], target: [] });
     this.diagram.show(robot, null, texts.loading);
     const { ok, detail, body } = await api.service(robot, "rosapi/topics", {}, { timeout_s: 5 });
-    const topics = ok && body.result ? topicsIn(body.values) : null;
+    const list = ok && body.result ? topicsIn(body.values) : null;
+    const topics = list && { source: list, target: list };
     if (topics) this.known.set(robot, topics);
     else this.known.delete(robot);
     this.diagram.show(robot, topics, topics ? texts.noTopics : texts.unknownTopics(detail || body.reason));
     this.fillForm();
   }
 
+  showApps(apps) {
+    const absentApps = [...this.shownApps.keys()].filter((name) => !apps.has(name)).map((name) => [name, undefined]);
+    const changes = [...absentApps, ...apps].filter(
+      ([name, topics]) => JSON.stringify(topics) !== this.shownApps.get(name) && !this.diagram.isHeld(name),
+    );
+    for (const [name, topics] of changes) this.showApp(name, topics);
+    if (changes.length) this.fillForm();
+  }
+
+  // `topics` is undefined for one that is gone, and null for one that is not connected.
+  showApp(name, topics) {
+    if (topics) this.known.set(name, topics);
+    else this.known.delete(name);
+    if (topics === undefined) {
+      this.shownApps.delete(name);
+      this.diagram.removeApp(name);
+      return;
+    }
+    this.shownApps.set(name, JSON.stringify(topics));
+    this.diagram.ensureApp(name);
+    this.diagram.show(name, topics, topics ? texts.noTopicsHere : texts.appAway);
+  }
+
   fillForm() {
     for (const select of this.form.querySelectorAll("select")) {
       const chosen = select.value;
+      const side = select.name === "from" ? "source" : "target";
       const groups = [...this.known].sort().map(([robot, topics]) => {
-        const options = topics.map((topic) => make("option", { value: valueOf({ robot, ...topic }) }, `${robot} ${topic.topic}`));
+        const options = topics[side].map((topic) => make("option", { value: valueOf({ robot, ...topic }) }, `${robot} ${topic.topic}`));
         return make("optgroup", { label: robot }, ...options);
       });
       select.replaceChildren(select.options[0], ...groups);
@@ -90,6 +127,7 @@ class RoutesPage {
     this.live = new Map();
     this.refreshedAt = 0;
     this.diagram = /** @type {RouteDiagram | null} */ (null);
+    this.topics = /** @type {Topics | null} */ (null);
   }
 
   start(panel, form) {
@@ -100,7 +138,8 @@ class RoutesPage {
         remove: (row) => this.remove(row.dataset.route),
       });
       this.diagram.watch();
-      new Topics(this.diagram, form).start();
+      this.topics = new Topics(this.diagram, form);
+      this.topics.start();
     }
     this.showStates();
     this.list.addEventListener("submit", (event) => this.removeBy(event));
@@ -161,6 +200,13 @@ class RoutesPage {
     const routes = ok ? body.routes : [];
     this.live = new Map(routes.map((route) => [String(route.id), route]));
     this.showStates();
+    if (ok)
+      this.topics?.showApps(
+        appsIn(
+          body.apps,
+          this.drawnRows().map(({ dataset }) => dataset),
+        ),
+      );
     if (ok && this.isOld() && performance.now() - this.refreshedAt > REFRESH_AFTER_MS) await this.refresh();
   }
 
@@ -176,7 +222,11 @@ class RoutesPage {
       setText(part(row, "state"), stateWords(route));
       Object.assign(row.dataset, lineLook(route));
     }
-    this.diagram?.use(this.rows);
+    this.diagram?.use(this.drawnRows());
+  }
+
+  drawnRows() {
+    return this.rows.filter(({ dataset }) => isDrawn(dataset));
   }
 }
 

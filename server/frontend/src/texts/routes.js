@@ -12,6 +12,8 @@ export const routes = {
   otherType: (from, to) => `${from.topic} has the type ${from.type}, and ${to.topic} ${to.type}`,
   loading: "Asking the robot.",
   noTopics: "It has no topics.",
+  noTopicsHere: "It has no topics on this side.",
+  appAway: "It is not connected.",
   unknownTopics: (detail) => `Its topics are not known${detail ? `: ${because(detail)}` : "."}`,
   remove: ({ source, sourceTopic, target, targetTopic }) => `Remove the route from ${source} ${sourceTopic} to ${target} ${targetTopic}`,
   unknown: "Not known",

@@ -1,4 +1,4 @@
-// Robots in two columns with their topics, and lines between them: the routes, which people draw and remove.
+// Robots and web apps in two columns with their topics, and lines between them: the routes, which people draw and remove.
 
 import { make, makeButton, part, setText } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
@@ -13,6 +13,9 @@ function linePath([fromX, fromY], [toX, toY]) {
   const bend = Math.max(24, Math.abs(toX - fromX) / 2);
   return `M${fromX} ${fromY} C${fromX + bend} ${fromY} ${toX - bend} ${toY} ${toX} ${toY}`;
 }
+
+// Whether an end of a route is a web app, by its name. Pure.
+export const isApp = (name) => name.startsWith("app:");
 
 const endOf = (button) => ({ robot: button.dataset.of, topic: button.dataset.topic, type: button.dataset.type });
 
@@ -106,24 +109,47 @@ export class RouteDiagram {
     this.drag = null;
   }
 
-  // Shows a robot's topics in both columns, or why they are not known.
-  show(robot, topics, why) {
-    for (const details of this.detailsOf(robot)) {
+  // Shows the topics of a robot or an app in each column, or why there are none.
+  /** @param {string} name @param {{source: object[], target: object[]} | null} topics @param {string} why */
+  show(name, topics, why) {
+    for (const details of this.detailsOf(name)) {
       const list = part(details, "topics");
       if (list.contains(document.activeElement)) continue; // never under somebody's keyboard
-      const buttons = (topics ?? []).map((topic) => make("li", {}, topicButton(robot, topic)));
+      const buttons = (topics?.[sideOf(details)] ?? []).map((topic) => make("li", {}, topicButton(name, topic)));
       list.replaceChildren(...(buttons.length ? buttons : [make("li", { class: "soft" }, why)]));
     }
     this.arm(this.armed?.isConnected ? this.armed : null);
     this.draw();
   }
 
+  // Apps come and go while the page is open.
+  ensureApp(name) {
+    if (this.detailsOf(name).length) return;
+    for (const column of this.area.querySelectorAll(".column")) {
+      const summary = make("summary", {}, name);
+      const details = make("details", { "data-robot": name, open: "" }, summary, make("ul", { "data-part": "topics" }));
+      details.addEventListener("toggle", () => this.draw());
+      column.append(details);
+    }
+  }
+
+  removeApp(name) {
+    for (const details of this.detailsOf(name)) details.remove();
+    this.arm(this.armed?.isConnected ? this.armed : null);
+    this.draw();
+  }
+
+  // Whether somebody's keyboard or pointer is at it.
+  isHeld(name) {
+    return this.detailsOf(name).some((each) => each.contains(document.activeElement) || each.contains(this.drag?.button ?? null));
+  }
+
   say(words) {
     setText(part(this.root, "hint"), words);
   }
 
-  detailsOf(robot) {
-    return [...this.area.querySelectorAll("details")].filter(({ dataset }) => dataset.robot === robot);
+  detailsOf(name) {
+    return [...this.area.querySelectorAll("details")].filter(({ dataset }) => dataset.robot === name);
   }
 
   use(rows) {
@@ -131,7 +157,7 @@ export class RouteDiagram {
     this.draw();
   }
 
-  // A line for each route that lasts and whose robots are both here, with a button in its middle that removes it.
+  // A line for each route that lasts and whose ends are both here, with a button in its middle that removes it.
   draw() {
     const ends = this.rows.map((row) => ({ row, ...this.endsOf(row.dataset) })).filter(({ from, to }) => from && to);
     this.lines.replaceChildren(
@@ -166,7 +192,7 @@ export class RouteDiagram {
     return { from: from && this.edge(from, "right"), to: to && this.edge(to, "left") };
   }
 
-  // The topic, or its robot where the topic is folded away or not known.
+  // The topic, or what has it where the topic is folded away or not known.
   endIn(side, robot, topic) {
     const [details] = this.detailsOf(robot).filter((each) => sideOf(each) === side);
     if (!details) return null;
@@ -183,7 +209,10 @@ export class RouteDiagram {
 
 const sideOf = (element) => element.closest(".column").dataset.side;
 const isSource = (button) => sideOf(button) === "source";
-const isFit = (source, { dataset }) => dataset.type === source.dataset.type && dataset.of !== source.dataset.of;
+
+function isFit({ dataset: source }, { dataset: target }) {
+  return target.type === source.type && target.of !== source.of && !(isApp(source.of) && isApp(target.of));
+}
 
 function topicButton(robot, { topic, type }) {
   const attributes = { type: "button", class: "topic", "data-of": robot, "data-topic": topic, "data-type": type, title: type };

@@ -1,4 +1,4 @@
-"""/routes: routes between robots; src/pages/routes.js draws them and shows how they are."""
+"""/routes: routes between robots and web apps; src/pages/routes.js draws them and shows how they are."""
 
 import datetime as dt
 
@@ -8,6 +8,7 @@ from robotether_server.api.context import context
 from robotether_server.contract.routes import end_words
 from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
+from robotether_server.db.routes import APP
 from robotether_server.problems import FieldInvalidError, RobotetherError
 from robotether_server.services import routes
 from robotether_server.services.routes import MAX_HOURS, MAX_RATE_HZ, USUAL_RATE_HZ, RouteRequest
@@ -18,13 +19,13 @@ blueprint = Blueprint("routes", __name__, url_prefix="/routes")
 blueprint.before_request(current_user.require_user)
 
 PAGE = "/routes"
-# Maximum length of a robot, a topic and a type, with spaces between.
-MAX_END = 63 + 1 + 255 + 1 + 255
+# Maximum length of a robot or an app, a topic and a type, with spaces between.
+MAX_END = len(APP) + 63 + 1 + 255 + 1 + 255
 
 
 @blueprint.get("")
 def show(problem: RobotetherError | None = None) -> str:
-    """Show the routes that the user may see, and the robots between which the user may make some."""
+    """Show the routes that the user may see, and the robots from and to which the user may make some."""
     user = current_user.get()
     with context().database.transaction() as tx:
         present = routes.list_seen(tx, user)
@@ -42,7 +43,7 @@ def show(problem: RobotetherError | None = None) -> str:
 
 @form(blueprint, "", show)
 def make(tx: Transaction, source: Source) -> Saved:
-    """Make a route between the two topics that the form names, each with its robot and its type."""
+    """Make a route between the two topics that the form names, each with its robot or app, and its type."""
     start, end = _end("from", "From"), _end("to", "To")
     if start[2] != end[2]:
         raise FieldInvalidError(
@@ -65,7 +66,7 @@ def remove(tx: Transaction, source: Source, route_id: int) -> Saved:
 
 
 def _end(name: str, label: str) -> tuple[str, str, str]:
-    """Return the robot, topic and type that a choice names."""
+    """Return the robot or app, topic and type that a choice names."""
     words = forms.text(name, label, MAX_END).split(" ")
     if len(words) != 3:  # noqa: PLR2004  # these three
         raise FieldInvalidError(f"cannot use {label}: choose a topic", name)

@@ -47,5 +47,15 @@ def test_types_that_differ_are_refused(both):
     assert "/odom nav_msgs/msg/Odometry" in page.text
 
 
-def test_who_manages_one_robot_is_offered_no_route(manager):
-    assert "You need two robots" in manager.ask("GET", "/routes").text
+def test_a_route_of_an_app_is_shown_to_others_as_not_theirs(both, admin):
+    """The diagram draws no line for it to another user's app of that name."""
+    page = sent(both, f"app:joy /stick {TWIST}", f"sim1 /cmd_vel {TWIST}").text
+    assert "The route from app:joy to sim1 is made." in page
+    assert "data-lasts data-mine" in page
+    page = admin.ask("GET", "/routes").text
+    assert 'data-source="app:joy"' in page
+    assert "data-mine" not in page
+
+
+def test_who_manages_no_robot_is_offered_no_route(ann):
+    assert "You need a robot" in ann.ask("GET", "/routes").text
