@@ -81,7 +81,13 @@ class HeadSigner:
 
     async def _work(self) -> None:
         while self._answers:
-            await self._keep(*self._answers.popleft())
+            answer = self._answers.popleft()
+            try:
+                await self._keep(*answer)
+            except StoreError:
+                # The next one names it, and without it would look as if it had been taken out of the log.
+                self._answers.appendleft(answer)
+                raise
         if time.monotonic() >= self._sweep_at:
             self._sweep_at = time.monotonic() + SWEEP_EVERY_S
             self._due.update(await self._database.chains_to_sign())

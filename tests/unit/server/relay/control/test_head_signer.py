@@ -14,6 +14,7 @@ from robotether_server import audit_chain
 from robotether_server.audit_chain import server_key
 from robotether_server.db import Database, audit_chains, fleet
 from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.relay.control import head_signer
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.records.database import RelayDatabase
@@ -99,6 +100,26 @@ async def test_server_and_robot_sign_at_each_drives_end(parts, database):
         "what the relay asks and stores",
     )
     assert report(database).fault is None
+
+
+async def test_what_a_robot_signed_is_kept_until_the_database_takes_it(
+    parts, database, monkeypatch
+):
+    parts.end_drive()
+    await until(lambda: parts.robot.asked, "what the relay asks")
+
+    refused = []
+
+    def away(_tx, head):
+        refused.append(head)
+        raise StoreUnavailableError("cannot write: the database is away")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(audit_chains, "add_robots_head", away)
+        parts.signer.on_signed_head(1, signed(parts.robot.asked[0]))
+        await until(lambda: refused, "what the relay stores in vain")
+    parts.end_drive()
+    await until(lambda: report(database).signed.get("robot") == 1, "what is stored")
 
 
 async def test_lines_without_a_drive_are_signed_too(quick_sweeps, parts, database, admin_database):
