@@ -55,7 +55,7 @@ class Topics {
   start() {
     const folded = [...this.diagram.area.querySelectorAll('[data-side="source"] details')];
     for (const details of folded) this.loadWhenOpen(details.dataset.robot);
-    const robots = folded.filter(({ open }) => open).map(({ dataset }) => dataset.robot);
+    const robots = folded.filter(({ dataset }) => "online" in dataset).map(({ dataset }) => dataset.robot);
     const next = async () => {
       for (let robot = robots.shift(); robot; robot = robots.shift()) await this.load(robot);
     };

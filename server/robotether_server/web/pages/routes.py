@@ -19,6 +19,8 @@ blueprint = Blueprint("routes", __name__, url_prefix="/routes")
 blueprint.before_request(current_user.require_user)
 
 PAGE = "/routes"
+# Maximum number of robots that the diagram unfolds beside those of routes: each has its topics twice.
+MOST_UNFOLDED = 3
 # Maximum length of a robot or an app, a topic and a type, with spaces between.
 MAX_END = len(APP) + 63 + 1 + 255 + 1 + 255
 
@@ -34,6 +36,10 @@ def show(problem: RobotetherError | None = None) -> str:
         "routes.html",
         routes=present,
         robots=[each for each in seen if each.level == "manage" and each.robot.state == "active"],
+        most_unfolded=MOST_UNFOLDED,
+        routed={
+            name for each in present if each.ended_at is None for name in (each.source, each.target)
+        },
         end_words=end_words,
         usual_rate_hz=USUAL_RATE_HZ,
         problem=problem,
