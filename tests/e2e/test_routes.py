@@ -151,7 +151,9 @@ def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(
     expect(driving).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
     _topic(page, "source", "sim2", "/odom").click()
     _topic(page, "target", "app:stick", "/pose").click()
-    app.wait_for_function("window.odometry?.twist.twist.angular.z > 0")
+    # Not wait_for_function, which the page's Content-Security-Policy forbids.
+    turns = "window.odometry?.twist.twist.angular.z > 0"
+    stack.wait("odometry at the app", lambda: bool(app.evaluate(turns)), "relay", "sim2")
     assert _driver(stack)["user"] == "mia (route)"
     with SimWatch(stack, "sim2") as watch:
         app.close()
