@@ -48,6 +48,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "mixed_topics": lambda _, quick: behind_video.measure_mixed(5 if quick else behind_video.SECONDS),
     "codecs": lambda _, quick: codec_bits.measure(*((2, codec_bits.SIZES[:1]) if quick else ())),
     "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
+    "networks": lambda _, quick: video.measure_networks(3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
     "closed_loop": lambda _, quick: seen_age.measure_loop(5 if quick else seen_age.SECONDS),
     "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),

@@ -24,7 +24,8 @@ from bare_tunnel import bare_forward, bare_tunnel
 from demo import Demo
 from frame_stamp import read_stamp, stamp_of
 from link import Link
-from linked_robot import FPS, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
+from link_queue import Shape
+from linked_robot import FPS, UP, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
 from local_network import free_port, insecure_tls
 from PIL import Image
 from relay_server import until
@@ -45,6 +46,17 @@ STARTS_WITHIN_S = 30.0
 AIM_LOOPBACK_MS, AIM_LINK_MS = 80, 250
 # web_video_server's own default, which makes more than the link takes, and less, which fits.
 PLAIN_QUALITIES = (95, 80)
+# The paper's networks: Mbit/s down and up, and the delay there and back in ms.
+NETWORKS = (
+    (94, 89, 7),
+    (288, 113, 7),
+    (7.13, 4.97, 38),
+    (31, 9, 19),
+    (80, 19, 15),
+    (5.4, 5.4, 31),
+)
+NARROW = (0.8, 0.8, 38)
+WIDE = {"width": 1280, "height": 720, "fps": 25}
 COUNTS = (1, 5, 20)
 VIEWERS_SECONDS, VIEWERS_SETTLE_S = 10.0, 3.0
 RELAY_PORT = 8080
@@ -273,6 +285,63 @@ async def over_link(link: Link, seconds: float) -> list[Row]:
             with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
                 rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
     return rows
+
+
+def shape_of(mbit_s: float, delay_ms: float) -> Shape:
+    """One direction of a network, with half of its delay."""
+    return Shape(rate_bit_s=mbit_s * 1e6, delay_s=delay_ms / 2000, queue_bytes=UP.queue_bytes)
+
+
+async def by_codec(
+    link: Link, where: str, seconds: float, request: Mapping[str, int], cameras: Sequence[str]
+) -> list[Row]:
+    """Look at the cameras of a robot behind the link by each codec, and at the first by plain MJPEG."""
+    async with linked_robot(link, request["fps"]) as (site, subject):
+        address = site.address_of(subject.robot)
+
+        def frames_view(camera: str, codec: str) -> View:
+            wanted = {**request, "codecs": [codec]}
+            return lambda http, on_frame: view_frames(
+                http, frames_url(address, camera), on_frame, wanted
+            )
+
+        await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
+        rows = [
+            await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
+            for camera in cameras
+            for codec in CODECS_VIEWED
+        ]
+        if cameras == (CAMERA,):
+            port, quality = free_port(), PLAIN_QUALITIES[1]
+            forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
+            with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
+                rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
+        return rows
+
+
+def measure_networks(seconds: float = SECONDS) -> Section:
+    """Measure on the paper's networks, and what H.264 is for: a large picture, and a narrow line."""
+    small, both = {"fps": FPS}, (CAMERA, FAST_CAMERA)
+    lines: list[tuple[tuple[float, float, float], str, Mapping[str, int], Sequence[str]]] = [
+        *((network, "", small, (CAMERA,)) for network in NETWORKS),
+        (NETWORKS[2], ", 1280x720 at 25/s", WIDE, both),
+        (NARROW, "", small, both),
+    ]
+    rows: list[Row] = []
+    for (down, up, delay_ms), what, request, cameras in lines:
+        where = f"{down:g}/{up:g} Mbit/s, {delay_ms:g} ms{what}"
+        with emulated(shape_of(up, delay_ms), shape_of(down, delay_ms)) as link:
+            rows += asyncio.run(by_codec(link, where, seconds, request, cameras))
+    return Section(
+        title="Age of a frame on the paper's networks, by codec",
+        text=(
+            "As over the link above, with one robot at a time: Mbit/s down and up, and the delay there and back. "
+            f"Plain MJPEG goes through one bare `ssh -R`. {FAST_CAMERA} turns fast and has noise.\n\n"
+            "Aim: on no network older than plain MJPEG; 1280x720 at 25/s p95 120 ms by H.264; at 0.8 Mbit/s 640x480 "
+            f"at {FPS}/s, whose PSNR at those bits the codecs' table has."
+        ),
+        rows=rows,
+    )
 
 
 async def until_seen(view: View) -> None:
