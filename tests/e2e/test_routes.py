@@ -17,7 +17,7 @@ from sim_watch import SimWatch
 from stack import Stack
 
 ROBOTS = ["sim1", "sim2"]
-# A web app in a page with its user's login: it publishes a turn on the spot, and keeps what it gets.
+# A web app in a page with its user's login: it stands still until it is to turn on the spot, and keeps what it gets.
 APP = """async () => {
   const { App } = await import("/static/dist/robotether-client.js");
   const twist = "geometry_msgs/msg/Twist";
@@ -25,7 +25,8 @@ APP = """async () => {
   app.advertise("/stick", twist);
   app.subscribe("/pose", "nav_msgs/msg/Odometry", (message) => (window.odometry = message));
   await app.connect();
-  const message = { linear: { x: 0, y: 0, z: 0 }, angular: { x: 0, y: 0, z: 0.5 } };
+  const message = { linear: { x: 0, y: 0, z: 0 }, angular: { x: 0, y: 0, z: 0 } };
+  window.turn = (z) => (message.angular.z = z);
   setInterval(() => app.publish("/stick", twist, message), 50);
 }"""
 
@@ -149,6 +150,7 @@ def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(
     _drag(page, _topic(page, "source", "app:stick", "/stick"), _topic(page, "target", "sim2"))
     driving = page.locator('[data-source="app:stick"] [data-part="state"]')
     expect(driving).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
+    app.evaluate("window.turn(0.5)")
     _topic(page, "source", "sim2", "/odom").click()
     _topic(page, "target", "app:stick", "/pose").click()
     # Not wait_for_function, which the page's Content-Security-Policy forbids.

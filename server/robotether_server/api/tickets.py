@@ -101,7 +101,7 @@ def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     return _sign(caller.user, body, seen.robot.id, cell), 201
 
 
-@operation("POST", "/tickets/app", "user", any_type=True)
+@operation("POST", "/tickets/app", "user", any_type=True, renews_login=False)
 def create_app_ticket(caller: Caller, body: NewAppTicket) -> Created[AppTicket]:
     """Create a ticket, with which an app of the caller's connects once, as an end of the caller's routes."""
     text = _text(caller.user, None, body.app, "app")

@@ -34,7 +34,8 @@ export function stateWords(route) {
 // routes name, of which it knows no topics. Pure.
 export function appsIn(live, rows) {
   const names = rows.flatMap(({ source, target }) => [source, target]).filter(isApp);
-  const topics = live.map(({ name, advertises, subscribes }) => [`app:${name}`, { source: advertises, target: subscribes }]);
+  // A relay of an earlier version says nothing of apps.
+  const topics = (live ?? []).map(({ name, advertises, subscribes }) => [`app:${name}`, { source: advertises, target: subscribes }]);
   return new Map([...names.map((name) => [name, null]), ...topics]);
 }
 

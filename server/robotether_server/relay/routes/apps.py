@@ -241,12 +241,13 @@ class App(OperatorConnection):
         for source in list(self._sources.values()):
             if source.due_in_s(time.monotonic()) != 0.0:
                 continue
-            message = source.take(time.monotonic())
-            if message is None or (content := self._content(source, message.data)) is None:
-                continue
-            topic = source.route.target_topic
+            # Each may be large.
+            await asyncio.sleep(0)
+            message, topic = source.take(time.monotonic()), source.route.target_topic
             source.problem = _why_unfit(self._taken, topic, source, "subscribe to")
-            if not source.problem:
+            if message is None or source.problem:
+                continue
+            if (content := self._content(source, message.data)) is not None:
                 await self._send(write_json({"op": "publish", "topic": topic, "msg": content}))
                 source.on_sent(time.monotonic())
 

@@ -42,6 +42,9 @@ from robotether_server.relay.routes.source import (
 
 # Maximum size of an answer of a robot that is read; nothing but a complaint is of use here.
 MAX_ANSWER_BYTES = 4096
+# Time without a command after which the next of an app must say to stand still, as for a page's driver: a page that
+# was frozen or cut off goes on by itself, and maybe nobody looks any more.
+HELD_AFTER_S = 2.0
 
 
 class RouteDriver(OperatorConnection):
@@ -109,6 +112,10 @@ class RouteDriver(OperatorConnection):
             raise TypeError("a route drives with a lease")
         drive = self._drive = DrivePath(lease, robot, CommandTimestamps(time.monotonic()))
         self.is_connected = True
+        for source in self._sources.values():
+            if source.route.source_app is not None:
+                # What an app sent to a robot that was not there yet is no longer meant.
+                source.forget()
         try:
             with robot_end.counted:
                 return await self._run_together(
@@ -196,6 +203,12 @@ class RouteDriver(OperatorConnection):
     ) -> None:
         if checked.drive is None:
             return
+        now_s = time.monotonic()
+        is_held = source.route.source_app is not None and now_s > source.moves_until_s
+        if is_held and not checked.drive.stands:
+            source.problem = "it moves nothing until a command of the app says to stand still"
+            return
+        source.moves_until_s = now_s + HELD_AFTER_S
         dropped = drive.log.entry.dropped_old
         complaint = await drive.submit(checked.drive)
         if drive.log.entry.dropped_old == dropped:

@@ -53,6 +53,8 @@ class RouteSource:
         self.rules = rules
         self.is_drive = is_drive
         self.is_advertised = False
+        # By time.monotonic(): until when its commands may move a robot that an app drives.
+        self.moves_until_s = 0.0
         # By time.monotonic(): when the next message may go.
         self.free_at_s = 0.0
         # Why the newest message went nowhere, or none comes; empty: none of it.
@@ -149,6 +151,10 @@ class RouteSource:
         # One that comes a little early or late keeps its place.
         self.free_at_s = max(self.free_at_s, now_s - interval_s / 2) + interval_s
         return message
+
+    def forget(self) -> None:
+        """Have what waits go nowhere."""
+        self._newest = None
 
     def content(self, data: bytes) -> dict[str, Any] | None:
         """Return the ROS message in one of rosbridge's; None when it is another, which may say why none comes."""

@@ -70,6 +70,11 @@ class DriveCommand(NamedTuple):
     # None: the command says how to steer, not how fast to turn.
     turn_rad_s: float | None
 
+    @property
+    def stands(self) -> bool:
+        """Whether the robot is to stand still."""
+        return not (self.speed_m_s or self.turn_rad_s)
+
 
 def stamped(
     command: DriveCommand, t_ms: float, fence: int, seen: Sequence[NamedFrame] | None = None
@@ -181,8 +186,7 @@ class DrivePath:
         return None
 
     def _is_too_old(self, command: DriveCommand, timestamp: float, now: float) -> bool:
-        stands = not (command.speed_m_s or command.turn_rad_s)
-        if stands and self._lease.clock is not None:
+        if command.stands and self._lease.clock is not None:
             # The guard stops the robot by it, and sends on nothing that is old.
             return False
         return now - timestamp > self._lease.max_age_s

@@ -3,6 +3,7 @@
 import asyncio
 import json
 from contextlib import suppress
+from itertools import cycle
 
 import aiohttp
 import pytest
@@ -10,7 +11,7 @@ import pytest_asyncio
 from aiohttp import WSMsgType
 from relay_server import BEN, EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
-from robotether_server.relay.routes import apps
+from robotether_server.relay.routes import apps, driver
 from robotether_server.relay.routes import routes as relay_routes
 
 TWIST, ODOMETRY = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry"
@@ -24,6 +25,7 @@ SHOW = RelayRoute(
 OFFER = {"op": "advertise", "topic": "/stick", "type": TWIST}
 TAKE = {"op": "subscribe", "topic": "/pose", "type": ODOMETRY}
 MOVE = {"op": "publish", "topic": "/stick", "msg": {"linear": {"x": 0.5}}}
+HALT = {"op": "publish", "topic": "/stick", "msg": {"linear": {"x": 0.0}}}
 
 
 @pytest.fixture(autouse=True)
@@ -82,11 +84,12 @@ async def connect(world, http):
         await socket.close()
 
 
-async def publish_until(socket, condition):
-    """Publish, and answer pings meanwhile."""
+async def publish_until(socket, condition, *commands):
+    """Publish commands in turn, and answer pings meanwhile."""
+    turns = cycle(commands or (HALT, MOVE))
     async with asyncio.timeout(10):
         while not condition():
-            await socket.send_json(MOVE)
+            await socket.send_json(next(turns))
             with suppress(TimeoutError):
                 await socket.receive(timeout=0.02)
 
@@ -118,6 +121,27 @@ async def test_an_app_drives_as_long_as_it_is_connected(world, connect):
     assert world.ends() == []
 
 
+async def test_an_app_moves_nothing_before_it_stood_still(world, connect, monkeypatch):
+    """When it has connected anew, and after a time without a command."""
+    monkeypatch.setattr(driver, "HELD_AFTER_S", 0.3)
+
+    def moves():
+        return [each for each in world.published() if each["msg"]["linear"]["x"]]
+
+    for _ in range(2):
+        world.robot.received.clear()
+        socket = await connect(OFFER)
+        await publish_until(socket, lambda: "stand still" in world.live()[1], MOVE)
+        assert world.published() == []
+        await publish_until(socket, moves, HALT, MOVE)
+        await asyncio.sleep(0.4)
+        before = len(moves())
+        await publish_until(socket, lambda: "stand still" in world.live()[1], MOVE)
+        assert len(moves()) == before
+        await socket.close()
+        await until(lambda: world.driver() is None, "the robot is free")
+
+
 async def test_a_stop_ends_a_route_of_an_app(world, connect):
     socket = await connect(OFFER)
     await publish_until(socket, world.published)
@@ -131,10 +155,10 @@ async def test_a_stop_ends_a_route_of_an_app(world, connect):
 
 async def test_a_command_whose_age_no_pong_bounds_is_dropped(world, connect):
     socket = await connect(OFFER, autoping=False)
-    await until(lambda: world.live() == ("runs", ""), "it runs")
+    await publish_until(socket, world.published, HALT)
     await asyncio.sleep(1)
     before = len(world.published())
-    await publish_until(socket, lambda: "old" in world.live()[1])
+    await publish_until(socket, lambda: "old" in world.live()[1], MOVE)
     assert len(world.published()) == before
 
 
