@@ -83,13 +83,15 @@ def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
 
 
 def _may_be_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
-    """Whether a backup from before that time was put back later: lines of then may be lost."""
+    """Whether a backup was put back later that need not have all lines of that time."""
+    written_by = at + dt.timedelta(seconds=WRITTEN_WITHIN_S)
     rows = tx.rows(
         "SELECT JSON_VALUE(details, '$.records_of') AS records_of FROM audit_events "
         "WHERE robot = %s AND position IS NOT NULL AND kind = %s AND at > %s",
         (chain, RESTORED, at),
     )
-    return any(at > dt.datetime.fromisoformat(row["records_of"]) for row in rows)
+    times = [row["records_of"] for row in rows]
+    return any(time is None or written_by > dt.datetime.fromisoformat(time) for time in times)
 
 
 def _find(tx: Transaction, chain: str, at: dt.datetime, first: Row) -> Controller:

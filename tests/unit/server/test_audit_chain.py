@@ -181,6 +181,15 @@ def test_heads_of_an_earlier_export_must_fit():
     assert audit_chain.check([], older_heads=older)[0].fault is not None
 
 
+@pytest.mark.parametrize("deleted", [5, 10])
+def test_an_export_from_before_lines_were_deleted_fits(restored, deleted):
+    lines, heads = restored
+    anchor = head_of(lines[deleted - 1], "server")
+    kept = [head for head in heads if head.position > deleted]
+    report = check(lines[deleted:], [anchor, *kept], older_heads={"sim1": heads})
+    assert (report.fault, report.deleted) == (None, deleted)
+
+
 def test_key_of_somebody_else_signs_nothing():
     lines = chain_of()
     head = head_of(lines[-1], "server")

@@ -133,8 +133,8 @@ def test_what_a_restored_backup_lacks_is_unknown(at, write, first_line):
     write(line("records_restored", minutes(20), records_of=minutes(30).isoformat()))
     for time, expected in (
         (minutes(37), ("driver", "ann", None)),
-        (minutes(30), ("nobody", None, None)),
-        (minutes(25), ("unknown", None, "restored")),
+        (minutes(31), ("nobody", None, None)),
+        (minutes(30), ("unknown", None, "restored")),
         (minutes(20), ("nobody", None, None)),
     ):
         assert answer(at(time)) == expected, time
