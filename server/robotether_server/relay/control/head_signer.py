@@ -78,6 +78,9 @@ class HeadSigner:
                 await self._work()
             except StoreError as problem:
                 log.info("cannot sign the audit log now: %s", problem.detail)
+            except Exception:
+                # As while the database has still the tables of an earlier version.
+                log.exception("cannot sign the audit log now")
 
     async def _work(self) -> None:
         while self._answers:
