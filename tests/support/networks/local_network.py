@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import random
 import socket
 import ssl
@@ -15,14 +14,29 @@ from typing import Any
 
 # Below the ports that the kernel gives to clients and to servers on port 0: one of those would otherwise take a port
 # that a test has only noted down so far. Above those of robots, which test_direct publishes, and those that are kept
-# for shells in the unit tests' database, where robots get some of these. Each of pytest-xdist's workers has its own
-# share, for the same reason.
-_WORKER = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-_WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-_FIRST = 24_050
-_SHARE = (32_000 - _FIRST) // _WORKERS
-PORTS = range(_FIRST + _WORKER * _SHARE, _FIRST + (_WORKER + 1) * _SHARE)
-# All in turn, from any on: two runs beside each other seldom meet.
+# for shells in the unit tests' database, where robots get some of these.
+_FIRST, _END = 24_050, 32_000
+# Maximum number of processes that test on this machine at a time, pytest-xdist's workers of all runs.
+_SHARES = 20
+
+
+def _claim_share() -> range:
+    """Claim ports that no other process of tests notes down, until this one ends: it keeps an abstract Unix socket."""
+    size = (_END - _FIRST) // _SHARES
+    for number in range(_SHARES):
+        claim = socket.socket(socket.AF_UNIX)
+        try:
+            claim.bind(f"\0robotether test ports {number}")
+        except OSError:
+            claim.close()
+            continue
+        claim.detach()
+        return range(_FIRST + number * size, _FIRST + (number + 1) * size)
+    raise AssertionError(f"{_SHARES} processes have claimed all ports for tests")
+
+
+PORTS = _claim_share()
+# All in turn, from any on: the run before may have left some busy for a while.
 _turns = itertools.cycle(PORTS)
 for _ in range(random.SystemRandom().randrange(len(PORTS))):
     next(_turns)
