@@ -141,8 +141,9 @@ class App(OperatorConnection):
             if message.type not in PASSED_ON:
                 return close_reasons.client_vanished(self.name)
             # Before any of it is read.
-            is_allowed = self._messages.allow(self._received_s, message_cost(message.data))
-            if not is_allowed and self._excess.add(self._received_s, message_cost(message.data)):
+            cost = message_cost(message.data)
+            is_allowed = self._messages.allow(self._received_s, cost)
+            if not is_allowed and self._excess.add(self._received_s, cost):
                 return CloseReason("client_floods", f"{self.name} sent too much for too long")
             if message.type is WSMsgType.PONG:
                 self._timestamps.pong(message.data)

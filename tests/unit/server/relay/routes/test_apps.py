@@ -104,7 +104,7 @@ async def closed_with(socket):
 
 
 async def test_an_app_drives_as_long_as_it_is_connected(world, connect):
-    """Without it the robot is free, and the route waits."""
+    """When no app is connected, the robot is free and the route waits."""
     await until(lambda: world.live() == ("waits", "app joy is not connected"), "it waits")
     assert world.driver() is None
     for fence in (1, 2):
@@ -241,7 +241,7 @@ async def test_a_clock_sync_is_answered(connect):
 
 @pytest.mark.parametrize(("per_s", "size", "every_s"), [(20, 0, 0.001), (800, 50_000, 0.01)])
 async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, every_s):
-    """With many messages, or with fewer large ones; meanwhile it gets few answers."""
+    """It may send many small messages or fewer large ones, and gets few answers meanwhile."""
     monkeypatch.setattr(apps, "MAX_MESSAGES_PER_S", per_s)
     monkeypatch.setattr(apps, "FLOOD_AFTER_S", 0.2)
     socket = await connect(OFFER)
@@ -268,7 +268,7 @@ async def test_a_message_over_the_limit_closes_an_app(connect):
 
 
 async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
-    """Without the lease, and once it has subscribed."""
+    """The route needs no lease, and begins once the app has subscribed."""
     world.database.routes = [SHOW]
     other = await connect(TAKE, user=BEN)
     socket = await connect()
