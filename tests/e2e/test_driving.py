@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -58,6 +58,10 @@ class TouchScreen:
         point = self._points.pop(name)
         self._send("touchEnd", {name: point})
         return point
+
+    def lift_all(self) -> None:
+        for name in list(self._points):
+            self.lift(name)
 
     def tap(self, point: tuple[float, float]) -> None:
         self._send("touchStart", {"tap": point})
@@ -130,10 +134,17 @@ def _repeat(page: Page, watch: SimWatch, key: str = "w") -> None:
     watch.wait_pose("standing", _standing)
 
 
-def _press_enable(page: Page, gamepad: GamepadDouble) -> None:
+def _press_enable(
+    page: Page, gamepad: GamepadDouble, until: Callable[[], object], button: int = LB
+) -> None:
     """Press it when that counts: pressed while a late picture holds driving, it would be stuck."""
-    _expect_gamepad(page, "ready")
-    gamepad.press(LB)
+    page_holds.hold(
+        page,
+        lambda: gamepad.press(button),
+        lambda: gamepad.release(button),
+        until,
+        lambda page: _expect_gamepad(page, "ready"),
+    )
 
 
 def test_keys_and_mouse_drive_until_they_are_let_go(
@@ -144,13 +155,20 @@ def test_keys_and_mouse_drive_until_they_are_let_go(
     page.get_by_test_id("control-drive").click()
     expect_mode(page, "drive")
     most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
-    page_holds.drive(page, watch)
-    expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
-    expect(page.locator("[data-key=KeyW]")).to_have_attribute("data-lit", "true")
-    page.keyboard.down("Shift")
-    watch.wait_pose("faster", lambda pose: abs(pose["linear_velocity"] - most) < 1e-3)
-    page.keyboard.up("Shift")
-    page.keyboard.up("w")
+
+    def goes_as_fast_as_it_may() -> None:
+        watch.wait_pose("moving", _moving)
+        expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
+        expect(page.locator("[data-key=KeyW]")).to_have_attribute("data-lit", "true")
+        page.keyboard.down("Shift")
+        watch.wait_pose("faster", lambda pose: abs(pose["linear_velocity"] - most) < 1e-3)
+
+    def release() -> None:
+        page.keyboard.up("Shift")
+        page.keyboard.up("w")
+
+    page_holds.hold(page, lambda: page.keyboard.down("w"), release, goes_as_fast_as_it_may)
+    release()
     expect(page.locator("[data-lit=true]")).to_have_count(0)
     _falls_silent(watch)
     box = page.get_by_test_id("joystick").bounding_box()
@@ -311,18 +329,21 @@ def test_a_gamepad_drives_while_its_button_is_held(
     slider.press("Home")
     speeds = float(slider.input_value()), float(slider.get_attribute("max") or "nan")
     gamepad.push(LEFT_Y, -1)
-    _press_enable(page, gamepad)
-    for speed, button in zip(speeds, (RB, LB), strict=True):
-        watch.wait_pose(
-            f"driving at {speed} m/s",
-            lambda pose, speed=speed: abs(pose["linear_velocity"] - speed) < 1e-3,
-        )
-        gamepad.press(button)
+
+    def drives_at_both_speeds() -> None:
+        for speed, turbo in zip(speeds, (False, True), strict=True):
+            if turbo:
+                gamepad.press(RB)
+            watch.wait_pose(
+                f"driving at {speed} m/s",
+                lambda pose, speed=speed: abs(pose["linear_velocity"] - speed) < 1e-3,
+            )
+
+    _press_enable(page, gamepad, drives_at_both_speeds)
     gamepad.release()
     _falls_silent(watch)
     gamepad.push(LEFT_X, -1)
-    _press_enable(page, gamepad)
-    watch.wait_pose("turning left", _turning)
+    _press_enable(page, gamepad, lambda: watch.wait_pose("turning left", _turning))
     gamepad.unplug("silently gone")
     watch.wait_pose("standing", _standing)
     _expect_gamepad(page, "lost")
@@ -330,8 +351,7 @@ def test_a_gamepad_drives_while_its_button_is_held(
     gamepad.plug_in()
     _expect_gamepad(page, "stuck")
     gamepad.release(LB)
-    _press_enable(page, gamepad)
-    watch.wait_pose("turning by a new press", _turning)
+    _press_enable(page, gamepad, lambda: watch.wait_pose("turning by a new press", _turning))
     try:
         gamepad.press(B)
         watch.wait_pose("standing", _standing)
@@ -370,8 +390,7 @@ def test_an_unknown_gamepad_is_learnt_by_moving_it_and_kept_for_this_device(
     gamepad.plug_in("unknown", **device)
     _expect_gamepad(page, "ready")
     gamepad.push(2, 1)
-    gamepad.press(3)
-    watch.wait_pose("moving as it was shown", _moving)
+    _press_enable(page, gamepad, lambda: watch.wait_pose("moving as it was shown", _moving), 3)
     gamepad.release()
     _falls_silent(watch)
 
@@ -388,20 +407,21 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
     expect_armed(page)
     expect_no_sideways_scroll(page)
     fingers = TouchScreen(page)
+
+    def each_thumb_counts() -> None:
+        watch.wait_pose("straight", lambda pose: _moving(pose) and pose["angular_velocity"] == 0)
+        fingers.put("joystick-turn", up=0.5, left=0.9)
+        watch.wait_pose("turning as it goes", lambda pose: _moving(pose) and _turning(pose))
+        fingers.lift("joystick")
+        watch.wait_pose("on the spot", lambda pose: pose["linear_velocity"] == 0 and _turning(pose))
+
     page_holds.hold(
         page,
         lambda: fingers.put("joystick", up=0.9, left=0.5),
-        lambda: fingers.lift("joystick"),
-        lambda: watch.wait_pose("straight", lambda pose: _moving(pose) and not _turning(pose)),
+        fingers.lift_all,
+        each_thumb_counts,
     )
-    assert watch.pose["angular_velocity"] == 0
-    fingers.put("joystick-turn", up=0.5, left=0.9)
-    watch.wait_pose("turning as it goes", lambda pose: _moving(pose) and _turning(pose))
-    fingers.lift("joystick")
-    watch.wait_pose(
-        "turning on the spot", lambda pose: pose["linear_velocity"] == 0 and _turning(pose)
-    )
-    fingers.lift("joystick-turn")
+    fingers.lift_all()
     _falls_silent(watch)
     page.get_by_test_id("drawer-open").click()
     try:
@@ -430,12 +450,15 @@ def test_keys_go_sideways_on_a_robot_that_can(page: Page, stack: Stack, watch: S
     try:
         drive_live(page, stack, ROBOT)
         expect(page.get_by_test_id("joystick-turn")).to_be_visible()
-        expect_armed(page)
-        page.keyboard.down("q")
-        # As seen from outside, this robot stands all the time.
-        watch.wait_pose(
-            "told to go left",
-            lambda _: any(seen.msg["linear"]["y"] > 0 for seen in watch.commands()),
+        page_holds.hold(
+            page,
+            lambda: page.keyboard.down("q"),
+            lambda: page.keyboard.up("q"),
+            # As seen from outside, this robot stands all the time.
+            lambda: watch.wait_pose(
+                "told to go left",
+                lambda _: any(seen.msg["linear"]["y"] > 0 for seen in watch.commands()),
+            ),
         )
         page.keyboard.up("q")
         _falls_silent(watch)

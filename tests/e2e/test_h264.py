@@ -12,6 +12,7 @@ import re
 from typing import Any
 
 import av
+import page_holds
 import pytest
 from frame_stamp import READ_STAMP
 from pages import drive_live, open_drawer, wait_until
@@ -112,11 +113,15 @@ def test_the_page_shows_h264_as_the_camera_sees_it(
     page.wait_for_function(f"first => ({stamp})() > first + 500", arg=first, timeout=10_000)
 
     page.keyboard.press("Escape")
-    page.keyboard.down("w")
-    try:
-        expect(page.get_by_test_id("seen-age")).to_contain_text(re.compile(r"seen \d+ ms ago"))
-    finally:
-        page.keyboard.up("w")
+    page_holds.hold(
+        page,
+        lambda: page.keyboard.down("w"),
+        lambda: page.keyboard.up("w"),
+        lambda: expect(page.get_by_test_id("seen-age")).to_contain_text(
+            re.compile(r"seen \d+ ms ago")
+        ),
+    )
+    page.keyboard.up("w")
     expect(facts).to_contain_text("H.264")
 
 
