@@ -1,7 +1,7 @@
 // The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
 
 import { PointerPause } from "../fleet/list.js";
-import { localTimestamp, part, setText } from "../dom/page.js";
+import { localTimestamp, part, setText, withoutTokens } from "../dom/page.js";
 
 const EVERY_MS = 2000;
 // Each fetch counts as a use of the login, and a page that nobody touches must not keep it.
@@ -42,9 +42,6 @@ class Arrivals {
     }
   }
 }
-
-// Each page has its own token in its forms.
-const withoutTokens = (element) => element.innerHTML.replace(/(name="csrf_token" value=")[^"]*/g, "$1");
 
 const section = /** @type {HTMLElement} */ (document.querySelector("[data-live]"));
 const arrivals = new Arrivals(section);

@@ -1,12 +1,13 @@
 // The page of routes: the list and how each route is, the diagram on which people draw them, and its topics.
 
 import { api } from "../dom/calls.js";
-import { localTimestamp, make, part, setText } from "../dom/page.js";
+import { localTimestamp, make, part, setText, withoutTokens } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
 import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
 
 const LIVE_EVERY_MS = 1000;
 const REFRESH_AFTER_MS = 2000; // least interval between two looks at the list that nobody here changed
+const LIST_FRESH_MS = 5000; // time after which the list is asked for whatever is live: rights bring and take what has ended
 const MOST_AT_ONCE = 4; // robots that are asked for their topics
 
 // What rosapi says of a robot's topics, by name; null: that is no such answer. Pure.
@@ -126,7 +127,8 @@ class RoutesPage {
     this.problem = part(root, "problem");
     this.rows = /** @type {HTMLElement[]} */ ([]);
     this.live = new Map();
-    this.refreshedAt = 0;
+    this.refreshedAt = performance.now();
+    this.answered = ""; // the list as the server had it last
     this.diagram = /** @type {RouteDiagram | null} */ (null);
     this.topics = /** @type {Topics | null} */ (null);
   }
@@ -187,12 +189,22 @@ class RoutesPage {
     this.refreshedAt = performance.now();
     const answer = await fetch("/routes", { cache: "no-store" }).catch(() => null);
     const fresh = answer?.ok ? part(new DOMParser().parseFromString(await answer.text(), "text/html"), "list") : null;
-    if (!fresh) return;
+    if (fresh && withoutTokens(fresh) !== this.answered) this.show(fresh);
+  }
+
+  show(fresh) {
+    this.answered = withoutTokens(fresh);
     for (const time of fresh.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
-    const hadFocus = this.list.contains(document.activeElement);
+    const focused = this.list.contains(document.activeElement) && document.activeElement?.closest("[data-route]");
     this.list.replaceChildren(...fresh.childNodes);
-    if (hadFocus) this.list.querySelector("button")?.focus();
+    if (focused) this.focusRow(focused.dataset.route);
     this.showStates();
+  }
+
+  // The button of another route must not come under a key that is being pressed.
+  focusRow(id) {
+    const button = this.list.querySelector(`[data-route="${id}"] button`);
+    (button ?? part(this.list, "title")).focus({ preventScroll: true });
   }
 
   async poll() {
@@ -208,7 +220,8 @@ class RoutesPage {
           this.drawnRows().map(({ dataset }) => dataset),
         ),
       );
-    if (ok && this.isOld() && performance.now() - this.refreshedAt > REFRESH_AFTER_MS) await this.refresh();
+    const refreshAfterMs = this.isOld() ? REFRESH_AFTER_MS : LIST_FRESH_MS;
+    if (ok && performance.now() - this.refreshedAt > refreshAfterMs) await this.refresh();
   }
 
   // Whether a route came or went; the relay knows that before the list does.
