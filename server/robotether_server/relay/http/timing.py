@@ -20,6 +20,8 @@ from robotether_server.times import BOUNDS_S
 Verdict = Literal["ok", "client_silent", "client_slow", "robot_slow"]
 
 WINDOW_S = 10.0
+# Lateness of a look from which it judges nobody: what came while this process stood still is not read yet.
+STALLED_S = 1.0
 # Maximum number of samples; if pings come faster than agreed, the oldest are dropped, which only
 # makes ages greater.
 MAX_SAMPLES = 64
@@ -100,6 +102,10 @@ class Drain:
         """Return for how long nothing has moved; 0 when nothing waits."""
         return now - self._moved_at
 
+    def excuse(self, now: float) -> None:
+        """Begin anew: nobody could see whether it moved."""
+        self._moved_at = now
+
 
 class Liveness:
     """Judges one connection from its two send buffers and the time of its last message."""
@@ -108,7 +114,7 @@ class Liveness:
         self._limits = limits
         self._to_client = Drain(now)
         self._to_robot = Drain(now)
-        self._excused_at = now
+        self._excused_at = self._looked_at = now
 
     def check(
         self,
@@ -119,6 +125,9 @@ class Liveness:
         to_robot: tuple[int, int],
     ) -> Verdict:
         """Judge at `now`; the tuples are (bytes written, bytes waiting) of each direction."""
+        if now - self._looked_at > self._limits.check_every_s + STALLED_S:
+            self._excuse(now)
+        self._looked_at = now
         self._to_client.update(now, *to_client)
         self._to_robot.update(now, *to_robot)
         if self._to_client.stuck_for_s(now) > self._limits.slow_after_s:
@@ -132,6 +141,11 @@ class Liveness:
         if now - max(received_at, self._excused_at) > self._limits.silent_after_s:
             return "client_silent"
         return "ok"
+
+    def _excuse(self, now: float) -> None:
+        self._excused_at = now
+        self._to_client.excuse(now)
+        self._to_robot.excuse(now)
 
 
 class WindowedMaximum:

@@ -19,7 +19,7 @@ from robotether_common.session import ByeCode, HelpCall, Kind
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import ProtocolError
-from robotether_server.relay.http.timing import RateLimiter, RobotClock
+from robotether_server.relay.http.timing import STALLED_S, RateLimiter, RobotClock
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.authorization import needs_config, port_of
 from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
@@ -316,9 +316,11 @@ class RobotLink:
     def _heartbeat(self) -> None:
         if self._ended:
             return
-        if self._heartbeat_timer is not None:
-            self._heartbeat_timer.cancel()
         rules, now = self._rules, self._loop.time()
+        if self._heartbeat_timer is not None:
+            if now - self._heartbeat_timer.when() > STALLED_S:
+                self._received_at = now
+            self._heartbeat_timer.cancel()
         left_s = self._received_at + rules.timeout_s - now
         if left_s < 0:
             self.end("timeout", f"nothing came for {rules.timeout_s:g} s")

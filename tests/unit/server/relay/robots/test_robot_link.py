@@ -1,6 +1,7 @@
 """A robot's link over a real socket: configuration, take-over, heartbeat, and each way it ends."""
 
 import asyncio
+import time
 from contextlib import asynccontextmanager
 from dataclasses import replace
 
@@ -192,6 +193,16 @@ async def test_a_silent_robot_times_out(relay, sim1, connect):
     assert stopwatch.clock_s > FAST.timeout_s
     assert stopwatch.s < FAST.timeout_s + 1
     assert not presence(relay, sim1).online
+
+
+@pytest.mark.parametrize("timing", [replace(FAST, timeout_s=1.5)])
+async def test_a_relay_that_stood_still_ends_no_session(relay, sim1, connect):
+    """What its robots sent meanwhile is not read yet."""
+    session = await configured(await connect())
+    time.sleep(3)
+    await asyncio.sleep(3)
+    assert session.bye is None
+    assert presence(relay, sim1).online
 
 
 async def test_a_robot_that_reads_nothing_is_bounded_and_ends(relay, sim1, connect, monkeypatch):
