@@ -20,7 +20,7 @@ from robotether_server.times import BOUNDS_S
 Verdict = Literal["ok", "client_silent", "client_slow", "robot_slow"]
 
 WINDOW_S = 10.0
-# Lateness of a look from which it judges nobody: what came while this process stood still is not read yet.
+# Minimum lateness of a look that judges nobody: what came while this process stood still is not read yet.
 STALLED_S = 1.0
 # Maximum number of samples; if pings come faster than agreed, the oldest are dropped, which only
 # makes ages greater.
