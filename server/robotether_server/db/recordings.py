@@ -5,7 +5,7 @@ sql/0027_recordings.sql says which. The file of a recording is named by its numb
 
 import datetime as dt
 import json
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 from typing import Literal
 
@@ -296,6 +296,14 @@ def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
         (cell, before),
     )
     return [row["id"] for row in rows]
+
+
+def read_present(tx: Transaction, recording_ids: Collection[int]) -> set[int]:
+    """Read which of these recordings there are."""
+    if not recording_ids:
+        return set()
+    rows = tx.rows("SELECT id FROM recordings WHERE id IN %s", (tuple(recording_ids),))
+    return {row["id"] for row in rows}
 
 
 def _cameras(text: str | None) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import asyncio
 import datetime as dt
 import logging
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +126,9 @@ class RecorderService:
             return
         self._was_read = True
         rows, robots = answer
+        # The database has the ends of all others.
+        self._ended &= {row.id for row in rows}
+        self._leave_lost(rows)
         recordable = {robot.id: robot for robot in robots}
         asked_ids = {row.robot_id for row in rows if row.ended_at is None and row.cause == "asked"}
         await self._drop_unneeded(recordable, asked_ids)
@@ -145,6 +148,15 @@ class RecorderService:
         if now - self._measured_at >= MEASURE_EVERY_S:
             self._measured_at = now
             self._is_full = used_bytes(self._folder) >= self._settings.max_bytes
+
+    def _leave_lost(self, rows: Sequence[RecordingRow]) -> None:
+        """End what the database no longer knows: a standby without the newest records, whose numbers come again."""
+        robot_ids = {row.id: row.robot_id for row in rows}
+        for number, (recorder, _, _) in list(self._open.items()):
+            if robot_ids.get(number) != recorder.robot.id:
+                del self._open[number]
+                recorder.end(number)
+                log.warning("recording %d ends: the database does not know it", number)
 
     async def _handle(self, row: RecordingRow, robot: RecordableRobot | None) -> None:
         if row.id in self._open:
@@ -367,10 +379,25 @@ class RecorderService:
         if not self._settings.days or now - self._retention_at < RETENTION_EVERY_S:
             return
         self._retention_at = now
-        for number in await self._store.read_older(
-            utc_now() - dt.timedelta(days=self._settings.days)
-        ):
+        oldest = utc_now() - dt.timedelta(days=self._settings.days)
+        for number in await self._store.read_older(oldest):
             await self._delete(number)
+        await self._delete_lost(oldest)
+
+    async def _delete_lost(self, oldest: dt.datetime) -> None:
+        """Delete old files that the database does not know, since a backup was put back."""
+        paths = [
+            path
+            for path in self._folder.glob("*.mcap")
+            if path.stat().st_mtime < oldest.timestamp()
+        ]
+        numbers = {int(path.stem): path for path in paths if path.stem.isdecimal()}
+        present = await self._store.read_present(list(numbers))
+        if present is None:
+            return
+        for path in set(paths) - {numbers[number] for number in present}:
+            path.unlink(missing_ok=True)
+            log.info("file %s of no recording is deleted", path.name)
 
     async def _delete(self, number: int) -> None:
         path_of(self._folder, number).unlink(missing_ok=True)

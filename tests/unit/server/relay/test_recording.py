@@ -75,6 +75,9 @@ class MemoryStore:
     async def read_older(self, _before):
         return []
 
+    async def read_present(self, numbers):
+        return set(numbers) & self.rows.keys()
+
     async def flush(self): ...
 
     def code(self, number=1):
@@ -226,6 +229,35 @@ async def test_a_deleted_recording_leaves_no_file(recorder, store, settings):
     store.change(1, is_delete_requested=True)
     await until(lambda: 1 not in store.rows, "it is deleted")
     assert not file_of(settings).exists()
+
+
+async def test_a_number_that_comes_again_has_a_file_of_its_own(recorder, relay, store, settings):
+    """The database was replaced by an older one, which knows neither what goes on nor its file."""
+    store.ask()
+    await until(lambda: messages_of(settings), "it records")
+    store.rows.clear()
+    await until(lambda: not relay.relay.registry.robot(7).recorders, "it ended")
+    former = file_of(settings).read_bytes()
+    store.ask()
+    await until(lambda: store.rows[1].started_at, "the other one began")
+    [aside] = [path for path in settings.folder.iterdir() if path != file_of(settings)]
+    assert aside.read_bytes() == former
+    assert file_of(settings).read_bytes() != former
+    assert not store.endings
+
+
+async def test_old_files_that_no_record_names_are_deleted(recorder, store, settings, monkeypatch):
+    monkeypatch.setattr(service, "RETENTION_EVERY_S", 0.0)
+    names = ("1.mcap", "2.mcap", "3-7.mcap", "4.mcap")
+    for name in names:
+        (settings.folder / name).touch()
+    for name in names[:3]:
+        os.utime(settings.folder / name, (0, 0))
+    store.ask()
+    store.change(1, ended_at=utc_now(), started_at=utc_now())
+    object.__setattr__(settings, "days", 1)
+    left = {settings.folder / "1.mcap", settings.folder / "4.mcap"}
+    await until(lambda: set(settings.folder.iterdir()) == left, "the others are deleted")
 
 
 @pytest.mark.parametrize(
