@@ -28,8 +28,10 @@ from robotether_server.tickets import CredentialKind
 
 COOKIE = "__Host-robotether_login"
 SCHEME = "bearer "
-# Who may call. `manager`: of the robot in the path. `enroller`: also a join token.
-Who = Literal["admin", "manager", "user", "enroller", "anybody"]
+# Who may call. `manager`: of the robot in the path. `enroller`: also a join token. `metrics`: an
+# admin, also by a token that is for metrics alone.
+Who = Literal["admin", "manager", "user", "enroller", "metrics", "anybody"]
+OF_ADMINS: tuple[Who, ...] = ("admin", "metrics")
 
 
 def page_user(tx: Transaction, request: Request, *, renew: bool = True) -> User | None:
@@ -78,6 +80,14 @@ def _credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
             "cannot identify the caller: log in, or send an API token as Bearer"
         )
     return user
+
+
+def _metrics_user(tx: Transaction, request: Request) -> User:
+    """Return the user of a token that is for the metrics alone, else that of `api_user`."""
+    header = request.headers.get("Authorization")
+    # Not remembered as a recent user, who gets tickets while the database is away.
+    user = None if header is None else credentials.find_token_user(tx, _bearer(header), "metrics")
+    return user or api_user(tx, request, renew=False)
 
 
 def protect_login(request: Request) -> None:
@@ -152,8 +162,8 @@ def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Calle
         credential = enrolment_credential(tx, request)
         source = Source(credential.actor, request.remote_addr)
         return EnrolmentCaller(tx, credential, source)
-    user = api_user(tx, request, renew=renew)
-    if who == "admin":
+    user = _metrics_user(tx, request) if who == "metrics" else api_user(tx, request, renew=renew)
+    if who in OF_ADMINS:
         check_admin(user)
     if who == "manager":
         drive_pages.find_managed(tx, user, robot)

@@ -18,7 +18,7 @@ from msgspec import Meta
 from robotether_common.ros import MAX_NAME_LENGTH
 
 from robotether_server import __version__
-from robotether_server.api.auth import Who
+from robotether_server.api.auth import OF_ADMINS, Who
 from robotether_server.api.operations import OPERATIONS, ApiOperation, operation
 from robotether_server.api.relayed import RELAYED
 from robotether_server.schemas import PlainName, RobotName, UserName
@@ -267,7 +267,7 @@ def _problems(operation: ApiOperation) -> set[int]:
     if operation.who == "anybody" and operation.body is None:
         return {*operation.problems, 429}
     statuses = {*operation.problems, 401, 429, 503}
-    if operation.who == "admin" or operation.method != "GET":
+    if operation.who in OF_ADMINS or operation.method != "GET":
         statuses.add(403)
     if operation.names:
         statuses.add(404)

@@ -1,4 +1,7 @@
-"""/api/v1/metrics: the numbers of relay and web of this machine, for an admin's Prometheus."""
+"""/api/v1/metrics: the numbers of relay and web of this machine, for an admin's Prometheus.
+
+It may have a token that reads them and does nothing else.
+"""
 
 from flask import Response
 
@@ -13,19 +16,19 @@ TEXT_TYPE = "text/plain"
 CONTENT_TYPE = f"{TEXT_TYPE}; version=0.0.4; charset=utf-8"
 
 
-@operation("GET", "/metrics", "admin", texts=(TEXT_TYPE,), renews_login=False)
+@operation("GET", "/metrics", "metrics", texts=(TEXT_TYPE,))
 def get_metrics(caller: Caller) -> Response:  # an admin, which is all that it says
     """Get the numbers of this machine in Prometheus' text format.
 
     Those of its relay and of the robots that it has; each machine of a site has its own. An address may ask once a
-    second.
+    second. For admins, also by a token that is for metrics alone.
     """
     response = Response(content_type=CONTENT_TYPE)
     response.headers["X-Accel-Redirect"] = RELAY_PATH
     return response
 
 
-@operation("GET", "/metrics/web", "admin", texts=(TEXT_TYPE,), renews_login=False)
+@operation("GET", "/metrics/web", "metrics", texts=(TEXT_TYPE,))
 def get_web_metrics(caller: Caller) -> Response:  # as above
     """Get the numbers of this machine's web in Prometheus' text format: requests, log-ins, the certificate."""
     return Response(context().metrics.render(), content_type=CONTENT_TYPE)

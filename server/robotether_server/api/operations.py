@@ -106,7 +106,7 @@ def operation(
             summary=summary.rstrip("."),
             details=" ".join(details.split()),
             who=who,
-            tag=tag or ("admin" if who == "admin" else ""),
+            tag=tag or ("admin" if who in auth.OF_ADMINS else ""),
             body=types.get("body"),
             query=types.get("query"),
             answers=dict(_answers(types["return"])) or {HTTPStatus.OK: None},

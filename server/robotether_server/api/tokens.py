@@ -12,7 +12,7 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import credentials, join_tokens, users
-from robotether_server.db.credentials import Token
+from robotether_server.db.credentials import Token, TokenUse
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.install_line import enrolment_lines
@@ -23,11 +23,15 @@ from robotether_server.settings.robot import Region
 
 
 class NewToken(Struct, forbid_unknown_fields=True):
-    """A new API token; without `days` it ends after a year."""
+    """A new API token; without `days` it ends after a year.
+
+    With `only_for` it does nothing else: one of an admin that is for metrics alone reads them and has no other right.
+    """
 
     name: Label
     days: Annotated[int, Meta(ge=1, le=token_service.MAX_DAYS)] | UnsetType = UNSET
     user: UserName | UnsetType = UNSET
+    only_for: TokenUse | UnsetType = UNSET
 
 
 @dataclass(frozen=True)
@@ -87,7 +91,14 @@ def list_tokens(caller: Caller) -> TokenList:
 def create_token(caller: Caller, body: NewToken) -> Created[CreatedToken]:
     """Create an API token for the user; an admin may name another user. A login does this, an API token may not."""
     owner = _owner(caller, body.user or caller.user.name)
-    text = token_service.create(caller.tx, caller.source, owner, body.name, body.days or None)
+    text = token_service.create(
+        caller.tx,
+        caller.source,
+        owner,
+        body.name,
+        body.days or None,
+        only_for=body.only_for or None,
+    )
     # A name is unique among the user's tokens.
     [token] = [
         token for token in credentials.list_tokens_of(caller.tx, owner) if token.name == body.name

@@ -3,6 +3,7 @@
 import datetime as dt
 import os
 from dataclasses import replace
+from typing import get_args
 
 import click
 
@@ -14,6 +15,7 @@ from robotether_server.cli.common import (
     timestamp,
 )
 from robotether_server.db import credentials, join_tokens, users
+from robotether_server.db.credentials import TokenUse
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import (
     HTTPS_PORT,
@@ -44,10 +46,15 @@ def token() -> None:
     show_default=True,
     help="Number of days after which it ends.",
 )
-def create(user_name: str, name: str, days: int) -> None:
+@click.option(
+    "--only",
+    type=click.Choice(get_args(TokenUse)),
+    help="What alone it is for.  [default: all that the user may do]",
+)
+def create(user_name: str, name: str, days: int, only: TokenUse | None) -> None:
     """Create a token and print it once, as the last word."""
     with open_database().transaction() as tx:
-        text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, days)
+        text = tokens.create(tx, SOURCE, users.get(tx, user_name), name, days, only_for=only)
     click.echo(f"token {name} of user {user_name}, shown only once: {text}")
 
 
@@ -55,12 +62,13 @@ add_list(
     token,
     "List the tokens, without their texts.",
     credentials.list_tokens,
-    ("USER", "NAME", "CREATED", "ENDS"),
+    ("USER", "NAME", "CREATED", "ENDS", "ONLY FOR"),
     lambda api_token: (
         api_token.user,
         api_token.name,
         f"{api_token.created_at:%Y-%m-%d}",
         f"{api_token.expires_at:%Y-%m-%d %H:%M}" if api_token.expires_at else "never",
+        api_token.only_for or "",
     ),
 )
 

@@ -8,6 +8,7 @@ import datetime as dt
 import hashlib
 import secrets
 from dataclasses import dataclass
+from typing import Literal
 
 from robotether_server.db import users
 from robotether_server.db.database import Transaction, unique
@@ -19,8 +20,10 @@ RANDOM_BYTES = 32
 API_PREFIX = "rt_"
 # Minimum interval between updates of a login's last use.
 RENEWED_EVERY = dt.timedelta(minutes=1)
+# What alone a token is for, if not for all that its user may do.
+TokenUse = Literal["metrics"]
 SELECT_TOKENS = (
-    "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at "
+    "SELECT t.id, u.name AS user, t.name, t.created_at, t.expires_at, t.only_for "
     "FROM api_tokens t JOIN users u ON u.id = t.user_id "
 )
 
@@ -101,40 +104,61 @@ def end_logins(tx: Transaction, user_id: int) -> int:
 
 @dataclass(frozen=True)
 class Token:
-    """An API token without its text, which only its creator knows."""
+    """An API token without its text, which only its creator knows.
+
+    It may do what its user may do, or `only_for` says what alone it is for.
+    """
 
     id: int
     user: UserName
     name: Label
     created_at: Timestamp
     expires_at: Timestamp | None
+    only_for: TokenUse | None
 
 
-def create_token(tx: Transaction, user: User, name: str, expires_at: dt.datetime | None) -> str:
+def _token_hash(text: str, only_for: TokenUse | None) -> bytes:
+    """Return the hash of a token; one that is for something alone is not found by its text."""
+    return digest(text if only_for is None else f"{only_for} {text}")
+
+
+def create_token(
+    tx: Transaction,
+    user: User,
+    name: str,
+    expires_at: dt.datetime | None,
+    only_for: TokenUse | None = None,
+) -> str:
     """Make a token; return its text, which cannot be had again. Raises RecordExistsError."""
     text = new_secret(API_PREFIX)
     with unique(
         f"cannot create token {name}: user {user.name} has one of that name; delete it or choose another name"
     ):
         tx.insert(
-            "INSERT INTO api_tokens (user_id, name, token_hash, expires_at) VALUES (%s, %s, %s, %s)",
-            (user.id, name, digest(text), expires_at),
+            "INSERT INTO api_tokens (user_id, name, token_hash, expires_at, only_for) VALUES (%s, %s, %s, %s, %s)",
+            (user.id, name, _token_hash(text, only_for), expires_at, only_for),
         )
     return text
 
 
 def get_token_user(tx: Transaction, text: str) -> User:
-    """Return the enabled user whose valid token this is; raise TokenInvalidError."""
-    row = tx.row(
-        users.SELECT + "JOIN api_tokens t ON t.user_id = u.id WHERE t.token_hash = %s "
-        "AND (t.expires_at IS NULL OR t.expires_at > CURRENT_TIMESTAMP(6)) AND NOT u.disabled",
-        (digest(text),),
-    )
-    if row is None:
+    """Return the enabled user whose valid token of all rights this is; raise TokenInvalidError."""
+    user = find_token_user(tx, text)
+    if user is None:
         raise TokenInvalidError(
             "cannot accept the token: it is unknown, expired or its user disabled"
         )
-    return users.from_row(row)
+    return user
+
+
+def find_token_user(tx: Transaction, text: str, only_for: TokenUse | None = None) -> User | None:
+    """Return the enabled user whose valid token this is, of all rights, or for this alone."""
+    row = tx.row(
+        users.SELECT + "JOIN api_tokens t ON t.user_id = u.id WHERE t.token_hash = %s "
+        "AND (t.expires_at IS NULL OR t.expires_at > CURRENT_TIMESTAMP(6)) AND NOT u.disabled",
+        (_token_hash(text, only_for),),
+    )
+    return users.from_row(row) if row else None
 
 
 def list_tokens(tx: Transaction) -> list[Token]:

@@ -6,7 +6,7 @@ import secrets
 from robotether_server import schemas
 from robotether_server.db import Transaction, audit, credentials, join_tokens, robots, users
 from robotether_server.db.audit import Source
-from robotether_server.db.credentials import Token
+from robotether_server.db.credentials import Token, TokenUse
 from robotether_server.db.join_tokens import NOWHERE, JoinToken, Place
 from robotether_server.db.users import User
 from robotether_server.problems import FieldInvalidError, GrantMissingError, NotPossibleError
@@ -28,16 +28,27 @@ MAX_LIFETIME = dt.timedelta(hours=MAX_HOURS)
 SUFFIX_BYTES = 3
 
 
-def create(tx: Transaction, source: Source, user: User, name: str, days: int | None = None) -> str:
+def create(
+    tx: Transaction,
+    source: Source,
+    user: User,
+    name: str,
+    days: int | None = None,
+    *,
+    only_for: TokenUse | None = None,
+) -> str:
     """Make a token that ends after `days`, and return its text, which cannot be read again.
 
-    Raises FieldInvalidError, RecordExistsError, NotPossibleError, or GrantMissingError for a program that
-    shows a token itself: one that
-    leaked would outlive its own end.
+    Raises FieldInvalidError, RecordExistsError, NotPossibleError, or GrantMissingError for a program that shows a token
+    itself (one that leaked would outlive its own end), and for a token of somebody who may not do what it is for.
     """
     if source.api_token is not None:
         raise GrantMissingError(
             f"cannot create token {name}: an API token makes no other; log in, or run: robotether token create"
+        )
+    if only_for == "metrics" and not user.is_admin:
+        raise GrantMissingError(
+            f"cannot create token {name}: user {user.name} is no admin, and metrics are for admins"
         )
     expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(days=days or DEFAULT_DAYS)
     schemas.check("name", name, Label)
@@ -45,7 +56,7 @@ def create(tx: Transaction, source: Source, user: User, name: str, days: int | N
         raise NotPossibleError(
             f"cannot create token {name}: user {user.name} has {MAX_TOKENS}; delete those that are not used"
         )
-    text = credentials.create_token(tx, user, name, expires_at)
+    text = credentials.create_token(tx, user, name, expires_at, only_for)
     audit.record(
         tx,
         source,
@@ -53,6 +64,7 @@ def create(tx: Transaction, source: Source, user: User, name: str, days: int | N
         user=user.name,
         token=name,
         expires_at=expires_at.isoformat(timespec="seconds"),
+        **({"only_for": only_for} if only_for else {}),
     )
     return text
 

@@ -11,6 +11,7 @@ from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
+from robotether_server.db.credentials import TokenUse
 from robotether_server.db.users import is_unchanged, list_ssh_keys
 from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
@@ -69,12 +70,14 @@ def create_token(tx: Transaction, source: Source) -> Saved:
     """Create an API token; the answer shows it once."""
     name = forms.text("name", "Name", MAX_NAME_LENGTH)
     days = forms.optional_number("days", "Days", 1, tokens.MAX_DAYS)
+    only_for: TokenUse | None = "metrics" if forms.is_ticked("metrics") else None
+    rights = "It reads the metrics, and nothing else." if only_for else "It may do what you may do."
     return render_template(
         "admin/secret.html",
         title=f"API token {name} is created",
-        secret=tokens.create(tx, source, current_user.get(), name, days),
+        secret=tokens.create(tx, source, current_user.get(), name, days, only_for=only_for),
         what="The token",
-        advice="Programs send it as the header Authorization: Bearer TOKEN. It may do what you may do.",
+        advice=f"Programs send it as the header Authorization: Bearer TOKEN. {rights}",
         back=f"{PAGE}#tokens",
     )
 

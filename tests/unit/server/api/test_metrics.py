@@ -2,10 +2,15 @@
 
 import datetime as dt
 import json
+import re
 
 import pytest
+from api_visitor import Program, in_person
 from prometheus_client.parser import text_string_to_metric_families
+from robotether_server.api.operations import OPERATIONS
 from robotether_server.api.web_metrics import WebMetrics
+from robotether_server.db import credentials, fleet
+from robotether_server.db.fleet import Credential
 from robotether_server.install_line import Certificate, SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
 from web_visitor import Browser
@@ -22,6 +27,25 @@ def test_admins_alone_are_led_to_the_numbers(root, ann, program, path, leads_to)
     assert (refused.status_code, "X-Accel-Redirect" in refused.headers) == (403, False)
     stranger = program.ask("GET", f"/api/v1/metrics{path}")
     assert (stranger.status_code, "X-Accel-Redirect" in stranger.headers) == (401, False)
+
+
+def test_a_token_for_metrics_alone_reads_them_and_nothing_else(program, browser, relay_database):
+    new = {"name": "prometheus", "only_for": "metrics"}
+    assert in_person(browser, "ann").refused("POST", "/tokens", new) == (403, "grant_missing")
+    made = in_person(browser, "root").ask("POST", "/tokens", new).json
+    assert made["only_for"] == "metrics"
+    prometheus = Program(program, {"Authorization": f"Bearer {made['token']}"})
+    assert prometheus.ask("GET", "/metrics").headers["X-Accel-Redirect"] == "/relay-metrics"
+    assert prometheus.ask("GET", "/metrics/web").status_code == 200
+    others = [each for each in OPERATIONS if each.who not in {"metrics", "anybody"}]
+    assert len(others) > 50
+    for each in others:
+        path = re.sub("<[a-z_]+>", "sim1", re.sub("<int:[a-z_]+>", "1", each.path))
+        body = {} if each.body else None
+        assert prometheus.refused(each.method, path, body) == (401, "token_invalid"), path
+    with relay_database.transaction() as tx:
+        token = Credential("token", credentials.digest(made["token"]))
+        assert fleet.users_of(tx, [token]) == {}
 
 
 def numbers_of(metrics):

@@ -34,6 +34,19 @@ def test_token_is_the_last_word_of_the_last_line(run, database):
     assert round((token.expires_at - token.created_at) / dt.timedelta(days=1)) == 7
 
 
+def test_token_for_metrics_alone_is_an_admins(run, database):
+    run("user", "add", "ann")
+    run("user", "add", "root", "--role", "admin")
+    refused = run("token", "create", *CI, "--only", "metrics").err
+    assert "user ann is no admin" in refused
+    of_root = ("--user", "root", "--name", "prometheus")
+    text = run("token", "create", *of_root, "--only", "metrics").out.split()[-1]
+    assert run("token", "list").out.split()[-1] == "metrics"
+    with database.transaction() as tx:
+        assert credentials.find_token_user(tx, text) is None
+        assert credentials.find_token_user(tx, text, "metrics").name == "root"
+
+
 def test_name_of_a_deleted_token_is_free_again(run):
     run("user", "add", "ann")
     for _ in range(2):
