@@ -1,7 +1,7 @@
 """Routes between robots and web apps: who may make and remove them, and that they make no loop. The relay runs them."""
 
 import datetime as dt
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from robotether_common.ros import full_name
@@ -100,7 +100,7 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
     if not tx.lock(LOCK, LOCK_WITHIN_S):
         raise NotPossibleError("cannot make the route: others are being made; try again shortly")
     start, end = (_node(user.name, *each) for each in zip(names, topics, strict=True))
-    _check_among(routes.list_all(tx), user, start, end)
+    _check_among(tx, user, start, end)
     route_id = routes.add(
         tx,
         NewRoute(
@@ -139,19 +139,31 @@ def remove(tx: Transaction, source: Source, user: User, route_id: int) -> Route:
     return route
 
 
-def _check_among(present: Collection[Route], user: User, start: Node, end: Node) -> None:
+def _check_among(tx: Transaction, user: User, start: Node, end: Node) -> None:
     """Raise the problem of a route beside those that last."""
+    present = routes.list_all(tx)
     lasting = [route for route in present if route.ended_at is None]
     edges = [(_start(route), _end(route)) for route in lasting]
     if (start, end) in edges:
         raise RecordExistsError("cannot make the route: there is one from this topic to that")
     if loop := loop_with(edges, start, end):
-        path = ", ".join(f"{robot} {topic}" for robot, topic in loop)
+        path = _path_words(tx, user, loop)
         raise NotPossibleError(f"cannot make the route: it would close a loop of {path}")
     if sum(route.made_by == user.name for route in present) >= MAX_ROUTES:
         raise NotPossibleError(
             f"cannot make the route: you have {MAX_ROUTES}; remove those that have ended"
         )
+
+
+def _path_words(tx: Transaction, user: User, path: Iterable[Node]) -> str:
+    """Write the topics of a path; of what the user may not see it says no more than that it is there."""
+    names = {seen.robot.name for seen in seen_robots.list_seen(tx, user)}
+    return ", ".join(
+        f"{end} {topic}"
+        if end in names or end.startswith(f"{user.name}/")
+        else "a robot or app that you may not see"
+        for end, topic in path
+    )
 
 
 def _start(route: Route) -> Node:

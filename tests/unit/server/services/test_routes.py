@@ -132,6 +132,17 @@ def test_a_loop_is_found_before_it_is_saved(fleet_of_four):
     made(fleet_of_four, "sim3", "sim1", topic="/map")
 
 
+def test_a_loop_names_no_robot_that_the_user_may_not_see(fleet_of_four):
+    for start, end in (("sim2", "sim3"), ("sim3", "sim1")):
+        made(fleet_of_four, start, end)
+    with fleet_of_four.database.transaction() as tx:
+        for name in ("sim1", "sim2"):
+            give(tx, users.get(tx, "ben").id, robots.get(tx, name).id, "manage")
+    with pytest.raises(NotPossibleError, match="sim2 /cmd_vel, a robot or app that") as refusal:
+        made(fleet_of_four, "sim1", "sim2", by="ben")
+    assert "sim3" not in refusal.value.detail
+
+
 def test_an_app_of_the_maker_is_an_end_of_a_route(fleet_of_four, relay_database):
     site = fleet_of_four
     to_app = made(site, "sim1", "app:joy", topic="/odom")
