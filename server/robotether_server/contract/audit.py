@@ -88,6 +88,8 @@ def _refusal_sentence(event: AuditEvent) -> str:
 def _pass_sentence(event: AuditEvent) -> str:
     if event.details.get("why") == "right_ended":
         return f"no longer helps {event.robot}, without the right to drive it"
+    if event.details.get("why") == "assigned_another":
+        return f"took the offer to help {event.robot} from {event.details.get('user')}"
     return f"let the offer to help {event.robot} pass"
 
 
@@ -192,6 +194,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "robot_stopped": ("Robot stopped", "stopped {robot}"),
     "robot_released": ("Robot released", "released {robot} after a stop"),
     "request_made": ("Help requested", "asked for help with {robot}: {reason}"),
+    "request_raised": ("Request more urgent", "asked for help with {robot} again: {reason}"),
     "request_offered": ("Request offered", "offered {user} to help {robot}"),
     "request_assigned": ("Request assigned", "assigned {user} to help {robot}"),
     "request_accepted": ("Request accepted", "accepted to help {robot}"),

@@ -300,15 +300,6 @@ def wait_again(tx: Transaction, request_id: int, passed_by: int | None = None) -
         )
 
 
-def end_offers_to(tx: Transaction, user_id: int) -> None:
-    """Take the offer of a user back, if there is one, and count no pass."""
-    tx.change(
-        "UPDATE help_requests SET state = 'waiting', offered_to = NULL, offer_until = NULL "
-        "WHERE state = 'offered' AND offered_to = %s",
-        (user_id,),
-    )
-
-
 def end(
     tx: Transaction,
     request_id: int,

@@ -127,7 +127,7 @@ def plan_if_due(tx: Transaction) -> Staff | None:
     )
     _release_lost(tx, open_requests, rights)
     plan = _plan(tx, now, open_requests, staff, rights)
-    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in staff.rows})
+    _carry_out(tx, open_requests, plan, {row.user_id: row.user for row in staff.rows}, rights)
     return staff
 
 
@@ -218,11 +218,14 @@ def _carry_out(
     open_requests: list[OpenRequest],
     plan: planning.Plan,
     names: Mapping[int, str],
+    rights: Mapping[int, frozenset[int]],
 ) -> None:
     by_id = {request.id: request for request in open_requests}
     for offer in plan.end:
+        request = by_id[offer.request_id]
         requests.wait_again(tx, offer.request_id, passed_by=offer.user_id)
-        _note_pass(tx, by_id[offer.request_id], why="no_answer")
+        is_lost = offer.user_id in rights and request.robot_id not in rights[offer.user_id]
+        _note_pass(tx, request, why="right_ended" if is_lost else "no_answer")
     for offer in plan.offer:
         requests.offer(tx, offer.request_id, offer.user_id, OFFER_S)
         request, user = by_id[offer.request_id], names[offer.user_id]

@@ -120,7 +120,7 @@ def assign(tx: Transaction, source: Source, user: User, request_id: int, name: s
             f"cannot assign request {request_id}: no user {name} may drive robot {seen.request.robot}"
         )
     _check_nobody_else_helps(tx, seen)
-    requests.end_offers_to(tx, target.id)
+    _end_other_offer(tx, source, seen, target)
     requests.offer(tx, request_id, target.id, OFFER_S)
     operators.set_wrap_up(tx, target.id, 0)
     state = state_of(operators.find(tx, target.id))
@@ -208,6 +208,22 @@ def _check_open(seen: SeenRequest, action: str) -> None:
         raise NotPossibleError(
             f"cannot {action} request {seen.request.id}: it is {seen.request.state}"
         )
+
+
+def _end_other_offer(tx: Transaction, source: Source, seen: SeenRequest, target: User) -> None:
+    """Let another request wait again that is offered to a user who gets this one; it counts as no pass."""
+    for other in requests.read_open(tx):
+        if other.offered_to == target.id and other.id != seen.request.id:
+            requests.wait_again(tx, other.id)
+            audit.record(
+                tx,
+                source,
+                "request_passed",
+                other.robot,
+                request=other.id,
+                user=target.name,
+                why="assigned_another",
+            )
 
 
 def _check_nobody_else_helps(tx: Transaction, seen: SeenRequest) -> None:

@@ -47,7 +47,9 @@ def test_flood_by_a_robot_is_bounded(database, ask):
         ("battery", "0", 3),
         ("diagnostics", "0", 3),
     ]
-    assert len(rows(database, "SELECT * FROM audit_events WHERE kind = 'request_made'")) == 4
+    lines = rows(database, "SELECT kind, details FROM audit_events WHERE kind LIKE 'request%%'")
+    assert [line["kind"] for line in lines] == ["request_made"] * 4 + ["request_raised"]
+    assert '"reason": "urgent"' in lines[4]["details"]
 
 
 def test_nothing_that_a_robot_says_makes_its_request_fail(database, ask):

@@ -77,6 +77,7 @@ def test_an_offer_is_accepted_by_its_operator_in_time_and_with_the_right(desk):
         desk.act("accept", "ann", request_id)
     desk.pass_time(1)
     assert desk.poll("ben").offer.id == request_id
+    assert [event.details["why"] for event in desk.events("request_passed")] == ["right_ended"]
     desk.pass_time(21)
     with pytest.raises(NotPossibleError, match="or no longer"):
         desk.act("accept", "ben", request_id)
@@ -120,6 +121,13 @@ def test_a_supervisor_assigns_by_hand(desk):
         desk.act("assign", "mona", second, "ann")
     desk.act("accept", "ben", first)
     other = desk.ask("sim2")
+    desk.pass_time(1)
+    assert desk.poll("ann").offer.id == other
+    desk.act("assign", "mona", first, "ann")
+    desk.act("assign", "mona", first, "ben")
+    [passed] = desk.events("request_passed")
+    assert (passed.actor, passed.robot, passed.details["user"]) == ("mona", "sim2", "ann")
+    desk.act("accept", "ben", first)
     with pytest.raises(NotPossibleError, match="user ben is busy"):
         desk.act("assign", "mona", other, "ben")
     for name in ("zoe", "olga", "ghost"):
