@@ -10,6 +10,9 @@ from robotether_server.contract.control import NO_CONTROL, ControlObject, Timest
 
 # A cell of a newer version may send other ones.
 ServiceText = Annotated[str, Meta(extra_json_schema={"enum": ["down", "ok", "unknown"]})]
+HelpText = Annotated[
+    str, Meta(extra_json_schema={"enum": ["none", "waiting", "offered", "accepted"]})
+]
 StateText = Annotated[str, Meta(extra_json_schema={"enum": ["active", "disabled", "pending"]})]
 
 
@@ -37,13 +40,15 @@ class RobotObject(LiveState, frozen=True, kw_only=True):
     `since`: the last change of `online`; null: it was never seen. `end_code`: why its last session ended; null also if
     it is online. `offline_reason`: the same for people; null: it is online. `site`: null: none. `rtt_ms`: of the line
     between server and robot. `drivers`: at most one user. `battery`: null also if it reports none.
-    `recording`: what it sends, and what its driver does, goes into a file of the site.
+    `recording`: what it sends, and what its driver does, goes into a file of the site. `help`: how far its request for
+    help is, of several the farthest; none: there is none.
     """
 
     name: str
     state: StateText
     site: str | None
     offline_reason: str | None
+    help: HelpText | None
 
 
 class RemovedRobot(Struct, frozen=True):

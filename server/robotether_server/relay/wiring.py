@@ -357,4 +357,6 @@ class Relay:
         self.peers.listen(self.fleet_events.changed)
         self.peers.listen(self.forwarded_observers.on_peer_robot)
         self.cells.listen(self.sessions.on_cells)
-        self.fleet.listen_to_help_requests(self.control.on_help_requests)
+        self.fleet.listen_to_help_requests(
+            self.control.on_help_requests, self.fleet_events.on_help_requests
+        )

@@ -8,7 +8,7 @@ fleet. A client that does not read is disconnected after a while. Robots of othe
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -18,7 +18,7 @@ from msgspec.structs import asdict
 
 from robotether_server.contract.offline import offline_reason
 from robotether_server.contract.robots import LiveState, RemovedRobot, RobotObject
-from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.problems import TooManyConnectionsError
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.auth.connections import Connections
@@ -36,6 +36,8 @@ HEADERS = {
     "X-Content-Type-Options": "nosniff",
 }
 RTT_NOTIFY_EVERY_S = 2.0
+# States of a request for help; of a robot's requests the last of these counts.
+HELP_STATES = ("waiting", "offered", "accepted")
 
 # Its name, and what is sent.
 Event = tuple[str, list[RobotObject] | RobotObject | RemovedRobot]
@@ -106,6 +108,8 @@ class FleetEvents:
         self._connections = connections
         self._control = control
         self._elsewhere = elsewhere
+        # How far the request of each robot is that asks for help; None: unknown.
+        self._help: dict[int, str] | None = None
         self._subscribers: set[Subscriber] = set()
         self._followers: set[Follower] = set()
 
@@ -154,6 +158,16 @@ class FleetEvents:
         for follower in self._followers:
             follower.mark_all()
 
+    def on_help_requests(self, requests: Sequence[RelayRequest] | None) -> None:
+        """The robots' open requests for help were read; None: they are unknown."""
+        before, self._help = self._help, None if requests is None else _help_states(requests)
+        if before is None or self._help is None:
+            if before is not self._help:
+                self.on_snapshot(self._snapshot())
+            return
+        for robot_id in {robot_id for robot_id, _ in before.items() ^ self._help.items()}:
+            self.changed(robot_id)
+
     def end_subscriptions(self) -> None:
         """The relay is stopping."""
         for follower in list(self._followers):
@@ -179,6 +193,7 @@ class FleetEvents:
             state=robot.state,
             site=robot.site,
             offline_reason=_offline_reason(robot, live, version),
+            help=None if self._help is None else self._help.get(robot.id, "none"),
             **asdict(live) | {"agent_version": version},
         )
 
@@ -207,6 +222,12 @@ class FleetEvents:
         if now - robot.rtt_notified_at >= RTT_NOTIFY_EVERY_S:
             robot.rtt_notified_at = now
             self.changed(robot_id)
+
+
+def _help_states(requests: Sequence[RelayRequest]) -> dict[int, str]:
+    usual = (request for request in requests if request.state in HELP_STATES)
+    ordered = sorted(usual, key=lambda request: HELP_STATES.index(request.state))
+    return {request.robot_id: request.state for request in ordered}
 
 
 def _offline_reason(robot: RelayRobot, live: LiveState, version: str | None) -> str | None:

@@ -85,8 +85,13 @@ class Control:
         """Rights changed."""
         self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
 
-    def on_help_requests(self, requests: Sequence[RelayRequest]) -> None:
-        """The robots' open requests for help were read: their leases are kept for those who were asked."""
+    def on_help_requests(self, requests: Sequence[RelayRequest] | None) -> None:
+        """The robots' open requests for help were read: their leases are kept for those who were asked.
+
+        None: they are unknown, and what is kept lasts for its time.
+        """
+        if requests is None:
+            return
         snapshot = self._snapshot()
         self.leasing.reserve(
             requests, lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id)

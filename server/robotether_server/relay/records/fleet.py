@@ -27,6 +27,8 @@ RECHECK_EVERY_S = 30.0
 
 # A robot's id, when it was last seen, and why its session ended.
 LastSeen = tuple[int, datetime, str | None]
+# Takes robots' open requests for help; None: the database is away, and they are unknown.
+HelpListener = Callable[[Sequence[RelayRequest] | None], None]
 
 
 class PolledCredentials(Protocol):
@@ -52,7 +54,7 @@ class Fleet:
         self._database = database
         self._credentials = credentials
         self._listeners: list[Callable[[Snapshot], None]] = []
-        self._help_listener: Callable[[Sequence[RelayRequest]], None] = _ignore
+        self._help_listeners: tuple[HelpListener, ...] = ()
         self._on_routes: Callable[[Sequence[RelayRoute]], None] = _ignore
         self._restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
         self._restore_control: Callable[[StoredControl], None] = _ignore
@@ -69,9 +71,9 @@ class Fleet:
         """Notify these, in order, when robots or rights changed; they must not block."""
         self._listeners.extend(listeners)
 
-    def listen_to_help_requests(self, listener: Callable[[Sequence[RelayRequest]], None]) -> None:
-        """Notify this of robots' open requests for help, at each poll; it must not block."""
-        self._help_listener = listener
+    def listen_to_help_requests(self, *listeners: HelpListener) -> None:
+        """Notify these of robots' open requests for help, at each poll; they must not block."""
+        self._help_listeners = listeners
 
     def hand_routes_to(self, listener: Callable[[Sequence[RelayRoute]], None]) -> None:
         """Hand this the routes that last, after each poll; robots and rights are then no older."""
@@ -121,10 +123,12 @@ class Fleet:
                 await self._poll_help_requests()
         except StoreError as problem:
             self._set_store_up(False, problem.detail)
+            self._notify_of_help(None)
         except Exception:
             # Whatever one poll met, the next may succeed; without polls rights would never end.
             log.exception("cannot read robots and rights; the last known ones stay in force")
             self.store_up = False
+            self._notify_of_help(None)
         else:
             self._set_store_up(True)
 
@@ -148,7 +152,11 @@ class Fleet:
 
     async def _poll_help_requests(self) -> None:
         self._help_requests = await self._database.help_requests()
-        self._help_listener(self._help_requests)
+        self._notify_of_help(self._help_requests)
+
+    def _notify_of_help(self, requests: Sequence[RelayRequest] | None) -> None:
+        for listener in self._help_listeners:
+            listener(requests)
 
     async def _restore(self) -> None:
         self._restore_last_seen(await self._database.last_seen())

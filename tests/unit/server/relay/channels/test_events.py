@@ -10,6 +10,7 @@ import pytest_asyncio
 from jsonschema import Draft202012Validator
 from relay_server import ANN, BOB, EVE, until
 from robotether_server.api.description import document
+from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels import events as module
 from robotether_server.relay.robots.robot import Change, Presence
@@ -67,6 +68,24 @@ async def test_round_trips_are_told_seldom(fleet_events, subscriber, robots, mon
     monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
     fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
     assert [event[1].rtt_ms for event in subscriber.pop_events()] == [3.0]
+
+
+async def test_each_step_of_a_request_for_help_is_an_event(relay, memory_database, subscriber):
+    """Of a robot's requests the one counts that is with an operator; without a database they are unknown."""
+
+    async def next_events():
+        await relay.relay.fleet.poll()
+        return [(name, robot.help) for name, robot in subscriber.pop_events()]
+
+    waiting = RelayRequest(7, "waiting", 1.0, None, None)
+    for state in ("waiting", "accepted"):
+        memory_database.requests = [replace(waiting, state=state), waiting]
+        assert await next_events() == [("robot", state)]
+    assert await next_events() == []
+    memory_database.down = True
+    assert await next_events() == [("robot", None)]
+    memory_database.down, memory_database.requests = False, []
+    assert await next_events() == [("robot", "none")]
 
 
 async def test_the_version_of_the_row_stands_for_one_not_yet_told(fleet_events, robots, sim1):
