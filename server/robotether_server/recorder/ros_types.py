@@ -15,7 +15,8 @@ from robotether_server.problems import RobotetherError
 # Names in a definition, which come from a robot; anything else could write lines of its own into it.
 FIELD_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}")
 TYPE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}/[A-Za-z][A-Za-z0-9_]{0,127}")
-MAX_TYPES, MAX_FIELDS = 200, 1000
+# Maximum number of types in a definition, and of fields of all of them: they are read while all robots wait.
+MAX_TYPES, MAX_FIELDS = 200, 2000
 MAX_ARRAY = 1_000_000
 SEPARATOR = "=" * 80
 
@@ -111,6 +112,8 @@ def type_of(name: str, typedefs: object) -> RosType:
         key = short_name(str(typedef.get("type")))
         if TYPE_NAME.fullmatch(key) and key not in BUILT_IN:
             types[key] = tuple(_fields(typedef))
+        if sum(map(len, types.values())) > MAX_FIELDS:
+            raise UnknownTypeError("types with too many fields")
     return checked(short_name(name), types)
 
 
@@ -118,7 +121,7 @@ def checked(name: str, types: RosTypes) -> RosType:
     """Return the type if all that it consists of is known, and none of it is a part of itself."""
     if name not in types:
         raise UnknownTypeError(name)
-    _check(name, types, ())
+    _check(name, types, (), set(PRIMITIVES))
     return RosType(name, types)
 
 
@@ -169,13 +172,15 @@ def _objects(values: object, most: int) -> Iterable[Mapping[str, Any]]:
     return [value for value in values if isinstance(value, dict)]
 
 
-def _check(name: str, types: RosTypes, outer: tuple[str, ...]) -> None:
-    if name in PRIMITIVES:
+def _check(name: str, types: RosTypes, outer: tuple[str, ...], checked_names: set[str]) -> None:
+    """Add what a type consists of to the names, each type once: there may be 2 ** 100 ways to the same one."""
+    if name in checked_names:
         return
     if name in outer or name not in types or len(outer) > MAX_TYPES:
         raise UnknownTypeError(name[:200])
     for kind in dict.fromkeys(field.type for field in types[name]):
-        _check(kind, types, (*outer, name))
+        _check(kind, types, (*outer, name), checked_names)
+    checked_names.add(name)
 
 
 def _inner(name: str, types: RosTypes) -> list[str]:

@@ -6,6 +6,7 @@
 const MAX_DEFINITION_CHARS = 200_000;
 const MAX_FIELDS = 5000;
 const MAX_DEPTH = 16;
+const MAX_VALUES = 500_000; // of a message; bytes, as of a map, are one
 const SEPARATOR = /^=+$/m;
 const HEAD_BYTES = 4; // 0 1 0 0: CDR, little endian
 const FIELD = /^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([A-Za-z]\w*)$/;
@@ -75,6 +76,7 @@ class Reader {
     this.view = new DataView(data.buffer, data.byteOffset, data.byteLength);
     this.types = types;
     this.at = 0;
+    this.values = 0;
   }
 
   struct(name, depth) {
@@ -87,14 +89,15 @@ class Reader {
   }
 
   one(type, depth) {
-    if (type in NUMBERS) return this.number(type);
+    if (++this.values > MAX_VALUES) throw new CdrError("a message with too many values");
+    if (Object.hasOwn(NUMBERS, type)) return this.number(type);
     return type === "string" ? this.string() : this.struct(type, depth + 1);
   }
 
   // Each value takes a byte at least. Bytes stay where they are: maps have millions.
   many(type, length, depth) {
     const count = length || this.number("uint32");
-    const [size] = NUMBERS[type] ?? [1];
+    const [size] = Object.hasOwn(NUMBERS, type) ? NUMBERS[type] : [1];
     if (count * size > this.data.length - this.at) throw new CdrError("a sequence that is longer than its message");
     if (BYTES.includes(type)) return this.bytes(count);
     if (type === "int8") return new Int8Array(this.bytes(count));

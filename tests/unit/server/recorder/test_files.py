@@ -186,12 +186,32 @@ def typedef(name, *types, length=-1):
         [typedef("x", "../C")],
         [typedef("x")],
         [typedef("x", "int8[9999999]", length=0)],
+        [
+            {"type": f"a/{name}", "fieldnames": ["x"] * 1000, "fieldtypes": ["int8"] * 1000}
+            | {"fieldarraylen": [-1] * 1000}
+            for name in "BCD"
+        ],
     ],
-    ids=["none", "empty", "itself", "a line", "a path", "too few", "too long"],
+    ids=["none", "empty", "itself", "a line", "a path", "too few", "too long", "too many"],
 )
 def test_a_hostile_robots_types_are_refused(typedefs):
     with pytest.raises(UnknownTypeError):
         type_of("a/B", typedefs)
+
+
+def test_a_type_that_is_reached_in_many_ways_is_read_once():
+    """Two types on each of 90 levels, each of both on the next: 2 ** 90 ways, for which no recording waits."""
+    typedefs = [
+        {
+            "type": f"a/{kind}{level}",
+            "fieldnames": ["x", "y"],
+            "fieldtypes": [f"a/B{level + 1}", f"a/C{level + 1}"] if level < 89 else ["int8"] * 2,
+            "fieldarraylen": [-1, -1],
+        }
+        for level in range(90)
+        for kind in "BC"
+    ]
+    assert len(type_of("a/B0", typedefs).definition().split("MSG: ")) == 179
 
 
 @pytest.mark.parametrize(
