@@ -84,7 +84,12 @@ def state_of(row: OperatorRow | None) -> OperatorState:
         return "busy"
     if not row.available or row.unseen_s > AWAY_AFTER_S:
         return "away"
-    return "wrap_up" if row.wrap_up_left_s else "available"
+    return "wrap_up" if _wrap_up_left_s(row) else "available"
+
+
+def _wrap_up_left_s(row: OperatorRow) -> float:
+    """Return the time that is left to wrap up, in seconds; none of an end that a clock which was set back has moved."""
+    return row.wrap_up_left_s if row.wrap_up_left_s <= WRAP_UP_S else 0.0
 
 
 def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
@@ -252,7 +257,7 @@ def _view(tx: Transaction, user: User, staff: Staff) -> QueueView:
         offer=offer,
         offer_left_s=_left_s(offer, row.now),
         current=_first(open_requests, "accepted", user),
-        wrap_up_left_s=row.wrap_up_left_s if state == "wrap_up" else None,
+        wrap_up_left_s=_wrap_up_left_s(row) if state == "wrap_up" else None,
         waiting=_waiting(open_requests, staff.pools.get(user.id, [])),
         ahead=_ahead(tx, row, staff, open_requests) if state == "available" else None,
     )

@@ -12,6 +12,8 @@ from typing import Literal
 
 # Time limit for the answer to an offer.
 OFFER_S = 20.0
+# Time limit of an offer by a clock that may have been set back a little; one that would last for longer ends.
+MAX_OFFER_S = OFFER_S + 1
 # Time without a heartbeat after which an operator counts as away.
 AWAY_AFTER_S = 10.0
 # Minimum interval between two plans.
@@ -117,7 +119,7 @@ def plan(state: QueueState) -> Plan:
 
 
 def _lasting_offers(state: QueueState) -> dict[int, Offer]:
-    """Return the offers that stay, by user: one a request, one a user, within the right to drive.
+    """Return the offers that stay, by user: one a request, one a user, in their time, within the right to drive.
 
     The pool is not checked, as a supervisor may assign a request to a user of another.
     """
@@ -128,7 +130,8 @@ def _lasting_offers(state: QueueState) -> dict[int, Offer]:
         state.offers, key=lambda offer: (offer.until, offer.request_id, offer.user_id)
     ):
         user, robot_id = users.get(offer.user_id), robots.get(offer.request_id)
-        if offer.until > state.now and user and robot_id in user.may_drive:
+        is_on_time = state.now < offer.until <= state.now + MAX_OFFER_S
+        if is_on_time and user and robot_id in user.may_drive:
             lasting[users.pop(user.user_id).user_id] = offer
             del robots[offer.request_id]
     return lasting

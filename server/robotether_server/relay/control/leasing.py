@@ -39,6 +39,8 @@ log = logging.getLogger(__name__)
 # Time limit for a guard's first report, which follows the session's first lines unless the guard
 # starts.
 GUARD_REPORTS_WITHIN_S = 1.0
+# Maximum time for which a robot is kept for who is to help it (sql/0025_requests.sql), and some for clocks that differ.
+MAX_HELP_RESERVATION_S = 31.0
 
 
 @dataclass(frozen=True)
@@ -197,12 +199,17 @@ class Leasing:
     def reserve(
         self, requests: Iterable[RelayRequest], may_drive: Callable[[int, int], bool]
     ) -> None:
-        """Keep free leases for those who are to help robots and may drive (user, robot), and end other such."""
+        """Keep free leases for those who are to help robots and may drive (user, robot), and end other such.
+
+        Not for longer than that may be: the database's clock may have been set back.
+        """
         timestamp = now()
         users = {
             request.robot_id: (request.user, request.left_s)
             for request in requests
-            if request.user is not None and request.left_s is not None and request.left_s > 0
+            if request.user is not None
+            and request.left_s is not None
+            and 0 < request.left_s <= MAX_HELP_RESERVATION_S
         }
         for robot in self._registry.robots():
             user, left_s = users.get(robot.id, (None, 0.0))
