@@ -17,7 +17,7 @@ from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
 from robotether_server.db.recordings import RecordableRobot, RecordingRow
 from robotether_server.recorder import observer, relay_client, service
-from robotether_server.recorder.relay_client import RelayClient
+from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
 from robotether_server.times import utc_now
@@ -141,6 +141,18 @@ def topics_of(settings):
 
 def frames_of(settings):
     return [each for each in messages_of(settings) if each.topic == "/camera/video"]
+
+
+async def test_a_recorder_that_is_refused_logs_no_ticket(relay, settings, monkeypatch, caplog):
+    caplog.set_level("INFO")
+    monkeypatch.setattr(relay_client, "INSIDE_PORT", relay.relay.inside_port)
+    stranger = replace(settings, tickets=TicketSettings("another key" * 4, 30))
+    async with aiohttp.ClientSession() as session:
+        channel = RelayChannel(RelayClient(stranger, session), lambda *_: None)
+        connecting = asyncio.create_task(channel.run())
+        await until(lambda: "cannot reach the relay: HTTP 401" in caplog.messages, "it is refused")
+        connecting.cancel()
+        await asyncio.gather(connecting, return_exceptions=True)
 
 
 async def test_a_recording_has_topics_frames_and_what_the_driver_did(

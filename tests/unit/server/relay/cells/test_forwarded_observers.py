@@ -242,7 +242,11 @@ async def test_the_cell_decides_by_the_host_and_address_that_were_asked(
     assert refused.value.headers["X-Accel-Redirect"] == "@cell"
 
 
-async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, sim1, http):
+async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(
+    *, cell_a, at_b, sim1, http, caplog
+):
+    """The log has neither the ticket nor what cells show each other."""
+    caplog.set_level("INFO")
     url = cell_a.server.ros_url(sim1, "observe", BOB)
     async with http.ws_connect(url):
         pass
@@ -250,6 +254,8 @@ async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(cell_a, at_b, 
         await http.ws_connect(url)
     assert refused.value.status == 204
     assert refused.value.headers["X-Accel-Redirect"] == "@cell"
+    [line] = [text for text in caplog.messages if "does not take an observer" in text]
+    assert line.endswith(": HTTP 401")
 
 
 async def test_observers_of_a_cell_that_is_gone_are_closed(cell_a, cell_b, observe, at_b):
