@@ -319,6 +319,10 @@ def _read_help_requests(
     oldest = GaugeMetricFamily(
         "robotether_relay_help_request_age_seconds", "Age of the oldest open request for help"
     )
+    longest = GaugeMetricFamily(
+        "robotether_relay_help_request_wait_seconds",
+        "Age of the oldest request for help that nobody has accepted, offered or not",
+    )
     # What is not known has no value, nor has the age of none.
     if (requests := read()) is not None:
         counts = Counts(request.state for request in requests)
@@ -326,8 +330,9 @@ def _read_help_requests(
             count.add_metric([state], counts[state])
         if requests:
             oldest.add_metric([], max(request.age_s for request in requests))
-    yield count
-    yield oldest
+        if waits := [request.age_s for request in requests if request.state != "accepted"]:
+            longest.add_metric([], max(waits))
+    yield from (count, oldest, longest)
 
 
 def _read_times(

@@ -64,7 +64,8 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
     requests = [
         RelayRequest(7, "waiting", age_s=4.0, user=None, left_s=None),
-        RelayRequest(8, "waiting", age_s=90.0, user=None, left_s=None),
+        RelayRequest(8, "offered", age_s=30.0, user=None, left_s=None),
+        RelayRequest(9, "accepted", age_s=90.0, user=None, left_s=None),
     ]
     answers = iter([requests, [], None])
     metrics.collect_help_requests(lambda: next(answers))
@@ -74,10 +75,11 @@ def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics
 
     prefix = "robotether_relay_help_requests"
     assert samples() == [
-        f'{prefix}{{state="waiting"}} 2.0',
-        f'{prefix}{{state="offered"}} 0.0',
-        f'{prefix}{{state="accepted"}} 0.0',
+        f'{prefix}{{state="waiting"}} 1.0',
+        f'{prefix}{{state="offered"}} 1.0',
+        f'{prefix}{{state="accepted"}} 1.0',
         "robotether_relay_help_request_age_seconds 90.0",
+        "robotether_relay_help_request_wait_seconds 30.0",
     ]
     assert len(samples()) == 3
     assert samples() == []
