@@ -30,6 +30,7 @@ from robotether_server.recorder.channels import JSON_TEXT, CameraWriter, channel
 from robotether_server.recorder.mcap_file import RecordedMessage
 from robotether_server.recorder.relay_client import AGAIN_S, RelayClient
 from robotether_server.recorder.ros_types import RosType, UnknownTypeError, short_name, type_of
+from robotether_server.robot_json import read_robot_json
 from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
@@ -203,7 +204,7 @@ class RosbridgeObserver:
 
     def _on_text(self, text: str) -> None:
         try:
-            message = msgspec.json.decode(text, type=ObservedMessage)
+            message = read_robot_json(text.encode(), ObservedMessage)
         except (msgspec.DecodeError, RecursionError):
             return
         if message.op == "publish" and (writer := self._writers.get(message.topic)) is not None:

@@ -257,7 +257,7 @@ class App(OperatorConnection):
         if len(data) > MAX_MESSAGE_BYTES:
             source.problem = f"the message has over {MAX_MESSAGE_BYTES >> 10} KB, the limit of apps"
             return None
-        return source.content(data)
+        return source.content(data, may_hold_null=True)
 
     async def _send(self, data: bytes) -> None:
         self._bytes_to_client += len(data)

@@ -25,6 +25,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRequest,
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.robot_json import without_nan
 
 # Minimum interval between looks for messages that wait.
 LOOK_EVERY_S = 0.005
@@ -156,10 +157,17 @@ class RouteSource:
         """Have what waits go nowhere."""
         self._newest = None
 
-    def content(self, data: bytes) -> dict[str, Any] | None:
-        """Return the ROS message in one of rosbridge's; None when it is another, which may say why none comes."""
+    def content(self, data: bytes, *, may_hold_null: bool = False) -> dict[str, Any] | None:
+        """Return the ROS message in one of rosbridge's; None when it is another, which may say why none comes.
+
+        `may_hold_null`: the target takes null for a number that is NaN or infinite, as no rosbridge does.
+        """
+        finite = without_nan(data)
+        if finite != data and not may_hold_null:
+            self.problem = "a number in the message is NaN or infinite, which no robot reads"
+            return None
         try:
-            message = read_json(data)
+            message = read_json(finite)
         except NotJsonError as problem:
             self.problem = f"the source sends what is no JSON: {problem}"
             return None

@@ -34,6 +34,7 @@ from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorConnection
 from robotether_server.relay.robots.connection import Connection, Use
+from robotether_server.robot_json import read_robot_json
 from robotether_server.schemas import Level
 from robotether_server.tasks import end_tasks
 
@@ -134,7 +135,7 @@ def read_raw(data: bytes, type_: type[T]) -> T | None:
     msgspec leaves what is inside of `Raw` unread: it may nest deeper than it counts, and be no UTF-8.
     """
     try:
-        value = msgspec.json.decode(data, type=type_)
+        value = read_robot_json(data, type_)
         data.decode()
     except (ValueError, RecursionError):
         return None

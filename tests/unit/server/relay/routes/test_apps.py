@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 from contextlib import suppress
 from itertools import cycle
 
@@ -273,7 +274,8 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
     other = await connect(TAKE, user=BEN)
     socket = await connect()
     await until(lambda: world.robot.topics, "the robot is subscribed")
-    message = {"op": "publish", "topic": "/odom", "msg": {"child_frame_id": "<b>"}}
+    content = {"child_frame_id": "<b>", "covariance": [math.nan]}
+    message = {"op": "publish", "topic": "/odom", "msg": content}
     await world.robot.send_to_topics(json.dumps(message).encode())
     await until(lambda: world.live() == ("runs", "the app does not subscribe to /pose"), "so it is")
     await socket.send_json(TAKE)
@@ -285,7 +287,8 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
 
     sending = asyncio.create_task(send())
     answer = await socket.receive_json(timeout=5)
-    assert answer == {"op": "publish", "topic": "/pose", "msg": {"child_frame_id": "<b>"}}
+    content = {"child_frame_id": "<b>", "covariance": [None]}
+    assert answer == {"op": "publish", "topic": "/pose", "msg": content}
     sending.cancel()
     assert world.driver() is None
     message["msg"]["child_frame_id"] = "x" * apps.MAX_MESSAGE_BYTES

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import math
 import time
 from dataclasses import dataclass, replace
 from datetime import timedelta
@@ -137,6 +138,14 @@ async def test_a_topic_that_the_policy_of_the_target_refuses_gets_nothing(world)
         await world.send(0.5)
         await asyncio.sleep(0.02)
     assert world.target.received == []
+
+
+async def test_a_number_that_json_lacks_goes_to_no_robot(world):
+    await world.start(FOLLOW)
+    while world.why() != "a number in the message is NaN or infinite, which no robot reads":
+        await world.send(math.nan)
+        await asyncio.sleep(0.02)
+    assert world.published() == []
 
 
 async def test_a_source_that_its_policy_hides_is_not_read(world):

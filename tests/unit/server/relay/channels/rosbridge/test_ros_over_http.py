@@ -128,6 +128,23 @@ async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, s
     assert await calling == (200, {"result": True, "values": {}})
 
 
+async def test_numbers_that_json_lacks_are_null_in_an_answer(*, guarded, ask, serving):
+    """As rosbridge writes them too, where they are no array's; what is text stays."""
+    message = b'{"x": [NaN, 1.5, -Infinity], "name": "a \\" NaN"}'
+    content = {"x": [None, 1.5, None], "name": 'a " NaN'}
+    asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
+    await until(lambda: of_operation(guarded, "subscribe"), "the robot has a subscription")
+    await guarded.send_to_topics(b'{"op": "publish", "topic": "/odom", "msg": %b}' % message)
+    status, body = await asking
+    assert (status, body["message"]) == (200, content)
+    calling = asyncio.create_task(ask("POST", f"{SERVICES}/rosapi/topics"))
+    await until(lambda: of_operation(guarded, "call_service"), "the call has come")
+    await guarded.send_to_clients(
+        b'{"op": "service_response", "id": "call", "values": %b}' % message
+    )
+    assert await calling == (200, {"result": True, "values": content})
+
+
 class FloodingSocket(RobotSocket):
     """A robot's end with a message at any time; until somebody else has had a turn, none is the answer."""
 
