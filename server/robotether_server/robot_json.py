@@ -1,4 +1,4 @@
-"""Reads JSON as a robot's rosbridge writes it: with NaN and Infinity in it, as Python does, for numbers that JSON lacks.
+"""Reads JSON as a robot's rosbridge writes it: as Python does, with NaN and Infinity for numbers that JSON lacks.
 
 What a client sends is read by `relay/channels/rosbridge/operations.py` alone, which refuses them. Pure.
 """
