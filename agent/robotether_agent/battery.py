@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Literal
 
 import aiohttp
+from robotether_common.own_topics import own_topic
 from robotether_common.session import Battery
 
 from robotether_agent.fields import (
@@ -28,7 +29,7 @@ from robotether_agent.fields import (
 )
 from robotether_agent.files import read_text, write_atomic
 from robotether_agent.problems import StateUnusableError
-from robotether_agent.rosbridge import RosGraph, connected, own_topic
+from robotether_agent.rosbridge import RosGraph, connected
 from robotether_agent.tasks import first_of, within
 
 # Maximum size of a BatteryState, which lists voltage and temperature of each cell.

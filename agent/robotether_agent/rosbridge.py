@@ -10,12 +10,13 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, TypeVar, cast
 
 import aiohttp
 from robotether_common.frames import MAX_FRAME_BYTES
+from robotether_common.own_topics import own_topics, same_type
 
 from robotether_agent.fields import FieldError, JsonObject, parse_object
 from robotether_agent.tasks import within
@@ -27,12 +28,6 @@ CLOSE_WITHIN_S = 0.5
 CALL_ID = "robotether_agent:call"
 # Interval before a rosapi that did not answer is asked again, on a new connection.
 SILENT_S = 120.0
-# Whatever takes one of these may be another robot.
-DRIVE_TYPES = (
-    "geometry_msgs/Twist",
-    "geometry_msgs/TwistStamped",
-    "ackermann_msgs/AckermannDriveStamped",
-)
 # Maximum size of an answer: the list of all topics of a large robot.
 MAX_ANSWER_BYTES = 1024 * 1024
 # Maximum size of a message of a camera: a frame in base64, and its envelope.
@@ -226,65 +221,6 @@ def topics_in(answer: JsonObject) -> dict[str, str]:
         return {}
     pairs = zip(names, types, strict=False)
     return {n: same_type(t) for n, t in pairs if isinstance(n, str) and isinstance(t, str)}
-
-
-def own_topics(topics: Mapping[str, str], drive_topic: str) -> dict[str, str]:
-    """Return the topics without those of other robots, which may share the ROS graph.
-
-    The drive topic's namespace decides, as on the drive page (ownTopics.js): a branch beside it, or in it where it is
-    the root, that has a drive topic of its own is another robot. Without a drive topic all are this robot's.
-    """
-    if not drive_topic:
-        return dict(topics)
-    *home, last = _segments(drive_topic)
-    driving = [
-        n for n, kind in topics.items() if kind in DRIVE_TYPES or _segments(n)[-1:] == [last]
-    ]
-    others = {_branch(name, home) for name in driving} - {None}
-    return {name: kind for name, kind in topics.items() if _branch(name, home) not in others}
-
-
-def own_topic(
-    topics: Mapping[str, str], kind: str, usual: Sequence[str], drive_topic: str
-) -> str | None:
-    """Return this robot's topic of a type, or nothing where it has none or several fit equally well."""
-    home = _segments(drive_topic)[:-1]
-    own = [name for name, its in own_topics(topics, drive_topic).items() if its == kind]
-    ranked = sorted((_rank(name, home, usual), name) for name in own)
-    is_tie = len(ranked) > 1 and ranked[0][0] == ranked[1][0]
-    return ranked[0][1] if ranked and not is_tie else None
-
-
-def _segments(name: str) -> list[str]:
-    return [segment for segment in name.split("/") if segment]
-
-
-def _shared(path: Sequence[str], home: Sequence[str]) -> int:
-    """Return how many leading segments both have."""
-    pairs = zip(path, home, strict=False)
-    return next((at for at, (a, b) in enumerate(pairs) if a != b), min(len(path), len(home)))
-
-
-def _branch(name: str, home: Sequence[str]) -> tuple[str, ...] | None:
-    """Return the namespace in which a topic leaves this robot's; None: it lies in it, or beside the way to it."""
-    path = _segments(name)[:-1]
-    shared = _shared(path, home)
-    leaves = len(path) > shared and (shared < len(home) or not home)
-    return tuple(path[: shared + 1]) if leaves else None
-
-
-def _rank(name: str, home: Sequence[str], usual: Sequence[str]) -> tuple[int, int, int]:
-    """Return what sorts the nearest namespace first, then the usual names, then what lies less deep."""
-    path = _segments(name)
-    shared = _shared(path[:-1], home)
-    within_it = "/".join(path[shared:])
-    place = usual.index(within_it) if within_it in usual else len(usual)
-    return -shared, place, len(path)
-
-
-def same_type(kind: str) -> str:
-    """Return a type's name as ROS 1 spells it: without the /msg/ of ROS 2."""
-    return kind.replace("/msg/", "/")
 
 
 @asynccontextmanager

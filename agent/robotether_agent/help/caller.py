@@ -16,11 +16,12 @@ from functools import partial
 from typing import Any, NoReturn
 
 import aiohttp
+from robotether_common.own_topics import own_topic
 from robotether_common.session import Battery, HelpCall, HelpSource
 
 from robotether_agent.fields import JsonObject
 from robotether_agent.help.rules import HelpConfig, HelpRules, Point, call_in, position_in
-from robotether_agent.rosbridge import Rosbridge, RosGraph, connected, own_topic
+from robotether_agent.rosbridge import Rosbridge, RosGraph, connected
 from robotether_agent.tasks import first_of, within
 
 TOPIC_TYPE = "std_msgs/String"

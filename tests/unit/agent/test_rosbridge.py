@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import json
 from collections.abc import AsyncIterator
-from pathlib import Path
 
 import aiohttp
 import pytest
 from fake_cameras import TopicRosbridge
 from robotether_agent import rosbridge as rosbridge_module
-from robotether_agent.rosbridge import (
-    RosGraph,
-    connected,
-    own_topic,
-    own_topics,
-    same_type,
-    topics_in,
-)
-from robotether_common.ros import camera_topics
+from robotether_agent.rosbridge import RosGraph, connected, topics_in
 
 BYTES_MAX = 100_000
 
@@ -60,22 +50,6 @@ def test_broken_answers_have_no_topics():
         assert topics_in(values) == {}
     mixed = {"topics": ["/a", 5, "/c"], "types": ["a/A", "b/B", None]}
     assert topics_in(mixed) == {"/a": "a/A"}
-
-
-# Which the page's test reads too.
-GRAPHS = json.loads(
-    (Path(__file__).parents[3] / "server/frontend/test/topics/ros_graphs.json").read_text()
-)
-
-
-@pytest.mark.parametrize("case", GRAPHS, ids=lambda case: case["why"])
-def test_of_one_graph_page_and_agent_choose_the_same(case):
-    topics = {name: same_type(kind) for name, kind in case["topics"].items()}
-    own = own_topics(topics, case["drive_topic"])
-    assert sorted(own) == case["own"]
-    odometry = own_topic(topics, "nav_msgs/Odometry", ("odom",), case["drive_topic"])
-    assert odometry == case["odometry"]
-    assert camera_topics(own) == case["cameras"]
 
 
 @pytest.fixture

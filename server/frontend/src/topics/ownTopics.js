@@ -1,5 +1,5 @@
 // Which topics of a ROS graph, which several robots may share, are this robot's. The drive topic's namespace decides. Pure.
-// The agent has the same rule (own_topics in robotether_agent/rosbridge.py); test/topics/ros_graphs.json holds both to it.
+// Agent and recorder have the same rule (robotether_common/own_topics.py); test/topics/ros_graphs.json holds all to it.
 
 import { isDriveType, plainType } from "../client/rosbridge.js";
 
