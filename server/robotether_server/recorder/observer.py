@@ -1,4 +1,4 @@
-"""Observes one robot as a person's page would: its topics through rosbridge, and the frames of its cameras.
+"""Observes one robot as a person's page would: its own topics through rosbridge, and the frames of its cameras.
 
 Each connection is opened again when it ends, for as long as the robot is recorded. What comes from a robot is taken for
 nothing but data: names are names in a file, and a message that is not of its type is counted and left out.
@@ -20,6 +20,7 @@ from aiohttp import ClientError, ClientWebSocketResponse, WSMsgType
 from msgspec import Raw, Struct
 from robotether_common.codecs import CODECS
 from robotether_common.frames import HEADER, KEY, MAX_CREDITS
+from robotether_common.own_topics import own_topics
 from robotether_common.ros import camera_topics
 
 from robotether_server.contract.recordings import NAMESPACE
@@ -129,12 +130,19 @@ class TopicWriter:
 
 
 class RobotObserver:
-    """Everything that one robot sends to observers, until `run` is cancelled."""
+    """Everything that one robot sends to observers, until `run` is cancelled; `drive_topic` gives its drive topic."""
 
-    def __init__(self, client: RelayClient, robot: RecordableRobot, write: Write) -> None:
+    def __init__(
+        self,
+        client: RelayClient,
+        robot: RecordableRobot,
+        write: Write,
+        drive_topic: Callable[[], str],
+    ) -> None:
         self._client = client
         self._robot = robot
         self._write = write
+        self._drive_topic = drive_topic
         self._cameras: dict[str, asyncio.Task[None]] = {}
 
     async def run(self) -> None:
@@ -157,7 +165,10 @@ class RobotObserver:
 
     async def _observe_topics(self) -> None:
         async with await self._client.open_rosbridge(self._robot) as socket:
-            await RosbridgeObserver(socket, self._write, self._observe_cameras).run()
+            observer = RosbridgeObserver(
+                socket, self._write, self._observe_cameras, self._drive_topic
+            )
+            await observer.run()
 
     async def _observe_camera(self, camera: str) -> None:
         async with await self._client.open_frames(self._robot, camera) as socket:
@@ -183,10 +194,12 @@ class RosbridgeObserver:
         socket: ClientWebSocketResponse,
         write: Write,
         on_cameras: Callable[[Sequence[str]], None],
+        drive_topic: Callable[[], str],
     ) -> None:
         self._socket = socket
         self._write = write
         self._on_cameras = on_cameras
+        self._drive_topic = drive_topic
         self._writers: dict[str, TopicWriter] = {}
         self._types: dict[str, RosType | None] = {}
         self._numbers = itertools.count(1)
@@ -222,8 +235,10 @@ class RosbridgeObserver:
             answer = await self._call("topics")
             topics = dict(_pairs(answer.get("topics"), answer.get("types")))
             types = {topic: short_name(kind) for topic, kind in topics.items()}
-            self._on_cameras(camera_topics(types))
-            for topic in sorted(topics, key=lambda name: (_rank(topics[name]), name)):
+            # Another robot on the same ROS graph would take the places of this one's.
+            own = own_topics(types, self._drive_topic())
+            self._on_cameras(camera_topics(own))
+            for topic in sorted(own, key=lambda name: (_rank(topics[name]), name)):
                 await self._subscribe(topic, topics[topic])
             await asyncio.sleep(DISCOVER_EVERY_S)
 

@@ -105,6 +105,7 @@ class RobotState:
     online: bool | None = None
     driver: str = ""
     stopped: bool | None = None
+    drive_topic: str = ""
     driven_until: float | None = None
     stopped_at: float | None = None
     offline_since: float | None = None
@@ -123,6 +124,7 @@ class RobotState:
         elif self.offline_since is None:
             self.offline_since = now
         self.online, self.driver, self.stopped = online, driver, stopped
+        self.drive_topic = str(control.get("drive_topic", ""))
 
 
 class RobotRecorder:
@@ -244,9 +246,12 @@ class RobotRecorder:
             log.warning("recording %d ends: cannot write: %s", recording.id, exc)
             recording.failure = "disk_full"
 
+    def _drive_topic(self) -> str:
+        return self.state.drive_topic
+
     def _observe(self) -> None:
         if self.is_collecting and self._observing is None:
-            observer = RobotObserver(self._client, self.robot, self.write)
+            observer = RobotObserver(self._client, self.robot, self.write, self._drive_topic)
             self._observing = asyncio.create_task(observer.run())
         elif not self.is_collecting and self._observing is not None:
             self._observing.cancel()

@@ -62,9 +62,12 @@ class LiveFleet(Protocol):
 class RecorderConnection:
     """One recorder: the robots that it follows, and what it has yet to get."""
 
-    def __init__(self, registry: SessionRegistry, fleet: LiveFleet) -> None:
+    def __init__(
+        self, registry: SessionRegistry, fleet: LiveFleet, drive_topic: Callable[[int], str]
+    ) -> None:
         self._registry = registry
         self._fleet = fleet
+        self._drive_topic = drive_topic
         self._followed: dict[int, RecorderOfRobot] = {}
         self._changed: set[int] = set()
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
@@ -155,6 +158,8 @@ class RecorderConnection:
             "stopped_by": "" if stop is None else stop.by,
             "stop_confirmed": stop is not None and stop.confirmed,
             "guard": control.guard,
+            # Which topics of the ROS graph are the robot's; no member of the file's message.
+            "drive_topic": self._drive_topic(robot_id),
         }
         self._send(robot_id, "control", stamped(members))
 
@@ -199,7 +204,7 @@ class RecorderHandler:
         if not socket.can_prepare(request):
             raise HttpError(426, "cannot open the recorder's channel: connect with a WebSocket")
         await socket.prepare(request)
-        connection = RecorderConnection(self._registry, self._fleet)
+        connection = RecorderConnection(self._registry, self._fleet, self._drive_topic)
         self._connections.add(connection)
         log.info("the recorder is connected")
         try:
@@ -214,6 +219,10 @@ class RecorderHandler:
             connection.leave()
             log.info("the recorder is gone")
         return socket
+
+    def _drive_topic(self, robot_id: int) -> str:
+        robot = self._snapshot().robots.get(robot_id)
+        return "" if robot is None else robot.settings.drive_topic
 
     async def _read(self, socket: web.WebSocketResponse, connection: RecorderConnection) -> None:
         async for message in socket:

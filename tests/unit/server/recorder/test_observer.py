@@ -49,10 +49,11 @@ class RosbridgeSocket:
         return await self._texts.get()
 
 
-async def recorded(socket, count):
+async def recorded(socket, count, *, cameras=None, drive_topic=""):
     """Return the messages that are recorded, until there are so many."""
     messages = asyncio.Queue()
-    observer = RosbridgeObserver(socket, messages.put_nowait, lambda _cameras: None)
+    on_cameras = [].extend if cameras is None else cameras.extend
+    observer = RosbridgeObserver(socket, messages.put_nowait, on_cameras, lambda: drive_topic)
     observing = asyncio.create_task(observer.run())
     try:
         async with asyncio.timeout(5):
@@ -68,3 +69,20 @@ async def test_a_number_that_json_lacks_leaves_the_rest_of_its_message(number):
     [message] = await recorded(socket, 1)
     [value] = struct.unpack_from("<f", message.data, 4)
     assert math.isnan(value)
+
+
+async def test_of_a_graph_with_many_robots_one_is_recorded():
+    """By type and name alone the others would take all places."""
+    topics = {}
+    for number in range(9):
+        topics |= {
+            f"/robot{number}/cmd_vel": "geometry_msgs/msg/Twist",
+            f"/robot{number}/odom": "nav_msgs/msg/Odometry",
+            f"/robot{number}/image_raw": "sensor_msgs/msg/Image",
+        }
+    cameras = []
+    socket = RosbridgeSocket(topics, "{}")
+    messages = await recorded(socket, 2, cameras=cameras, drive_topic="/robot8/cmd_vel")
+    names = [message.channel.topic for message in messages]
+    assert names == ["/robot8/odom", "/robot8/cmd_vel"]
+    assert cameras == ["/robot8/image_raw"]

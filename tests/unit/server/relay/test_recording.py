@@ -159,9 +159,10 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     *, recorder, relay, robot, sim1, store, settings, program
 ):
     store.ask()
-    await answer_rosapi(
-        robot, "topics", topics=["/speed", "/robotether/fake"], types=["demo/Speed"] * 2
-    )
+    # The last is another robot's.
+    topics = ["/speed", "/robotether/fake", "/sim2/cmd_vel"]
+    types = ["demo/Speed", "demo/Speed", "geometry_msgs/Twist"]
+    await answer_rosapi(robot, "topics", topics=topics, types=types)
     await answer_rosapi(robot, "message_details", typedefs=TYPEDEFS)
     await until(lambda: robot.topics, "the topic is subscribed")
     await robot.send_to_topics(b'{"op":"publish","topic":"/speed","msg":{"value":0.5}}')
