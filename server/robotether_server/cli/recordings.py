@@ -36,10 +36,20 @@ def recording() -> None:
     help="Only this camera; may be repeated.  [default: those that the driver saw]",
 )
 @click.option(
+    "--odometry",
+    help="Topic of the robot's odometry.  [default: that of its drive topic's namespace]",
+)
+@click.option(
     "--task", default="Drive the robot.", show_default=True, help="What the robot was to do."
 )
 def export(
-    files: tuple[Path, ...], folder: Path, *, fps: int | None, cameras: tuple[str, ...], task: str
+    files: tuple[Path, ...],
+    folder: Path,
+    *,
+    fps: int | None,
+    cameras: tuple[str, ...],
+    odometry: str | None,
+    task: str,
 ) -> None:
     """Make one dataset of recorded drives, for training."""
     try:
@@ -48,7 +58,8 @@ def export(
         raise NotDoneError(
             f"cannot export: {error.name} is not installed; in a checkout, pip install './server[lerobot]'"
         ) from error
-    report = lerobot.export(files, folder, lerobot.ExportOptions(fps, cameras, task))
+    options = lerobot.ExportOptions(fps, cameras, task, odometry)
+    report = lerobot.export(files, folder, options)
     source = "as given" if fps else "the median of the quickest camera"
     print_fields(
         [

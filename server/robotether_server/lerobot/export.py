@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from av.video.frame import VideoFrame
+from robotether_common.own_topics import own_topic
 
 from robotether_server.lerobot.actions import action_names, are_float32
 from robotether_server.lerobot.dataset import DatasetLayout, DatasetWriter
@@ -33,6 +34,7 @@ from robotether_server.lerobot.pairing import (
 from robotether_server.lerobot.recording import (
     MAX_MESSAGES,
     STATE_NAMES,
+    USUAL_TOPICS,
     NotExportedError,
     RecordedCommand,
     RecordedControl,
@@ -51,11 +53,15 @@ NOT_IN_NAMES = re.compile(r"[^A-Za-z0-9_]+")
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """What the person asked for; `fps` None: the cameras' own, no `cameras`: those that the driver saw."""
+    """What the person asked for; `fps` None: the cameras' own, no `cameras`: those that the driver saw.
+
+    `odometry`: its topic; None: that of the robot's namespace.
+    """
 
     fps: int | None
     cameras: Sequence[str]
     task: str
+    odometry: str | None = None
 
 
 @dataclass
@@ -86,7 +92,7 @@ def export(paths: Sequence[Path], folder: Path, options: ExportOptions) -> Expor
         raise NotExportedError(f"cannot export to {folder}: it exists; name a new folder")
     recordings = [_Recording(path, read_drive(path, options.cameras)) for path in paths]
     cameras = _choose_cameras(recordings, options.cameras)
-    state_kind = _choose_states(recordings)
+    state_kind = _choose_states(recordings, options.odometry)
     command_kind = _command_kind(recordings)
     fps = options.fps or frame_rate([recording.drive for recording in recordings], cameras)
     report = ExportReport(fps, cameras)
@@ -167,16 +173,10 @@ def _choose_cameras(recordings: Sequence[_Recording], chosen: Sequence[str]) -> 
     return cameras
 
 
-def _choose_states(recordings: Sequence[_Recording]) -> str:
+def _choose_states(recordings: Sequence[_Recording], named: str | None) -> str:
     """Keep the states of one odometry of each recording, of a type that all have, and return the type."""
     for kind in STATE_NAMES:
-        topics = [
-            min(
-                (state.topic for state in recording.drive.states if state.kind == kind),
-                default=None,
-            )
-            for recording in recordings
-        ]
+        topics = [_odometry_of(recording, kind, named) for recording in recordings]
         if None in topics:
             continue
         for recording, topic in zip(recordings, topics, strict=True):
@@ -188,6 +188,22 @@ def _choose_states(recordings: Sequence[_Recording]) -> str:
         return kind
     kinds = " or ".join(kind.replace("/msg/", "/") for kind in STATE_NAMES)
     raise NotExportedError(f"cannot export: not all recordings have the robot's state ({kinds})")
+
+
+def _odometry_of(recording: _Recording, kind: str, named: str | None) -> str | None:
+    """Return the topic of the odometry of a type; None: there is none. Raise NotExportedError where it is in doubt."""
+    topics = {state.topic for state in recording.drive.states if state.kind == kind}
+    if named is not None or not topics:
+        return named if named in topics else None
+    # Another robot's may be on the same ROS graph.
+    drive_topic = next((command.topic for command in recording.drive.commands), "")
+    own = own_topic(dict.fromkeys(topics, kind), kind, USUAL_TOPICS[kind], drive_topic)
+    if own is None:
+        raise NotExportedError(
+            f"cannot export {recording.path}: it has the odometries {', '.join(sorted(topics))}; "
+            "choose one with --odometry"
+        )
+    return own
 
 
 def _command_kind(recordings: Sequence[_Recording]) -> str:

@@ -41,7 +41,7 @@ CAMERA_SUFFIXES = {
     "foxglove_msgs/msg/CompressedVideo": VIDEO_SUFFIX,
 }
 _XYZ = ("x", "y", "z")
-# Names of what odometry says, by the type of its messages; the first that a recording has is its state.
+# Names of what odometry says, by the type of its messages; of the first type that a recording has is its state.
 STATE_NAMES: Mapping[str, tuple[str, ...]] = {
     "nav_msgs/msg/Odometry": (
         *(f"position.{axis}" for axis in _XYZ),
@@ -51,6 +51,8 @@ STATE_NAMES: Mapping[str, tuple[str, ...]] = {
     ),
     "turtlesim/msg/Pose": ("x", "y", "theta", "linear_velocity", "angular_velocity"),
 }
+# Of each type, the usual name in the robot's namespace.
+USUAL_TOPICS = {"nav_msgs/msg/Odometry": ("odom",), "turtlesim/msg/Pose": ("pose",)}
 COVARIANCES = 36
 
 
@@ -77,6 +79,7 @@ class RecordedCommand(NamedTuple):
     is_sent: bool
     action: Action | None
     seen: tuple[tuple[str, int], ...]
+    topic: str = ""
 
 
 class RecordedControl(NamedTuple):
@@ -139,7 +142,7 @@ def _reader_of(topic: str, kind: str) -> _Reader | None:
 
 def _command(fields: CdrReader, _message: Message) -> RecordedCommand:
     at_ns = fields.time_ns()
-    fields.text()  # topic
+    topic = fields.text()
     fields.text()  # person
     fence = fields.whole()
     fields.number("d")  # age
@@ -147,9 +150,8 @@ def _command(fields: CdrReader, _message: Message) -> RecordedCommand:
     fields.skip("d", 2)  # speeds
     action = action_of(fields.text())
     cameras = fields.texts()
-    return RecordedCommand(
-        at_ns, fence, is_sent, action, tuple(zip(cameras, fields.wholes(), strict=False))
-    )
+    seen = tuple(zip(cameras, fields.wholes(), strict=False))
+    return RecordedCommand(at_ns, fence, is_sent, action, seen, topic)
 
 
 def _control(fields: CdrReader, message: Message) -> RecordedControl:

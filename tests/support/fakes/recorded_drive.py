@@ -246,7 +246,7 @@ def _odometry_type() -> RosType:
 ODOMETRY = _odometry_type()
 
 
-def odometry(at_ms: int, x: float, y: float = 0.0) -> RecordedMessage:
+def odometry(at_ms: int, x: float, y: float = 0.0, topic: str = "/odom") -> RecordedMessage:
     """Where the robot is."""
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     message = {
@@ -260,7 +260,7 @@ def odometry(at_ms: int, x: float, y: float = 0.0) -> RecordedMessage:
     }
     at_ns = BASE_NS + at_ms * MS
     return RecordedMessage(
-        channel_of("/odom", ODOMETRY), at_ns, at_ns, 0, encoder_of(ODOMETRY)(message)
+        channel_of(topic, ODOMETRY), at_ns, at_ns, 0, encoder_of(ODOMETRY)(message)
     )
 
 

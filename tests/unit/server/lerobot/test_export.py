@@ -4,6 +4,7 @@ import json
 import os
 import struct
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -171,6 +172,28 @@ def test_what_cannot_be_exported_leaves_nothing(tmp_path, write, why):
     with pytest.raises(NotExportedError, match=why):
         export([tmp_path / "1.mcap"], tmp_path / "dataset", OPTIONS)
     assert not (tmp_path / "dataset").exists()
+
+
+def test_of_several_odometries_one_is_no_guess(tmp_path):
+    """The robot's namespace decides, else the person."""
+    drive = RecordedDrive(1)
+
+    def others(*topics):
+        return [
+            odometry(at_ms, 0.0, 90.0 + number, topic)
+            for number, topic in enumerate(topics)
+            for at_ms in range(0, 8000, 40)
+        ]
+
+    own = drive.write(tmp_path / "1.mcap", extra=others("/a/odom"))
+    export([own], tmp_path / "own", OPTIONS)
+    assert {row.seed for row in rows_of(tmp_path / "own")} == {1}
+    drive.states_ms = ()
+    doubtful = drive.write(tmp_path / "2.mcap", extra=others("/a/odom", "/b/odom"))
+    with pytest.raises(NotExportedError, match="/a/odom, /b/odom; choose one with --odometry"):
+        export([doubtful], tmp_path / "doubtful", OPTIONS)
+    export([doubtful], tmp_path / "named", replace(OPTIONS, odometry="/b/odom"))
+    assert {row.seed for row in rows_of(tmp_path / "named")} == {91}
 
 
 def test_what_a_robot_names_and_says_stays_data(tmp_path):
