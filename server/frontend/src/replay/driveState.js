@@ -83,8 +83,8 @@ const speedText = (speed, turn) =>
 function measuredText(measured) {
   if (!measured) return texts.notRecorded;
   const { forward, left, turn } = measured;
-  const speed = isKnown(forward) && isKnown(left) && left ? Math.hypot(forward, left) : forward;
-  return speedText(speed, turn);
+  const isWhole = isKnown(forward) && isKnown(left);
+  return speedText(isWhole ? (left ? Math.hypot(forward, left) : forward) : null, turn);
 }
 
 function limitText(seen) {

@@ -3,19 +3,25 @@
 import { poseReader, speedReader } from "../client/rosbridge.js";
 import { MapTile } from "../overlays/mapTile.js";
 import { World } from "../overlays/world.js";
-import { chooseTopic } from "../topics/ownTopics.js";
+import { chooseTopic, ownTopics } from "../topics/ownTopics.js";
 
 // Zoom of a map that has a third of the page.
 const MEMORY = { zoom: 1 };
 const KINDS = ["scan", "map", "located", "tf", "tfStatic"];
 
+// What of a recording is drawn, by kind, each {name, type} or undefined. The recorder may have taken other robots' topics, too. Pure.
+/** @returns {Record<string, {name: string, type: string} | undefined>} */
+export function drawnTopics(topics, driveTopic) {
+  const own = ownTopics(topics, driveTopic);
+  const chosen = (kind) => chooseTopic(kind, own, { driveTopic }).topic;
+  return { speed: chosen("odometry") ?? chosen("turtle"), ...Object.fromEntries(KINDS.map((kind) => [kind, chosen(kind)])) };
+}
+
 export class MapOfDrive {
   // `topics` [{name, type}] of the recording; `driveTopic` says which of several are the robot's own.
   constructor(element, { topics, driveTopic, onMeasured, makeBitmap = undefined }) {
-    const chosen = (kind) => chooseTopic(kind, topics, { driveTopic }).topic;
-    /** @type {Record<string, {name: string, type: string} | undefined>} */
-    this.topics = Object.fromEntries(KINDS.map((kind) => [kind, chosen(kind)]));
-    this.speed = chosen("odometry") ?? chosen("turtle");
+    this.topics = drawnTopics(topics, driveTopic);
+    this.speed = this.topics.speed;
     this.onMeasured = onMeasured;
     this.makeBitmap = makeBitmap;
     this.clockMs = 0;

@@ -7,6 +7,7 @@ import { formatOf } from "../decoders/keyFrames.js";
 import { KeyFrameMissingError } from "../decoders/streamDecoder.js";
 import { part, setText } from "../dom/page.js";
 import { replay as texts } from "../texts/replay.js";
+import { compareCameras } from "../topics/discovery.js";
 
 const GAP_MS = 1500; // time after which a frame is no longer what the camera saw
 const MAX_WAITING = 400; // frames that wait for the decoder
@@ -16,7 +17,7 @@ const VIDEO = /^foxglove_msgs\/(?:msg\/)?CompressedVideo$/;
 
 /** @typedef {{codec: string, isKey: boolean, data: Uint8Array, atMs: number}} Frame */
 
-// The cameras of a recording, by what the recorder calls their topics: [{name, topics}]. Pure.
+// The cameras of a recording, by what the recorder calls their topics: [{name, topics}], in the order of the drive page. Pure.
 /** @param {{name: string, type: string}[]} topics */
 export function camerasOf(topics) {
   const cameras = new Map();
@@ -26,7 +27,8 @@ export function camerasOf(topics) {
     const camera = name.slice(0, -ending.length);
     cameras.set(camera, [...(cameras.get(camera) ?? []), name]);
   }
-  return [...cameras].map(([name, names]) => ({ name, topics: names }));
+  const order = [...cameras.keys()].sort(compareCameras); // in the file they are as their first frames came
+  return order.map((name) => ({ name, topics: cameras.get(name) }));
 }
 
 // `message` as it was decoded; null for what is no frame that the recorder writes. Pure.

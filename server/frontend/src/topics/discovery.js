@@ -85,12 +85,12 @@ const parentOf = (name) => name.slice(0, name.lastIndexOf("/"));
 /** @type {(cameras: {configured?: Camera[], known?: string[], guess?: string | null}) => Camera[]} */
 export function offeredCameras({ configured = [], known = [], guess = null }) {
   if (configured.length) return configured;
-  const topics = known.length ? [...known].sort(compare) : [guess ?? USUAL_CAMERA];
+  const topics = known.length ? [...known].sort(compareCameras) : [guess ?? USUAL_CAMERA];
   return topics.map((topic) => ({ topic, name: nameOf(topic, topics), turned_deg: 0 }));
 }
 
-// Not by the reader's language: the agent has the same order.
-const compare = (a, b) => Number(a !== USUAL_CAMERA) - Number(b !== USUAL_CAMERA) || (a < b ? -1 : 1);
+// The usual one first, the others by name and not by the reader's language: the agent has the same order.
+export const compareCameras = (a, b) => Number(a !== USUAL_CAMERA) - Number(b !== USUAL_CAMERA) || (a < b ? -1 : 1);
 
 // What distinguishes a camera from others, without what all of them end in: "front" of /front/image_raw.
 function nameOf(topic, topics) {

@@ -19,6 +19,18 @@ test("what a recording does not have is not recorded, and so is what is old", ()
   assert.deepEqual([gap.asked, gap.driver, gap.state], ["not recorded", "not recorded", "not recorded"]);
 });
 
+test("a speed of which one part is not known is none", () => {
+  const state = new DriveState();
+  for (const [forward, left, words] of [
+    [0.3, 0.4, "0.50 m/s"],
+    [-0.3, 0, "-0.30 m/s"],
+    [0, null, "not recorded"],
+  ]) {
+    state.receive("measured", { forward, left, turn: null }, 0);
+    assert.equal(state.words(100, CONTROL).measured, words);
+  }
+});
+
 test("one age that nobody knows makes what the driver saw unknown", () => {
   const state = new DriveState();
   for (const [ages, slowed, words] of [

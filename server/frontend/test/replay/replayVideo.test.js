@@ -73,18 +73,22 @@ test("where no video is recorded no video is shown", async () => {
   assert.equal(words(6000), "The video can be shown from the next key frame on.");
 });
 
-test("cameras are what the recorder wrote of one, whatever a robot calls its topics", () => {
+test("cameras are what the recorder wrote of one, in the drive page's order", () => {
   const image = "sensor_msgs/msg/CompressedImage";
   const topics = [
+    { name: "/rear/compressed", type: image },
     { name: "/front/compressed", type: image },
     { name: "/front/video", type: "foxglove_msgs/msg/CompressedVideo" },
     { name: "/<script>/compressed", type: image },
+    { name: "/camera/image_raw/compressed", type: image },
     { name: "/odom/compressed", type: "nav_msgs/msg/Odometry" },
     { name: "/video", type: "foxglove_msgs/msg/CompressedVideo" },
   ];
   assert.deepEqual(camerasOf(topics), [
-    { name: "/front", topics: ["/front/compressed", "/front/video"] },
+    { name: "/camera/image_raw", topics: ["/camera/image_raw/compressed"] },
     { name: "/<script>", topics: ["/<script>/compressed"] },
+    { name: "/front", topics: ["/front/compressed", "/front/video"] },
+    { name: "/rear", topics: ["/rear/compressed"] },
   ]);
   for (const message of [null, {}, { format: "jpeg", data: "text" }, { format: "av1", data: new Uint8Array(2) }]) {
     assert.equal(frameOf(message, 0), null);
