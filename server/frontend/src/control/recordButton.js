@@ -2,6 +2,7 @@
 // to everybody while the robot is recorded is in drive.js. It must never touch what drives.
 
 import { localTime, part, setText } from "../dom/page.js";
+import { isNew, markNew } from "../dom/presses.js";
 import { recording as texts } from "../texts/panels.js";
 
 const BEGINS_MS = 60_000; // time within which the recorder begins what it was asked for, or nobody does
@@ -13,8 +14,8 @@ const LISTED = 20; // recordings by the robot's settings may be newer than one t
 // The recording that a person asked for and that goes on, or is about to begin; null for none. Pure.
 /** @param {Recording[]} recordings @param {number} now the server's, in ms */
 export function recordingUnderWay(recordings, now) {
-  const isNew = ({ asked_at: at }) => now - Date.parse(at) < BEGINS_MS;
-  const goesOn = (each) => each.state === "recording" || (each.state === "requested" && isNew(each));
+  const isAboutToBegin = ({ state, asked_at: at }) => state === "requested" && now - Date.parse(at) < BEGINS_MS;
+  const goesOn = (each) => each.state === "recording" || isAboutToBegin(each);
   return recordings.find((each) => each.cause === "asked" && goesOn(each)) ?? null;
 }
 
@@ -51,7 +52,7 @@ export class RecordButton {
   }
 
   async press() {
-    if (this.pressed) return;
+    if (this.pressed || isNew(this.button)) return;
     this.pressed = true;
     const { underWay } = this;
     const path = underWay ? `/api/v1/recordings/${underWay.id}/stop` : `/api/v1/robots/${encodeURIComponent(this.robot)}/recordings`;
@@ -64,7 +65,10 @@ export class RecordButton {
 
   show() {
     const { button, underWay } = this;
-    setText(button, underWay ? texts.stop : texts.begin);
+    const words = underWay ? texts.stop : texts.begin;
+    if (this.isShown && words !== button.textContent) markNew(button); // the second press of a double one would stop it
+    this.isShown = true;
+    setText(button, words);
     button.disabled = underWay === undefined || this.ending || (underWay !== null && !this.mayStop(underWay));
     setText(part(this.root, "record-state"), this.problem || this.words);
   }

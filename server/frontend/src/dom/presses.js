@@ -1,16 +1,20 @@
 // A press counts only on the control on which it began: one that appears, or comes to lie, under a finger that is down takes
-// nothing from it, nor does one that gets the focus while a key is held. Stop is left out: it acts on the press itself.
+// nothing from it, nor does one that gets the focus while a key is held. A double press is one: where a press removes a row, the
+// second one must not remove what has moved up. Stop is left out: it acts on the press itself.
 
 import { matches } from "./page.js";
 
 const CONTROL = "button, a[href], input, select, textarea, label, summary";
 const STOP = ".stop, [data-testid^=stop]";
 const ENTER = ["Enter", "NumpadEnter"];
+const DOUBLE_MS = 500; // time within which a press that is as near as this is the second of a double one
+const NEAR_PX = 24; // least distance of two controls
 
 export class Presses {
   constructor() {
     this.began = new Map(); // by the pointer: the control on which its press began
     this.newest = null;
+    this.before = { control: null, x: NaN, y: NaN, at: NaN }; // the press before
   }
 
   // Before all other listeners of the page.
@@ -21,9 +25,12 @@ export class Presses {
     on("keydown", (event) => isHeld(event) && event.preventDefault());
   }
 
-  begin({ pointerId, isPrimary, target }) {
+  begin({ pointerId, isPrimary, target, clientX: x, clientY: y, timeStamp: at }) {
     if (isPrimary) this.began.clear(); // the fingers of before have lifted
-    this.newest = controlOf(target);
+    const { before } = this;
+    const isSecond = at - before.at < DOUBLE_MS && Math.hypot(x - before.x, y - before.y) < NEAR_PX;
+    this.newest = (isSecond && before.control) || controlOf(target);
+    this.before = { control: this.newest, x, y, at };
     this.began.set(pointerId, this.newest);
   }
 

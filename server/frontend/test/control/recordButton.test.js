@@ -52,3 +52,23 @@ for (const [me, level, underWay, words, disabled] of [
     assert.match(root.querySelector('[data-part="record-state"]').textContent, /^Not (recorded|stopped)\. It is disabled\.$/);
   });
 }
+
+test("the second press of a double one does not stop what the first began", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  const calls = [];
+  const body = { recordings: /** @type {object[]} */ ([]) };
+  const post = async (path) => {
+    calls.push(path);
+    body.recordings = [asked({})];
+    return { ok: true };
+  };
+  const options = { robot: "sim1", me: "ann", level: "drive", now: () => NOW };
+  const button = new RecordButton(new FakeElement(), { ...options, api: { get: async () => ({ ok: true, body }), post } });
+  await button.refresh();
+  await button.press();
+  await button.press();
+  assert.deepEqual(calls, ["/api/v1/robots/sim1/recordings"]);
+  context.mock.timers.tick(1200);
+  await button.press();
+  assert.equal(calls[1], "/api/v1/recordings/7/stop");
+});

@@ -60,6 +60,22 @@ test("a second finger elsewhere leaves the first one's press as it is", () => {
   assert.deepEqual([click(drive, { pointerId: 1 }), click(drive, { pointerId: 2 })], [true, false]);
 });
 
+// What lies there at the second of two presses, at which place and time, and whether it gets that one.
+for (const [name, first, second, place, counts] of [
+  ["a control that takes the place of another", "drive", "leave", { clientX: 105, timeStamp: 1300 }, false],
+  ["the same control", "drive", "drive", { clientX: 105, timeStamp: 1300 }, true],
+  ["a control beside it", "drive", "leave", { clientX: 130, timeStamp: 1300 }, true],
+  ["one that is pressed later", "drive", "leave", { clientX: 105, timeStamp: 1600 }, true],
+  ["one where no control was", "plain", "leave", { clientX: 105, timeStamp: 1300 }, true],
+]) {
+  test(`${name} gets ${counts ? "the" : "no"} second press`, () => {
+    const { fire, click } = page();
+    fire("pointerdown", { target: TARGETS[first], isPrimary: true, clientX: 100, clientY: 50, timeStamp: 1000 });
+    fire("pointerdown", { target: TARGETS[second], isPrimary: true, clientX: 100, clientY: 50, ...place });
+    assert.equal(click(TARGETS[second]), counts);
+  });
+}
+
 test("a key that is held presses nothing that gets the focus meanwhile", () => {
   const pressed = (code, repeat) => page().fire("keydown", { code, repeat, target: button() });
   assert.deepEqual([pressed("Enter", false), pressed("Enter", true), pressed("KeyW", true)], [true, false, true]);
