@@ -36,6 +36,17 @@ export function keysFor(names, before = new Map()) {
   return keys;
 }
 
+// Those of `names`, in their order on the wall, whose place or key was another robot's `before` {names, keys}: a press may have been
+// meant for that one.
+export function heirs(names, keys, before) {
+  const owners = new Map([...before.keys].map(([name, key]) => [key, name]));
+  const isOther = (name, former) => former !== undefined && former !== name;
+  return {
+    places: names.filter((name, i) => isOther(name, before.names[i])),
+    keys: names.filter((name) => isOther(name, owners.get(keys.get(name)))),
+  };
+}
+
 // The key of the wall that a press means, or "". On any layout, the digits are those of the top row or the number pad.
 export function keyOfPress({ key, code, ctrlKey, metaKey, altKey, repeat }) {
   if (ctrlKey || metaKey || altKey || repeat) return "";

@@ -3,12 +3,12 @@
 import { Feed } from "../client/feed.js";
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, Choices, localTimestamp, matches, part, setText, TYPING } from "../dom/page.js";
-import { Presses } from "../dom/presses.js";
+import { Presses, isNew, markNew } from "../dom/presses.js";
 import { offerDrive } from "../fleet/cards.js";
 import { filterOf, fromQuery, inNameOrder, toQuery } from "../fleet/filters.js";
 import { RobotList, throttled } from "../fleet/list.js";
 import { Thumbs } from "../fleet/thumbs.js";
-import { fillTile, keyOfPress, keysFor, MovingHand, newTile, requestsByRobot, wallNames } from "../fleet/wall.js";
+import { fillTile, heirs, keyOfPress, keysFor, MovingHand, newTile, requestsByRobot, wallNames } from "../fleet/wall.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { data as dataTexts, wall as texts } from "../texts/queue.js";
@@ -49,7 +49,8 @@ function mayDrive(name) {
   return facts[name]?.level !== "observe";
 }
 
-function show() {
+// `searched`: because a person did so, who looks at what comes.
+function show({ searched = false } = {}) {
   if (poller.state === "connecting") return; // who asks for help is not known yet
   const fits = filterOf(filter);
   const all = inNameOrder(robots.keys())
@@ -57,22 +58,39 @@ function show() {
     .filter(({ state }) => state === "active");
   const fitting = all.filter(fits);
   const names = namesToShow(fitting);
+  const before = { names: presentNames(), keys };
   keys = keysFor(names, keys);
   const shown = new Set(names);
   for (const name of list.elements.keys()) if (!shown.has(name)) list.remove(name, false);
   for (const name of names) list.fill(robots.get(name), true);
   list.arrange(names, shown);
+  if (!searched) markHeirs(heirs(names, keys, before));
   const asking = [...byRobot.keys()].filter((name) => robots.has(name));
   setText(byTestId(main, "wall-asking"), texts.asking(asking));
   setText(byTestId(main, "wall-count"), texts.count(names.length, all.length, most));
   byTestId(main, "wall-empty").hidden = names.length > 0 || feedState.dataset.feed !== "live";
 }
 
+const presentNames = () => [...list.container.children].map(({ dataset }) => dataset.robot);
+
+function markHeirs({ places, keys: withKeys }) {
+  for (const name of places) markNew(part(list.elements.get(name), "drive"));
+  for (const name of withKeys) markNew(part(list.elements.get(name), "key"));
+}
+
+// A hand that rests does not see a tile come under it.
+function sift(event) {
+  const link = event.target.closest("a");
+  if (!event.detail || !link || !isNew(link)) return; // a click of a key is for the robot that has it
+  event.preventDefault();
+  event.stopPropagation();
+}
+
 // While a hand moves over the wall, each robot keeps its place.
 function namesToShow(fitting) {
   const names = wallNames(fitting, byRobot, most);
   if (!hand.moves) return names;
-  const present = [...list.container.children].map(({ dataset }) => dataset.robot);
+  const present = presentNames();
   return present.length ? present.filter((name) => fitting.some((robot) => robot.name === name)) : names;
 }
 
@@ -121,7 +139,8 @@ function takeByKey(event) {
   if (!keysBox.checked || matches(event.target, TYPING)) return;
   const key = keyOfPress(event);
   const name = key && [...keys].find(([, itsKey]) => itsKey === key)?.[0];
-  if (name) part(list.elements.get(name), "drive").click();
+  const tile = name && list.elements.get(name);
+  if (tile && !isNew(part(tile, "key"))) part(tile, "drive").click();
 }
 
 function setKeys(on) {
@@ -133,7 +152,7 @@ search.value = filter.words;
 search.addEventListener("input", () => {
   filter.words = search.value;
   history.replaceState(null, "", location.pathname + toQuery(filter));
-  show();
+  show({ searched: true });
 });
 keysBox.checked = choices.all.keys !== false;
 setKeys(keysBox.checked);
@@ -141,6 +160,7 @@ keysBox.addEventListener("change", () => setKeys(keysBox.checked));
 window.addEventListener("keydown", takeByKey);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 hand.listen(part(main, "wall"));
+part(main, "wall").addEventListener("click", sift, { capture: true });
 new Presses().watch(window);
 new LoginUse().watch(window);
 feed.start();

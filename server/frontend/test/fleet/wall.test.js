@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { MovingHand, askingText, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
+import { MovingHand, askingText, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
 
 const robot = (name, online = true) => ({ name, online });
 const asks = (name, more = {}) => ({ robot: name, reason: "stuck", source: "page", age_s: 125, priority: 2, state: "waiting", ...more });
@@ -20,6 +20,13 @@ test("a robot keeps its key wherever it moves, and one that comes gets one that 
   assert.deepEqual(Object.fromEntries(before), { a: "1", b: "2", c: "3" });
   const after = keysFor(["d", "c", "a"], before);
   assert.deepEqual(Object.fromEntries(after), { a: "1", c: "3", d: "2" });
+});
+
+test("a robot that comes to another's place, or gets its key, is an heir", () => {
+  const before = { names: ["a", "b"], keys: keysFor(["a", "b"]) };
+  const names = ["c", "a", "d"];
+  assert.deepEqual(heirs(names, keysFor(names, before.keys), before), { places: ["c", "a"], keys: ["c"] });
+  assert.deepEqual(heirs(names, keysFor(names), { names: [], keys: new Map() }), { places: [], keys: [] });
 });
 
 for (const [press, key] of [
