@@ -20,6 +20,7 @@ const USUAL_CAMERA = "/camera/image_raw";
 const STOP_CONFIRM_MS = 3000;
 const CANVAS = "canvas"; // an <img> shows JPEG alone
 const MAX_SEEN = 8; // maximum number of frames that a command names
+const FRESH_MS = 2000; // time for which what was measured says how it is; both come at least each second
 
 export class Robot {
   // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
@@ -48,8 +49,8 @@ export class Robot {
     this.publishers = new Map();
     this.decoderChoice = new DecoderChoice();
     this.shown = new Set(); // {topic, stream, frames}, of each camera that showVideo has shown
-    /** @type {number | null} */
-    this.seenAgeMs = null;
+    /** @type {{ageMs: number | null, at: number} | null} */
+    this.seen = null; // the newest report of this link
     this.session = new Session({
       driveTopic: this.driveTopic,
       wheelbase,
@@ -58,9 +59,9 @@ export class Robot {
       onState: (state) => this.showState(state),
       onLeaving: () => this.driver.letGo(),
       onControl: (control) => this.receive(control),
-      onRoundTrip: (reading) => (this.roundTripMs = reading?.medianMs ?? null),
+      onRoundTrip: (reading) => (this.roundTripMs = reading && reading.ageMs <= FRESH_MS ? reading.medianMs : null),
       seenAt: (timestamp) => this.seenAt(timestamp),
-      onSeen: ({ ageMs }) => (this.seenAgeMs = ageMs),
+      onSeen: ({ ageMs }) => (this.seen = { ageMs, at: performance.now() }),
     });
     this.driver = new Driver({ output: this.session });
     this.letGoOnBlur = letGoOnBlur;
@@ -111,6 +112,11 @@ export class Robot {
   // Whether what drive() says goes to the robot now.
   get driving() {
     return this.session.connection.live && this.mode === "drive";
+  }
+
+  // How old was what the driver saw; null for unknown, as of what nobody measured lately.
+  get seenAgeMs() {
+    return this.seen && performance.now() - this.seen.at <= FRESH_MS ? this.seen.ageMs : null;
   }
 
   // {forward, left, turn} in m/s, m/s and rad/s. To be called again within 0.3 s, or the robot gets zero, and then only
@@ -268,6 +274,7 @@ export class Robot {
 
   showState(state) {
     if (state.lost) this.mode = "observe"; // somebody else drives: this page looks on
+    if (state.name !== "live") this.seen = null;
     this.session.use(this.driving);
     this.driver.arm(this.driving);
     this.notifyState(state);

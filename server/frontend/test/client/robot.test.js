@@ -276,6 +276,7 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
     clock += 1000;
     mock.timers.tick(1000);
     await settle();
+    if (seconds === 3) assert.deepEqual([robot.driving, robot.roundTripMs], [true, null]);
   }
   assert.equal(robot.driving, false);
   robot.close();
@@ -283,10 +284,19 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
 });
 
 test("it has the age of what its driver sees, as the server reports it", async () => {
+  let clock = 0;
+  mock.method(performance, "now", () => clock);
   const robot = await goLive();
+  const report = () => sockets[0].relaySays({ op: "robotether.seen", age_ms: 140.2 });
   assert.equal(robot.seenAgeMs, null);
-  sockets[0].relaySays({ op: "robotether.seen", age_ms: 140.2 });
+  report();
   assert.equal(robot.seenAgeMs, 140.2);
+  clock += 2500;
+  assert.equal(robot.seenAgeMs, null, "nobody has measured it since");
+  report();
+  sockets[0].close(1006);
+  assert.equal(robot.seenAgeMs, null);
+  mock.restoreAll();
 });
 
 test("a topic and a service answer over HTTP without a connection", async () => {
