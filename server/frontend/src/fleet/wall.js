@@ -92,7 +92,7 @@ export function fillTile(tile, robot, { request, key, mayDrive }) {
 function troubleText(robot) {
   const { stopped } = robot.control ?? {};
   if (stopped) return texts.stopped(stopped.by);
-  return robot.online ? healthText(robot) : "";
+  return healthText(robot);
 }
 
 // Whether a person's hand moves over the wall: then no tile moves. A hand that rests there must not hold it up for hours.
