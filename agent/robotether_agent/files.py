@@ -113,9 +113,9 @@ def read_text(path: Path) -> str | None:
         raise disk_problem(f"cannot read {path}", path.parent, error, advice=advice) from error
 
 
-def _open_regular(path: Path) -> int:
-    """Open a file that the agent's user may have replaced: root, who reads it too, must not wait at a pipe."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+def _open_regular(path: Path, flags: int = os.O_RDONLY) -> int:
+    """Open a file that the agent's user may have replaced: root, who opens it too, must not wait at a pipe."""
+    descriptor = os.open(path, flags | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
     if stat.S_ISREG(os.fstat(descriptor).st_mode):
         return descriptor
     os.close(descriptor)
@@ -126,7 +126,7 @@ def _open_regular(path: Path) -> int:
 def only_one(path: Path, who: str = "agent") -> Iterator[None]:
     """Hold the lock file `path`, or raise AlreadyRunningError; the kernel frees it with the process."""
     try:
-        file = path.open("a")
+        file = os.fdopen(_open_regular(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW), "r+")
     except OSError as error:
         raise disk_problem(f"cannot open the lock {path}", path.parent, error) from error
     with file:

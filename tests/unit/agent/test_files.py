@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from robotether_agent.files import read_text, write_atomic
+from robotether_agent.files import only_one, read_text, write_atomic
 from robotether_agent.problems import StateUnusableError
 
 
@@ -41,10 +41,12 @@ def test_missing_is_none_and_unreadable_is_a_problem(place):
 
 
 def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
-    """Root reads the agent's files too, and whoever replaced one must not hold root up."""
-    os.mkfifo(place / "status.json")
+    """Root reads and locks the agent's files too, and whoever replaced one must not hold root up."""
+    os.mkfifo(place / "pipe")
     with pytest.raises(StateUnusableError, match="no regular file"):
-        read_text(place / "status.json")
+        read_text(place / "pipe")
+    with pytest.raises(StateUnusableError, match="no regular file"), only_one(place / "pipe"):
+        pass
 
 
 def test_a_failed_write_leaves_nothing(place):
