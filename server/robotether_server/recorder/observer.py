@@ -44,7 +44,7 @@ DISCOVER_EVERY_S = 10.0
 ANSWER_WITHIN_S = 5.0
 # Minimum interval between two messages of a topic, but for those that build on each other.
 THROTTLE_MS = 100
-UNTHROTTLED = frozenset(("/tf", "/tf_static", "/diagnostics", "/rosout"))
+UNTHROTTLED = frozenset(("tf", "tf_static", "diagnostics", "rosout"))
 # Maximum number of topics and cameras of a robot. Of 64 topics observers may add none from 32 on, and the recorder must
 # not keep them out; an agent has room for 8 cameras.
 MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
@@ -248,7 +248,8 @@ class RosbridgeObserver:
         if topic.startswith(NAMESPACE) or short_name(kind) in LARGE:
             return
         self._writers[topic] = TopicWriter(topic, await self._type(kind))
-        throttle_ms = 0 if topic in UNTHROTTLED else THROTTLE_MS
+        # In whichever namespace.
+        throttle_ms = 0 if topic.rpartition("/")[2] in UNTHROTTLED else THROTTLE_MS
         await self._send(
             op="subscribe",
             id=f"recorder:{len(self._writers)}",

@@ -22,11 +22,13 @@ class RosbridgeSocket:
 
     def __init__(self, topics, message):
         self._topics, self._message = topics, message
+        self.throttles = {}
         self._texts = asyncio.Queue()
 
     async def send_str(self, text):
         message = json.loads(text)
         if message["op"] == "subscribe":
+            self.throttles[message["topic"]] = message["throttle_rate"]
             await self._put(
                 f'{{"op": "publish", "topic": "{message["topic"]}", "msg": {self._message}}}'
             )
@@ -79,10 +81,13 @@ async def test_of_a_graph_with_many_robots_one_is_recorded():
             f"/robot{number}/cmd_vel": "geometry_msgs/msg/Twist",
             f"/robot{number}/odom": "nav_msgs/msg/Odometry",
             f"/robot{number}/image_raw": "sensor_msgs/msg/Image",
+            f"/robot{number}/tf_static": "tf2_msgs/msg/TFMessage",
         }
     cameras = []
     socket = RosbridgeSocket(topics, "{}")
-    messages = await recorded(socket, 2, cameras=cameras, drive_topic="/robot8/cmd_vel")
+    messages = await recorded(socket, 3, cameras=cameras, drive_topic="/robot8/cmd_vel")
     names = [message.channel.topic for message in messages]
-    assert names == ["/robot8/odom", "/robot8/cmd_vel"]
+    assert names == ["/robot8/odom", "/robot8/tf_static", "/robot8/cmd_vel"]
+    # Each publisher's transforms come once.
+    assert socket.throttles == {"/robot8/odom": 100, "/robot8/tf_static": 0, "/robot8/cmd_vel": 100}
     assert cameras == ["/robot8/image_raw"]
