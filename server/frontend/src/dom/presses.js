@@ -59,13 +59,21 @@ function ignore(event) {
 export const NEW_MS = 1200; // time for which a control is new
 const ends = new WeakMap();
 
-export function markNew(control) {
+export const markNew = (control) => mark(control, NEW_MS);
+
+function mark(control, ms) {
   clearTimeout(ends.get(control));
   control.setAttribute("aria-disabled", "true");
   ends.set(
     control,
-    setTimeout(() => control.removeAttribute("aria-disabled"), NEW_MS),
+    setTimeout(() => control.removeAttribute("aria-disabled"), ms),
   );
 }
 
 export const isNew = (control) => control.getAttribute("aria-disabled") === "true";
+
+// Keeps a button of a page that was just opened from the second press of a double one, of which the first led to the page.
+export function shieldAtFirst(button) {
+  mark(button, DOUBLE_MS);
+  button.addEventListener("click", (event) => event.detail && isNew(button) && event.preventDefault());
+}

@@ -4,7 +4,7 @@ import { offerDrive } from "../fleet/cards.js";
 import { inWindow, WINDOW } from "../fleet/filters.js";
 import { api } from "../dom/calls.js";
 import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/page.js";
-import { Presses } from "../dom/presses.js";
+import { Presses, shieldAtFirst } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { Uplink } from "../topics/uplink.js";
 import { Ticks } from "./ticks.js";
@@ -136,6 +136,7 @@ function wireUplink(page) {
 
 if (typeof document !== "undefined") {
   new Presses().watch(window);
+  document.querySelectorAll("[data-settles]").forEach(shieldAtFirst);
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);
   setInterval(() => showLocalTimes(document), RENEW_MS);

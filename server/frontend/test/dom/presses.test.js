@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Presses } from "../../src/dom/presses.js";
+import { Presses, shieldAtFirst } from "../../src/dom/presses.js";
+import { FakeElement } from "../control/fakes.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
 const element = (control, selectors = []) => {
@@ -79,4 +80,14 @@ for (const [name, first, second, place, counts] of [
 test("a key that is held presses nothing that gets the focus meanwhile", () => {
   const pressed = (code, repeat) => page().fire("keydown", { code, repeat, target: button() });
   assert.deepEqual([pressed("Enter", false), pressed("Enter", true), pressed("KeyW", true)], [true, false, true]);
+});
+
+test("a page that was just opened takes no second press of a double one, and what a key does", (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  const asks = new FakeElement();
+  shieldAtFirst(asks);
+  const acts = (detail) => asks.dispatchEvent(Object.assign(new Event("click", { cancelable: true }), { detail }));
+  assert.deepEqual([acts(1), acts(0)], [false, true]);
+  context.mock.timers.tick(500);
+  assert.equal(acts(1), true);
 });
