@@ -27,6 +27,7 @@ export class RecordButton {
     this.mayStop = ({ asked_by: asker }) => level === "manage" || asker === me;
     this.api = api;
     this.now = now;
+    this.round = 0;
     /** @type {boolean | undefined} */
     this.recorded = undefined; // whether anything records the robot, as the robot object says
     /** @type {Recording | null | undefined} */
@@ -42,9 +43,12 @@ export class RecordButton {
     this.refresh();
   }
 
+  // An answer to an earlier question counts no more, whenever it comes.
   async refresh() {
     clearTimeout(this.timer);
+    const round = ++this.round;
     const { ok, body } = await this.api.get("/api/v1/recordings", { robot: this.robot, limit: LISTED });
+    if (round !== this.round) return;
     this.underWay = ok ? recordingUnderWay(body.recordings, this.now()) : undefined;
     this.show();
     if (this.underWay?.state === "requested" || (this.underWay && this.ending)) this.timer = setTimeout(() => this.refresh(), AGAIN_MS);

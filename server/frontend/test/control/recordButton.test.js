@@ -72,3 +72,15 @@ test("the second press of a double one does not stop what the first began", asyn
   await button.press();
   assert.equal(calls[1], "/api/v1/recordings/7/stop");
 });
+
+test("a late answer of before a press changes nothing", async () => {
+  const answers = /** @type {((answer: object) => void)[]} */ ([]);
+  const api = { get: () => new Promise((resolve) => answers.push(resolve)), post: async () => ({ ok: true }) };
+  const root = new FakeElement();
+  const button = new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api });
+  const refreshes = [button.refresh(), button.refresh()];
+  answers[1]({ ok: true, body: { recordings: [asked({})] } });
+  answers[0]({ ok: true, body: { recordings: [] } });
+  await Promise.all(refreshes);
+  assert.equal(root.querySelector('[data-part="record"]').textContent, "Stop recording");
+});
