@@ -19,8 +19,8 @@ const MAX_AGE_MS = 3600_000; // of a frame, by the robot's clock
 const WORDS_EVERY_MS = 200; // numbers that change with each frame nobody can read
 
 class ReplayPage {
-  // `controls` as of readControls; `driveTopic` may be empty.
-  constructor(root, reader, { goesOn, controls, driveTopic }) {
+  // `controls` as of readControls; `driveTopic` may be empty; `named` as of mapOfDrive.js.
+  constructor(root, reader, { goesOn, controls, driveTopic, named }) {
     this.root = root;
     this.reader = reader;
     this.goesOn = goesOn;
@@ -35,6 +35,7 @@ class ReplayPage {
     this.map = new MapOfDrive(part(root, "map"), {
       topics: reader.topics,
       driveTopic,
+      named,
       onMeasured: (measured, atMs) => this.state.receive("measured", measured, atMs),
     });
     this.player = new Player({
@@ -246,7 +247,7 @@ async function readDriveTopic(reader) {
 }
 
 async function open(root) {
-  const { file = "", state = "" } = root.dataset;
+  const { file = "", state = "", topics = "{}" } = root.dataset;
   part(root, "problem").hidden = true;
   showNotice(root, texts.opening);
   try {
@@ -255,7 +256,7 @@ async function open(root) {
     const [controls, driveTopic] = [await readControls(reader), await readDriveTopic(reader)];
     showNotice(root, "");
     part(root, "player").hidden = false;
-    new ReplayPage(root, reader, { goesOn: state === "recording", controls, driveTopic }).start();
+    new ReplayPage(root, reader, { goesOn: state === "recording", controls, driveTopic, named: JSON.parse(topics) }).start();
   } catch (error) {
     showNotice(root, "");
     showProblem(root, error);

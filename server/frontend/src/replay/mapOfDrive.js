@@ -10,17 +10,19 @@ const MEMORY = { zoom: 1 };
 const KINDS = ["scan", "map", "located", "tf", "tfStatic"];
 
 // What of a recording is drawn, by kind, each {name, type} or undefined. The recorder may have taken other robots' topics, too. Pure.
+// `named`: the topics that the settings name, by kind.
 /** @returns {Record<string, {name: string, type: string} | undefined>} */
-export function drawnTopics(topics, driveTopic) {
+export function drawnTopics(topics, driveTopic, named = {}) {
   const own = ownTopics(topics, driveTopic);
-  const chosen = (kind) => chooseTopic(kind, own, { driveTopic }).topic;
+  const isRecorded = (name) => topics.some((topic) => topic.name === name);
+  const chosen = (kind) => chooseTopic(kind, own, { named: isRecorded(named[kind]) ? named[kind] : null, driveTopic }).topic;
   return { speed: chosen("odometry") ?? chosen("turtle"), ...Object.fromEntries(KINDS.map((kind) => [kind, chosen(kind)])) };
 }
 
 export class MapOfDrive {
-  // `topics` [{name, type}] of the recording; `driveTopic` says which of several are the robot's own.
-  constructor(element, { topics, driveTopic, onMeasured, makeBitmap = undefined }) {
-    this.topics = drawnTopics(topics, driveTopic);
+  // `topics` [{name, type}] of the recording; `driveTopic` says which of several are the robot's own, unless `named` does.
+  constructor(element, { topics, driveTopic, named, onMeasured, makeBitmap = undefined }) {
+    this.topics = drawnTopics(topics, driveTopic, named);
     this.speed = this.topics.speed;
     this.onMeasured = onMeasured;
     this.makeBitmap = makeBitmap;

@@ -14,7 +14,10 @@ from robotether_server.api.recordings import file_response
 from robotether_server.db import Transaction, recordings, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.recordings import Recording
+from robotether_server.db.seen_robots import SeenRobot
+from robotether_server.problems import FieldInvalidError
 from robotether_server.services import recordings as recording_service
+from robotether_server.settings import robot as robot_settings
 from robotether_server.web import confirmation, current_user, filters
 from robotether_server.web.confirmation import ConfirmedAction, Words
 
@@ -52,8 +55,20 @@ def play(recording_id: int) -> str:
     user = current_user.get()
     with context().database.transaction() as tx:
         recording = recording_service.view(tx, current_user.source(), user, recording_id)
+        topics = _named_topics(seen_robots.find_seen(tx, user, recording.robot))
     viewing = _viewings().dumps([recording_id, user.id])
-    return render_template("recording.html", recording=recording, viewing=viewing)
+    return render_template("recording.html", recording=recording, viewing=viewing, topics=topics)
+
+
+def _named_topics(seen: SeenRobot | None) -> dict[str, str | None]:
+    """Return the topics that the settings name of what the page draws, by kind; nothing of a robot that is gone."""
+    try:
+        page = robot_settings.parse(seen.robot.settings).page if seen else None
+    except FieldInvalidError:
+        page = None
+    if page is None:
+        return {}
+    return {"odometry": page.odometry_topic, "scan": page.scan_topic, "map": page.map_topic}
 
 
 @blueprint.get("/<int:recording_id>/file")

@@ -1,5 +1,6 @@
 """Recordings: who sees what, plays, stops, downloads and deletes."""
 
+import json
 import re
 
 import pytest
@@ -47,6 +48,15 @@ def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
     assert "There is no recording." in browser.ask("GET", "/recordings").text
     kinds = {(kind, actor) for kind, actor, _ in audit_kinds(database)}
     assert {("recording_downloaded", "olga"), ("recording_deleted", "olga")} <= kinds
+
+
+def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, database):
+    with database.transaction() as tx:
+        robots.set_settings(tx, robots.get(tx, "sim1").id, {"page": {"scan_topic": "/front/scan"}})
+    browser.log_in("olga")
+    page = browser.ask("GET", f"/recordings/{number}").text
+    [topics] = re.findall(r"data-topics='([^']*)'", page)
+    assert json.loads(topics) == {"odometry": None, "scan": "/front/scan", "map": None}
 
 
 def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number, database):
