@@ -100,8 +100,11 @@ export class ControlPanel {
     if (before.some((button) => button.hidden)) buttons.filter((button) => !button.hidden && !before.includes(button)).forEach(markNew);
   }
 
+  // That of another person is another question: the newest state alone may have come.
   showQuestion() {
     const { asking } = this.driveMode;
+    if (asking?.user !== this.asker) this.question.show(false);
+    this.asker = asking?.user;
     this.question.show(Boolean(asking));
     setText(part(this.questionElement, "text"), asking ? texts.asks(asking.user) : "");
   }

@@ -69,6 +69,23 @@ test("what happens again is said again, after its note has gone", () => {
   assert.equal(note().dataset.fresh, "true");
 });
 
+test("who asks for control in another's place gets no answer that was meant for that one", () => {
+  let clock = 0;
+  const now = mock.method(performance, "now", () => clock);
+  open({ busy: () => false });
+  driveMode.drive();
+  const asks = (user) => {
+    const driver = { user: "ann", since: "2026-01-01T12:03:00Z", fence: 1 };
+    driveMode.receive({ driver, waiting: { user, passes_at: "2026-01-01T12:04:00Z" } });
+    return byTestId("question").dispatchEvent(new Event("click", { cancelable: true }));
+  };
+  assert.equal(asks("ben"), false);
+  clock += 1300;
+  assert.equal(asks("ben"), true);
+  assert.equal(asks("cleo"), false);
+  now.mock.restore();
+});
+
 test("whether to take control is asked of one driver, and not answered for the next", () => {
   open();
   const driver = (user) => driveMode.receive({ driver: { user, since: "2026-01-01T12:03:00Z", fence: 1 } });
