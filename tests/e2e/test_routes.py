@@ -135,8 +135,9 @@ def test_a_route_is_removed_by_its_line_or_its_list_and_a_loop_is_refused(page: 
     _topic(page, "source", "sim2").click()
     _topic(page, "target", "sim1").click()
     expect(page.get_by_test_id("route-problem")).to_contain_text("It would close a loop")
-    page.locator(".knot").click()
+    page.locator(".knot").dblclick()
     expect(page.get_by_test_id("routes")).to_have_count(0)
+    expect(page.get_by_test_id("route-problem")).to_be_hidden()
 
 
 def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(

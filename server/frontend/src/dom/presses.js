@@ -77,3 +77,19 @@ export function shieldAtFirst(button) {
   mark(button, DOUBLE_MS);
   button.addEventListener("click", (event) => event.detail && isNew(button) && event.preventDefault());
 }
+
+// Asks for something once, unless it fails: of the second press of a double one the answer would be that it is done already.
+export class AskedOnce {
+  constructor() {
+    this.keys = new Set();
+  }
+
+  // `ask()` gives an answer as of client/api.js; null for what was asked for already.
+  async run(key, ask) {
+    if (this.keys.has(key)) return null;
+    this.keys.add(key);
+    const answer = await ask();
+    if (!answer.ok) this.keys.delete(key);
+    return answer;
+  }
+}

@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
-import { isNew, markNew, Presses } from "../dom/presses.js";
+import { AskedOnce, isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
@@ -18,6 +18,7 @@ const [offerPanel, currentPanel] = [part(main, "offer"), part(main, "current")];
 const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer-decline")];
 const feedState = byTestId(main, "queue-feed");
 const availability = new Availability();
+const answers = new AskedOnce(); // to offers
 const alerts = new Alerts({ onChange: showAlerts });
 const waiting = new KeyedRows({
   container: part(main, "waiting"),
@@ -128,8 +129,9 @@ async function answerOffer(button, action, done) {
   const { id, robot } = offer;
   const key = keyOf(offer);
   const outcome = byTestId(main, "offer-outcome");
-  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${action}`);
-  if (!ok) return setText(outcome, texts.refused(detail));
+  const answer = await answers.run(key, () => api.post(`/api/v1/requests/${id}/${action}`));
+  if (!answer) return;
+  if (!answer.ok) return setText(outcome, texts.refused(answer.detail));
   answered = key;
   endOffer();
   setText(outcome, done(robot));

@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { byTestId, part, setText } from "../dom/page.js";
-import { Presses } from "../dom/presses.js";
+import { AskedOnce, Presses } from "../dom/presses.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { fillRequest, KeyedRows, keyOfRequest, showDataState } from "../queue/requestRows.js";
@@ -21,6 +21,7 @@ const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getEleme
 const bodyOf = (testId) => byTestId(main, testId).tBodies[0];
 const charts = part(main, "charts");
 const periodButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-by]")]);
+const closes = new AskedOnce();
 /** @type {any[]} */
 let operators = [];
 let by = "hour"; // the length of the periods that the charts have
@@ -114,8 +115,10 @@ async function assign(id, robot, select) {
 
 // What nobody has accepted is cancelled: it was not answered.
 async function close(id, robot, state) {
-  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${state === "accepted" ? "close" : "cancel"}`, {});
-  setText(outcome, ok ? texts.closed(robot) : texts.notClosed(robot, detail));
+  const path = `/api/v1/requests/${id}/${state === "accepted" ? "close" : "cancel"}`;
+  const answer = await closes.run(id, () => api.post(path, {}));
+  if (!answer) return;
+  setText(outcome, answer.ok ? texts.closed(robot) : texts.notClosed(robot, answer.detail));
   poller.askNow();
 }
 

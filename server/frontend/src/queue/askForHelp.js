@@ -1,6 +1,7 @@
 // Asking for help on the drive page, in its drawer, and what is asked for now. It must never touch what drives.
 
 import { make, makeButton, part, setText } from "../dom/page.js";
+import { AskedOnce } from "../dom/presses.js";
 import { help as texts } from "../texts/queue.js";
 import { requestFacts } from "./requestRows.js";
 
@@ -20,6 +21,7 @@ export class AskForHelp {
     this.panel = part(root, "help");
     this.form = part(root, "help-form"); // who only watches has none
     this.items = new Map();
+    this.withdrawals = new AskedOnce();
     this.form?.addEventListener("submit", (event) => this.ask(event));
   }
 
@@ -73,8 +75,9 @@ export class AskForHelp {
   }
 
   async withdraw(id) {
-    const { ok, detail } = await this.post(`/api/v1/requests/${id}/cancel`);
-    this.say(ok ? texts.cancelled : texts.notWithdrawn(detail));
+    const answer = await this.withdrawals.run(id, () => this.post(`/api/v1/requests/${id}/cancel`));
+    if (!answer) return;
+    this.say(answer.ok ? texts.cancelled : texts.notWithdrawn(answer.detail));
     this.onAsked();
   }
 

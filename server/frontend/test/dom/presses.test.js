@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Presses, shieldAtFirst } from "../../src/dom/presses.js";
+import { AskedOnce, Presses, shieldAtFirst } from "../../src/dom/presses.js";
 import { FakeElement } from "../control/fakes.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
@@ -90,4 +90,11 @@ test("a page that was just opened takes no second press of a double one, and wha
   assert.deepEqual([acts(1), acts(0)], [false, true]);
   context.mock.timers.tick(500);
   assert.equal(acts(1), true);
+});
+
+test("what is under way or done is not asked for again, and what failed is", async () => {
+  const [once, asked] = [new AskedOnce(), []];
+  const ask = (ok) => once.run("a", async () => (asked.push(ok), { ok }));
+  assert.deepEqual(await Promise.all([ask(false), ask(true)]), [{ ok: false }, null]);
+  assert.deepEqual([await ask(true), await ask(true), asked], [{ ok: true }, null, [false, true]]);
 });
