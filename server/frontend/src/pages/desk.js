@@ -122,6 +122,19 @@ function wireList(table) {
   list.after(make("p", { class: "actions" }, more));
 }
 
+const SENT_MS = 3000; // time for which a form that was sent is not sent again
+
+// Of the second press of a double one the answer would be that it is done already.
+export function sendOnce(page, now = () => performance.now()) {
+  const sentAt = new WeakMap();
+  page.addEventListener("submit", (event) => {
+    const form = event.target;
+    if (event.defaultPrevented || form.getAttribute("method") !== "post") return;
+    if (now() - (sentAt.get(form) ?? -Infinity) < SENT_MS) event.preventDefault();
+    else sentAt.set(form, now());
+  });
+}
+
 // Drive on the pages of one robot.
 function wireDrive(page) {
   for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
@@ -137,6 +150,7 @@ function wireUplink(page) {
 if (typeof document !== "undefined") {
   new Presses().watch(window);
   document.querySelectorAll("[data-settles]").forEach(shieldAtFirst);
+  sendOnce(document);
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);
   setInterval(() => showLocalTimes(document), RENEW_MS);

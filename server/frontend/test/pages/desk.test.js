@@ -6,6 +6,7 @@ import {
   isFiltered,
   offerSearch,
   offerWindow,
+  sendOnce,
   startOrEnd,
   showLocalTimes,
   wireCopyButtons,
@@ -47,9 +48,25 @@ test("times are the reader's own, with seconds, and with a year that is not this
   );
 });
 
+test("a form that changes something is not sent twice by a double press", () => {
+  let [now, submit] = [0, (/** @type {object} */ _event) => {}];
+  sendOnce({ addEventListener: (_, listener) => (submit = listener) }, () => now);
+  const sends = (form, defaultPrevented = false) => {
+    const event = { target: form, defaultPrevented, preventDefault: mock.fn() };
+    submit(event);
+    return event.preventDefault.mock.callCount() === 0;
+  };
+  const formOf = (method) => ({ getAttribute: () => method });
+  const [post, get] = [formOf("post"), formOf("get")];
+  assert.deepEqual([sends(post, true), sends(post), sends(post), sends(formOf("post"))], [true, true, false, true]);
+  assert.deepEqual([sends(get), sends(get)], [true, true]);
+  now = 3000;
+  assert.equal(sends(post), true, "its answer did not come");
+});
+
 test("a press counts on the control on which it began, as on the pages of robots", async () => {
   const wired = [];
-  const quiet = { querySelectorAll: () => [] };
+  const quiet = { querySelectorAll: () => [], addEventListener() {} };
   Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true }); // older Nodes have none
   Object.assign(globalThis, { document: quiet, window: { addEventListener: (name, _, options) => wired.push([name, options.capture]) } });
   const every = mock.method(globalThis, "setInterval", () => 0);
