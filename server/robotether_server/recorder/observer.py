@@ -235,8 +235,10 @@ class RosbridgeObserver:
             answer = await self._call("topics")
             topics = dict(_pairs(answer.get("topics"), answer.get("types")))
             types = {topic: short_name(kind) for topic, kind in topics.items()}
-            # Another robot on the same ROS graph would take the places of this one's.
-            own = own_topics(types, self._drive_topic())
+            # Another robot on the same ROS graph would take the places of this one's. Of a robot whose drive topic is
+            # not there all is recorded rather than nothing.
+            drive_topic = self._drive_topic()
+            own = own_topics(types, drive_topic if drive_topic in types else "")
             self._on_cameras(camera_topics(own))
             for topic in sorted(own, key=lambda name: (_rank(topics[name]), name)):
                 await self._subscribe(topic, topics[topic])
