@@ -63,10 +63,16 @@ class App(OperatorConnection):
     """One app that is connected."""
 
     def __init__(
-        self, key: AppKey, socket: OperatorSocket, limits: LivenessLimits, turns: PieceTurns
+        self,
+        key: AppKey,
+        address: str | None,
+        socket: OperatorSocket,
+        limits: LivenessLimits,
+        turns: PieceTurns,
     ) -> None:
         super().__init__(f"app {key[1]}")
         self.key = key
+        self.address = address
         self._socket = socket
         self._limits = limits
         self._turns = turns
@@ -331,7 +337,8 @@ class Apps:
         if len(self.of_user(ticket.user_id)) >= MAX_APPS:
             raise HttpError(429, f"cannot connect app {key[1]}: you have {MAX_APPS} connected")
         socket = OperatorSocket(MAX_MESSAGE_BYTES)
-        app = App(key, socket, self._limits, self._turns)
+        address = request.headers.get("X-Forwarded-For")
+        app = App(key, address, socket, self._limits, self._turns)
         ended = CloseReason("rights_ended", "your login or token has ended")
         self._apps[key] = app
         try:

@@ -165,6 +165,7 @@ class RouteRunner:
         snapshot, now = self._context.snapshot(), utc_now()
         ready: dict[Key, list[RelayRoute]] = {}
         to_apps: dict[int, RelayRoute] = {}
+        loop = asyncio.get_running_loop()
         for route in list(self._routes.values()):
             if route.id in self._ended:
                 continue
@@ -181,7 +182,7 @@ class RouteRunner:
             self._keep_only(
                 running, [route.id for route in routes if self._is_current(route, running)]
             )
-            if running.task is None and not routes:
+            if running.task is None and not routes and loop.time() >= running.retry_at:
                 del self._running[key]
         for key, routes in ready.items():
             self._run_all(key, routes, snapshot)
@@ -223,7 +224,7 @@ class RouteRunner:
         try:
             if robot_id is None:
                 if (app := self._app(route, route.source_app)) is not None:
-                    source.follow(app.read, app.leave)
+                    source.follow(app.read, app.leave, app.address)
             elif context.peers.owner(robot_id) is None:
                 source.open(context.snapshot().robots[robot_id], context.shared_topics)
             else:
@@ -277,33 +278,41 @@ class RouteRunner:
     async def _drive_until_ended(
         self, driver: RouteDriver, robot: RelayRobot, principal: Principal
     ) -> CloseReason:
-        context, handlers = self._context, self._context.handlers
+        handlers = self._context.handlers
         connection = principal.connection(robot, driver.end)
         if (why := handlers.connections.no_room(connection)) is not None:
             return close_reasons.too_many_connections(why)
+        # Also while it waits: other rights or settings end it, the robot's clock is known when it begins, and the robot
+        # stays at this machine of the site.
         with (
             handlers.connections.joined(connection),
             handlers.registry.ensure_robot(robot.id).usage.counted(),
         ):
-            return await OperatorSession(
-                driver,
-                connection,
-                None,
-                handlers,
-                context.control,
-                context.dialer,
-                context.report,
-                context.traffic,
-                None,
-            ).run()
+            return await driver.wait() or await self._session(driver, connection).run()
+
+    def _session(self, driver: RouteDriver, connection: Connection) -> OperatorSession:
+        context = self._context
+        return OperatorSession(
+            driver,
+            connection,
+            None,
+            context.handlers,
+            context.control,
+            context.dialer,
+            context.report,
+            context.traffic,
+            driver.address,
+        )
 
     def _on_ended(self, running: RunningRoutes, close_reason: CloseReason) -> None:
         routes = [source.route for source in running.sources.values()]
+        # Also a lease whose routes are away: an app that comes and goes begins one after the other.
+        pauses = routes or running.driver is None or not running.driver.is_waiting
         running.task = None
         self._keep_only(running, ())
         running.driver = None
         running.why = close_reason.reason
-        if routes:
+        if pauses:
             running.retry_at = asyncio.get_running_loop().time() + RETRY_AFTER_S
         if close_reason.name in LASTING_ENDS:
             for route in routes:
@@ -366,7 +375,9 @@ class RouteRunner:
         if running is None or source is None or running.driver is None:
             return LiveRoute(route.id, "waits", 0.0, CONNECTING if running is None else running.why)
         if not running.driver.is_connected:
-            return LiveRoute(route.id, "waits", 0.0, running.why)
+            idle = f"app {route.source_app} sends nothing, and the robot is free"
+            why = (source.problem or idle) if running.driver.is_waiting else running.why
+            return LiveRoute(route.id, "waits", 0.0, why)
         return LiveRoute(route.id, "runs", source.rate_hz(), source.problem)
 
 

@@ -54,6 +54,8 @@ class RouteSource:
         self.rules = rules
         self.is_drive = is_drive
         self.is_advertised = False
+        # From where the app connects, if it reads one and this is known.
+        self.address: str | None = None
         # By time.monotonic(): until when its commands may move a robot that an app drives.
         self.moves_until_s = 0.0
         # By time.monotonic(): when the next message may go.
@@ -103,10 +105,13 @@ class RouteSource:
         self._bringing = asyncio.create_task(messages(self), name=f"route {self.route.id}")
 
     def follow(
-        self, read: Callable[[RouteSource], None], leave: Callable[[RouteSource], None]
+        self,
+        read: Callable[[RouteSource], None],
+        leave: Callable[[RouteSource], None],
+        address: str | None,
     ) -> None:
-        """Get the messages from an app, which has these two."""
-        self._leave_app = leave
+        """Get the messages from an app, which has these two, and connects from an address."""
+        self._leave_app, self.address = leave, address
         read(self)
 
     def close(self, shared_topics: SharedTopics) -> None:
@@ -153,9 +158,11 @@ class RouteSource:
         self.free_at_s = max(self.free_at_s, now_s - interval_s / 2) + interval_s
         return message
 
-    def forget(self) -> None:
-        """Have what waits go nowhere."""
-        self._newest = None
+    def forget_before(self, time_s: float) -> None:
+        """Have what waits go nowhere, unless it was sent after this time."""
+        newest = self._newest
+        if newest is not None and (newest.since_s is None or newest.since_s < time_s):
+            self._newest = None
 
     def content(self, data: bytes, *, may_hold_null: bool = False) -> dict[str, Any] | None:
         """Return the ROS message in one of rosbridge's; None when it is another, which may say why none comes.

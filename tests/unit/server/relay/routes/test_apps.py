@@ -4,6 +4,7 @@ import asyncio
 import json
 import math
 from contextlib import suppress
+from dataclasses import replace
 from itertools import cycle
 
 import aiohttp
@@ -11,9 +12,11 @@ import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
 from relay_server import BEN, EVE, until
+from robotether_common.ros import Globs
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.routes import apps, driver
 from robotether_server.relay.routes import routes as relay_routes
+from robotether_server.settings import robot as robot_settings
 
 TWIST, ODOMETRY = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry"
 SIM1 = 7
@@ -134,6 +137,7 @@ async def test_an_app_moves_nothing_before_it_stood_still(world, connect, monkey
         socket = await connect(OFFER)
         await publish_until(socket, lambda: "stand still" in world.live()[1], MOVE)
         assert world.published() == []
+        assert world.driver() is None
         await publish_until(socket, moves, HALT, MOVE)
         await asyncio.sleep(0.4)
         before = len(moves())
@@ -141,6 +145,69 @@ async def test_an_app_moves_nothing_before_it_stood_still(world, connect, monkey
         assert len(moves()) == before
         await socket.close()
         await until(lambda: world.driver() is None, "the robot is free")
+
+
+async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
+    world, connect, http, monkeypatch
+):
+    """Neither before its first command nor after its last; who drives then ends the route."""
+    monkeypatch.setattr(driver, "SILENT_AFTER_S", 0.5)
+    monkeypatch.setattr(driver, "LOOK_AT_SILENCE_EVERY_S", 0.05)
+    socket = await connect(OFFER)
+    idle = ("waits", "app joy sends nothing, and the robot is free")
+    for _ in range(2):
+        await until(lambda: world.live() == idle and world.driver() is None, "the robot is free")
+        world.robot.received.clear()
+        await publish_until(socket, world.published)
+        assert world.driver() == "eve (route)"
+    await until(lambda: world.driver() is None, "the robot is free")
+    assert world.ends() == []
+    async with http.ws_connect(world.relay.ros_url(world.database.robots[SIM1])):
+        await until(lambda: world.driver() == "ann", "ann drives")
+        await until(world.ends, "the route ended")
+        assert world.ends() == ["lease_held"]
+        await publish_until(socket, lambda: world.relay.relay.routes.live(5) == [], HALT, MOVE)
+        assert world.driver() == "ann"
+
+
+async def test_one_message_begins_the_lease_and_arrives(world, connect):
+    """Such as a goal, of which a page makes one when somebody presses."""
+    world.database.routes = [replace(STEER, target_topic="/goal_pose")]
+    socket = await connect(OFFER)
+    await until(lambda: "nothing" in world.live()[1], "it waits")
+    await socket.send_json(MOVE)
+    await until(world.published, "it has come")
+    assert world.published()[0]["topic"] == "/goal_pose"
+
+
+async def test_other_settings_of_a_robot_count_for_an_app_that_waits(world, connect):
+    """It began to wait before they did."""
+    socket = await connect(OFFER)
+    await until(lambda: "nothing" in world.live()[1], "it waits")
+    hidden = robot_settings.parse({"policy": {"manage": {"publish": ["/chatter"]}}})
+    guard = replace(hidden.guard, drive_topics=Globs(("/elsewhere",)))
+    settings = replace(hidden, guard=guard)
+    sim1 = world.database.robots[SIM1]
+    world.database.robots = {SIM1: replace(sim1, settings=settings)}
+    await publish_until(socket, lambda: "policy" in world.live()[1], HALT)
+    assert world.published() == []
+    assert world.driver() is None
+
+
+async def test_an_app_that_comes_and_goes_begins_no_lease_after_the_other(
+    world, connect, monkeypatch
+):
+    monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 30)
+    socket = await connect(OFFER)
+    await publish_until(socket, world.published)
+    for _ in range(3):
+        await socket.close()
+        await until(lambda: world.driver() is None, "the robot is free")
+        socket = await connect(OFFER)
+        for _ in range(10):
+            await socket.send_json(HALT)
+            await asyncio.sleep(0.02)
+    assert world.database.fences == {SIM1: 1}
 
 
 async def test_a_stop_ends_a_route_of_an_app(world, connect):
@@ -202,7 +269,8 @@ async def test_a_route_reads_no_app_of_another_user(world, connect):
 )
 async def test_what_an_app_does_not_offer_is_said(world, connect, messages, why):
     await connect(*messages)
-    await until(lambda: world.live() == ("runs", why), "the page says so")
+    await until(lambda: world.live() == ("waits", why), "the page says so")
+    assert world.driver() is None
 
 
 @pytest.mark.parametrize(
