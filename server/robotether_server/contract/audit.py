@@ -75,6 +75,13 @@ def _drive_sentence(event: AuditEvent) -> str:
     )
 
 
+def _app_sentence(event: AuditEvent) -> str:
+    lasted, code = event.details.get("lasted_s"), event.details.get("end_code")
+    after = "" if lasted is None else f" after {duration_words(lasted)}"
+    why = str(DRIVE_ENDS.get(str(code), code)).replace("driver", "app")
+    return f"disconnected app {event.details.get('app', '?')}{after} ({why})"
+
+
 def _recording_sentence(event: AuditEvent) -> str:
     number, code = event.details.get("recording", "?"), event.details.get("end_code", "?")
     return f"ended recording {number} of {event.robot} ({RECORDING_ENDS.get(code, code)})"
@@ -208,6 +215,8 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "recording_downloaded": ("Recording downloaded", "downloaded recording {recording} of {robot}"),
     "recording_viewed": ("Recording viewed", "viewed recording {recording} of {robot}"),
     "recording_deleted": ("Recording deleted", "deleted recording {recording} of {robot}"),
+    "app_connected": ("App connected", "connected app {app}"),
+    "app_disconnected": ("App disconnected", _app_sentence),
     "route_made": ("Route made", _route_sentence("made")),
     "route_removed": ("Route removed", _route_sentence("removed")),
     "route_ended": ("Route ended", _route_end_sentence),

@@ -14,8 +14,8 @@ class LiveRoute(Struct, frozen=True):
     """A route that lasts, as this machine of the site sees it.
 
     `runs`: `rate_hz` messages a second went to the target over the last 2 s. `waits`: nothing goes until what `why`
-    says is over; a route that runs has a `why`, too, when its newest message went nowhere. `elsewhere`: it runs on
-    another machine, which alone knows its rate (null).
+    says is over; a route that runs has a `why`, too, when its newest message went nowhere. `elsewhere`: if it
+    runs, then on another machine, which alone knows its rate (null).
     """
 
     id: int

@@ -281,7 +281,11 @@ class Relay:
         self, context: VideoContext, limit_bytes: int, cells: CellClient | None
     ) -> None:
         self.apps = Apps(
-            self.access, self.credentials, self._timing.driver_limits, self.traffic.piece_turns
+            self.access,
+            self.credentials,
+            self.event_writer,
+            self._timing.driver_limits,
+            self.traffic.piece_turns,
         )
         self.routes = RouteRunner(
             RouteContext(

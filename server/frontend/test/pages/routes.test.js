@@ -16,7 +16,7 @@ test("only what can be a topic with its type is offered, by name", () => {
 test("what nobody measured is not claimed", () => {
   assert.equal(stateWords(undefined), "Not known");
   assert.deepEqual(lineLook(undefined), { state: "unknown", rate: "" });
-  assert.equal(stateWords({ state: "elsewhere", rate_hz: null, why: "" }), "On another machine, which knows its state");
+  assert.equal(stateWords({ state: "elsewhere", rate_hz: null, why: "" }), "Not on this machine; another one may know its state");
   assert.equal(stateWords({ state: "runs", rate_hz: 0, why: "" }), "Runs, 0/s");
   assert.equal(stateWords({ state: "waits", rate_hz: 0, why: "sim1 is offline" }), "Waits: sim1 is offline");
 });

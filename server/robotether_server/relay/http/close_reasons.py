@@ -133,7 +133,7 @@ def cell_draining(robot: str) -> CloseReason:
 
 
 def client_silent(robot: str, limit_s: float) -> CloseReason:
-    """No pong or message for 6 s (pings every 2 s); on a drive connection 2.5 s (every 0.2 s)."""
+    """No pong or message for 6 s (pings every 2 s); of a driver 2.5 s (every 0.2 s), of an app's routes 10 s."""
     why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"
     return CloseReason("client_silent", why)
 

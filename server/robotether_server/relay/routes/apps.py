@@ -12,12 +12,13 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, Literal
 
 from aiohttp import WebSocketError, WSMsgType, web
 from robotether_common.ros import full_name
 
 from robotether_server.contract.routes import AppTopic, LiveApp
+from robotether_server.db.fleet import AuditEntry
 from robotether_server.problems import HttpError, TokenInvalidError
 from robotether_server.relay.auth.access import Access, credential_in, request_of
 from robotether_server.relay.auth.credentials import Credentials
@@ -44,19 +45,47 @@ from robotether_server.relay.http.sockets import (
     OperatorSocket,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits, RateLimiter
+from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
+from robotether_server.times import utc_now
 
 PATH = "/apps/{name:[a-z0-9-]{1,63}}/ros"
 # Maximum number of a user's apps, and of an app's topics either way.
 MAX_APPS, MAX_TOPICS = 8, 32
 MAX_TYPE_LENGTH = 255
-# Maximum size of a message either way, and rate of an app's messages; large ones count more than once.
 MAX_MESSAGE_BYTES = 256 * 1024
+# Maximum rate of messages of all apps of a user; large ones count more than once.
 MAX_MESSAGES_PER_S = 1000
+# Maximum number of times that apps of a user connect in a row.
+MAX_CONNECTS_AT_ONCE, CONNECT_EVERY_S = 20, 3.0
+# Time for which it is known what a user without apps has used of these.
+QUOTA_KEPT_S = 60.0
 CLOCK_SYNC = "robotether.clock_sync"
 
 # A user, by id, and the app's name.
 AppKey = tuple[int, str]
+
+
+class AppQuota:
+    """What all apps of a user may use together; it outlives their connections."""
+
+    def __init__(self) -> None:
+        now = self.used_s = time.monotonic()
+        self._messages = RateLimiter(now, per_s=MAX_MESSAGES_PER_S, at_once=MAX_MESSAGES_PER_S)
+        self._excess = Excess(now, per_s=MAX_MESSAGES_PER_S, for_s=FLOOD_AFTER_S)
+        self._connects = RateLimiter(now, per_s=1 / CONNECT_EVERY_S, at_once=MAX_CONNECTS_AT_ONCE)
+
+    def connect(self) -> bool:
+        """Count a connection; return whether it may be."""
+        self.used_s = time.monotonic()
+        return self._connects.allow(self.used_s)
+
+    def message(self, now: float, cost: int) -> Literal["read", "refused", "flood"]:
+        """Count a message; return what becomes of it; who sends a flood has gone on with too many for too long."""
+        self.used_s = now
+        if self._messages.allow(now, cost):
+            return "read"
+        return "flood" if self._excess.add(now, cost) else "refused"
 
 
 class App(OperatorConnection):
@@ -65,14 +94,17 @@ class App(OperatorConnection):
     def __init__(
         self,
         key: AppKey,
-        address: str | None,
+        quota: AppQuota,
         socket: OperatorSocket,
         limits: LivenessLimits,
         turns: PieceTurns,
+        *,
+        address: str | None,
     ) -> None:
         super().__init__(f"app {key[1]}")
         self.key = key
         self.address = address
+        self._quota = quota
         self._socket = socket
         self._limits = limits
         self._turns = turns
@@ -84,10 +116,7 @@ class App(OperatorConnection):
         self._sources: dict[int, RouteSource] = {}
         self._due = asyncio.Event()
         self._timestamps = CommandTimestamps(self._received_s)
-        now = self._received_s
-        self._messages = RateLimiter(now, per_s=MAX_MESSAGES_PER_S, at_once=MAX_MESSAGES_PER_S)
-        self._answers = RateLimiter(now, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
-        self._excess = Excess(now, per_s=MAX_MESSAGES_PER_S, for_s=FLOOD_AFTER_S)
+        self._answers = RateLimiter(self._received_s, per_s=ANSWERS_PER_S, at_once=ANSWERS_PER_S)
 
     def describe(self) -> LiveApp:
         """Describe it as it is now."""
@@ -134,6 +163,11 @@ class App(OperatorConnection):
             )
         )
 
+    async def close_reason_of_gone(self) -> CloseReason:
+        """Return why a connection that is gone ended, also by a close frame that its handler has not read."""
+        has_left = await self._socket.goodbye_code() is not None
+        return (close_reasons.client_left if has_left else close_reasons.client_vanished)(self.name)
+
     async def _receive_all(self) -> CloseReason:
         count = 0
         while True:
@@ -147,20 +181,19 @@ class App(OperatorConnection):
             if message.type not in PASSED_ON:
                 return close_reasons.client_vanished(self.name)
             # Before any of it is read.
-            cost = message_cost(message.data)
-            is_allowed = self._messages.allow(self._received_s, cost)
-            if not is_allowed and self._excess.add(self._received_s, cost):
-                return CloseReason("client_floods", f"{self.name} sent too much for too long")
+            verdict = self._quota.message(self._received_s, message_cost(message.data))
+            if verdict == "flood":
+                return CloseReason("client_floods", "your apps sent too much for too long")
             if message.type is WSMsgType.PONG:
                 self._timestamps.pong(message.data)
             elif message.type is WSMsgType.PING:
                 await self._socket.pong(message.data)
-            elif (answer := self._receive(message.data, is_allowed=is_allowed)) is not None:
+            elif (answer := self._receive(message.data, verdict)) is not None:
                 await self._send(answer)
 
-    def _receive(self, data: bytes, *, is_allowed: bool) -> bytes | None:
+    def _receive(self, data: bytes, verdict: str) -> bytes | None:
         """Do as a message says; return what tells the app that it is refused, or answers its clock sync."""
-        if not is_allowed:
+        if verdict == "refused":
             return self._refusal(TOO_MANY)
         try:
             message = read_json(data)
@@ -287,14 +320,18 @@ class Apps:
         self,
         access: Access,
         credentials: Credentials,
+        event_writer: EventWriter,
         limits: LivenessLimits,
         turns: PieceTurns,
     ) -> None:
         self._access = access
         self._credentials = credentials
+        self._event_writer = event_writer
         self._limits = limits
         self._turns = turns
         self._apps: dict[AppKey, App] = {}
+        # By user.
+        self._quotas: dict[int, AppQuota] = {}
         self._listener: Callable[[], None] = lambda: None
 
     def listen(self, listener: Callable[[], None]) -> None:
@@ -329,6 +366,9 @@ class Apps:
         access_request = request_of(request.headers, request.cookies, request.query)
         ticket = self._access.for_app(access_request, request.match_info["name"])
         key = (ticket.user_id, ticket.robot)
+        quota = self._quota(ticket.user_id)
+        if not quota.connect():
+            raise HttpError(429, f"cannot connect app {key[1]}: your apps connect too often")
         # It may drive from its first message on, and `held` alone would let it for a second.
         if not await self._credentials.holds(credential_in(ticket)):
             raise TokenInvalidError(f"cannot connect app {key[1]}: your login or token has ended")
@@ -338,16 +378,46 @@ class Apps:
             raise HttpError(429, f"cannot connect app {key[1]}: you have {MAX_APPS} connected")
         socket = OperatorSocket(MAX_MESSAGE_BYTES)
         address = request.headers.get("X-Forwarded-For")
-        app = App(key, address, socket, self._limits, self._turns)
+        app = App(key, quota, socket, self._limits, self._turns, address=address)
         ended = CloseReason("rights_ended", "your login or token has ended")
         self._apps[key] = app
         try:
             with self._credentials.held(credential_in(ticket), partial(app.end, ended)):
                 await socket.open(request)
                 self._listener()
-                close_reason = await app.run()
+                close_reason = await self._run(app, ticket.user)
         finally:
             del self._apps[key]
             self._listener()
         await socket.finish(close_reason)
         return socket
+
+    async def _run(self, app: App, user: str) -> CloseReason:
+        """Run an app between its two lines of the audit log."""
+        self._audit(app, user, "app_connected")
+        begun_s, close_reason = time.monotonic(), close_reasons.client_vanished(app.name)
+        try:
+            close_reason = await app.run()
+        except asyncio.CancelledError:
+            close_reason = await app.close_reason_of_gone()
+            raise
+        finally:
+            lasted_s = round(time.monotonic() - begun_s, 1)
+            end = {"end_code": close_reason.name, "lasted_s": lasted_s}
+            self._audit(app, user, "app_disconnected", **end)
+        return close_reason
+
+    def _audit(self, app: App, user: str, kind: str, **details: object) -> None:
+        self._event_writer.add(
+            AuditEntry(utc_now(), user, kind, None, app.address, {"app": app.key[1], **details})
+        )
+
+    def _quota(self, user_id: int) -> AppQuota:
+        """Return a user's quota; those that nobody needs any more are forgotten."""
+        since_s = time.monotonic() - QUOTA_KEPT_S
+        self._quotas = {
+            each: quota
+            for each, quota in self._quotas.items()
+            if quota.used_s > since_s or self.of_user(each)
+        }
+        return self._quotas.setdefault(user_id, AppQuota())

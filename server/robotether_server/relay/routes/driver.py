@@ -125,7 +125,7 @@ class RouteDriver(OperatorConnection):
             if any(map(self._begins, self._sources.values())):
                 self.is_waiting = False
                 return None
-            await self._woken()
+            await self._wait_until_due()
         return self._ended.result()
 
     def _begins(self, source: RouteSource) -> bool:
@@ -134,7 +134,7 @@ class RouteDriver(OperatorConnection):
             return True
         now_s = time.monotonic()
         message = source.take(now_s) if source.due_in_s(now_s) == 0.0 else None
-        checked = None if message is None else self._checked(source, message)
+        checked = None if message is None else self._validate(source, message)
         if message is None or checked is None:
             return False
         if checked.drive is not None and self._is_held(source, checked.drive, now_s):
@@ -191,13 +191,13 @@ class RouteDriver(OperatorConnection):
 
     async def _publish_due(self, robot: RobotSocket) -> CloseReason:
         while True:
-            await self._woken()
+            await self._wait_until_due()
             await self._give_up(robot)
             for source in list(self._sources.values()):
                 if self._is_due(robot, source):
                     await self._publish_newest(robot, source)
 
-    async def _woken(self) -> None:
+    async def _wait_until_due(self) -> None:
         """Wait until a message may be due, or something else changed."""
         now_s = time.monotonic()
         waits_s = [source.due_in_s(now_s) for source in self._sources.values()]
@@ -220,7 +220,7 @@ class RouteDriver(OperatorConnection):
 
     async def _publish_newest(self, robot: RobotSocket, source: RouteSource) -> None:
         message = source.take(time.monotonic())
-        checked = None if message is None else self._checked(source, message)
+        checked = None if message is None else self._validate(source, message)
         if message is None or checked is None or self._drive is None:
             return
         if not source.is_advertised and not await self._advertise(robot, source):
@@ -234,7 +234,7 @@ class RouteDriver(OperatorConnection):
         else:
             await self._submit(self._drive, source, checked.drive)
 
-    def _checked(self, source: RouteSource, message: SourceMessage) -> ValidatedMessage | None:
+    def _validate(self, source: RouteSource, message: SourceMessage) -> ValidatedMessage | None:
         """Write a message for the robot; None: it may not go there, as the route says."""
         if len(message.data) > self._max_bytes:
             source.problem = f"the message has over {self._max_bytes >> 10} KB, the target's limit"
@@ -245,9 +245,11 @@ class RouteDriver(OperatorConnection):
         fields: dict[str, object] = {"op": "publish", **_name_of(source), "msg": content}
         if message.since_s is not None:
             fields[STAMP] = {"t_ms": message.since_s * 1000}
-        return self._check(source, fields)
+        return self._validate_fields(source, fields)
 
-    def _check(self, source: RouteSource, fields: dict[str, object]) -> ValidatedMessage | None:
+    def _validate_fields(
+        self, source: RouteSource, fields: dict[str, object]
+    ) -> ValidatedMessage | None:
         try:
             return self._validator.check(write_json(fields))
         except MessageRefusedError as refused:
@@ -258,7 +260,7 @@ class RouteDriver(OperatorConnection):
     async def _advertise(self, robot: RobotSocket, source: RouteSource) -> bool:
         """Return whether the robot may be told of the topic, and is."""
         fields = {"op": "advertise", **_name_of(source), "type": source.route.type}
-        if (checked := self._check(source, fields)) is None:
+        if (checked := self._validate_fields(source, fields)) is None:
             return False
         await self._send_checked(robot, checked)
         source.is_advertised = True

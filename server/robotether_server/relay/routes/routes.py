@@ -28,6 +28,7 @@ from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.robot import Change
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.routes.apps import App, Apps
@@ -360,6 +361,8 @@ class RouteRunner:
             return LiveRoute(route.id, "waits", 0.0, why)
         for app in (route.source_app, route.target_app):
             if app is not None and self._app(route, app) is None:
+                if route.target_app is not None and peers.count():
+                    return LiveRoute(route.id, "elsewhere")
                 where = " to this machine of the site" if peers.count() else ""
                 return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected{where}")
         return None

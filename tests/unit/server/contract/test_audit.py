@@ -46,6 +46,10 @@ def event(kind, robot=None, **details):
         ),
         (event("drive_ended", "sim1"), "stopped driving sim1"),
         (
+            event("app_disconnected", app="joy", end_code="client_vanished", lasted_s=8.0),
+            "disconnected app joy after 8 s (app's connection lost)",
+        ),
+        (
             event("operations_refused", "sim1", topic=3, rate=12),
             "sent sim1 what is not allowed: 15 messages blocked",
         ),

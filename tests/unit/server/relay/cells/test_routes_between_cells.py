@@ -3,13 +3,14 @@
 import asyncio
 import json
 import time
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import aiohttp
 import pytest
 import pytest_asyncio
 from fake_robot import HOST, FakeRobot
-from relay_server import until
+from relay_server import EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.routes import cell_sources
@@ -166,3 +167,50 @@ async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world
         with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
             await http.ws_connect(url, headers=headers)
         assert refused.value.status == status
+
+
+async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_database, http):
+    """At another cell it keeps nobody from the robot; once the robot is there, it drives."""
+    for cell in (world.a, world.b):
+        cell.database.routes = [replace(FOLLOW, source_id=None, source_app="joy")]
+    url = world.b.server.app_url("joy", EVE)
+    async with http.ws_connect(url) as app:
+        await app.send_json({"op": "advertise", "topic": "/cmd_vel", "type": FOLLOW.type})
+        elsewhere = "app joy is here, and the robot at another machine of the site"
+        await until(lambda: world.live(world.b) == {1: ("waits", elsewhere)}, "b says so")
+        away = "app joy is not connected to this machine of the site"
+        await until(lambda: world.live(world.a) == {1: ("waits", away)}, "a says so")
+        await _publish_for(app, 0.5)
+        assert world.a.relay.control.describe(TARGET).driver is None
+        assert world.published() == []
+        await world.target._close_ports()
+        world.target = await world.b.robot(memory_database.robots[TARGET], epoch=2)
+        async with asyncio.timeout(10):
+            while not world.published():
+                await _publish_for(app, 0.05)
+        assert world.b.relay.control.describe(TARGET).driver.user == "eve (route)"
+
+
+async def test_an_app_gets_what_a_robot_of_another_cell_sends(world, http):
+    """The cell without the app does not say whether it runs."""
+    for cell in (world.a, world.b):
+        cell.database.routes = [replace(FOLLOW, target_id=None, target_app="joy")]
+    async with http.ws_connect(world.a.server.app_url("joy", EVE)) as app:
+        await app.send_json({"op": "subscribe", "topic": "/cmd_vel", "type": FOLLOW.type})
+        async with asyncio.timeout(10):
+            received = asyncio.create_task(app.receive_json())
+            while not received.done():
+                await world.send()
+                await asyncio.sleep(0.05)
+        assert received.result()["msg"] == {"linear": {"x": 0.5}}
+        await until(lambda: world.live(world.a) == {1: ("runs", "")}, "it runs")
+        assert world.live(world.b) == {1: ("elsewhere", "")}
+
+
+async def _publish_for(app, time_s):
+    end_s = time.monotonic() + time_s
+    while time.monotonic() < end_s:
+        halt = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.0}}}
+        await app.send_json(halt)
+        with suppress(TimeoutError):
+            await app.receive(timeout=0.02)

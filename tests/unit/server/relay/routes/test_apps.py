@@ -11,8 +11,9 @@ import aiohttp
 import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
+from relay_clients import audit_lines
 from relay_server import BEN, EVE, until
-from robotether_common.ros import Globs
+from robotether_server.db.control import DriveEntry
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.routes import apps, driver
 from robotether_server.relay.routes import routes as relay_routes
@@ -98,6 +99,13 @@ async def publish_until(socket, condition, *commands):
                 await socket.receive(timeout=0.02)
 
 
+async def answer_pings_until(socket, condition):
+    async with asyncio.timeout(10):
+        while not condition():
+            with suppress(TimeoutError):
+                await socket.receive(timeout=0.02)
+
+
 async def closed_with(socket):
     """Return the code with which the relay closes an app, and what it sent before."""
     answers = []
@@ -172,11 +180,12 @@ async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
 
 async def test_one_message_begins_the_lease_and_arrives(world, connect):
     """Such as a goal, of which a page makes one when somebody presses."""
-    world.database.routes = [replace(STEER, target_topic="/goal_pose")]
+    world.database.routes = [replace(STEER, id=2, target_topic="/goal_pose")]
+    await until(lambda: [each.id for each in world.relay.relay.routes.live(5)] == [2], "known")
     socket = await connect(OFFER)
-    await until(lambda: "nothing" in world.live()[1], "it waits")
+    await answer_pings_until(socket, lambda: "nothing" in world.live()[1])
     await socket.send_json(MOVE)
-    await until(world.published, "it has come")
+    await answer_pings_until(socket, world.published)
     assert world.published()[0]["topic"] == "/goal_pose"
 
 
@@ -184,11 +193,11 @@ async def test_other_settings_of_a_robot_count_for_an_app_that_waits(world, conn
     """It began to wait before they did."""
     socket = await connect(OFFER)
     await until(lambda: "nothing" in world.live()[1], "it waits")
-    hidden = robot_settings.parse({"policy": {"manage": {"publish": ["/chatter"]}}})
-    guard = replace(hidden.guard, drive_topics=Globs(("/elsewhere",)))
-    settings = replace(hidden, guard=guard)
-    sim1 = world.database.robots[SIM1]
-    world.database.robots = {SIM1: replace(sim1, settings=settings)}
+    other = {"policy": {"manage": {"publish": []}}, "guard": {"drive_topics": ["/elsewhere"]}}
+    sim1 = replace(world.database.robots[SIM1], settings=robot_settings.parse(other))
+    world.database.robots = {SIM1: sim1}
+    state = world.relay.relay.fleet.state
+    await until(lambda: state().robots[SIM1] == sim1, "the relay knows them")
     await publish_until(socket, lambda: "policy" in world.live()[1], HALT)
     assert world.published() == []
     assert world.driver() is None
@@ -208,6 +217,29 @@ async def test_an_app_that_comes_and_goes_begins_no_lease_after_the_other(
             await socket.send_json(HALT)
             await asyncio.sleep(0.02)
     assert world.database.fences == {SIM1: 1}
+
+
+async def test_an_app_and_what_it_drives_are_in_the_audit_log(world, connect):
+    """With its user and from where it connects."""
+    address = "192.0.2.7"
+    socket = await connect(OFFER, headers={"X-Forwarded-For": address})
+    await publish_until(socket, world.published)
+    await socket.close()
+
+    def lines():
+        return {line.kind: line for line in audit_lines(world.database)}
+
+    await until(lambda: {"drive_ended", "app_disconnected"} <= set(lines()), "they are written")
+    assert {kind: (line.actor, line.address) for kind, line in lines().items()} == {
+        "app_connected": ("eve", address),
+        "app_disconnected": ("eve", address),
+        "drive_started": ("eve (route)", address),
+        "drive_ended": ("eve (route)", address),
+    }
+    assert lines()["app_connected"].details == {"app": "joy"}
+    assert lines()["app_disconnected"].details["end_code"] == "client_left"
+    [drive] = {each.address for each in world.database.written if isinstance(each, DriveEntry)}
+    assert drive == address
 
 
 async def test_a_stop_ends_a_route_of_an_app(world, connect):
@@ -328,6 +360,42 @@ async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, e
     assert code == 1008
     assert all("too many" in answer for answer in answers)
     assert len(answers) <= 20
+
+
+async def test_all_apps_of_a_user_may_send_as_much_as_one(connect, monkeypatch):
+    """What is more is not read, and refused with the reason; another user's are none of them."""
+    monkeypatch.setattr(apps, "MAX_MESSAGES_PER_S", 50)
+    monkeypatch.setattr(apps, "FLOOD_AFTER_S", 60)
+    flooding, other = await connect(), await connect(name="other")
+    bens = await connect(user=BEN)
+
+    async def flood():
+        while True:
+            await flooding.send_json(MOVE)
+            await asyncio.sleep(0.001)
+
+    async def answer_of(socket):
+        await asyncio.sleep(0.02)
+        await socket.send_json(MOVE)
+        return (await socket.receive_json(timeout=5))["msg"]
+
+    task = asyncio.create_task(flood())
+    async with asyncio.timeout(10):
+        while "too many" not in await answer_of(other):
+            pass
+    for _ in range(3):
+        assert "advertise it first" in await answer_of(bens)
+    task.cancel()
+
+
+async def test_apps_of_a_user_connect_only_so_often(connect, monkeypatch):
+    monkeypatch.setattr(apps, "MAX_CONNECTS_AT_ONCE", 2)
+    for _ in range(2):
+        await (await connect()).close()
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await connect(name="other")
+    assert refused.value.status == 429
+    await connect(user=BEN)
 
 
 async def test_a_message_over_the_limit_closes_an_app(connect):
