@@ -7,6 +7,7 @@ all frames and makes a JPEG of the newest alone; what falls behind the camera en
 from __future__ import annotations
 
 import logging
+import re
 import sys
 import threading
 import time
@@ -52,21 +53,21 @@ class RedirectRefusal(logging.Handler):
 
     def __init__(self, url: str, newest: NewestFrame) -> None:
         super().__init__()
-        self._host = urlsplit(url).hostname
+        host = urlsplit(url).hostname or ""
+        name = re.escape(f"[{host}]" if ":" in host else host)
+        # All up to the path, and no long login: a line of the log ends after 1023 bytes, which may be before the host.
+        self._same = re.compile(
+            rf"rtsp://([^/?#@]{{,100}}@)?{name}(:[0-9]{{1,5}})?(/|$)", re.IGNORECASE
+        )
         self._newest = newest
 
     def emit(self, record: logging.LogRecord) -> None:
         """Let FFmpeg go on, or not."""
         _, redirects, target = record.getMessage().partition(REDIRECTS)
-        if redirects and not self._is_same(target.strip()):
+        if redirects and not self._same.match(target.strip()):
             self._newest.end(CameraFailedError("it redirects to another host"))
             # For ever: FFmpeg connects when this returns.
             threading.Event().wait()
-
-    def _is_same(self, target: str) -> bool:
-        with suppress(ValueError):
-            return urlsplit(target).hostname == self._host
-        return False
 
 
 def refuse_redirects(url: str, newest: NewestFrame) -> None:

@@ -59,6 +59,8 @@ async def test_an_rtsp_camera_gives_its_newest_frames_as_jpegs():
         ("redirects", "rtsp://localhost:{port}/"),
         ("redirects", "rtsp://127.0.0.1@localhost:{port}/"),
         ("redirects", "rtsp://[::1]:{port}/"),
+        # Longer than a line of FFmpeg's log.
+        ("redirects", f"rtsp://127.0.0.1:{'0' * 1100}@localhost:{{port}}/"),
         ("describes", "http://127.0.0.1:{port}/"),
         ("describes", "rtsp://localhost:{port}/"),
     ],
