@@ -37,6 +37,7 @@ from robotether_agent.video.sources import (
     SourceRequest,
     Sources,
     SourceSettings,
+    camera_http,
 )
 
 ADDRESS = "127.0.0.1"
@@ -79,7 +80,7 @@ class FramesService:
 
     async def start(self) -> int:
         """Listen, and return the port, which the kernel chooses."""
-        self._http = aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0))
+        self._http = camera_http()
         self._sources = Sources(self._http, self._source_settings, self._graph)
         self._shared_sources = SharedSources(self._sources.run, answered=self._sources.answered)
         app = web.Application(middlewares=[_one_answer])

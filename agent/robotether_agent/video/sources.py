@@ -130,6 +130,10 @@ class NotJpegError(SourceDownError):
     """A camera's compressed images are no JPEGs."""
 
 
+class CameraRedirectError(DetailError, aiohttp.ClientError):
+    """A camera redirects to another host, which may be inside a network."""
+
+
 OnFrame = Callable[[CameraFrame], None]
 OnKind = Callable[[Source], None]
 
@@ -143,6 +147,23 @@ class SourceSettings:
     source: str = "auto"
     # URLs by name; they may contain a login.
     cameras: Mapping[str, str] = field(default_factory=dict, repr=False)
+
+
+def camera_http() -> aiohttp.ClientSession:
+    """Return the session that reads cameras; it follows no redirect to another host."""
+    trace = aiohttp.TraceConfig()
+    trace.on_request_redirect.append(_check_redirect)
+    return aiohttp.ClientSession(connector=aiohttp.TCPConnector(limit=0), trace_configs=[trace])
+
+
+async def _check_redirect(
+    _client: object, _context: object, redirect: aiohttp.TraceRequestRedirectParams
+) -> None:
+    answer = redirect.response
+    target = answer.headers.get("Location") or answer.headers.get("URI") or ""
+    if answer.url.join(URL(target)).host != answer.url.host:
+        answer.close()
+        raise CameraRedirectError("it redirects to another host")
 
 
 def cameras_by_rosbridge(own: Mapping[str, str]) -> list[str]:
@@ -392,7 +413,7 @@ async def run_mjpeg(
         raise SourceDownError(f"{what} does not answer: {reason}", answers=False) from error
     except aiohttp.ServerTimeoutError as error:
         raise SourceDownError(end or f"{what} sent no frame for {stall_s:g} s") from error
-    except (FramesLateError, MultipartBrokenError) as error:
+    except (FramesLateError, MultipartBrokenError, CameraRedirectError) as error:
         raise SourceDownError(f"{what} cannot be shown: {error}") from error
     except (aiohttp.ClientError, OSError, ValueError, asyncio.TimeoutError) as error:
         raise SourceDownError(f"{what} ended: {describe_error(error, stall_s)}") from error

@@ -52,6 +52,8 @@ class FakeVideoServer(WebService):
         self.content_type = "image/jpeg"
         # Sent in place of a JPEG.
         self.picture: bytes | None = None
+        # Where it leads whoever asks for a stream; empty: nowhere.
+        self.redirects_to = ""
         self.asked: list[dict[str, str]] = []
         self.open = 0
         self.open_most = 0
@@ -81,6 +83,8 @@ class FakeVideoServer(WebService):
 
     async def _stream(self, request: web.Request) -> web.StreamResponse:
         self.asked.append(dict(request.query))
+        if self.redirects_to:
+            raise web.HTTPFound(self.redirects_to)
         if self.mode == "refuses":
             return web.Response(status=500)
         kind = "text/html" if self.mode == "lists" else "multipart/x-mixed-replace;boundary=--b"

@@ -28,6 +28,7 @@ from robotether_agent.video.sources import (
     SourceRequest,
     Sources,
     SourceSettings,
+    camera_http,
     stream_url,
 )
 from robotether_agent.video.timestamps import (
@@ -98,7 +99,7 @@ class Taken:
 
 @pytest.fixture
 async def http() -> AsyncIterator[aiohttp.ClientSession]:
-    async with aiohttp.ClientSession() as session:
+    async with camera_http() as session:
         yield session
 
 
@@ -211,6 +212,19 @@ async def test_a_camera_of_the_settings_without_frames_tells_why(run, monkeypatc
         given = source_settings(rear=f"{camera.url}/stream")
         running, _ = run(given, SourceRequest("rear", 0, None, None, 15))
         await fails(running, f"camera rear .*{why}")
+
+
+@pytest.mark.parametrize(("host", "is_followed"), [("127.0.0.1", True), ("localhost", False)])
+async def test_a_camera_redirects_to_its_own_host_alone(run, host, is_followed):
+    async with FakeVideoServer() as other, FakeVideoServer() as camera:
+        camera.redirects_to = f"{other.url}/stream".replace("127.0.0.1", host)
+        given = source_settings(rear=f"{camera.url}/stream")
+        running, taken = run(given, SourceRequest("rear", 0, None, None, 15))
+        if is_followed:
+            await eventually(taken.some(), taken.told)
+        else:
+            await fails(running, "camera rear cannot be shown: it redirects to another host")
+        assert bool(other.asked) == is_followed
 
 
 async def test_an_error_tells_no_password(run):
