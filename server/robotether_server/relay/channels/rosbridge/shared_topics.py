@@ -157,7 +157,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self._dated_for: set[TopicClient] = set()
         # Of another copy, at another time or another cell, no message has the same.
         self._name = secrets.token_hex(8)
-        self._count = 0
+        self.message_count = 0
         self._clock = asyncio.get_running_loop().time
 
     def on_ready(self) -> None:
@@ -216,14 +216,16 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
-        self._count += 1
+        self.message_count += 1
         self.is_unkept = not self._has_room(len(message))
         if self.is_unkept:
             # An older one must not pass for the newest.
             remembered.clear()
             self._remembered_bytes = 0
             return
-        remembered.append(ReceivedMessage(message, kind, self._clock(), self._name, self._count))
+        remembered.append(
+            ReceivedMessage(message, kind, self._clock(), self._name, self.message_count)
+        )
         self._remembered_bytes += len(message)
         while len(remembered) > MAX_KNOWN or (
             self._remembered_bytes > MAX_REMEMBERED_BYTES and len(remembered) > 1

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import re
 import time
 from collections.abc import Collection
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
-from aiohttp import ClientError, WSMsgType
+from aiohttp import ClientError, WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.topics import KNOWN, KNOWN_OP, MAX_KNOWN, PATH
 
@@ -38,8 +39,12 @@ from robotether_server.times import delays
 log = logging.getLogger(__name__)
 
 FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
-# Time after which a connection counts as stable.
-STEADY_S = 10.0
+# Time after which a connection counts as stable, and one on which no message came: it may break at the first one each
+# time, which takes long on a narrow line.
+STEADY_S, SILENT_STEADY_S = 10.0, 600.0
+# aiohttp's words for a message over the limit, which it refuses by the size that is announced.
+ANNOUNCED = re.compile(r"Message size (\d+)")
+MEGABYTE = 1024 * 1024
 # Interval between pings that bound the age of messages: an age is at most this and a round trip too high.
 DATED_EVERY_S = 0.1
 # Time limit for what a robot repeats to a newcomer.
@@ -70,7 +75,7 @@ class TopicLinks:
         """Bring a topic's messages until this is cancelled."""
         pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
         while True:
-            opened_s = time.monotonic()
+            opened_s, came = time.monotonic(), topic.message_count
             try:
                 why = await self._bring(topic)
             except ConnectionClosedError as closed:
@@ -79,7 +84,8 @@ class TopicLinks:
                 why = "the connection broke"
             topic.on_failed(why)
             log.info("robot %s: topic %s: %s", topic.robot.name, topic.key.topic, why)
-            if time.monotonic() - opened_s > STEADY_S:
+            steady_s = STEADY_S if topic.message_count > came else SILENT_STEADY_S
+            if time.monotonic() - opened_s > steady_s:
                 pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
             await asyncio.sleep(next(pauses))
 
@@ -137,8 +143,18 @@ class TopicLinks:
                 topic.on_message(message.data, message.type)
             elif message.type is WSMsgType.CLOSE:
                 return own_words(message.extra) or "rosbridge ended the subscription"
+            elif isinstance(message.data, WebSocketError):
+                return self._why_refused(message.data)
             else:
                 return "the connection broke"
+
+    def _why_refused(self, error: WebSocketError) -> str:
+        """Return why nobody reads what came."""
+        if error.code != WSCloseCode.MESSAGE_TOO_BIG:
+            return "the robot broke the WebSocket protocol"
+        size, limit = ANNOUNCED.search(str(error)), f"{self.message_limit / MEGABYTE:g} MB"
+        words = f"{int(size[1]) / MEGABYTE:.1f} MB, " if size else ""
+        return f"a message has {words}over {limit} (MESSAGE_LIMIT_MB)"
 
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
         unknown = close_reasons.topics_unknown(topic.robot.name)

@@ -3,12 +3,14 @@
 import asyncio
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import aiohttp
+import pytest
 import pytest_asyncio
 from relay_clients import closing
-from relay_server import until
-from robotether_server.relay.channels.rosbridge import held_messages
+from relay_server import MESSAGE_LIMIT, until
+from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_LARGE_BYTES,
@@ -137,6 +139,42 @@ async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
 
     topic = SharedTopic(sim1, TopicRequest("/odom"))
     assert await TopicLinks(Dialer(), 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
+
+
+async def test_a_message_over_the_limit_is_refused_with_its_size(robot, observe):
+    socket = await observe({**ODOM, "id": "s"})
+    await until(lambda: subscribed(robot), "the robot has a subscription")
+    await robot.send_to_topics(b"x" * (MESSAGE_LIMIT * 5 // 4))
+    while (answer := json.loads(await socket.receive_str(timeout=5)))["op"] != "status":
+        pass
+    why = "a message has 12.5 MB, over 10 MB (MESSAGE_LIMIT_MB)"
+    assert answer["msg"] == f"cannot subscribe to /odom: {why}"
+
+
+@pytest.mark.parametrize(("brings", "pauses"), [(True, [0.2] * 4), (False, [0.2, 0.4, 0.8, 1.6])])
+async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
+    sim1, monkeypatch, brings, pauses
+):
+    """A message that takes longer than a connection lasts would fill the line for ever."""
+    now, paused = [0.0], []
+
+    async def pause(pause_s):
+        paused.append(pause_s)
+        if len(paused) == len(pauses):
+            raise asyncio.CancelledError
+
+    class BreakingLinks(TopicLinks):
+        async def _bring(self, topic):
+            now[0] += 60
+            if brings:
+                topic.on_message(b"news", aiohttp.WSMsgType.TEXT)
+            return "it broke"
+
+    monkeypatch.setattr(topic_link, "time", SimpleNamespace(monotonic=lambda: now[0]))
+    monkeypatch.setattr(topic_link, "asyncio", SimpleNamespace(sleep=pause))
+    with pytest.raises(asyncio.CancelledError):
+        await BreakingLinks(None, 1024, b"").run(SharedTopic(sim1, TopicRequest("/odom")))
+    assert paused == pauses
 
 
 async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
