@@ -1,7 +1,8 @@
 // robotether-client: a robot behind Robotether, for pages of others (docs/reference/client.md). Bundled into
 // dist/robotether-client.js; the drive page is made of the same parts.
 
-import { DecoderChoice, FrameDecoder, jpegBlob } from "../decoders/frameDecoder.js";
+import { DecoderChoice, FrameDecoder } from "../decoders/frameDecoder.js";
+import { jpegBlob } from "../decoders/jpeg.js";
 import { reasons } from "../texts/common.js";
 import { Api, TicketRefused, credentials, framesUrl, requestTicket, rosUrl, streamUrl, ticketBy } from "./api.js";
 import { App } from "./app.js";

@@ -1,6 +1,7 @@
 // Decodes a camera's frames of any codec, and goes over to the next decoder where one fails: shared by the drive page and, through
 // client/index.js, by pages of others.
 
+import { jpegBlob } from "./jpeg.js";
 import { KeyFrameMissingError, StreamDecoder } from "./streamDecoder.js";
 
 // Their codec strings, to ask the browser: H.264 in Main profile up to 1080p.
@@ -117,5 +118,3 @@ export class FrameDecoder {
     decoder?.close();
   }
 }
-
-export const jpegBlob = (data) => new Blob([data], { type: "image/jpeg" });

@@ -1,6 +1,7 @@
 // A robot's snapshot on the fleet page: taken again while it is on the screen, and let go when it is not.
 
 import { readRefusal, snapshotUrl } from "../client/api.js";
+import { jpegBlob } from "../decoders/jpeg.js";
 import { localTime, part, setText } from "../dom/page.js";
 import { because } from "../texts/common.js";
 import { thumb as texts } from "../texts/fleet.js";
@@ -158,7 +159,7 @@ export class Queue {
 /** @returns {Promise<any>} */
 export async function fetchSnapshot(robot, topic, signal) {
   const answer = await fetch(snapshotUrl(robot, topic ? { topic, ...SIZE } : SIZE), { signal, cache: "no-store" });
-  if (answer.ok) return { blob: await answer.blob() };
+  if (answer.ok) return { blob: jpegBlob(new Uint8Array(await answer.arrayBuffer())) };
   const { code, detail } = await readRefusal(answer);
   return { problem: PROBLEMS[code] ?? "failed", detail };
 }

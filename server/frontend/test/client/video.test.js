@@ -3,7 +3,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
 import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
-import { FakeVideoDecoder, H264_KEY } from "../decoders/fakes.js";
+import { FakeVideoDecoder, H264_KEY, JPEG } from "../decoders/fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
 let sockets;
@@ -48,7 +48,7 @@ test("video is shown on a canvas or in an <img>, and nowhere else", async () => 
     await settle();
     sockets.at(-1).open();
     sockets.at(-1).answerClockSync(0);
-    sockets.at(-1).frame({ timestampMs: performance.now() });
+    sockets.at(-1).frame({ timestampMs: performance.now(), data: [...JPEG] });
     await settle();
     assert.ok(stream.ageMs >= 0);
     stream.stop();
@@ -112,7 +112,7 @@ test("commands name the frames of the cameras that are shown, else of the last o
     await settle();
     sockets.at(-1).open();
     sockets.at(-1).answerClockSync(0);
-    sockets.at(-1).frame({ sequence, timestampMs: performance.now() });
+    sockets.at(-1).frame({ sequence, timestampMs: performance.now(), data: [...JPEG] });
     await settle();
   }
   const [front, rear] = [

@@ -2,8 +2,9 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { DecoderChoice, FrameDecoder, afterFailure } from "../../src/decoders/frameDecoder.js";
+import { jpegBlob, jpegSize } from "../../src/decoders/jpeg.js";
 import { formatOf } from "../../src/decoders/keyFrames.js";
-import { FakeVideoDecoder, H264_KEY, HUGE_KEY, bytes } from "./fakes.js";
+import { FakeVideoDecoder, H264_KEY, HUGE_KEY, JPEG, bytes } from "./fakes.js";
 
 // As libx264 and libvpx begin their key frames.
 const HIGH = "000000016764001facb200a00b7420000003002000000791e3064900000001";
@@ -25,6 +26,25 @@ for (const [name, codec, data, expected] of [
     assert.deepEqual(format && [format.codec, format.width, format.height], expected);
   });
 }
+
+const FRAME = "ffc0000b0801e00280"; // 640 x 480
+
+for (const [name, data, expected] of [
+  ["plain", JPEG, { width: 640, height: 480 }],
+  ["progressive, after a table", bytes(`ffd8ffc400040000${FRAME.replace("c0", "c2")}`), { width: 640, height: 480 }],
+  ["after filling, a lone marker and what is none", bytes(`ffd8ffffffd00a0bff00${FRAME}`), { width: 640, height: 480 }],
+  ["without a frame", bytes(`ffd8ffda0002${FRAME}`), null],
+  ["cut off", JPEG.subarray(0, -1), null],
+  ["of another kind", bytes("89504e470d0a1a0a0000000d49484452"), null],
+]) {
+  test(`a JPEG says its size: ${name}`, () => assert.deepEqual(jpegSize(data), expected));
+}
+
+test("what would decode to gigabytes, or is no JPEG, is refused before", () => {
+  assert.equal(jpegBlob(JPEG).type, "image/jpeg");
+  assert.throws(() => jpegBlob(bytes("ffd8ffc0000b084e204e20")), /20000x20000/);
+  assert.throws(() => jpegBlob(bytes("89504e470d0a1a0a0000000d49484452")), /no JPEG/);
+});
 
 const BOTH = ["h264", "vp8", "jpeg"];
 

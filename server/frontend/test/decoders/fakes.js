@@ -6,6 +6,9 @@ export const bytes = (hex) => Uint8Array.from(hex.match(/../g), (pair) => parseI
 export const H264_KEY = bytes("000000016742c01eda0280f684000003000400000300f23c58ba800000000168ce0fc8");
 export const HUGE_KEY = bytes("000000016742c01eda004043d9");
 
+// 640 x 480, without its content.
+export const JPEG = bytes("ffd8ffe00004ffc0ffc0000b0801e00280");
+
 export class FakeVideoDecoder {
   /** @type {FakeVideoDecoder[]} */
   static made = [];

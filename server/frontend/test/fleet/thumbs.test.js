@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
+import { JPEG } from "../decoders/fakes.js";
 import { Queue, fetchSnapshot, lackOf } from "../../src/fleet/thumbs.js";
 
 mock.timers.enable({ apis: ["setTimeout"] });
@@ -60,8 +61,8 @@ function serverThat({ status = 200, type = "application/json", body = "" }) {
 }
 
 test("a picture is small, and of the camera that the settings name or of the first that the agent names", async () => {
-  const { asked, fetchImage } = serverThat({ body: "picture" });
-  assert.equal(await (await fetchImage("/front")).blob.text(), "picture");
+  const { asked, fetchImage } = serverThat({ body: JPEG });
+  assert.deepEqual(new Uint8Array(await (await fetchImage("/front")).blob.arrayBuffer()), JPEG);
   await fetchImage("");
   const url = "/robots/sim%201/video/robotether/snapshot?";
   assert.deepEqual(asked, [`${url}topic=/front&width=320&height=240&quality=50`, `${url}width=320&height=240&quality=50`]);
