@@ -48,7 +48,7 @@ LOCAL_PATHS = (b"GET /robotether/", b"HEAD /robotether/")
 TOPICS = b"GET " + TOPICS_PATH.encode()
 KNOWN_PATHS = (*LOCAL_PATHS, TOPICS)
 KNOWN_PATH_BYTES = max(map(len, KNOWN_PATHS))
-# Size of what a topic sends in a second before the rest of it counts as bulk.
+# Maximum size of what a topic sends in a second that does not count as bulk.
 BULK_AFTER_BYTES = 8 * 1024
 FIRST_WORDS_S = 5.0
 # Time limit for data on the way when one side has ended.
@@ -233,19 +233,22 @@ class Stream:
         while data := await self._loop.sock_recv(self._upstream, CHUNK):
             rest = memoryview(data)
             while rest:
-                granted = await self._pacer.acquire(len(rest), is_bulk=self._is_bulk())
+                granted = await self._pacer.acquire(len(rest), is_bulk=self._is_bulk(len(rest)))
                 await self._loop.sock_sendall(self._viewer, rest[:granted])
                 rest = rest[granted:]
                 self._poured += granted
         end_writing(self._viewer)
 
-    def _is_bulk(self) -> bool:
-        """Whether others overtake it: a camera's second copy, or a topic that has sent more than a small one does."""
+    def _is_bulk(self, waiting: int) -> bool:
+        """Whether others overtake it: a camera's second copy, or a topic that sends more than a small one does.
+
+        What waits counts: on a full line each of many large topics gets no more through than a small one.
+        """
         now_s = self._loop.time()
         if now_s - self._second[1] > 1.0:
             self._second = (self._poured, now_s)
-        is_large = self._is_topic and self._poured - self._second[0] > BULK_AFTER_BYTES
-        return is_large or self._yields()
+        sent = self._poured + waiting - self._second[0]
+        return (self._is_topic and sent > BULK_AFTER_BYTES) or self._yields()
 
     async def _drain(self, pour: asyncio.Task[None]) -> None:
         """Go on for a viewer who asks no more, while it gets something; nothing else shows that it left."""

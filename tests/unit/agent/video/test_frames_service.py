@@ -11,12 +11,12 @@ from fake_cameras import FakeVideoServer
 from fake_cloud import eventually
 from frames_viewer import FramesViewer
 from local_network import free_port
+from noted_pacer import NotedPacer
 from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import frames_service as service_module
 from robotether_agent.video import receiver as receiver_module
 from robotether_agent.video.frames_service import FramesService
-from robotether_agent.video.pacer import Pacer
 from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import LocalService, VideoProxy
 from timed_websocket import timed_session
@@ -108,27 +108,17 @@ async def test_a_camera_of_the_settings_is_opened_once(world):
     assert (len(world.camera.asked), world.camera.open_most) == (1, 1)
 
 
-class NotedPacer(Pacer):
-    def __init__(self) -> None:
-        super().__init__()
-        self.bulk: list[bool] = []
-
-    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
-        self.bulk.append(is_bulk)
-        return await super().acquire(requested, is_bulk=is_bulk)
-
-
 async def test_all_others_overtake_a_receiver_that_yields(world):
     port, pacer = int(world.url.rpartition(":")[2]), NotedPacer()
     local = LocalService(port, yields=world.service.yields)
     proxy = VideoProxy(world.camera.url, local, pacer=pacer)
     world.url = f"http://127.0.0.1:{await proxy.start()}"
     viewer = await world.receive(yields=True)
-    assert pacer.bulk[-1]
+    assert pacer.turns[-1][1]
     await viewer.ask()
     await viewer.credit()
     await viewer.frame()
-    assert not pacer.bulk[-1]
+    assert not pacer.turns[-1][1]
     await proxy.close()
 
 

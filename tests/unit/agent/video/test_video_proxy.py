@@ -13,10 +13,11 @@ from typing import Literal
 import pytest
 from fake_cloud import eventually
 from local_network import free_port
+from noted_pacer import NotedPacer
 from robotether_agent.video import video_proxy as proxy_module
 from robotether_agent.video.bandwidth_estimator import Reading
 from robotether_agent.video.pacer import Pacer
-from robotether_agent.video.video_proxy import LocalService, VideoProxy
+from robotether_agent.video.video_proxy import BULK_AFTER_BYTES, LocalService, VideoProxy
 from tcp_service import TcpService
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
@@ -86,6 +87,24 @@ async def beside(
         proxy = VideoProxy(f"http://127.0.0.1:{port}", LocalService(local.port, when))
         yield await proxy.start()
         await proxy.close()
+
+
+class LargeTopic(TcpService):
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.readuntil(b"\r\n\r\n")
+        writer.write(bytes(100_000))
+        await writer.drain()
+
+
+async def test_a_large_message_of_a_topic_is_bulk_from_its_beginning() -> None:
+    """Else many large topics, each of which gets little through a full line, take it from the video."""
+    pacer = NotedPacer()
+    async with LargeTopic() as local:
+        proxy = VideoProxy("http://127.0.0.1:1", LocalService(local.port), pacer=pacer)
+        request = b"GET /robotether/topics HTTP/1.1\r\nHost: x\r\n\r\n"
+        assert len(await asked(await proxy.start(), request)) == 100_000
+        await proxy.close()
+    assert sum(size for size, is_bulk in pacer.turns if not is_bulk) <= BULK_AFTER_BYTES
 
 
 async def asked(port: int, *pieces: bytes) -> bytes:
