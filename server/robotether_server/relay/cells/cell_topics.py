@@ -61,7 +61,7 @@ class PeerCopies(TopicCopies):
         shared_topics: SharedTopics,
         key: bytes,
     ) -> None:
-        super().__init__(robot, user_ids, shared_topics, is_driver=False)
+        super().__init__(robot, user_ids, shared_topics)
         self._key = key
 
     def on_topic_failed(self, topic: str, why: str) -> None:

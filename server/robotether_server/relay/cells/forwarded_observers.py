@@ -84,7 +84,7 @@ class ForwardedObservers:
             return None
         operator = OperatorSocket(OBSERVER_LIMIT)
         user_ids = (ticket.user_id,)
-        topics = TopicCopies(robot, lambda: user_ids, self._rules.shared_topics, is_driver=False)
+        topics = TopicCopies(robot, lambda: user_ids, self._rules.shared_topics)
         observer = ForwardedObserver(
             robot.name, operator, cell, topics, rules=self._rules, key=self._cells.topics_key
         )

@@ -24,7 +24,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     SharedTopics,
     TopicRequest,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.channels.rosbridge.subscriptions import MAX_STANDING_TOPICS
 from robotether_server.robot_json import without_nan
 
 # Minimum interval between looks for messages that wait.
@@ -77,9 +77,9 @@ class RouteSource:
         """
         request = self.request(robot)
         share = shared_topics.watch if self.is_drive else shared_topics.join
-        self._shared = share(robot, request, self, MAX_OBSERVED_TOPICS)
+        self._shared = share(robot, request, self, MAX_STANDING_TOPICS)
         if self._shared is None:
-            self.problem = f"{robot.name} sends {MAX_OBSERVED_TOPICS} topics already"
+            self.problem = f"{robot.name} sends {MAX_STANDING_TOPICS} topics already"
         elif self.is_drive:
             self._shared.date_for(self)
             self.problem = self._shared.failure or ""

@@ -14,10 +14,11 @@ from functools import partial
 from typing import Protocol
 
 from aiohttp import web
+from robotether_common.topics import MAX_TOPICS
 
 from robotether_server import __version__
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.fleet import Credential
+from robotether_server.db.fleet import RECORDER, Credential
 from robotether_server.problems import HttpError
 from robotether_server.relay.auth.access import HandlerContext, Permit, request_of
 from robotether_server.relay.channels.rosbridge.bridge import (
@@ -37,6 +38,8 @@ from robotether_server.relay.channels.rosbridge.message_validator import Message
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.channels.rosbridge.subscriptions import (
+    MAX_OBSERVED_TOPICS,
+    MAX_STANDING_TOPICS,
     TopicCopies,
     TopicSharing,
     TopicSubscriptions,
@@ -145,9 +148,10 @@ class RosbridgeHandler:
             forwarded = self._context.registry.ensure_robot(permit.robot.id).forwarded_topics
             return ForwardedTopics(key, permit.user.id, forwarded)
         user_ids = (permit.user.id,)
-        return TopicCopies(
-            permit.robot, lambda: user_ids, self._rules.shared_topics, is_driver=not observes
-        )
+        limit = MAX_TOPICS if not observes else MAX_OBSERVED_TOPICS
+        if permit.user.id == RECORDER.id:
+            limit = MAX_STANDING_TOPICS
+        return TopicCopies(permit.robot, lambda: user_ids, self._rules.shared_topics, limit)
 
     def _bridge(
         self,

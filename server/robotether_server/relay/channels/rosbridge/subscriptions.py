@@ -25,8 +25,9 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.uplink import UserIds
 
-# Maximum number of topics at which an observer may add one: the others are reserved for the driver.
-MAX_OBSERVED_TOPICS = MAX_TOPICS // 2
+# Maximum number of topics at which an observer may add one, and recorder and routes: observers who ask for everything
+# leave these their share, and all leave the driver's.
+MAX_OBSERVED_TOPICS, MAX_STANDING_TOPICS = MAX_TOPICS // 2, MAX_TOPICS * 3 // 4
 # Maximum number of statuses that wait for a client.
 MAX_STATUSES = 100
 
@@ -91,13 +92,12 @@ class TopicCopies:
         robot: RelayRobot,
         user_ids: UserIds,
         shared_topics: SharedTopics,
-        *,
-        is_driver: bool,
+        limit: int = MAX_OBSERVED_TOPICS,
     ) -> None:
         self.user_ids = user_ids
         self.held = HeldMessages()
         self._robot = robot
-        self._limit = MAX_TOPICS if is_driver else MAX_OBSERVED_TOPICS
+        self._limit = limit
         self._shared_topics = shared_topics
         self.joined: dict[str, SharedTopic] = {}
         self._message_ids: dict[str, MessageId] = {}
