@@ -232,7 +232,7 @@ export class Robot {
       onFrame: async (frame) => {
         await show(frame);
         this.shown.add(shown); // after its end, too: what was seen stays in the driver's mind, and grows old
-        frames.note({ ...frame, shownAt: performance.now() });
+        frames.draw(frame);
       },
       onGap: () => decoder.close(),
       onStatus,

@@ -1,11 +1,25 @@
-// The frames that one place of a page has shown lately, and which of them a person saw at a given time. Pure.
+// The frames that one place of a page has shown lately, and which of them a person saw at a given time.
 const KEPT_MS = 2000; // a command is never of an input that is longer ago
 
 /** @typedef {{sequence: number, at: number, shownAt: number}} ShownFrame `at` is its timestamp; both times are on the page's clock */
 
+// What is drawn now is in the display's next picture, which is on the screen when the one after it begins.
+/** @type {(act: () => void) => void} */
+const afterDisplay = (act) => void requestAnimationFrame(() => requestAnimationFrame(act));
+
 export class ShownFrames {
-  constructor() {
+  constructor({ onScreen = afterDisplay, now = () => performance.now() } = {}) {
+    this.onScreen = onScreen;
+    this.now = now;
+    this.round = 0;
     this.frames = /** @type {ShownFrame[]} */ ([]);
+  }
+
+  // A frame was drawn: until it is on the screen the one before is seen.
+  /** @type {(frame: {sequence: number, at: number}) => void} */
+  draw({ sequence, at }) {
+    const { round } = this;
+    this.onScreen(() => round === this.round && this.note({ sequence, at, shownAt: this.now() }));
   }
 
   // The one before those of the last seconds is kept, too: it was seen until the first of them came.
@@ -18,6 +32,7 @@ export class ShownFrames {
 
   // What was shown may be older than it says.
   forget() {
+    this.round += 1;
     this.frames = [];
   }
 

@@ -26,7 +26,7 @@ export class CameraTile {
     this.decoder = options.decoder ?? this.makeDecoder();
     this.rate = new FrameRate();
     this.at = null; // of the frame that is seen
-    this.shownFrames = new ShownFrames();
+    this.shownFrames = new ShownFrames({ now });
     this.codec = null; // of the frame that is seen
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
@@ -121,9 +121,8 @@ export class CameraTile {
     const size = this.painter.show(image);
     this.codec = codec;
     this.at = at;
-    const shownAt = this.now();
-    this.shownFrames.note({ sequence, at, shownAt });
-    this.rate.hit(shownAt);
+    this.shownFrames.draw({ sequence, at });
+    this.rate.hit(this.now());
     this.learn(size);
     if (this.element.dataset.frame !== this.state) this.showState();
     this.onPainted(this.camera.topic);

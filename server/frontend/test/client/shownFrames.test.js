@@ -17,6 +17,24 @@ test("a frame is seen from when it is shown until the next one is", () => {
   );
 });
 
+test("a frame is not seen before the display has it, and not at all if it was forgotten before", () => {
+  const pictures = [];
+  let clock = 1000;
+  globalThis.requestAnimationFrame = (act) => pictures.push(act);
+  const display = (ms) => ((clock += ms), pictures.splice(0).forEach((act) => act()));
+  const frames = new ShownFrames({ now: () => clock });
+  frames.draw({ sequence: 1, at: 900 });
+  display(7);
+  assert.equal(frames.seenAt(clock), null);
+  frames.draw({ sequence: 2, at: 960 });
+  display(17);
+  assert.equal(frames.seenAt(1023), null);
+  assert.deepEqual(frames.seenAt(1024), { sequence: 1, at: 900, shownAt: 1024 });
+  frames.forget();
+  display(17);
+  assert.equal(frames.seenAt(clock), null);
+});
+
 test("a frame that came after the input was not seen at it", () => {
   assert.equal(shown().seenAt(1000), null);
   assert.equal(shown(1000).seenAt(999), null);

@@ -17,7 +17,8 @@ beforeEach(() => {
       sockets.push(this);
     }
   }
-  Object.assign(globalThis, { location: { origin: "https://lab.example" }, WebSocket: FakeServer });
+  const requestAnimationFrame = (act) => act();
+  Object.assign(globalThis, { location: { origin: "https://lab.example" }, WebSocket: FakeServer, requestAnimationFrame });
 });
 
 afterEach(() => {

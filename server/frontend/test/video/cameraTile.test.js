@@ -22,6 +22,7 @@ function openFrames(topic, options) {
 const decoder = () => ({ decode: () => new Promise((done, failed) => paintings.push({ done, failed })), close() {} });
 
 beforeEach(() => {
+  globalThis.requestAnimationFrame = (act) => act();
   clock = 1000;
   streams = [];
   paintings = [];
