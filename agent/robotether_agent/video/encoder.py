@@ -59,7 +59,8 @@ def availability(setting: str) -> str:
         return "the setting video_encoder is off"
     if not has_pyav():
         return PYAV_MISSING
-    if (os.cpu_count() or 1) < MIN_CORES:
+    # Of those that the service or its container may use.
+    if len(os.sched_getaffinity(0)) < MIN_CORES:
         return "this robot has one processor core"
     return ""
 

@@ -165,14 +165,14 @@ async def test_the_robots_own_ssh_server(settings):
     ("setting", "changes", "state", "reason"),
     [
         ("off", {}, SKIPPED, "video_encoder is off"),
-        ("auto", {"os.cpu_count": 1}, SKIPPED, "one processor core"),
+        ("auto", {"os.sched_getaffinity": {0}}, SKIPPED, "one processor core"),
         ("auto", {"robotether_agent.video.encoder.has_pyav": False}, SKIPPED, "PyAV is not inst"),
         ("auto", {}, WARNING, "the encoder ended: exit code 3"),
     ],
 )
 async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, changes, state, reason):
-    for name, value in {"os.cpu_count": 2, **changes}.items():
-        monkeypatch.setattr(name, lambda value=value: value)
+    for name, value in {"os.sched_getaffinity": {0, 1}, **changes}.items():
+        monkeypatch.setattr(name, lambda *_, value=value: value)
     command = (sys.executable, "-c", "raise SystemExit(3)")
     monkeypatch.setattr(encoder, "VideoEncoder", lambda *how: VideoEncoder(*how, command))
     finding = await encoder.check_encoder(Settings(server="a.example", video_encoder=setting))
