@@ -25,8 +25,9 @@ class DeliveredFrames:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        # By user and camera, then by the number that the viewer got: the robot's own, and when it was sent.
-        self._frames: dict[tuple[int, str], dict[int, tuple[int, float]]] = {}
+        # By user and camera, then by the number that the viewer got: the robot's own, and when it was sent. None: two
+        # feeds of the camera gave this number, and nobody knows which of both frames is named.
+        self._frames: dict[tuple[int, str], dict[int, tuple[int | None, float]]] = {}
 
     def note(self, user_id: int, camera: str, sequence: int, robot_sequence: int) -> None:
         """A user is sent this frame."""
@@ -35,8 +36,9 @@ class DeliveredFrames:
         if frames is None:
             self._forget_gone(now)
             frames = self._frames[user_id, camera] = {}
-        frames.pop(sequence, None)
-        frames[sequence] = (robot_sequence, now)
+        before = frames.pop(sequence, None)
+        is_other = before is not None and before[0] != robot_sequence and not _is_old(before, now)
+        frames[sequence] = (None if is_other else robot_sequence, now)
         while len(frames) > MAX_FRAMES or _is_old(next(iter(frames.values())), now):
             del frames[next(iter(frames))]
 
@@ -57,5 +59,5 @@ class DeliveredFrames:
         }
 
 
-def _is_old(sent: tuple[int, float], now: float) -> bool:
+def _is_old(sent: tuple[int | None, float], now: float) -> bool:
     return now - sent[1] > MAX_SEEN_S

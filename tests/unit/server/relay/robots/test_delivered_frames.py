@@ -30,6 +30,16 @@ def test_a_frame_is_forgotten(delivered, clock):
     assert delivered.robots(1, NamedFrame("/a", 5)).frame is None
 
 
+def test_a_number_that_two_feeds_gave_is_unknown(delivered, clock):
+    """Else a driver could seem to see the newer of the two frames."""
+    for robot_sequence in (905, 905, 7):
+        delivered.note(1, "/a", 5, robot_sequence)
+    assert delivered.robots(1, NamedFrame("/a", 5)).frame is None
+    clock.now += MAX_SEEN_S + 0.1
+    delivered.note(1, "/a", 5, 7)
+    assert delivered.robots(1, NamedFrame("/a", 5)).frame == 7
+
+
 def test_memory_is_bounded(delivered, clock):
     for number in range(MAX_FRAMES + 10):
         delivered.note(1, "/a", number, number)
