@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections import deque
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial, reduce
 from operator import attrgetter
@@ -226,15 +226,21 @@ class Feed(SharedCopy[FeedKey, Viewer]):
     def _combined_request(self) -> StreamRequest | None:
         viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
         leading = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
-        requests = [
-            viewer.stream_request for viewer in leading if viewer.stream_request is not None
-        ]
+        requests = _requests_of(leading)
         if not requests:
             return None
         # Who does not decode H.264 is here as long as the robot has none.
         choosing = [each for each in requests if H264.name in each.codecs] or requests
-        codecs = reduce(combined, choosing).codecs
-        return replace(reduce(combined, requests), codecs=codecs)
+        # Who only watches lowers the quality of nobody who may drive.
+        lowest = reduce(
+            combined, _requests_of(each for each in leading if each.may_drive) or requests
+        )
+        return replace(
+            reduce(combined, requests),
+            codecs=reduce(combined, choosing).codecs,
+            quality_min=lowest.quality_min,
+            latency_ms=lowest.latency_ms,
+        )
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
@@ -314,6 +320,11 @@ class Feed(SharedCopy[FeedKey, Viewer]):
             # One viewer's defect must not cost the others their frames.
             log.exception("robot %s: a viewer failed", self.robot.name)
             viewer.end(close_reasons.relay_failed())
+
+
+def _requests_of(viewers: Iterable[Viewer]) -> list[StreamRequest]:
+    requests = (viewer.stream_request for viewer in viewers)
+    return [request for request in requests if request is not None]
 
 
 def decodes_h264(viewer: Viewer) -> bool:

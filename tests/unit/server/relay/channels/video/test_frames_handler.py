@@ -71,6 +71,15 @@ async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, wat
     await camera.wait_for("stream_request", prefers="smooth")
 
 
+async def test_an_observer_lowers_the_quality_of_nobody_who_may_drive(camera, watch):
+    driver = await watch(quality_min=60, latency_ms=400)
+    await watch(BOB, quality_min=1, quality_max=90, latency_ms=50)
+    both = {"quality_min": 60, "quality_max": 90, "latency_ms": 400}
+    await camera.wait_for("stream_request", **both)
+    await driver.socket.close()
+    await camera.wait_for("stream_request", quality_min=1, latency_ms=50)
+
+
 async def test_the_robot_hears_what_all_want_together(camera, watch):
     first = await watch(quality_max=50, fps=5, width=320, height=240)
     await camera.wait_for("stream_request", quality_max=50, fps=5, width=320, latency_ms=300)
