@@ -20,6 +20,7 @@ from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.topics import KNOWN, KNOWN_OP, MAX_KNOWN, PATH
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     FailureNotice,
@@ -42,6 +43,8 @@ FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
 # Time after which a connection counts as stable, and one on which no message came: it may break at the first one each
 # time, which takes long on a narrow line.
 STEADY_S, SILENT_STEADY_S = 10.0, 600.0
+# Pauses after a message over the limit: the next one mostly is, too, and rosbridge does nothing else while it writes.
+FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S = 30.0, 600.0
 # aiohttp's words for a message over the limit, which it refuses by the size that is announced.
 ANNOUNCED = re.compile(r"Message size (\d+)")
 MEGABYTE = 1024 * 1024
@@ -49,6 +52,27 @@ MEGABYTE = 1024 * 1024
 DATED_EVERY_S = 0.1
 # Time limit for what a robot repeats to a newcomer.
 REPEATED_WITHIN_S = 5.0
+
+
+class MessageTooLargeError(RobotetherError):
+    """A message of a topic is over the limit."""
+
+
+class Pauses:
+    """Pauses before a topic is requested again: each is longer than the one before, until it brings something."""
+
+    def __init__(self) -> None:
+        self._restart()
+
+    def next(self, lasted_s: float, *, has_brought: bool, is_too_large: bool) -> float:
+        """Return the pause after a connection of this length in seconds."""
+        if lasted_s > (STEADY_S if has_brought else SILENT_STEADY_S):
+            self._restart()
+        return next(self._large if is_too_large else self._usual)
+
+    def _restart(self) -> None:
+        self._usual = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
+        self._large = delays(FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S)
 
 
 class TopicDialer(Protocol):
@@ -73,21 +97,22 @@ class TopicLinks:
 
     async def run(self, topic: SharedTopic) -> None:
         """Bring a topic's messages until this is cancelled."""
-        pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
+        pauses = Pauses()
         while True:
-            opened_s, came = time.monotonic(), topic.message_count
+            opened_s, count_before, is_too_large = time.monotonic(), topic.message_count, False
             try:
                 why = await self._bring(topic)
+            except MessageTooLargeError as error:
+                why, is_too_large = error.detail, True
             except ConnectionClosedError as closed:
                 why = closed.close_reason.reason
             except (ClientError, OSError):
                 why = "the connection broke"
             topic.on_failed(why)
             log.info("robot %s: topic %s: %s", topic.robot.name, topic.key.topic, why)
-            steady_s = STEADY_S if topic.message_count > came else SILENT_STEADY_S
-            if time.monotonic() - opened_s > steady_s:
-                pauses = delays(FIRST_PAUSE_S, MAX_PAUSE_S)
-            await asyncio.sleep(next(pauses))
+            lasted_s, has_brought = time.monotonic() - opened_s, topic.message_count > count_before
+            pause_s = pauses.next(lasted_s, has_brought=has_brought, is_too_large=is_too_large)
+            await asyncio.sleep(pause_s)
 
     async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
         """Return the digests of those messages that rosbridge repeats to a newcomer."""
@@ -143,18 +168,16 @@ class TopicLinks:
                 topic.on_message(message.data, message.type)
             elif message.type is WSMsgType.CLOSE:
                 return own_words(message.extra) or "rosbridge ended the subscription"
-            elif isinstance(message.data, WebSocketError):
-                return self._why_refused(message.data)
             else:
+                self._check_size(message.data)
                 return "the connection broke"
 
-    def _why_refused(self, error: WebSocketError) -> str:
-        """Return why nobody reads what came."""
-        if error.code != WSCloseCode.MESSAGE_TOO_BIG:
-            return "the robot broke the WebSocket protocol"
-        size, limit = ANNOUNCED.search(str(error)), f"{self.message_limit / MEGABYTE:g} MB"
-        words = f"{int(size[1]) / MEGABYTE:.1f} MB, " if size else ""
-        return f"a message has {words}over {limit} (MESSAGE_LIMIT_MB)"
+    def _check_size(self, error: object) -> None:
+        """Raise MessageTooLargeError where a connection ended by a message over the limit."""
+        if isinstance(error, WebSocketError) and error.code == WSCloseCode.MESSAGE_TOO_BIG:
+            size, limit = ANNOUNCED.search(str(error)), f"{self.message_limit / MEGABYTE:g} MB"
+            words = f"{int(size[1]) / MEGABYTE:.1f} MB, " if size else ""
+            raise MessageTooLargeError(f"a message has {words}over {limit} (MESSAGE_LIMIT_MB)")
 
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
         unknown = close_reasons.topics_unknown(topic.robot.name)

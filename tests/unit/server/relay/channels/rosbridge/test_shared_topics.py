@@ -20,7 +20,10 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     combined,
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
-from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
+from robotether_server.relay.channels.rosbridge.topic_link import (
+    MessageTooLargeError,
+    TopicLinks,
+)
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 
@@ -151,9 +154,16 @@ async def test_a_message_over_the_limit_is_refused_with_its_size(robot, observe)
     assert answer["msg"] == f"cannot subscribe to /odom: {why}"
 
 
-@pytest.mark.parametrize(("brings", "pauses"), [(True, [0.2] * 4), (False, [0.2, 0.4, 0.8, 1.6])])
+@pytest.mark.parametrize(
+    ("end", "pauses"),
+    [
+        ("brings", [0.2] * 4),
+        ("breaks", [0.2, 0.4, 0.8, 1.6]),
+        ("is too large", [30, 60, 120, 240]),
+    ],
+)
 async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
-    sim1, monkeypatch, brings, pauses
+    sim1, monkeypatch, end, pauses
 ):
     """A message that takes longer than a connection lasts would fill the line for ever."""
     now, paused = [0.0], []
@@ -166,7 +176,9 @@ async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
     class BreakingLinks(TopicLinks):
         async def _bring(self, topic):
             now[0] += 60
-            if brings:
+            if end == "is too large":
+                raise MessageTooLargeError(end)
+            if end == "brings":
                 topic.on_message(b"news", aiohttp.WSMsgType.TEXT)
             return "it broke"
 
