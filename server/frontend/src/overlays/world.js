@@ -17,20 +17,23 @@ const LIMITS = {
 const [MAP_FRAME, ODOM_FRAME] = ["map", "odom"];
 const BASE_FRAMES = ["base_link", "base_footprint"];
 const OLD_MS = 1000;
+/** @type {(why: string) => void} */
+const ignore = () => {};
 const ORIGIN = { x: 0, y: 0, theta: 0 };
 
 export class World {
-  // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes.
-  constructor({ subscribe, onChange, makeBitmap = bitmapOf, now = () => performance.now() }) {
+  // `subscribe(spec, handler)` as of connection.js; `makeBitmap(grid)` gives a promise of what drawImage takes;
+  // `onMapRefused(why)`: the server passes no map on.
+  constructor({ subscribe, onChange, onMapRefused = ignore, makeBitmap = bitmapOf, now = () => performance.now() }) {
     this.subscriptions = new Subscriptions(subscribe);
     this.onChange = onChange;
+    this.mapLimits = { ...LIMITS.map, onRefused: onMapRefused };
     this.makeBitmap = makeBitmap;
     this.now = now;
     this.path = new Path();
     this.topics = {};
     this.shown = null;
     this.ringShown = false;
-    this.mapRefused = false;
     this.odometry = this.scan = this.map = this.located = null;
     this.offset = ORIGIN; // of the odometry's frame in the map's
     this.placed = false; // whether that is known
@@ -56,14 +59,6 @@ export class World {
     this.sync();
   }
 
-  // A message that is too large for the server has ended the connection: if a map was asked for it is that, and the next
-  // connection must not end by it too. Says whether one was.
-  refuseMap() {
-    this.mapRefused ||= this.subscriptions.open.has("map");
-    this.sync();
-    return this.mapRefused;
-  }
-
   // The odometry's pose: comes with the speed, whether the map is seen or not. Null for unknown.
   receivePose(pose) {
     if (!pose) return;
@@ -75,7 +70,8 @@ export class World {
   // Only what is seen and is there.
   sync() {
     const { topics, wanted } = this;
-    const follow = (kind, handler) => this.subscriptions.follow(kind, wanted[kind] ? topics[kind] : undefined, LIMITS[kind], handler);
+    const limits = { ...LIMITS, map: this.mapLimits };
+    const follow = (kind, handler) => this.subscriptions.follow(kind, wanted[kind] ? topics[kind] : undefined, limits[kind], handler);
     follow("scan", (message) => this.receiveScan(message));
     follow("map", (message) => this.receiveMap(message));
     follow("located", (message) => this.receiveLocation(message));
@@ -85,7 +81,7 @@ export class World {
 
   // Only the map needs to know where in it the robot is, and only a laser that moves needs more than /tf_static.
   get wanted() {
-    const map = Boolean(this.shown?.map) && !this.mapRefused;
+    const map = Boolean(this.shown?.map);
     const scan = Boolean(this.shown?.scan || this.ringShown);
     return { scan, map, located: map, tfStatic: scan || map, tf: map || (scan && !this.laserFixed) };
   }

@@ -1,7 +1,7 @@
 // The drive page: one robot's connection, video, speed and controls. Loaded by drive.html.
 
 import { framesUrl, requestTicket, rosUrl } from "../client/api.js";
-import { GIVE_UP, RIGHTS_ENDED, TOO_BIG } from "../client/connection.js";
+import { GIVE_UP, RIGHTS_ENDED } from "../client/connection.js";
 import { Feed } from "../client/feed.js";
 import { FrameStream } from "../client/frames.js";
 import { Session } from "../client/session.js";
@@ -172,7 +172,6 @@ function showState(state) {
 function noteEnd(state) {
   if (state.lost) driveMode.lose(state.lost, state.reason);
   if (state.name === "not_allowed") endAll(state);
-  if (state.code === TOO_BIG) view.tooBig();
   if (state.code === RIGHTS_ENDED) controlPanel.outdated = true;
 }
 

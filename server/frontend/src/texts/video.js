@@ -52,7 +52,7 @@ const TOPIC_KINDS = { scan: "laser scan", located: "localization", tfStatic: "st
 
 export const video = {
   map: "Map",
-  mapTooBig: "This robot's map is too large for the server, so it is not shown.",
+  mapRefused: (why) => `Map not shown. ${because(why)}`,
   topicInDoubt: (kind, candidates) =>
     `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
   unread: (topic) => `A message of ${topic} could not be read, so it is not shown.`,

@@ -95,6 +95,7 @@ export class TopicProbe {
   receive(message) {
     const at = this.now();
     this.message = message;
+    if (this.state === "refused") this.state = "open"; // what the server could not pass on comes again
     this.unread = false;
     this.rate.mark(at);
     this.size = JSON.stringify(message).length;

@@ -50,7 +50,7 @@ export class View {
     this.ticks = 0;
     this.tools = this.findTools();
     this.sourceButtons = new SourceButtons(part(root, "sources"), { onChoose: (id) => this.choose(id) });
-    this.world = new World({ subscribe, onChange: () => this.drawMaps(), now });
+    this.world = new World({ subscribe, onChange: () => this.drawMaps(), onMapRefused: (why) => this.note(texts.mapRefused(why)), now });
     this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, memory: () => this.choices.all.map, small: true });
     this.roomForMap = matchMedia(ROOM_FOR_MAP);
     this.overlays = new Overlays(root, { subscribe, now });
@@ -118,11 +118,6 @@ export class View {
   refuse(why) {
     this.refused = why;
     this.arrange();
-  }
-
-  // A message that is too large for the server has ended the connection.
-  tooBig() {
-    if (this.world.refuseMap()) this.note(texts.mapTooBig);
   }
 
   retryNow() {

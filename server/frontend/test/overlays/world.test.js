@@ -23,19 +23,22 @@ const link = (parent, child, x, rotation = LEFT) => ({
 const tf = (...transforms) => ({ transforms });
 const rounded = (values) => [...values].map((value) => Math.round(value * 1000) / 1000 + 0);
 
-let clock, handlers, closed, world, changes;
+let clock, handlers, closed, world, changes, refused;
 
 beforeEach(() => {
   clock = 0;
   changes = 0;
   handlers = new Map();
   closed = [];
+  refused = [];
   world = new World({
-    subscribe: ({ name }, handler) => {
+    subscribe: ({ name, onRefused }, handler) => {
       handlers.set(name, handler);
+      onRefused?.(`cannot subscribe to ${name}: it is too large`);
       return () => handlers.delete(name);
     },
     onChange: () => (changes += 1),
+    onMapRefused: (why) => refused.push(why),
     makeBitmap: async (made) => ({ of: made, close: () => closed.push(made) }),
     now: () => clock,
   });
@@ -58,7 +61,6 @@ for (const [name, act, topics] of [
   ["a scan alone", () => [follow(LASER), show({ scan: true, map: false })], "scan"],
   ["the map with the localization", () => [follow({ map: MAP, located: PLACE }), show(BOTH)], "amcl_pose map"],
   ["nothing any more", () => [follow(ALL), show(BOTH), show(null)], ""],
-  ["no map that is too large for the server", () => [follow(LASER), show(BOTH), world.refuseMap(), show(BOTH)], "scan"],
   ["the scan round the stick, without the map too", () => [follow(LASER), ring(true), show(BOTH), show(null)], "scan"],
   ["no scan when the ring goes", () => [follow(LASER), ring(true), ring(false)], ""],
   ["a topic by its new name", () => [show(BOTH), follow(LASER), follow({ scan: { ...SCAN, name: "/front" } })], "front"],
@@ -73,12 +75,10 @@ for (const [name, act, topics] of [
   });
 }
 
-test("a message that is too large was the map's if that was asked for", () => {
+test("why the server passes no map on is said", () => {
   follow(ALL);
-  show({ scan: true, map: false });
-  assert.equal(world.refuseMap(), false);
   show(BOTH);
-  assert.equal(world.refuseMap(), true);
+  assert.deepEqual(refused, ["cannot subscribe to /map: it is too large"]);
 });
 
 test("a scan that is old is shown no more", () => {

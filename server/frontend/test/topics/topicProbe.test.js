@@ -89,10 +89,12 @@ test("a number is plotted from the newest message on", () => {
   assert.equal(probe.samples.extent(clock), null);
 });
 
-test("a refusal stays, whatever the connection does afterwards", () => {
+test("a refusal stays until a message comes, whatever the connection does", () => {
   watched[0].spec.onRefused("cannot subscribe to /x");
   watched[0].onState("lost");
   assert.deepEqual([probe.state, probe.refusal], ["refused", "cannot subscribe to /x"]);
+  watched[0].onMessage({ v: 1 });
+  assert.equal(probe.state, "open");
 });
 
 test("its end ends all that it asked for", () => {

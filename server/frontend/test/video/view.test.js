@@ -50,15 +50,6 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
   assert.equal(drawn, 2);
 });
 
-test("a map that is too large for the server is said to be, and nothing is where another message was", () => {
-  const said = [];
-  const tooBig = (isMap) => View.prototype.tooBig.call({ world: { refuseMap: () => isMap }, note: (text) => said.push(text) });
-  tooBig(false);
-  tooBig(true);
-  assert.equal(said.length, 1);
-  assert.match(said[0], /too large/);
-});
-
 test("a topic whose messages cannot be read is named once, beside what else is asked about topics", () => {
   const [said, element] = [[], { textContent: "" }];
   const root = { querySelector: () => element };
