@@ -104,7 +104,8 @@ class FeedKey(NamedTuple):
 class Feed(SharedCopy[FeedKey, Viewer]):
     """The newest frames of one camera of one robot, and its viewers.
 
-    `watched` lists the camera's feeds that operators follow, the one that goes first at the front.
+    `watched` lists the camera's feeds that operators follow, the one that goes first at the front; `driver_id` says who
+    drives the robot.
     """
 
     def __init__(
@@ -114,6 +115,8 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         traffic: FeedTraffic,
         counts: CameraCounts,
         watched: Callable[[], Sequence[Feed]] = tuple,
+        *,
+        driver_id: Callable[[], int | None] = lambda: None,
     ) -> None:
         super().__init__(robot, key)
         self.held = HeldFrames()
@@ -127,6 +130,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         self._traffic = traffic
         self._counts = counts
         self._watched = watched
+        self._driver_id = driver_id
         self._untaken: deque[int] = deque()
         self._credits_due = 0
         self._credits_open = 0
@@ -225,22 +229,16 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def _combined_request(self) -> StreamRequest | None:
         viewers = [viewer for viewer in self.users if viewer.stream_request is not None]
-        leading = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
-        requests = _requests_of(leading)
+        operators = [viewer for viewer in viewers if not viewer.is_recorder] or viewers
+        requests = _requests_of(operators)
         if not requests:
             return None
+        # Who only watches takes nothing from who drives.
+        is_driven = self._driver_id() in self.user_ids()
+        leading = _requests_of(each for each in operators if each.may_drive or not is_driven)
         # Who does not decode H.264 is here as long as the robot has none.
         choosing = [each for each in requests if H264.name in each.codecs] or requests
-        # Who only watches lowers the quality of nobody who may drive.
-        lowest = reduce(
-            combined, _requests_of(each for each in leading if each.may_drive) or requests
-        )
-        return replace(
-            reduce(combined, requests),
-            codecs=reduce(combined, choosing).codecs,
-            quality_min=lowest.quality_min,
-            latency_ms=lowest.latency_ms,
-        )
+        return replace(reduce(combined, leading), codecs=reduce(combined, choosing).codecs)
 
     def on_connected(self) -> None:
         """There is a new connection to the robot, on which nothing is open yet."""
@@ -378,7 +376,8 @@ class Feeds(SharedCopies[Feed]):
     def _new(self, robot: RelayRobot, key: FeedKey) -> Feed:
         counts = self._registry.ensure_robot(robot.id).camera_counts
         watched = partial(self._watched, robot.id, key.camera)
-        return Feed(robot, key, self.traffic, counts, watched)
+        driver_id = partial(self._driver_id, robot.id)
+        return Feed(robot, key, self.traffic, counts, watched, driver_id=driver_id)
 
     def _of_camera(self, robot_id: int, camera: str) -> list[Feed]:
         feeds = self._of(robot_id)
@@ -387,10 +386,14 @@ class Feeds(SharedCopies[Feed]):
 
     def _watched(self, robot_id: int, camera: str) -> list[Feed]:
         """List the feeds of a camera that operators follow, the one that goes first at the front."""
-        driver = self._registry.robot(robot_id).lease.driver
-        driver_id = None if driver is None or driver.holder.is_route else driver.holder.user_id
+        driver_id = self._driver_id(robot_id)
         feeds = [feed for feed in self._of_camera(robot_id, camera) if feed.has_operators]
         return sorted(feeds, key=lambda feed: feed.worth(driver_id), reverse=True)
+
+    def _driver_id(self, robot_id: int) -> int | None:
+        """Return which user drives the robot; None: nobody, or a route."""
+        driver = self._registry.robot(robot_id).lease.driver
+        return None if driver is None or driver.holder.is_route else driver.holder.user_id
 
     def _wake(self, feed: Feed) -> None:
         """Have the robot told what the camera's other feed may take now."""

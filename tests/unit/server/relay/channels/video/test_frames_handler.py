@@ -71,13 +71,15 @@ async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, wat
     await camera.wait_for("stream_request", prefers="smooth")
 
 
-async def test_an_observer_lowers_the_quality_of_nobody_who_may_drive(camera, watch):
-    driver = await watch(quality_min=60, latency_ms=400)
-    await watch(BOB, quality_min=1, quality_max=90, latency_ms=50)
-    both = {"quality_min": 60, "quality_max": 90, "latency_ms": 400}
-    await camera.wait_for("stream_request", **both)
-    await driver.socket.close()
-    await camera.wait_for("stream_request", quality_min=1, latency_ms=50)
+async def test_an_observer_takes_nothing_from_who_drives(camera, watch, ros):
+    observer = {"quality_min": 1, "quality_max": 100, "fps": 60, "latency_ms": 50, "width": None}
+    await watch(BOB, **observer)
+    await camera.wait_for("stream_request", **observer)
+    driver = {"quality_min": 60, "fps": 15, "latency_ms": 400, "width": 640, "height": 480}
+    await watch(**driver)
+    async with ros():
+        await camera.wait_for("stream_request", quality_max=80, **driver)
+    await until(lambda: camera.of("stream_request")[-1]["fps"] == 60, "both count again")
 
 
 async def test_the_robot_hears_what_all_want_together(camera, watch):
