@@ -182,6 +182,9 @@ Listener = Callable[[Change], None]
 MEDIA_KEPT_S = 300.0
 # Time for which heartbeats stay quick without a user: a page that is loaded again changes nothing.
 USE_KEPT_S = 10.0
+# Maximum rate at which topics are opened, in a second and at once: each costs its rosbridge time, in which that passes
+# no drive command.
+TOPIC_OPENS_PER_S, TOPIC_OPENS_AT_ONCE = 10.0, 64
 # Maximum rate of a robot's calls for help; an agent sends each source once in 5 s at most.
 HELP_CALLS_PER_S, HELP_CALLS_AT_ONCE = 1.0, 12
 
@@ -228,6 +231,9 @@ class Robot:
         # Copies of what it sends, by what tells them apart; `shared_copies` keeps them.
         self.feeds: dict[Hashable, object] = {}
         self.topics: dict[Hashable, object] = {}
+        self.topic_opens = RateLimiter(
+            time.monotonic(), per_s=TOPIC_OPENS_PER_S, at_once=TOPIC_OPENS_AT_ONCE
+        )
         # What observers at other cells share there; `channels/rosbridge/forwarded_topics` makes them.
         self.forwarded_topics: set[object] = set()
         self.uplink = Uplink()

@@ -302,16 +302,24 @@ class SharedTopics(SharedCopies[SharedTopic]):
 
     async def _bring(self, copy: SharedTopic) -> None:
         try:
+            await self._turn_to_open(copy)
             with self._registry.ensure_robot(copy.robot.id).media_demand.counted():
                 await self._connector.run(copy)
         except Exception:
             log.exception("robot %s: a topic failed", copy.robot.name)
             copy.on_failed("the relay failed")
 
+    async def _turn_to_open(self, topic: SharedTopic) -> None:
+        """Wait while the robot has opened many topics lately, as of one who subscribes anew without end."""
+        limiter = self._registry.ensure_robot(topic.robot.id).topic_opens
+        while not limiter.allow(time.monotonic()):  # noqa: ASYNC110 - time alone makes room
+            await asyncio.sleep(limiter.free_in_s(time.monotonic()))
+
     async def _repeat(self, topic: SharedTopic) -> None:
         """Give newcomers what rosbridge repeats: whoever comes during a question shares the next."""
         try:
             while topic.newcomers:
+                await self._turn_to_open(topic)
                 newcomers, topic.newcomers = topic.newcomers, {}
                 await self._repeat_to(newcomers, topic)
         finally:

@@ -10,12 +10,14 @@ import pytest
 import pytest_asyncio
 from relay_clients import closing
 from relay_server import MESSAGE_LIMIT, until
+from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_LARGE_BYTES,
     UNKEPT,
     SharedTopic,
+    SharedTopics,
     TopicRequest,
     combined,
 )
@@ -291,6 +293,24 @@ async def test_a_client_keeps_no_more_at_the_relay_than_it_may(wide, robot, monk
         await until(lambda: len(robot.received) == 3, "all reach the robot")
     operations = [json.loads(data)["op"] for data in robot.received]
     assert operations == ["publish", "publish", "subscribe"]
+
+
+async def test_who_subscribes_anew_without_end_opens_few_topics(relay, sim1):
+    class Connector:
+        opened = 0
+
+        async def run(self, _topic):
+            self.opened += 1
+            await asyncio.Event().wait()
+
+    connector, client = Connector(), Client()
+    topics = SharedTopics(relay.relay.registry, connector)
+    for number in range(3 * MAX_TOPICS):
+        topic = topics.watch(sim1, TopicRequest(f"/t{number}"), client, MAX_OBSERVED_TOPICS)
+        await asyncio.sleep(0)
+        topics.leave(topic, client)
+    assert MAX_OBSERVED_TOPICS < connector.opened < 2 * MAX_TOPICS
+    await topics.close()
 
 
 async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1):
