@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 START_CODE = b"\0\0\1"
 SLICE, IDR_SLICE, SPS, PPS = 1, 5, 7, 8
 B_SLICES = (1, 6)
 # Size of what is read of a slice: its type stands first.
 HEADER_BYTES = 16
+# Maximum number of NAL units that are read, with which a frame begins: 10 MB of start codes take a second or more.
+MAX_UNITS = 64
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ def access_unit(data: bytes) -> AccessUnit | None:
     """Return what a frame is; nothing for data that is not in Annex B."""
     types: set[int] = set()
     is_bidirectional = False
-    for at in _units(data):
+    for at in islice(_units(data), MAX_UNITS):
         kind = data[at] & 31
         if kind in (SLICE, IDR_SLICE) and not {SLICE, IDR_SLICE} & types:
             is_bidirectional = _slice_type(data[at + 1 : at + 1 + HEADER_BYTES]) in B_SLICES

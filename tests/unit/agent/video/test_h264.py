@@ -8,7 +8,7 @@ from typing import Any
 import av
 import pytest
 from h264_frames import encoded_frames
-from robotether_agent.video.h264 import AccessUnit, access_unit
+from robotether_agent.video.h264 import MAX_UNITS, AccessUnit, access_unit
 from video_clips import clip
 
 
@@ -52,6 +52,15 @@ def test_frames_that_depend_on_later_ones_are_told():
 @pytest.mark.parametrize("data", [b"", b"\0\0\0\x10\x65abc", b"\0\0\1", b"x\0\0\1\x65"])
 def test_what_is_not_in_annex_b_is_nothing(data):
     assert access_unit(data) is None
+
+
+def test_only_what_a_frame_begins_with_is_read():
+    """Else megabytes of start codes would hold up the agent until the guard takes it for dead."""
+    unit, delimiter = b"\0\0\1\x65\x88", b"\0\0\1\x09\xf0"
+    for count, is_frame in ((MAX_UNITS - 1, True), (MAX_UNITS, False)):
+        read = access_unit(delimiter * count + unit)
+        assert read is not None
+        assert read.has_slice == is_frame
 
 
 def test_parameter_sets_alone_are_no_frame():
