@@ -142,7 +142,7 @@ def test_files_of_ones_own_win(site: Site) -> None:
     site.make()
     for name, text in (
         ("ticket_key", "t" * 40),
-        ("admin_password", "one of ones own"),
+        ("admin_password", "one-of-ones-own"),
         ("session_key", ""),
     ):
         (site.own / name).write_text(text)
@@ -150,7 +150,7 @@ def test_files_of_ones_own_win(site: Site) -> None:
     assert site.make() == (0, "")
     texts = site.texts()
     assert texts["web"]["ticket_key"] == texts["relay"]["ticket_key"] == "t" * 40
-    assert texts["web"]["admin_password"] == "one of ones own"
+    assert texts["web"]["admin_password"] == "one-of-ones-own"
     assert len(texts["relay"]["session_key"]) > 40
 
 
@@ -189,10 +189,11 @@ def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path
     with site_in(tmp_path / "next") as following:
         for name, text in shared.items():
             (following.own / name).write_text(text)
-        (following.own / "ssh_host_ed25519_key").write_text("pinned by robots")
+        host_key = following.own / "ssh_host_ed25519_key"
+        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", host_key], check=True)
         assert following.make() == (0, "secrets: made database_cert.pem\n")
         texts, own = following.texts(), site.texts()
-        assert texts["sshd"].pop("ssh_host_ed25519_key") == "pinned by robots"
+        assert texts["sshd"].pop("ssh_host_ed25519_key") == host_key.read_text()
         for name in ("database_cert.pem", "database_key.pem"):
             assert texts["mysql"].pop(name) != own["mysql"].pop(name)
         assert texts == own
@@ -285,3 +286,33 @@ def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, 
         assert status == (1 if wrong else 0)
         assert why in said
         assert (site.texts() == {}) == bool(wrong)
+
+
+def test_wrong_secrets_of_ones_own_stop_the_start(site: Site, pair: tuple[str, str]) -> None:
+    """Their services would start again and again, and say why in a log of their own at best."""
+    certificate, key = pair
+    named = ("-noenc", "-subj", "/CN=x", "-addext", "subjectAltName=DNS:robotether-peer")
+    weak_key = site.own.parent / "weak.pem"
+    weak = openssl("req", "-x509", "-newkey", "rsa:1024", *named, "-keyout", str(weak_key)).decode()
+    authority = {"database_ca.pem": certificate}
+    for wrong, why in (
+        ({"ticket_key": "t" * 31}, "ticket_key: it must have at least 32 characters"),
+        ({"session_key": "t" * 40 + " t"}, "session_key: it must have no space"),
+        ({"mysql_web_password": "p$ssword-of-web"}, "mysql_web_password: it must have only letters"),
+        ({"ssh_host_ed25519_key": "half"}, "ssh_host_ed25519_key: it is no private key"),
+        ({"database_ca.pem": "half"}, "database_ca.pem: it is no certificate in PEM"),
+        ({"database_ca_key.pem": key}, "database_ca_key.pem: database_ca.pem is missing"),
+        (authority | {"database_ca_key.pem": weak_key.read_text()}, "it is not the key of database_ca.pem"),
+        ({"peer_cert.pem": weak, "peer_key.pem": weak_key.read_text()}, "certificate key too weak"),
+        (
+            {"peer_cert.pem": certificate + certificate[:200], "peer_key.pem": key},
+            "peer_cert.pem: it, or a certificate beside it, is damaged",
+        ),
+    ):  # fmt: skip
+        for name, text in wrong.items():
+            (site.own / name).write_text(text)
+        status, said = site.make()
+        assert (status, site.texts()) == (1, {})
+        assert why in said
+        for name in wrong:
+            (site.own / name).unlink()
