@@ -72,6 +72,7 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
     made.self_signed("wildcard", *names("DNS:*.example.org"))
     made.self_signed("address", *names("IP:192.0.2.7"))
     made.self_signed("other", *names("DNS:other.example"))
+    made.self_signed("half_label", *names("DNS:rob*.example.org"))
     made.self_signed("nameless")
     made.self_signed("ed25519", *NAMED, key=("-newkey", "ed25519"))
     made.self_signed("small", *NAMED, key=("-newkey", "rsa:1024"))
@@ -142,6 +143,7 @@ REFUSED = [
     ("shuffled.pem", "good.key", HOST, "certificate 2 of the file did not sign certificate 1"),
     ("other.pem", "other.key", HOST, f"another name than PUBLIC_HOST, {HOST}: it is for DNS:other.example"),
     ("good.pem", "good.key", "192.0.2.7", "another name than PUBLIC_HOST, 192.0.2.7"),
+    ("half_label.pem", "half_label.key", HOST, "another name than PUBLIC_HOST"),
     ("nameless.pem", "nameless.key", HOST, "has no subjectAltName"),
     ("ed25519.pem", "ed25519.key", HOST, "no browser opens a site with this kind of key: ED25519"),
     ("small.pem", "small.key", HOST, "nginx cannot load it: ee key too small"),
