@@ -58,7 +58,11 @@ def exposed_at(url: str, lists: Path = Path("/proc/self/net")) -> str:
     """
     port = port_of(url)
     for address in _listens_beyond_loopback(port, lists):
-        candidates = own_addresses() if address.is_unspecified else [str(address)]
+        candidates = [str(address)]
+        if address.is_unspecified:
+            candidates = own_addresses()
+            if isinstance(address, ipaddress.IPv6Address):
+                candidates += own_ipv6_addresses(lists)
         if not candidates:
             # Nobody is in the robot's network now; that may change.
             return str(address)
@@ -79,6 +83,18 @@ def own_addresses() -> list[str]:
                 raw = IFREQ.unpack(fcntl.ioctl(asking, SIOCGIFADDR, request)[: IFREQ.size])[2]
                 addresses.append(ipaddress.ip_address(raw))
     return [str(address) for address in addresses if not address.is_loopback]
+
+
+def own_ipv6_addresses(lists: Path) -> list[str]:
+    """Return the IPv6 addresses of this machine's network interfaces, without loopback."""
+    addresses = []
+    for line in _lines_of(lists / "if_inet6"):
+        digits, *_, name = line.split()
+        address = ipaddress.IPv6Address(bytes.fromhex(digits))
+        if not address.is_loopback:
+            # The same one may be on several links.
+            addresses.append(f"{address}%{name}" if address.is_link_local else str(address))
+    return addresses
 
 
 async def rosbridge_advice(url: str) -> str:

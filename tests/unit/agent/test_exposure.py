@@ -82,6 +82,20 @@ def test_firewall_of_ros_1_closes_the_port_to_all_but_this_machine():
         socket.create_connection(("127.0.0.1", ROSBRIDGE_PORT), timeout=5).close()
 
 
+@needs_root
+@pytest.mark.usefixtures("network")
+def test_a_port_that_answers_over_ipv6_alone_is_told():
+    """As behind a firewall that closes it over IPv4."""
+    namespaces.ip("link", "add", "robot", "type", "veth", "peer", "name", "others")
+    namespaces.ip("link", "set", "robot", "addrgenmode", "none")
+    namespaces.ip("address", "add", "192.0.2.1/24", "dev", "robot")
+    namespaces.ip("address", "add", "2001:db8::1/64", "dev", "robot", "nodad")
+    namespaces.ip("link", "set", "robot", "up")
+    with socket.create_server(("::", 0), family=socket.AF_INET6) as rosbridge:
+        url = f"ws://127.0.0.1:{rosbridge.getsockname()[1]}/"
+        assert exposed_at(url) == "2001:db8::1"
+
+
 class NamedServer(TcpService):
     def __init__(self, server: str) -> None:
         super().__init__()
