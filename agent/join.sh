@@ -83,8 +83,7 @@ read_options() {
     case $1 in
       --server | --tls-fingerprint | --token | --name | --interface | --mac | --rosbridge-url | --http-proxy | --wheelhouse | --package)
         [ $# -ge 2 ] || fail "cannot use $1: its value is missing"
-        take_value "$1" "$2"
-        shift
+        take_value "$1" "$2"; shift
         ;;
       --allow-local-mac) local_mac=true ;;
       --no-guard) no_guard=1 ;;
@@ -251,7 +250,11 @@ except ssl.SSLCertVerificationError as error:
     today = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime())
     sys.exit(f"{error.verify_message}. Add --tls-fingerprint, and see that this machine's clock is right (it says {today})")
 except (OSError, ValueError, http.client.HTTPException) as error:
-    sys.exit(f"{error or type(error).__name__}. Check --server, and this machine's network")
+    # Of a library's own text a proxy's refusal alone: there may be a class in it, or a line of its source.
+    reason = f"TLS fails ({error.reason})" if isinstance(error, ssl.SSLError) else getattr(error, "strerror", None)
+    if isinstance(error, TimeoutError) or str(error).startswith("Tunnel connection failed"):
+        reason = str(error)
+    sys.exit(f"{reason or 'nothing there speaks HTTPS'}. Check --server, and this machine's network")
 if answer.status != 200 or len(body) > LIMIT:
     sys.exit(f"{path} answers with HTTP status {answer.status}. Is this a Robotether server, and of this version?")
 with open(target, "wb") as file:
@@ -259,8 +262,7 @@ with open(target, "wb") as file:
 PYTHON
 }
 
-get() { # path, file
-  # A package has all files.
+get() { # path, file; a package has all files
   if [ -n "$package" ]; then return; fi
   why=$(fetch "$1" "$2" 2>&1) || fail "cannot get https://$server$1: $why"
 }
