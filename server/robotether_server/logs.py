@@ -61,12 +61,6 @@ class JsonFormatter(logging.Formatter):
         return json.dumps(line)
 
 
-def describe_failure(error: Exception) -> str:
-    """Say why a connection failed. aiohttp's own words of an answer hold the URL with its ticket, and the headers."""
-    status = getattr(error, "status", None)
-    return f"HTTP {status}" if status is not None else str(error) or type(error).__name__
-
-
 def set_up(level: str, log_format: LogFormat) -> None:
     """Write what is logged from `level` on to standard error."""
     logging.basicConfig(level=level.upper(), format=TEXT)

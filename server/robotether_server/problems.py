@@ -6,6 +6,7 @@ A detail is for the person who asked, so it must never hold a secret or another 
 
 from __future__ import annotations
 
+import os
 import re
 import ssl
 import subprocess
@@ -68,14 +69,23 @@ _ASKS = (
 
 def reason_in(error: Exception) -> str:
     """Return why a file, a program or a connection failed, in words for people: no class, no path, no object."""
+    # What aiohttp's errors wrap.
+    for name in ("certificate_error", "os_error"):
+        error = getattr(error, name, error)
     if isinstance(error, ssl.SSLError):
         # One that no handshake raised has none.
-        reason = getattr(error, "reason", None) or "no reason is known"
+        words = getattr(error, "verify_message", None) or getattr(error, "reason", None)
+        reason = words or "no reason is known"
         return f"TLS fails: {reason.replace('_', ' ').lower()}"
     if isinstance(error, TimeoutError | subprocess.TimeoutExpired):
         return "no answer in time"
     if isinstance(error, UnicodeError):
         return "it is no text"
+    status, number = getattr(error, "status", None), getattr(error, "errno", None)
+    if isinstance(status, int) and status > 0:
+        return f"HTTP {status}"
+    if isinstance(number, int) and number > 0:
+        return os.strerror(number)
     return getattr(error, "strerror", None) or "no reason is known"
 
 

@@ -25,7 +25,7 @@ from robotether_common.ros import camera_topics
 
 from robotether_server.contract.recordings import NAMESPACE
 from robotether_server.db.recordings import RecordableRobot
-from robotether_server.logs import describe_failure
+from robotether_server.problems import reason_in
 from robotether_server.recorder.cdr import EncodingError, encoder_of
 from robotether_server.recorder.channels import JSON_TEXT, CameraWriter, channel_of
 from robotether_server.recorder.mcap_file import RecordedMessage
@@ -179,7 +179,7 @@ class RobotObserver:
             try:
                 await work()
             except (ClientError, OSError) as exc:
-                log.debug("robot %s: no %s: %s", self._robot.name, what, describe_failure(exc))
+                log.debug("robot %s: no %s: %s", self._robot.name, what, reason_in(exc))
             except Exception:
                 # What this robot sent must not end the recording of the rest.
                 log.exception("robot %s: %s failed", self._robot.name, what)

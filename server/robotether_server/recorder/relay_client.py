@@ -18,7 +18,7 @@ from robotether_common.frames import HEADER, MAX_FRAME_BYTES
 
 from robotether_server.db.fleet import RECORDER
 from robotether_server.db.recordings import RecordableRobot
-from robotether_server.logs import describe_failure
+from robotether_server.problems import reason_in
 from robotether_server.settings.server import RecorderSettings
 from robotether_server.tickets import RECORDER_SALT, Ticket, TicketSigner, new_id
 
@@ -114,7 +114,7 @@ class RelayChannel:
                         await self._request(robot_id, follows=True, writes=writes)
                     await self._read(socket)
             except (ClientError, OSError) as exc:
-                log.info("cannot reach the relay: %s", describe_failure(exc))
+                log.info("cannot reach the relay: %s", reason_in(exc))
             finally:
                 self._socket = None
             await asyncio.sleep(AGAIN_S)

@@ -4,7 +4,9 @@ import builtins
 import re
 import ssl
 from pathlib import Path
+from types import SimpleNamespace
 
+import aiohttp
 import pytest
 from robotether_server import problems
 from robotether_server.problems import HttpError, RobotetherError, reason_in
@@ -42,11 +44,22 @@ def test_http_errors_have_codes_too(status, code):
     assert HttpError(status, "x").as_dict()["code"] == code
 
 
+def connection_error(error):
+    """Return what aiohttp raises, whose text names the object that holds the certificates."""
+    key = SimpleNamespace(host="host", port=1, ssl=ssl.create_default_context())
+    return aiohttp.ClientConnectorError(key, error)
+
+
 @pytest.mark.parametrize(
     ("error", "told"),
     [
         (FileNotFoundError(2, "No such file or directory", "/secret/path"), "No such file"),
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] x (_ssl.c:1007)"), "TLS fails"),
+        (
+            connection_error(OSError(111, "Connect call failed ('192.0.2.1', 1)")),
+            "Connection refused",
+        ),
+        (aiohttp.WSServerHandshakeError(None, (), status=403), "HTTP 403"),
         (TimeoutError(), "no answer in time"),
         (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "it is no text"),
         (ZeroDivisionError("<object at 0x7f12>"), "no reason is known"),

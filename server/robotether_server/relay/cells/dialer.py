@@ -11,7 +11,7 @@ import socket
 
 from aiohttp import ClientError, ClientSession, ClientWebSocketResponse, TCPConnector
 
-from robotether_server.problems import ProtocolError
+from robotether_server.problems import ProtocolError, reason_in
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.feed import FLEET_PATH, receive
 from robotether_server.relay.cells.keys import SERVER_NAME, PeerKeys
@@ -74,8 +74,10 @@ class PeerDialer:
             try:
                 await self._connect(client, name, address)
                 pauses, why = delays(FIRST_RETRY_S, MAX_RETRY_S), ""
-            except (ProtocolError, ClientError, OSError) as exc:
-                why = str(exc) or type(exc).__name__
+            except ProtocolError as exc:
+                why = exc.detail
+            except (ClientError, OSError) as exc:
+                why = reason_in(exc)
             except Exception:
                 log.exception("the connection to cell %s failed", name)
                 why = ""

@@ -15,7 +15,7 @@ from aiohttp import ClientError, WebSocketError, WSMsgType, web
 
 from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.logs import describe_failure
+from robotether_server.problems import reason_in
 from robotether_server.relay.auth.access import HandlerContext, credential_in
 from robotether_server.relay.cells.cell_client import CellClient
 from robotether_server.relay.cells.peers import Peer, Peers
@@ -79,7 +79,7 @@ class ForwardedObservers:
         try:
             cell = await self._cells.open(peer, request.path_qs, self._rules.message_limit, headers)
         except (ClientError, OSError) as exc:
-            why = describe_failure(exc)
+            why = reason_in(exc)
             log.info("robot %s: cell %s does not take an observer: %s", robot.name, peer.name, why)
             return None
         operator = OperatorSocket(OBSERVER_LIMIT)
