@@ -25,6 +25,7 @@ from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    reason_of,
     serve,
 )
 from robotether_agent.video.timestamps import MAX_LAG_S
@@ -88,11 +89,8 @@ def read(url: str, newest: NewestFrame) -> None:
             for frame in frames_of(container):
                 newest.put(frame)
         newest.end(CameraFailedError("it ended the stream"))
-    except CameraFailedError as error:
-        newest.end(error)
-    except (av.FFmpegError, MemoryError, ValueError, IndexError) as error:
-        # Not the error's own text, which has the URL.
-        newest.end(CameraFailedError(getattr(error, "strerror", None) or type(error).__name__))
+    except (CameraFailedError, av.FFmpegError, MemoryError, ValueError, IndexError) as error:
+        newest.end(CameraFailedError(reason_of(error)))
 
 
 def opened(url: str) -> Any:
@@ -108,6 +106,8 @@ def opened(url: str) -> Any:
 
 def frames_of(container: Any) -> Any:
     """Yield each frame of a camera's video as soon as it is there."""
+    if not container.streams.video:
+        raise CameraFailedError("it has no video")
     stream = container.streams.video[0]
     context = stream.codec_context
     context.thread_count = 1

@@ -27,6 +27,7 @@ from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    reason_of,
     serve,
 )
 from robotether_agent.video.raw_images import FrameMaker, RawImage
@@ -41,7 +42,7 @@ def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
     except (CameraFailedError, FramesLateError, NotShownError) as error:
         newest.end(CameraFailedError(str(error)))
     except (av.FFmpegError, MemoryError) as error:
-        newest.end(CameraFailedError(f"its H.264 cannot be decoded: {type(error).__name__}"))
+        newest.end(CameraFailedError(f"its H.264 cannot be decoded: {reason_of(error)}"))
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
         newest.end(CameraFailedError(describe_error(error, CONNECT_WITHIN_S)))
 

@@ -25,6 +25,15 @@ class CameraFailedError(DetailError):
     """The camera gives no frames; the message says why, without its URL."""
 
 
+def reason_of(error: Exception) -> str:
+    """Return why there are no frames. Of FFmpeg's words the reason alone: the rest may have the camera's URL."""
+    if isinstance(error, CameraFailedError):
+        return error.message
+    if isinstance(error, MemoryError):
+        return "this machine has no memory left"
+    return getattr(error, "strerror", None) or "its frames cannot be read"
+
+
 @dataclass(frozen=True)
 class DecodedFrame:
     """A frame with its times on the robot's clock; `content` is a JPEG already, PyAV's frame, or what makes that."""
@@ -111,8 +120,7 @@ def serve(read: Callable[[NewestFrame], None], output: BinaryIO) -> None:
                 times = (frame.is_stamped, frame.timestamp_s, frame.arrived_s)
                 write(output, FRAME_HEADER.pack(FRAME, *times) + jpeg)
     except (CameraFailedError, av.FFmpegError, MemoryError, ValueError) as error:
-        reason = str(error) if isinstance(error, CameraFailedError) else type(error).__name__
-        write(output, FRAME_HEADER.pack(REASON, False, 0.0, 0.0) + reason.encode())
+        write(output, FRAME_HEADER.pack(REASON, False, 0.0, 0.0) + reason_of(error).encode())
 
 
 def write(output: BinaryIO, message: bytes) -> None:

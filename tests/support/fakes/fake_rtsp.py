@@ -1,7 +1,7 @@
 """A double of an RTSP camera, over TCP alone.
 
 Modes: `streams` H.264; `silent` plays and sends nothing; `refuses` wants a login; `garbage` answers no RTSP;
-`redirects` leads to `location`; `describes` has a description that leads there.
+`redirects` leads to `location`; `describes` has a description that leads there; `audio` has a microphone alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robotether_agent.video.encoder_messages import EncodeRequest
 from robotether_agent.video.encoder_process import FrameTranscoder
 from robotether_common.codecs import H264
 
-RtspMode = Literal["streams", "silent", "refuses", "garbage", "redirects", "describes"]
+RtspMode = Literal["streams", "silent", "refuses", "garbage", "redirects", "describes", "audio"]
 FPS = 15
 RTP = struct.Struct("!BBHII")
 CLOCK = 90_000
@@ -84,6 +84,8 @@ class FakeRtspCamera:
         return f"RTSP/1.0 {status}\r\nCSeq: {number}\r\nSession: 1\r\n{head}\r\n{body}".encode()
 
     def _description(self) -> str:
+        if self.mode == "audio":
+            return "v=0\r\no=- 0 0 IN IP4 127.0.0.1\r\ns=x\r\nt=0 0\r\nm=audio 0 RTP/AVP 0\r\na=control:track1\r\n"
         sets = [unit for unit in self.units[0] if unit[0] & 31 in (SPS, PPS)]
         sprop = ",".join(base64.b64encode(unit).decode() for unit in sets)
         control = self.location if self.mode == "describes" else "track1"

@@ -86,6 +86,11 @@ async def test_an_answer_that_is_no_camera_is_a_reason_without_the_url(monkeypat
     assert not visits
 
 
+async def test_a_camera_without_video_says_so():
+    async with FakeRtspCamera(JPEGS[:1], "audio") as camera:
+        assert await down_reason(camera.url) == "camera rear cannot be read: it has no video"
+
+
 async def test_a_redirect_to_the_same_host_is_followed():
     async with FakeRtspCamera(JPEGS[:1], "refuses") as other:
         async with FakeRtspCamera(JPEGS[:1], "redirects", other.url) as camera:
