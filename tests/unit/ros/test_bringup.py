@@ -121,13 +121,15 @@ def test_serves_this_machine_alone_where_the_agent_looks(file: Path) -> None:
     assert defaults["video_port"] == str(urlsplit(agent.video_url).port)
 
 
-def test_compose_file_gives_the_agent_no_more_than_the_network() -> None:
-    """Docker reads the compose file, which gives the agent only the network."""
+def test_compose_file_runs_this_checkout_and_gives_the_agent_only_the_network() -> None:
+    """Docker reads the compose file."""
     command = ["docker", "compose", "-f", str(ROS / "compose.yaml"), "config", "--format", "json"]
     environ = os.environ | {"SERVER": "robots.example.com"}
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environ)
     services = json.loads(done.stdout)["services"]
     assert {service["network_mode"] for service in services.values()} == {"host"}
+    # What a `git pull` brought runs, and no registry is asked for our image's name.
+    assert {service["pull_policy"] for service in services.values()} == {"build"}
     agent = services["agent"]
     assert agent["read_only"]
     assert agent["cap_drop"] == ["ALL"]
