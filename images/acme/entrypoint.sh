@@ -18,9 +18,10 @@ readonly LONGEST_LOOK_S=21600
 readonly FIRST_PAUSE_S=20
 readonly LONGEST_PAUSE_S=21600
 
+# Unhealthy, and not started again and again: nothing changes until somebody changes the setting.
 fail() {
   echo "cannot get a certificate: $*" >&2
-  exit 1
+  exec sleep infinity
 }
 
 check_settings() {

@@ -103,7 +103,7 @@ def test_a_wrong_value_ends_the_start_before_anything_runs():
         if text.startswith("${") and name != "DIRECT_PORTS"
     }
     nginx = {name: f"${{{name}:-}}" for name in ("DIRECT_SOURCES", "TRUSTED_PROXIES")}
-    site |= ALL_SERVICES["alertmanager"]["environment"]
+    site |= ALL_SERVICES["acme"]["environment"] | ALL_SERVICES["alertmanager"]["environment"]
     assert {name: text for name, text in ours.items() if name != "DB_NAME"} == site | nginx
 
 

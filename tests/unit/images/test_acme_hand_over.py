@@ -1,12 +1,17 @@
-"""How the acme container hands a certificate to nginx, with programs in the place of lego and a full disk."""
+"""How the acme container hands a certificate to nginx, and what it and Alertmanager do of a wrong setting.
+
+Programs are in the place of lego, a full disk and a sleep without end.
+"""
 
 import os
 import subprocess
 from pathlib import Path
 
+import pytest
 from tls_front import openssl
 
-ENTRYPOINT = Path(__file__).resolve().parents[3] / "images" / "acme" / "entrypoint.sh"
+IMAGES = Path(__file__).resolve().parents[3] / "images"
+ENTRYPOINT = IMAGES / "acme" / "entrypoint.sh"
 DOMAIN = "robots.example.org"
 FULL_DISK = """#!/bin/sh
 head -c 20 "$1" > "$2"
@@ -56,3 +61,21 @@ def test_full_disk_leaves_nginx_the_old_certificate(tmp_path):
     assert "No space left" in done.stderr
     assert (out / "current" / "cert.pem").read_text() == "the old one"
     assert sorted(path.name for path in out.iterdir()) == ["current", "pair-1"]
+
+
+@pytest.mark.parametrize(
+    ("program", "setting", "why"),
+    [
+        (ENTRYPOINT, {"DOMAIN": "Robots"}, "DOMAIN is 'Robots'; allowed is"),
+        (IMAGES / "prometheus" / "alertmanager", {"ALERT_EMAIL_TO": "a@b.example"}, "ALERT_SMTP is not"),
+    ],
+)  # fmt: skip
+def test_wrong_setting_waits_for_a_person(tmp_path, program, setting, why):
+    """Docker would start what ends again and again, with the same line each time."""
+    sleep = tmp_path / "sleep"
+    sleep.write_text('#!/bin/sh\necho "sleeps $1"\n')
+    sleep.chmod(0o755)
+    environ = {**os.environ, **setting, "PATH": f"{tmp_path}:{os.environ['PATH']}"}
+    done = subprocess.run(["sh", program], env=environ, check=False, capture_output=True, text=True)
+    assert why in done.stderr
+    assert done.stdout == "sleeps infinity\n"

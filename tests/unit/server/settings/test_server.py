@@ -110,6 +110,9 @@ WRONG = {
     "PORT_RANGE_FIRST": ("80",),
     "PORT_RANGE_LAST": ("65536",),
     "AUDIT_DAYS": ("-1", "36501"),
+    "DOMAIN": ("Robots.example.org", "localhost", "https://robots.example.org"),
+    "ACME_EMAIL": ("ops",),
+    "ACME_SERVER": ("http://acme.example.org",),
     "LOG_LEVEL": ("loud",),
 }
 
