@@ -1,5 +1,6 @@
 """The mysql image: what its entrypoint does with secrets and volumes, and what the server says is in force."""
 
+import os
 import subprocess
 import time
 
@@ -184,3 +185,18 @@ def test_password_that_cannot_be_used_stops_the_start(start, tmp_path, password,
     log = wait_exit(start(is_healthy=False))
     assert all(words in log for words in says)
     assert not password or password not in log
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("DB_READ_ONLY", "off"), ("DB_READ_ONLY", "0"), ("DB_PARTNER", "192.0.2.7")]
+)
+def test_partner_is_asked_however_its_settings_are_written(tmp_path, name, value):
+    """Else an old database would start beside the one that was promoted."""
+    script = (mariadb_server.IMAGE_DIR / "entrypoint").read_text()
+    script = script.replace("data=/var/lib/mysql", f"data={tmp_path}")
+    environ = {**os.environ, "DB_PARTNER": "192.0.2.7:3306", name: value}
+    done = subprocess.run(
+        ["sh", "-c", script], env=environ, check=False, capture_output=True, text=True
+    )
+    assert done.returncode == 1
+    assert f"cannot start: {name} is '{value}'; allowed is" in done.stderr
