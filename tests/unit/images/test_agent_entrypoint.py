@@ -1,4 +1,4 @@
-"""The first process of the agent's container, with doubles of agent and guard: it must outlive the guard."""
+"""The first process of the agent's container, with doubles of agent and guard: it must outlive both."""
 
 import os
 import signal
@@ -6,6 +6,7 @@ import subprocess
 import time
 from pathlib import Path
 
+import pytest
 from robotether_agent.guard.fork_server import GUARD_NAME
 
 ENTRYPOINT = Path(__file__).resolve().parents[3] / "images" / "agent" / "entrypoint"
@@ -29,3 +30,29 @@ def test_outlives_the_guard_of_a_killed_agent(tmp_path):
         os.kill(int(agent.read_text()), signal.SIGKILL)
         assert first.wait(10) == 128 + signal.SIGKILL
     assert (tmp_path / "robot-stopped").exists()
+
+
+# Writes what shows that it lives, and then only what shows that it was not killed.
+HANGING = """#!/bin/bash
+echo {} > "$ROBOTETHER_RUN_DIR/status.json"
+[ -e "$ROBOTETHER_RUN_DIR/hangs" ] || while sleep 0.1; do echo {} > "$ROBOTETHER_RUN_DIR/status.json"; done &
+sleep 3
+kill $!
+"""
+
+
+@pytest.mark.parametrize(("hangs", "status"), [(True, 128 + signal.SIGKILL), (False, 0)])
+def test_agent_that_hangs_is_ended(tmp_path, hangs, status):
+    """Docker starts again what has ended, and systemd sees no further than the container."""
+    python = tmp_path / "python3"
+    python.write_text(HANGING)
+    python.chmod(0o755)
+    if hangs:
+        (tmp_path / "hangs").touch()
+    script = ENTRYPOINT.read_text().replace("LOOK_S=10", "LOOK_S=0.3")
+    environ = {**os.environ, "ROBOTETHER_RUN_DIR": str(tmp_path)}
+    environ["PATH"] = f"{tmp_path}:{environ['PATH']}"
+    done = subprocess.run(
+        ["sh", "-c", script, "entrypoint", "run"], env=environ, check=False, timeout=20
+    )
+    assert done.returncode == status
