@@ -91,7 +91,7 @@ class Server:
             ) from error
         except OSError as error:
             raise ServerError(
-                f"cannot reach https://{self.address} from the Ansible controller: {error.strerror or error}; "
+                f"cannot reach https://{self.address} from the Ansible controller: {reason_of(error)}; "
                 f"check {self.prefix}server and that the server is up"
             ) from error
         self._compare(connection)
@@ -129,12 +129,14 @@ class Server:
             answer = connection.getresponse()
             return answer.status, answer.read(ANSWER_LIMIT)
         except (OSError, http.client.HTTPException) as error:
-            raise ServerError(f"cannot ask https://{self.address}: {error}; try again") from error
+            raise ServerError(
+                f"cannot ask https://{self.address}: {reason_of(error)}; try again"
+            ) from error
         finally:
             connection.close()
 
     def _context(self) -> ssl.SSLContext:
-        context = ssl.create_default_context(cafile=self.ca_file)
+        context = trusting(self.ca_file)
         if self.fingerprint:
             # The comparison of the whole certificate takes the place of names and authorities.
             context.check_hostname = False
@@ -165,6 +167,26 @@ class Server:
                 "answer_invalid",
             )
         return answer
+
+
+def trusting(ca_file: str | None) -> ssl.SSLContext:
+    """Return what trusts these certificates, or the system's; ServerError where they cannot be read."""
+    try:
+        return ssl.create_default_context(cafile=ca_file)
+    except OSError as error:
+        raise ServerError(
+            f"cannot use ca_file {ca_file!r}: allowed is a readable file of certificates in PEM",
+            "tls_untrusted",
+        ) from error
+
+
+def reason_of(error: Exception) -> str:
+    """Return why a connection failed, in words for people: no class, no line of Python's source."""
+    if isinstance(error, ssl.SSLError):
+        return f"TLS fails ({error.reason or 'the connection ended'})"
+    if isinstance(error, OSError):
+        return error.strerror or str(error)
+    return "what answers there does not speak HTTP"
 
 
 def refusal(action: str, status: int, answer: Mapping[str, Any]) -> ServerError:

@@ -22,6 +22,8 @@ from ansible_collections.robotether.robotether.plugins.module_utils.server impor
     ServerError,
     digits_of,
     host_and_port,
+    reason_of,
+    trusting,
 )
 
 DOCUMENTATION = r"""
@@ -108,9 +110,8 @@ def _server(params: dict[str, Any]) -> str:
         )
     except (OSError, http.client.HTTPException) as error:
         proxy = "robotether_agent_http_proxy, " if params["http_proxy"] else ""
-        why = getattr(error, "strerror", None) or error
         return (
-            f"this robot cannot reach https://{params['server']} ({why}): check its network, {proxy}"
+            f"this robot cannot reach https://{params['server']} ({reason_of(error)}): check its network, {proxy}"
             "robotether_agent_server, and that the server's port is open"
         )
     if pinned and seen != pinned:
@@ -124,7 +125,7 @@ def _server(params: dict[str, Any]) -> str:
 
 def _certificate(params: dict[str, Any], host: str, port: int, *, is_pinned: bool) -> str:
     """Return the SHA-256 of the server's certificate; unless it is pinned, checked against the authorities."""
-    context = ssl.create_default_context(cafile=params["ca_file"])
+    context = trusting(params["ca_file"])
     if is_pinned:
         context.check_hostname = False
         context.verify_mode = ssl.CERT_NONE
@@ -157,8 +158,9 @@ def _rosbridge(params: dict[str, Any]) -> str:
         with socket.create_connection(address, timeout=TIMEOUT_S):
             return ""
     except (OSError, ValueError) as error:
+        why = reason_of(error) if isinstance(error, OSError) else "it is no URL with a port"
         return (
-            f"rosbridge does not answer at {url} ({error}): start it (docs/howto/ros2-robot.md, "
+            f"rosbridge does not answer at {url} ({why}): start it (docs/howto/ros2-robot.md, "
             "docs/howto/ros1-robot.md), correct robotether_agent_rosbridge_url, or enrol "
             "without it with robotether_agent_rosbridge_required=false"
         )

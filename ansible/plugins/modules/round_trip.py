@@ -17,6 +17,7 @@ from ansible_collections.robotether.robotether.plugins.module_utils.server impor
     ARGUMENTS,
     Server,
     ServerError,
+    reason_of,
 )
 
 try:
@@ -111,8 +112,9 @@ def _round_trip(server: Server, robot: str) -> float:
         with _opened(server, path) as socket:
             return _echo(socket)
     except (websocket.WebSocketException, OSError) as error:
+        why = reason_of(error) if isinstance(error, OSError) else error
         raise ServerError(
-            f"cannot reach rosbridge of robot {robot} through {server.address}: {error}; "
+            f"cannot reach rosbridge of robot {robot} through {server.address}: {why}; "
             "run 'robotether-agent doctor' on the robot",
             "robot_unreachable",
         ) from error

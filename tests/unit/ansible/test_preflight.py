@@ -49,6 +49,20 @@ async def test_server_is_reached_through_the_robots_proxy(certificate, pin):
     assert "check its network, robotether_agent_http_proxy" in problem
 
 
+async def test_no_text_of_python_stands_in_a_problem(tmp_path):
+    """A server that speaks something else, and certificates that are not there."""
+    server = await asyncio.start_server(
+        lambda _, writer: writer.write(b"SSH-2.0-OpenSSH_9.2\r\n"), "127.0.0.1", 0
+    )
+    asked = {"server": f"localhost:{server.sockets[0].getsockname()[1]}"}
+    ca_file = str(tmp_path / "ca.pem")
+    async with server:
+        (speaks_ssh,) = await problems_of(asked)
+        (lacks_file,) = await problems_of({**asked, "ca_file": ca_file})
+    assert "(TLS fails (WRONG_VERSION_NUMBER)): check its network" in speaks_ssh
+    assert lacks_file.startswith(f"cannot use ca_file '{ca_file}': allowed is a readable file")
+
+
 async def test_room_is_needed_in_each_folder():
     """Docker may keep its images on another file system than the agent's own folder."""
     folders = ["/", "/proc/self"]
