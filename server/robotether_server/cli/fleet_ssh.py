@@ -520,6 +520,8 @@ def _describe_error(error: Exception, target: Target) -> str:
             why = "it closed the connection during the login"
         case paramiko.SSHException() if "banner" in str(error):
             why = f"no SSH server answers at {_where(target)}"
+        case OSError():
+            why = reason_in(error)
         case _:
             why = str(error)
     return why
