@@ -10,6 +10,8 @@ from pathlib import Path
 
 # In compose.yaml's volume backup_record.
 RECORD = Path("/var/lib/robotether/backups")
+# Time in s by which a backup may be of the future, as after a small step of the clock.
+MAX_AHEAD_S = 300
 
 
 @dataclass(frozen=True)
@@ -39,6 +41,10 @@ def age_s(timestamp: dt.datetime | None) -> float:
 
 def _read(file: Path) -> dt.datetime | None:
     try:
-        return dt.datetime.fromtimestamp(int(file.read_text(encoding="ascii")), dt.UTC)
+        timestamp = dt.datetime.fromtimestamp(int(file.read_text(encoding="ascii")), dt.UTC)
     except FileNotFoundError:
         return None
+    if age_s(timestamp) < -MAX_AHEAD_S:
+        # The clock was wrong then or is now; else it would be the newest one until that day.
+        raise ValueError(timestamp)
+    return timestamp
