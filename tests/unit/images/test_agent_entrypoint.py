@@ -56,3 +56,27 @@ def test_agent_that_hangs_is_ended(tmp_path, hangs, status):
         ["sh", "-c", script, "entrypoint", "run"], env=environ, check=False, timeout=20
     )
     assert done.returncode == status
+
+
+@pytest.mark.parametrize(
+    ("code", "setting", "waits"), [(78, "yes", True), (78, "", False), (1, "yes", False)]
+)
+def test_agent_that_needs_a_person_is_not_started_again(tmp_path, code, setting, waits):
+    """Where Docker starts it; systemd knows these statuses by itself."""
+    for name, line in (("python3", f"exit {code}"), ("sleep", 'echo "sleeps $1"')):
+        program = tmp_path / name
+        program.write_text(f"#!/bin/sh\n{line}\n")
+        program.chmod(0o755)
+    environ = {
+        **os.environ,
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
+        "WAITS_FOR_PERSON": setting,
+    }
+    environ["ROBOTETHER_RUN_DIR"] = str(tmp_path)
+    script = ENTRYPOINT.read_text().replace("watch &", "true &")
+    done = subprocess.run(
+        ["sh", "-c", script, "entrypoint", "run"],
+        env=environ, check=False, capture_output=True, text=True, timeout=20,
+    )  # fmt: skip
+    assert ("sleeps infinity" in done.stdout) == waits
+    assert done.returncode == (0 if waits else code)
