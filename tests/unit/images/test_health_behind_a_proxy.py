@@ -1,4 +1,4 @@
-"""Health check of nginx where Docker's client gives each container the address of a proxy (~/.docker/config.json)."""
+"""Health checks in images where Docker's client gives each container the address of a proxy (~/.docker/config.json)."""
 
 import os
 import subprocess
@@ -25,18 +25,21 @@ class Well(BaseHTTPRequestHandler):
 
 
 @pytest.fixture
-def url():
-    """A program that is well."""
+def port():
+    """That of a program that is well."""
     with HTTPServer(("127.0.0.1", 0), Well) as server:
         thread = Thread(target=server.serve_forever, args=(0.05,))
         thread.start()
-        yield f"http://127.0.0.1:{server.server_port}/"
+        yield server.server_port
         server.shutdown()
         thread.join()
 
 
-def test_no_proxy_is_asked(url):
+@pytest.mark.parametrize(
+    ("image", "argument"), [("nginx", "http://127.0.0.1:{}/"), ("prometheus", "{}")]
+)
+def test_no_proxy_is_asked(port, image, argument):
     environment = {"PATH": os.environ["PATH"], **PROXY}
-    check = [str(IMAGES / "nginx" / "healthy"), url]
+    check = [str(IMAGES / image / "healthy"), argument.format(port)]
     done = subprocess.run(check, env=environment, check=False, capture_output=True, timeout=30)
     assert done.returncode == 0, done.stderr.decode()
