@@ -57,6 +57,9 @@ def download(machine: str, minor: int, folder: Path, locked: str) -> None:
 
 def main() -> int:
     """Return the exit code."""
+    if "--help" in sys.argv:
+        print(__doc__)
+        return 0
     words = [word for word in sys.argv[1:] if word != VIDEO]
     if len(words) != 2 or words[0] not in MACHINES:  # noqa: PLR2004 - the two arguments
         print(__doc__.splitlines()[0], file=sys.stderr)
@@ -64,12 +67,15 @@ def main() -> int:
     folder = Path(words[1])
     locks = ["requirements.txt", *(["requirements.video.txt"] if VIDEO in sys.argv else [])]
     locked = "".join((AGENT / name).read_text() for name in locks)
-    folder.mkdir(parents=True, exist_ok=True)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         for minor in MINORS:
             download(MACHINES[words[0]], minor, folder, locked)
     except subprocess.CalledProcessError:
         print(f"cannot fill {folder}: see pip's message above", file=sys.stderr)
+        return 1
+    except OSError as error:
+        print(f"cannot fill {folder}: {error.strerror}", file=sys.stderr)
         return 1
     return 0
 

@@ -28,6 +28,9 @@ PYTEST = ("pytest", "-q", "-n", "2", "--timeout", "300", "tests/unit")
 
 def main() -> None:
     """Run both, print the totals, and fail when a test did."""
+    if "--help" in sys.argv:
+        print(__doc__)
+        return
     shutil.rmtree(RESULTS, ignore_errors=True)
     RESULTS.mkdir(parents=True)
     failed = run_python()
