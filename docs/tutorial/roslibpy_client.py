@@ -154,8 +154,11 @@ def twist(forward: float, turn: float) -> roslibpy.Message:
 
 
 def frames(server: str, robot: str, token: str, topic: str) -> Iterator[bytes]:
-    """Yield the JPEGs of a camera, always the newest one."""
-    with ask(f"{server}/robots/{robot}/video/stream?topic={topic}", token) as stream:
+    """Yield the JPEGs of a camera, always the newest one, until none comes in time."""
+    with (
+        ask(f"{server}/robots/{robot}/video/stream?topic={topic}", token) as stream,
+        contextlib.suppress(TimeoutError),
+    ):
         length = 0
         while line := stream.readline(MAX_LINE):
             name, _, value = line.decode().partition(":")
@@ -171,7 +174,10 @@ def main() -> None:
     try:
         server, robot, token = sys.argv[1:]
     except ValueError:
+        server = ""
+    if not server.startswith("https://"):
         sys.exit(f"usage: python {sys.argv[0]} https://HOST ROBOT TOKEN")
+    server = server.rstrip("/")
     logging.basicConfig(format="%(message)s")
     logging.getLogger("roslibpy").setLevel(logging.INFO)
     # Twisted logs a traceback for each message after the end of a connection, also when roslibpy's log is closed.
@@ -182,7 +188,9 @@ def main() -> None:
         start = odometry.position()
         drive(ros, forward=0.2, turn=0.0, seconds=1.0)
         print(f"{robot} moved {math.dist(start, odometry.position()):.2f} m")  # noqa: T201
-    frame = next(frames(server, robot, token, "/camera/image_raw"))
+    frame = next(frames(server, robot, token, "/camera/image_raw"), None)
+    if frame is None:
+        sys.exit(f"{robot}'s camera gave no frame")
     Path(f"{robot}.jpg").write_bytes(frame)
     print(f"saved a frame as {robot}.jpg")  # noqa: T201
 

@@ -55,6 +55,20 @@ def drivers_token(stack: Stack) -> Iterator[str]:
     stack.admin.remove("users", "programmer")
 
 
+def test_tutorial_sends_its_token_over_https_alone() -> None:
+    """Another address is answered by the usage, not by a traceback."""
+    for address in ("localhost", "http://localhost"):
+        command = [
+            sys.executable,
+            str(ROOT / "docs/tutorial/roslibpy_client.py"),
+            address,
+            "sim1",
+            "rt_x",
+        ]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+        assert (done.returncode, done.stderr.split(":")[0]) == (1, "usage")
+
+
 def test_tutorial_drives_with_level_drive_and_saves_a_frame(
     stack: Stack, drivers_token: str, tmp_path: Path
 ) -> None:
