@@ -22,6 +22,9 @@ export function outcome({ name, stopped, confirmed }, control) {
 // Its stop is over: what was said of it is no longer so. Pure.
 const isReleased = (before, now) => Boolean(before?.stopped && now && !now.stopped);
 
+// That of each of these control objects, or undefined where they differ. Pure.
+export const commonGuard = (controls) => (new Set(controls.map((control) => control?.guard)).size === 1 ? controls[0]?.guard : undefined);
+
 export class FleetStops {
   // `manages`: this user may stop more than one robot at once.
   constructor(root, { manages }) {
@@ -77,7 +80,7 @@ export class FleetStops {
     if (this.results.length > 0) this.list();
     else if (ok) setText(this.result, texts.stopNone);
     else if (refusal(status, tries) === "unheard") {
-      setText(this.result, stopTexts.unheard());
+      setText(this.result, stopTexts.unheard({ guard: commonGuard([...this.controls.values()]) }));
       this.timer = setTimeout(() => this.attempt(site, round, tries), AGAIN_MS);
     } else setText(this.result, texts.stopFailed(detail));
   }
@@ -116,12 +119,13 @@ export class CardStop {
   // `robot` as of the events. One that waits for approval, or is disabled, has no connection to stop.
   receive({ state, control }) {
     this.state = state;
+    this.guard = control?.guard;
     this.stopping.receive(control?.stopped);
   }
 
   show() {
     const { kind, by, at, detail } = this.stopping.shown;
-    const words = stopTexts[kind]({ by, at: localTime(at), detail });
+    const words = stopTexts[kind]({ by, at: localTime(at), detail, guard: this.guard });
     for (const card of this.cards) {
       const button = part(card, "stop");
       if (button.hidden !== (this.state !== "active")) button.hidden = this.state !== "active";

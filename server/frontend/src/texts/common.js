@@ -103,9 +103,8 @@ export const stop = {
   ended: "Stop does not work on this page any more.",
   asked: () => "Stopping.",
   heard: () => "Stopping: not confirmed by the robot yet.",
-  // `guard` of the control object; a robot without one does not halt.
-  unheard: (/** @type {{guard?: string}} */ { guard } = {}) =>
-    `No answer yet, trying again. ${guard === "off" ? "The robot's guard is off: it does not stop by itself." : "Without commands the robot halts by itself."}`,
+  // `guard` of the control object.
+  unheard: (/** @type {{guard?: string}} */ { guard } = {}) => `No answer yet, trying again. ${halts(guard)}`,
   failed: () => "Stop not confirmed. Press Stop again.",
   refused: ({ detail }) => `Not stopped: ${detail || "the server refused it"}.`,
   stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,

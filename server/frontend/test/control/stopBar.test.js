@@ -117,8 +117,9 @@ test("a page whose rights have ended says that its Stop does not work, and sends
 });
 
 test("a stop without an answer says that a robot halts by itself only of one that does", () => {
-  assert.match(stop.unheard({ guard: "ready" }), /halts by itself/);
+  assert.match(stop.unheard({ guard: "ready" }), /The robot halts by itself\.$/);
   assert.match(stop.unheard({ guard: "off" }), /does not stop by itself/);
+  for (const guard of ["unknown", "down", undefined]) assert.match(stop.unheard({ guard }), /halts by itself is not known/);
 });
 
 let button, clock, done, hold, states;
