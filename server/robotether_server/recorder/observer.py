@@ -109,9 +109,10 @@ class ObservedMessage(Struct):
 
 
 class TopicWriter:
-    """Writes the messages of one topic."""
+    """Writes the messages of one topic; the first one of a robot that it cannot write is in the log."""
 
-    def __init__(self, topic: str, ros_type: RosType | None) -> None:
+    def __init__(self, robot: str, topic: str, ros_type: RosType | None) -> None:
+        self._name = f"robot {robot}: {topic[:100]!r}"
         self._channel = channel_of(topic, ros_type or JSON_TEXT)
         self._encode = encoder_of(ros_type or JSON_TEXT)
         self._is_typed = ros_type is not None
@@ -123,7 +124,9 @@ class TopicWriter:
             data = bytes(msg)
             values = msgspec.json.decode(data) if self._is_typed else {"data": data.decode()}
             encoded = self._encode(values)
-        except (EncodingError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        except (EncodingError, msgspec.DecodeError, UnicodeDecodeError, RecursionError) as exc:
+            if not self.unreadable:
+                log.warning("%s has a message that is not recorded: %.200s", self._name, exc)
             self.unreadable += 1
             return None
         return RecordedMessage(self._channel, now_ns, now_ns, 0, encoded)
@@ -166,7 +169,7 @@ class RobotObserver:
     async def _observe_topics(self) -> None:
         async with await self._client.open_rosbridge(self._robot) as socket:
             observer = RosbridgeObserver(
-                socket, self._write, self._observe_cameras, self._drive_topic
+                self._robot.name, socket, self._write, self._observe_cameras, self._drive_topic
             )
             await observer.run()
 
@@ -191,11 +194,13 @@ class RosbridgeObserver:
 
     def __init__(
         self,
+        robot: str,
         socket: ClientWebSocketResponse,
         write: Write,
         on_cameras: Callable[[Sequence[str]], None],
         drive_topic: Callable[[], str],
     ) -> None:
+        self._robot = robot
         self._socket = socket
         self._write = write
         self._on_cameras = on_cameras
@@ -203,6 +208,8 @@ class RosbridgeObserver:
         self._writers: dict[str, TopicWriter] = {}
         self._types: dict[str, RosType | None] = {}
         self._numbers = itertools.count(1)
+        # Number of texts of which nobody knows what they are.
+        self._unreadable = 0
         self._answers: dict[str, asyncio.Future[Mapping[str, Any]]] = {}
 
     async def run(self) -> None:
@@ -218,7 +225,10 @@ class RosbridgeObserver:
     def _on_text(self, text: str) -> None:
         try:
             message = read_robot_json(text.encode(), ObservedMessage)
-        except (msgspec.DecodeError, RecursionError):
+        except (msgspec.DecodeError, RecursionError) as exc:
+            if not self._unreadable:
+                log.warning("robot %s: what rosbridge sends cannot be read: %s", self._robot, exc)
+            self._unreadable += 1
             return
         if message.op == "publish" and (writer := self._writers.get(message.topic)) is not None:
             recorded = writer.message(message.msg, time.time_ns())
@@ -249,7 +259,7 @@ class RosbridgeObserver:
             return
         if topic.startswith(NAMESPACE) or short_name(kind) in LARGE:
             return
-        self._writers[topic] = TopicWriter(topic, await self._type(kind))
+        self._writers[topic] = TopicWriter(self._robot, topic, await self._type(kind))
         # In whichever namespace.
         throttle_ms = 0 if topic.rpartition("/")[2] in UNTHROTTLED else THROTTLE_MS
         await self._send(
