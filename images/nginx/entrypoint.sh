@@ -99,7 +99,7 @@ main() {
   raise_open_files
   nginx -t -q
   # A socket of a former nginx that was killed would keep this one from listening.
-  rm -f /run/nginx/tls.sock
+  rm -f /run/nginx/http.sock /run/nginx/tls.sock
   watch_certificates &
   if [ -e "$CELLS" ]; then watch_cells & fi
   exec nginx

@@ -166,6 +166,30 @@ def test_one_address_has_1000_connections_and_gets_them_back(stack: Stack) -> No
     assert printed.split() == ["1000", "False", "1000"]
 
 
+def test_one_address_cannot_take_all_connections_by_port_80(stack: Stack) -> None:
+    """Requests that never end hold 100 places, and nobody else's."""
+    begun = []
+    try:
+        for _ in range(150):
+            begun.append(socket.create_connection(("localhost", stack.http_port), timeout=5))
+            begun[-1].sendall(b"GET / HT")
+            begun[-1].setblocking(False)
+        stack.wait("those beyond are closed", lambda: sum(map(_is_closed, begun)) >= 50)
+        assert stack.request("GET", "/nginx-health")[0] == 200
+    finally:
+        for connection in begun:
+            connection.close()
+
+
+def _is_closed(connection: socket.socket) -> bool:
+    try:
+        return connection.recv(1) == b""
+    except BlockingIOError:
+        return False
+    except ConnectionError:
+        return True
+
+
 # Asks for more than one address may, from the address of the container in which it runs.
 FLOOD = """
 import asyncio, collections, sys, aiohttp

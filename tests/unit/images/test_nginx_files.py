@@ -65,6 +65,20 @@ def test_every_request_counts_for_its_address():
     assert bounds[of_stops[0]] == {"stop"}
 
 
+def test_every_port_bounds_the_connections_of_an_address():
+    """Before a request is there: one that never comes holds a place of all that nginx has."""
+    text = (IMAGES / "nginx" / "nginx.conf").read_text()
+    stream, http = text[: text.index("http {")], text[text.index("http {") :]
+    assert re.findall(r"listen (\S+?)[ ;]", http) == [
+        "unix:/run/nginx/http.sock",
+        "unix:/run/nginx/tls.sock",
+    ]
+    servers = re.findall(r"    server \{\n(.*?)\n    \}", stream, re.DOTALL)
+    public = [body for body in servers if "listen 127.0.0.1" not in body]
+    assert len(public) == 2
+    assert all("limit_conn " in body for body in public)
+
+
 def _without_braces(quoted):
     return re.sub(r"[{}]", "", quoted[0])
 
