@@ -8,6 +8,8 @@ import pytest
 IMAGES = Path(__file__).resolve().parents[3] / "images"
 # Memory of an idle TLS connection, measured with 11,880 of them.
 TLS_CONNECTION_KIB = 46
+# Memory of a request for the largest document, compressed for who does not read, with its file in memory.
+SLOW_READER_KIB = 870
 
 
 @pytest.mark.parametrize(
@@ -65,6 +67,14 @@ def test_every_request_counts_for_its_address():
     assert bounds[of_stops[0]] == {"stop"}
 
 
+def test_files_for_slow_readers_fit_in_the_containers_memory():
+    """Each request holds its file and what compresses it: over HTTP/2 a few connections have hundreds."""
+    text = (IMAGES / "nginx" / "nginx.conf").read_text()
+    most = {zone: int(number) for zone, number in re.findall(r"limit_conn (\w+) (\d+);", text)}
+    assert most["files"] * SLOW_READER_KIB / 1024 < 0.6 * _memory_mib()
+    assert most["files_of_address"] < most["files"] / 2
+
+
 def test_every_port_bounds_the_connections_of_an_address():
     """Before a request is there: one that never comes holds a place of all that nginx has."""
     text = (IMAGES / "nginx" / "nginx.conf").read_text()
@@ -87,6 +97,10 @@ def test_idle_connections_of_strangers_fit_in_the_containers_memory():
     """A machine with many cores has no more of them: nginx ends idle ones only when a worker has its last."""
     said = dict(re.findall(r"(worker_\w+) +(\w+);", (IMAGES / "nginx" / "nginx.conf").read_text()))
     most = int(said["worker_processes"]) * int(said["worker_connections"])
+    assert most * TLS_CONNECTION_KIB / 1024 < 0.8 * _memory_mib()
+
+
+def _memory_mib():
     compose = (IMAGES.parent / "compose" / "compose.yaml").read_text()
     [memory_mib] = re.findall(r"\n  nginx:\n(?:(?:    .*)?\n)*?    mem_limit: (\d+)m\n", compose)
-    assert most * TLS_CONNECTION_KIB / 1024 < 0.8 * int(memory_mib)
+    return int(memory_mib)
