@@ -19,14 +19,14 @@ const MAX_AGE_MS = 3600_000; // of a frame, by the robot's clock
 const WORDS_EVERY_MS = 200; // numbers that change with each frame nobody can read
 
 class ReplayPage {
-  // `controls` as of readControls; `driveTopic` may be empty; `named` as of mapOfDrive.js.
+  // `controls` as of readControls; `driveTopic` may be empty; `named` as of mapOfDrive.js, with `cameras`.
   constructor(root, reader, { goesOn, controls, driveTopic, named }) {
     this.root = root;
     this.reader = reader;
     this.goesOn = goesOn;
     this.state = new DriveState();
     this.controls = controls;
-    this.cameras = camerasOf(reader.topics);
+    this.cameras = camerasOf(reader.topics, named.cameras);
     this.camera = this.cameras[0] ?? null;
     this.recorded = reader.spans();
     this.history = historyOf(controls, this.recorded);

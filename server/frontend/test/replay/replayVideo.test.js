@@ -90,6 +90,8 @@ test("cameras are what the recorder wrote of one, in the drive page's order", ()
     { name: "/front", topics: ["/front/compressed", "/front/video"] },
     { name: "/rear", topics: ["/rear/compressed"] },
   ]);
+  const names = camerasOf(topics, ["/rear", "/gone", "/front"]).map(({ name }) => name);
+  assert.deepEqual(names, ["/rear", "/front", "/camera/image_raw", "/<script>"]);
   for (const message of [null, {}, { format: "jpeg", data: "text" }, { format: "av1", data: new Uint8Array(2) }]) {
     assert.equal(frameOf(message, 0), null);
   }

@@ -60,15 +60,20 @@ def play(recording_id: int) -> str:
     return render_template("recording.html", recording=recording, viewing=viewing, topics=topics)
 
 
-def _named_topics(seen: SeenRobot | None) -> dict[str, str | None]:
-    """Return the topics that the settings name of what the page draws, by kind; nothing of a robot that is gone."""
+def _named_topics(seen: SeenRobot | None) -> dict[str, str | list[str] | None]:
+    """Return the topics that the settings name of what the page shows, by kind; nothing of a robot that is gone."""
     try:
         page = robot_settings.parse(seen.robot.settings).page if seen else None
     except FieldInvalidError:
         page = None
     if page is None:
         return {}
-    return {"odometry": page.odometry_topic, "scan": page.scan_topic, "map": page.map_topic}
+    return {
+        "odometry": page.odometry_topic,
+        "scan": page.scan_topic,
+        "map": page.map_topic,
+        "cameras": [camera.topic for camera in page.cameras],
+    }
 
 
 @blueprint.get("/<int:recording_id>/file")

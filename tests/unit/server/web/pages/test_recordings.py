@@ -52,11 +52,13 @@ def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
 
 def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, database):
     with database.transaction() as tx:
-        robots.set_settings(tx, robots.get(tx, "sim1").id, {"page": {"scan_topic": "/front/scan"}})
+        page = {"scan_topic": "/front/scan", "cameras": [{"topic": "/rear", "name": "Rear"}]}
+        robots.set_settings(tx, robots.get(tx, "sim1").id, {"page": page})
     browser.log_in("olga")
     page = browser.ask("GET", f"/recordings/{number}").text
     [topics] = re.findall(r"data-topics='([^']*)'", page)
-    assert json.loads(topics) == {"odometry": None, "scan": "/front/scan", "map": None}
+    named = {"odometry": None, "scan": "/front/scan", "map": None, "cameras": ["/rear"]}
+    assert json.loads(topics) == named
 
 
 def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number, database):
