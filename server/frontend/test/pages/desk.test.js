@@ -49,7 +49,8 @@ test("times are the reader's own, with seconds, and with a year that is not this
 });
 
 test("a form that changes something is not sent twice by a double press", () => {
-  let [now, submit] = [0, (/** @type {object} */ _event) => {}];
+  let now = 0;
+  let submit = /** @type {(event: object) => void} */ (() => {});
   sendOnce({ addEventListener: (_, listener) => (submit = listener) }, () => now);
   const sends = (form, defaultPrevented = false) => {
     const event = { target: form, defaultPrevented, preventDefault: mock.fn() };
