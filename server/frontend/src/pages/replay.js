@@ -26,7 +26,7 @@ class ReplayPage {
     this.goesOn = goesOn;
     this.state = new DriveState();
     this.controls = controls;
-    this.cameras = camerasOf(reader.topics, named.cameras);
+    this.cameras = camerasOf(reader.topics, named.cameras ?? []);
     this.camera = this.cameras[0] ?? null;
     this.recorded = reader.spans();
     this.history = historyOf(controls, this.recorded);

@@ -50,7 +50,7 @@ function mayDrive(name) {
 }
 
 // `searched`: because a person did so, who looks at what comes.
-function show({ searched = false } = {}) {
+function show(searched = false) {
   if (poller.state === "connecting") return; // who asks for help is not known yet
   const fits = filterOf(filter);
   const all = inNameOrder(robots.keys())
@@ -64,7 +64,7 @@ function show({ searched = false } = {}) {
   for (const name of list.elements.keys()) if (!shown.has(name)) list.remove(name, false);
   for (const name of names) list.fill(robots.get(name), true);
   list.arrange(names, shown);
-  if (!searched) markHeirs(heirs(names, keys, before));
+  markHeirs(searched ? { places: [], keys: [] } : heirs(names, keys, before));
   const asking = [...byRobot.keys()].filter((name) => robots.has(name));
   setText(byTestId(main, "wall-asking"), texts.asking(asking));
   setText(byTestId(main, "wall-count"), texts.count(names.length, all.length, most));
@@ -152,7 +152,7 @@ search.value = filter.words;
 search.addEventListener("input", () => {
   filter.words = search.value;
   history.replaceState(null, "", location.pathname + toQuery(filter));
-  show({ searched: true });
+  show(true);
 });
 keysBox.checked = choices.all.keys !== false;
 setKeys(keysBox.checked);

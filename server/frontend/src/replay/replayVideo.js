@@ -20,7 +20,7 @@ const VIDEO = /^foxglove_msgs\/(?:msg\/)?CompressedVideo$/;
 // The cameras of a recording, by what the recorder calls their topics: [{name, topics}], in the order of the drive page: as the settings
 // have them in `configured`, then the usual one, then by name. Pure.
 /** @param {{name: string, type: string}[]} topics @param {string[]} configured */
-export function camerasOf(topics, configured = []) {
+export function camerasOf(topics, configured) {
   const cameras = new Map();
   for (const { name, type } of topics) {
     const [ending] = [IMAGE.test(type) && "/compressed", VIDEO.test(type) && "/video"].filter(Boolean);
@@ -28,9 +28,13 @@ export function camerasOf(topics, configured = []) {
     const camera = name.slice(0, -ending.length);
     cameras.set(camera, [...(cameras.get(camera) ?? []), name]);
   }
-  const known = [...cameras.keys()].sort(compareCameras); // in the file they are as their first frames came
-  const order = new Set([...configured.filter((name) => cameras.has(name)), ...known]);
-  return [...order].map((name) => ({ name, topics: cameras.get(name) }));
+  return inOrder(cameras, configured).map((name) => ({ name, topics: cameras.get(name) }));
+}
+
+// In the file they are as their first frames came.
+function inOrder(cameras, configured) {
+  const chosen = configured.filter((name) => cameras.has(name));
+  return [...new Set([...chosen, ...[...cameras.keys()].sort(compareCameras)])];
 }
 
 // `message` as it was decoded; null for what is no frame that the recorder writes. Pure.

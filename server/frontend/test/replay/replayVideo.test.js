@@ -84,7 +84,7 @@ test("cameras are what the recorder wrote of one, in the drive page's order", ()
     { name: "/odom/compressed", type: "nav_msgs/msg/Odometry" },
     { name: "/video", type: "foxglove_msgs/msg/CompressedVideo" },
   ];
-  assert.deepEqual(camerasOf(topics), [
+  assert.deepEqual(camerasOf(topics, []), [
     { name: "/camera/image_raw", topics: ["/camera/image_raw/compressed"] },
     { name: "/<script>", topics: ["/<script>/compressed"] },
     { name: "/front", topics: ["/front/compressed", "/front/video"] },
