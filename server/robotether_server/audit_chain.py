@@ -82,14 +82,16 @@ Record = ChainEnd | SignedHead | ChainLine
 
 @dataclass
 class Restore:
-    """A backup that was put back: its line's position and time; `lost_up_to`: the last line that the robot had signed.
+    """A backup that was put back: its line's position and time, and what the robot had signed that is lost since.
 
-    None: nobody knows whether lines are lost.
+    `lost_up_to`: the last line that this restore took away; None: of none is that known. `perhaps_up_to`: the last that
+    this one or another took away, nobody knows which; None: there is none.
     """
 
     line: int
     at: str
     lost_up_to: int | None = None
+    perhaps_up_to: int | None = None
 
 
 @dataclass
@@ -154,13 +156,17 @@ def check(
     current: _ChainCheck | None = None
     for record in records:
         if isinstance(record, ChainEnd):
-            current = checks[record.chain] = _ChainCheck(record, server_keys)
-            current.heads += (older_heads or {}).get(record.chain, ())
+            is_repeated = record.chain in checks
+            current = checks.setdefault(record.chain, _ChainCheck(record, server_keys))
+            if is_repeated:
+                current.fail("it is there twice")
+            else:
+                current.heads += (older_heads or {}).get(record.chain, ())
         elif current is None:
             checks[""] = current = _ChainCheck(ChainEnd("", 0, start_hash("")), server_keys)
             current.fail("the file does not begin with a chain")
         elif isinstance(record, SignedHead):
-            current.heads.append(record)
+            current.add_head(record)
         else:
             current.add(record)
     for chain, heads in (older_heads or {}).items():
@@ -185,6 +191,12 @@ class _ChainCheck:
         """Note what does not fit."""
         if self._report.fault is None:
             self._report.fault = why
+
+    def add_head(self, head: SignedHead) -> None:
+        """Take a head, which the lines must fit."""
+        if self._by_position is not None:
+            self.fail(f"the signature of line {head.position} stands behind a line")
+        self.heads.append(head)
 
     def add(self, line: ChainLine) -> None:
         """Check the next line."""
@@ -285,13 +297,20 @@ class _ChainCheck:
                 self._note_loss(head.position, head.lost_since)
 
     def _note_loss(self, position: int, since: int) -> None:
-        for restore in self._report.restores:
-            if restore.line == since <= position:
+        """Note a line as lost by the restore that explains it, or by each that may.
+
+        `since` is the first after what the robot had signed before; one behind the line took none away.
+        """
+        restores = [item for item in self._report.restores if since <= item.line <= position]
+        if not restores or restores[0].line != since:
+            self.fail(
+                f"line {position}, which the robot signed, is lost, and no restored backup says so"
+            )
+        for restore in restores:
+            if len(restores) == 1:
                 restore.lost_up_to = max(position, restore.lost_up_to or 0)
-                return
-        self.fail(
-            f"line {position}, which the robot signed, is lost, and no restored backup says so"
-        )
+            else:
+                restore.perhaps_up_to = max(position, restore.perhaps_up_to or 0)
 
 
 def _sort_key(head: SignedHead) -> tuple[int, bool, int]:

@@ -158,10 +158,17 @@ def _sentence(report: ChainReport) -> str:
 def _restore_words(restore: Restore) -> str:
     words = f"A BACKUP WAS PUT BACK at {restore.at} (line {restore.line})"
     if restore.lost_up_to is None:
-        return f"{words}: whether lines are lost since then is not known"
-    count = restore.lost_up_to - restore.line + 1
-    lines = "1 line" if count == 1 else f"{count} lines"
-    return f"{words}: {lines} that the robot had signed are lost, up to line {restore.lost_up_to}"
+        words += ": whether lines are lost since then is not known"
+    else:
+        words += f": {_lost(restore.line, restore.lost_up_to)}"
+    if restore.perhaps_up_to is None:
+        return words
+    return f"{words}; {_lost(restore.line, restore.perhaps_up_to)}, by this or another restore"
+
+
+def _lost(first: int, last: int) -> str:
+    lines = "1 line" if first == last else f"{last - first + 1} lines"
+    return f"{lines} that the robot had signed are lost, up to line {last}"
 
 
 def _as_row(event: AuditEvent) -> tuple[str, ...]:

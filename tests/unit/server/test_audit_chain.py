@@ -152,6 +152,21 @@ def test_restored_backup_says_which_signed_lines_are_lost(restored):
     assert [(item.line, item.lost_up_to) for item in report.restores] == [(5, None)]
 
 
+def test_loss_is_of_the_restore_that_explains_it_or_of_each_that_may():
+    """Backups were put back at 5, 8 and 11; the robot had signed 3, 6, 8 of before, and 9, then 12 of before."""
+    before, lines = chain_of(13), chain_of(13, restored=[5, 8, 11])
+    heads = [head_of(lines[2], "robot")]
+    for line, since in ((before[5], 5), (before[7], 5), (lines[8], None), (before[11], 11)):
+        heads.append(head_of(line, "robot", heads[-1].statement_hash, since))
+    report = check(lines, heads)
+    assert report.fault is None
+    assert [(each.line, each.lost_up_to, each.perhaps_up_to) for each in report.restores] == [
+        (5, 6, 8),
+        (8, None, 8),
+        (11, 12, None),
+    ]
+
+
 @pytest.mark.parametrize(
     "attack", ["no_restore", "taken_away", "in_the_log", "later_cut", "server", "before_restore"]
 )
@@ -188,6 +203,15 @@ def test_an_export_from_before_lines_were_deleted_fits(restored, deleted):
     kept = [head for head in heads if head.position > deleted]
     report = check(lines[deleted:], [anchor, *kept], older_heads={"sim1": heads})
     assert (report.fault, report.deleted) == (None, deleted)
+
+
+def test_export_has_each_chain_once_and_heads_before_lines():
+    """What stands elsewhere would not be checked, and seem to be."""
+    lines, changed = chain_of(), chain_of()
+    changed[3] = msgspec.structs.replace(changed[3], actor="ben")
+    end, head = ChainEnd("sim1", LINES, lines[-1].hash), head_of(lines[-1], "server")
+    for records in ([end, *changed, end, *lines], [end, *lines, head]):
+        assert [report.fault is None for report in audit_chain.check(records)] == [False]
 
 
 def test_key_of_somebody_else_signs_nothing():
