@@ -77,6 +77,8 @@ function show({ requests: open, operators: staff, figures }) {
   byTestId(main, "open-requests").hidden = open.length === 0;
   setText(part(main, "none"), open.length ? "" : texts.none);
   people.show(staff);
+  byTestId(main, "operators").hidden = staff.length === 0;
+  setText(part(main, "no-operator"), staff.length ? "" : texts.noOperator);
 }
 
 function showPeriods({ periods }) {

@@ -81,6 +81,7 @@ export const supervise = {
   operatorStates: { available: "Available", busy: "Busy", wrap_up: "Wrap-up", away: "Away" },
   worksOn: (robot, reason) => `${robot}: ${reason}`,
   none: "No request is open.",
+  noOperator: "Nobody who may drive your robots has opened the queue yet.",
   option: (name, state) => `${name} (${state})`,
   choose: "Operator",
   operatorFor: (robot) => `Operator for ${robot}`,
