@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import datetime
 
 from robotether_server import __version__
@@ -18,6 +18,8 @@ from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S, utc_no
 
 # Maximum age of a living cell's row; its relay writes it each second.
 ALIVE_S = 5
+# Maximum age of what a cell's recorder counted; it writes that each 10 s.
+RECORDER_CURRENT_S = 60
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,8 @@ class Cell:
     """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there.
 
     `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown, or its tickets expired.
-    `disk_free`: part of its disk that is free, from 0 to 1; `recorders`: how many are connected there; None: unknown.
+    `disk_free`: part of the disk with the relay's volume that is free, from 0 to 1; `recordings_free`: of the one with
+    the recordings; `recorders`: how many are connected there; None: unknown.
     """
 
     name: str
@@ -53,6 +56,7 @@ class Cell:
     clock_ahead_s: float | None = None
     disk_free: float | None = None
     recorders: int | None = None
+    recordings_free: float | None = None
 
     @property
     def is_listed(self) -> bool:
@@ -64,7 +68,7 @@ class Cell:
 class CellCounts:
     """What a relay says of its cell with each heartbeat, as in `Cell`."""
 
-    robots: int
+    robots: int = 0
     disk_free: float | None = None
     recorders: int | None = None
 
@@ -85,10 +89,14 @@ IS_PRESENT = (
     f"s.ended_at IS NULL AND {IS_OF_LIVE_CELL} AND s.id = (SELECT newest.id FROM robot_sessions newest"  # noqa: S608 - as above
     " WHERE newest.robot_id = s.robot_id AND newest.cell <=> s.cell ORDER BY newest.id DESC LIMIT 1)"
 )
+# An older relay writes the row, and leaves what it does not count as it was.
+IS_COUNTED = f"({IS_ALIVE} AND c.counted_at = c.heartbeat_at)"
+IS_RECORDERS_COUNT_CURRENT = f"c.recordings_counted_at > CURRENT_TIMESTAMP(6) - INTERVAL {RECORDER_CURRENT_S} SECOND"
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
     f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive,"
-    f" IF({IS_ALIVE}, c.disk_free, NULL) AS disk_free, IF({IS_ALIVE}, c.recorders, NULL) AS recorders FROM cells c "
+    f" IF({IS_COUNTED}, c.disk_free, NULL) AS disk_free, IF({IS_COUNTED}, c.recorders, NULL) AS recorders,"
+    f" IF({IS_RECORDERS_COUNT_CURRENT}, c.recordings_free, NULL) AS recordings_free FROM cells c "
 )
 
 
@@ -148,11 +156,8 @@ def _cell_of(row: Row) -> Cell:
 def write_heartbeat(
     tx: Transaction,
     cell: CellSettings,
-    *,
-    robots: int,
+    counts: CellCounts,
     started_at: datetime,
-    disk_free: float | None = None,
-    recorders: int | None = None,
 ) -> None:
     """Write that a cell is alive; RecordExistsError while a relay that started later has its name."""
     values = {
@@ -163,15 +168,13 @@ def write_heartbeat(
         "peer_address": cell.peer_address,
         "region": cell.region,
         "version": __version__,
-        "robots": robots,
-        "disk_free": disk_free,
-        "recorders": recorders,
         "started_at": started_at,
+        **asdict(counts),
     }
     changes = ", ".join(f"{column} = %({column})s" for column in values if column != "name")
     row_count = tx.change(
-        f"UPDATE cells SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S}, heartbeat_at = CURRENT_TIMESTAMP(6)"  # noqa: S608 - the module's own text
-        " WHERE name = %(name)s"
+        f"UPDATE cells SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S},"  # noqa: S608 - the module's own text
+        " heartbeat_at = CURRENT_TIMESTAMP(6), counted_at = CURRENT_TIMESTAMP(6) WHERE name = %(name)s"
         " AND (started_at <= %(started_at)s"
         f" OR heartbeat_at <= CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND)",
         values | {"now": utc_now()},
@@ -183,7 +186,19 @@ def write_heartbeat(
         f"cannot take part as cell {cell.name}: another relay has this name; "
         "give each machine a CELL of its own"
     ):
-        tx.insert(f"INSERT INTO cells ({columns}) VALUES ({placeholders})", values)  # noqa: S608 - as above
+        tx.insert(
+            f"INSERT INTO cells ({columns}, heartbeat_at, counted_at)"  # noqa: S608 - as above
+            f" VALUES ({placeholders}, CURRENT_TIMESTAMP(6), CURRENT_TIMESTAMP(6))",
+            values,
+        )
+
+
+def write_recordings_free(tx: Transaction, name: str, free: float) -> None:
+    """Write which part of the disk with a cell's recordings is free, from 0 to 1, as its recorder."""
+    tx.change(
+        "UPDATE cells SET recordings_free = %s, recordings_counted_at = CURRENT_TIMESTAMP(6) WHERE name = %s",
+        (free, name),
+    )
 
 
 def sort_for(

@@ -21,6 +21,7 @@ from robotether_server.db.recordings import (
     RecordingCause,
     RecordingRow,
 )
+from robotether_server.disks import read_space
 from robotether_server.recorder.mcap_file import repair
 from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.robot_recorder import (
@@ -44,6 +45,8 @@ PROGRESS_EVERY_S = 5.0
 # Interval at which the size of all recordings is measured.
 MEASURE_EVERY_S = 2.0
 RETENTION_EVERY_S = 600.0
+# Interval at which the disk is asked how full it is.
+DISK_EVERY_S = 10.0
 # Maximum age of a request: of one that nobody took in time, nobody knows any longer.
 MAX_REQUEST_AGE = dt.timedelta(seconds=60)
 # Maximum length of a recording that somebody asked for, and of each by the robot's settings, which goes on in another.
@@ -77,6 +80,7 @@ class RecorderService:
         self._paused_until = 0.0
         self._progress_at = 0.0
         self._retention_at = 0.0
+        self._disk_at = float("-inf")
         self._was_read = False
 
     @property
@@ -141,6 +145,7 @@ class RecorderService:
             recorder.share_memory(len(keeping))
         await self._follow()
         await self._write_progress()
+        await self._write_disk()
         await self._delete_old()
 
     def _measure(self) -> None:
@@ -373,6 +378,18 @@ class RecorderService:
                 for number, (recorder, _, _) in self._open.items()
             }
         )
+
+    async def _write_disk(self) -> None:
+        now = time.monotonic()
+        if now - self._disk_at < DISK_EVERY_S:
+            return
+        self._disk_at = now
+        try:
+            space = await asyncio.to_thread(read_space, self._folder)
+        except OSError as exc:
+            log.warning("cannot see how full %s is: %s", self._folder, exc)
+        else:
+            await self._store.write_disk(space.free_part)
 
     async def _delete_old(self) -> None:
         now = time.monotonic()

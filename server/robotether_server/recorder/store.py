@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TypeVar
 
-from robotether_server.db import Database, Transaction, audit, recordings
+from robotether_server.db import Database, Transaction, audit, cells, recordings
 from robotether_server.db.audit import Source
 from robotether_server.db.fleet import RECORDER
 from robotether_server.db.recordings import (
@@ -99,6 +99,10 @@ class RecorderStore:
 
         if progress:
             await self._ask(write)
+
+    async def write_disk(self, free_part: float) -> None:
+        """Write which part of the disk with the recordings is free."""
+        await self._ask(lambda tx: cells.write_recordings_free(tx, self._cell, free_part))
 
     def end(self, recording_end: RecordingEnd) -> None:
         """Have the end of a recording written with the next reading."""

@@ -6,7 +6,6 @@ when somebody asks.
 
 from __future__ import annotations
 
-import shutil
 import time
 from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -36,6 +35,7 @@ from prometheus_client.registry import Collector
 from robotether_server import __version__
 from robotether_server.backups import age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
+from robotether_server.disks import read_space
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.events import FleetEvents
@@ -303,10 +303,9 @@ def _read_disk(folder: Path) -> Iterator[GaugeMetricFamily]:
     free = GaugeMetricFamily("robotether_relay_disk_free_bytes", meaning)
     size = GaugeMetricFamily("robotether_relay_disk_size_bytes", "Size of that file system")
     with suppress(OSError):
-        usage = shutil.disk_usage(folder)
-        free.add_metric([], usage.free)
-        # What is kept for root is nobody's here.
-        size.add_metric([], usage.used + usage.free)
+        space = read_space(folder)
+        free.add_metric([], space.free)
+        size.add_metric([], space.size)
     yield from (free, size)
 
 

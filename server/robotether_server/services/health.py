@@ -35,6 +35,7 @@ SSH_HELLO = b"SSH-2.0-health\r\n"
 # What sshd says first, also with as many log-ins under way as it takes.
 SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
 ASK_RELAY = "On its machine, see docker compose ps and docker compose logs relay."
+ASK_RECORDER = "On its machine, see docker compose logs recorder."
 
 PartState = Literal["good", "bad", "unknown"]
 
@@ -97,7 +98,7 @@ def read_health(
     """Judge all parts of the site."""
     parts = [
         PartHealth("web", "good", "It answers."),
-        PartHealth("database", "good", "It answers."),
+        PartHealth("database", "good", "It answers. How full its disk is, is not known here."),
         *chain.from_iterable(map(_of_cell, cells.read(tx))),
         _sshd(ssh_probe.answers()),
         _certificate(certificates),
@@ -111,7 +112,7 @@ def read_health(
 
 
 def _of_cell(cell: Cell) -> list[PartHealth]:
-    return [_cell(cell), _recorder(cell), _disk(cell)]
+    return [_cell(cell), _recorder(cell), _disk(cell), _recordings(cell)]
 
 
 def _cell(cell: Cell) -> PartHealth:
@@ -197,16 +198,27 @@ def _recorder(cell: Cell) -> PartHealth:
     if cell.recorders:
         return PartHealth(name, "good", "It is connected to the cell's relay.")
     words = "It is not connected to the cell's relay, so nothing is recorded there."
-    advice = "On its machine, see docker compose logs recorder."
-    return PartHealth(name, "bad", words, advice)
+    return PartHealth(name, "bad", words, ASK_RECORDER)
 
 
 def _disk(cell: Cell) -> PartHealth:
     name = f"disk of {cell.name}"
     if cell.disk_free is None:
         return PartHealth(name, "unknown", "The cell's relay does not say it.", ASK_RELAY)
-    words = f"{cell.disk_free:.0%} is free."
-    if cell.disk_free >= MIN_DISK_FREE:
-        return PartHealth(name, "good", words)
+    words = f"{cell.disk_free:.0%} is free where the relay's volume is."
     advice = "On its machine, see docker system df, and delete what is not needed."
+    return _judge_free(name, cell.disk_free, words, advice)
+
+
+def _recordings(cell: Cell) -> PartHealth:
+    name = f"recordings of {cell.name}"
+    if cell.recordings_free is None:
+        return PartHealth(name, "unknown", "The cell's recorder does not say how full their disk is.", ASK_RECORDER)
+    words = f"{cell.recordings_free:.0%} of their disk is free."
+    return _judge_free(name, cell.recordings_free, words, "Delete recordings, or lower RECORDINGS_MAX_GB.")
+
+
+def _judge_free(name: str, free: float, words: str, advice: str) -> PartHealth:
+    if free >= MIN_DISK_FREE:
+        return PartHealth(name, "good", words)
     return PartHealth(name, "bad", words, advice)

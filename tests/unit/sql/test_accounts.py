@@ -9,9 +9,11 @@ from robotether_server.db import Database
 EDIT = "SELECT, INSERT, UPDATE, DELETE"
 # All that a relay writes of its cell, by name: who drains one is an admin.
 CELL = (
-    "clock_ahead_s, disk_free, heartbeat_at, host, https_port, peer_address, recorders, region, "
+    "clock_ahead_s, counted_at, disk_free, heartbeat_at, host, https_port, peer_address, recorders, region, "
     "robots, ssh_ports, started_at, version"
 )
+# A line of the audit log as of now: of an earlier time relays alone add some.
+LINE = "(actor, address, details, kind, robot)"
 EXPECTED = {
     "web": {
         "users": EDIT,
@@ -33,7 +35,7 @@ EXPECTED = {
         "control_leases": "SELECT",
         "drives": "SELECT",
         "robot_stops": "SELECT",
-        "audit_events": "SELECT, INSERT",
+        "audit_events": f"SELECT, INSERT {LINE}",
         "audit_chains": "SELECT",
         "audit_heads": "SELECT",
         "cells": "SELECT, UPDATE (draining)",
@@ -77,7 +79,8 @@ EXPECTED = {
         "relay_grants": "SELECT",
         "recordings": "SELECT, INSERT (cause, cell, progress_at, robot, robot_id, started_at), "
         "UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, progress_at, started_at)",
-        "audit_events": "INSERT",
+        "audit_events": f"INSERT {LINE}",
+        "cells": "SELECT (name), UPDATE (recordings_counted_at, recordings_free)",
     },
     "keylookup": {
         "tunnel_keys": "SELECT",

@@ -7,13 +7,13 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from robotether_server.db import cells
 from robotether_server.db.cells import ALIVE_S, Cell, CellCounts, SshAddresses
+from robotether_server.disks import read_space
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.settings.server import CellSettings
@@ -65,13 +65,11 @@ class Cells:
         """Say with each heartbeat how full the file system of the folder is, for ever."""
         while True:
             try:
-                usage = await asyncio.to_thread(shutil.disk_usage, folder)
+                space = await asyncio.to_thread(read_space, folder)
             except OSError as problem:
                 log.warning("cannot see how full %s is: %s", folder, problem)
             else:
-                # What is kept for root is nobody's here.
-                free = usage.free / ((usage.used + usage.free) or 1)
-                self._disk = asyncio.get_running_loop().time(), free
+                self._disk = asyncio.get_running_loop().time(), space.free_part
             await asyncio.sleep(DISK_EVERY_S)
 
     @property
@@ -200,5 +198,6 @@ class Cells:
 
 
 def _without_counts(site_cells: Mapping[str, Cell]) -> list[Cell]:
-    nothing = {"robots": 0, "clock_ahead_s": None, "disk_free": None, "recorders": None}
-    return [replace(cell, **nothing) for cell in site_cells.values()]  # type: ignore[arg-type] # as in Cell
+    counts = ("clock_ahead_s", "disk_free", "recorders", "recordings_free")
+    nothing = dict.fromkeys(counts)
+    return [replace(cell, robots=0, **nothing) for cell in site_cells.values()]  # type: ignore[arg-type] # as in Cell

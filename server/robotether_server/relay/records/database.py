@@ -7,7 +7,6 @@ hangs must not take the loop's shared threads, where names are resolved for new 
 from __future__ import annotations
 
 import asyncio
-import dataclasses
 import logging
 import threading
 import time
@@ -105,7 +104,7 @@ class RelayDatabase:
         """Write that this cell is alive, and what it counts; return all cells."""
 
         def exchange(tx: Transaction) -> list[Cell]:
-            cells.write_heartbeat(tx, cell, started_at=started_at, **dataclasses.asdict(counts))
+            cells.write_heartbeat(tx, cell, counts, started_at)
             return cells.read(tx)
 
         others = await self._ask(exchange)

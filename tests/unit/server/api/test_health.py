@@ -52,22 +52,34 @@ def test_without_prometheus_alerts_are_unknown(root, use):
     assert alerts == [{"name": "DiskFull", "summary": "5% are free"}]
 
 
-def test_disk_and_recorder_of_each_cell_are_judged(root, use, relay_database, admin_database):
-    """What a relay does not say is unknown, as is all that one said that is silent now."""
+def test_disks_and_recorder_of_each_cell_are_judged(
+    root, use, relay_database, recorder_database, admin_database
+):
+    """What nobody says is unknown, as is what was said by a relay that is silent now, or an older version's now."""
     said = {
         "a": {"disk_free": 0.5, "recorders": 1},
         "b": {"disk_free": 0.05, "recorders": 0},
         "c": {},
         "dead": {"disk_free": 0.5, "recorders": 1},
+        "older": {"disk_free": 0.5, "recorders": 1},
     }
     with relay_database.transaction() as tx:
         for name, counts in said.items():
-            cells.write_heartbeat(tx, cell_settings(name), robots=0, started_at=NOON, **counts)
+            cells.write_heartbeat(tx, cell_settings(name), cells.CellCounts(**counts), NOON)
+    with recorder_database.transaction() as tx:
+        for name, free in {"a": 0.5, "b": 0.05, "dead": 0.5, "older": 0.5}.items():
+            cells.write_recordings_free(tx, name, free)
     with admin_database.transaction() as tx:
+        tx.change("UPDATE cells SET heartbeat_at = CURRENT_TIMESTAMP(6) WHERE name = 'older'")
         tx.change("UPDATE cells SET heartbeat_at = %s WHERE name = 'dead'", (NOON,))
+        tx.change(
+            "UPDATE cells SET recordings_counted_at = %s WHERE name IN ('dead', 'older')", (NOON,)
+        )
     parts, _ = states(root)
-    for name, state in {"a": "good", "b": "bad", "c": "unknown", "dead": "unknown"}.items():
-        assert {parts[f"recorder of {name}"], parts[f"disk of {name}"]} == {state}
+    expected = {"a": "good", "b": "bad"} | dict.fromkeys(("c", "dead", "older"), "unknown")
+    for name, state in expected.items():
+        kinds = ("recorder", "disk", "recordings")
+        assert {parts[f"{kind} of {name}"] for kind in kinds} == {state}, name
 
 
 @pytest.mark.parametrize(

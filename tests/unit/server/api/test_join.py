@@ -109,7 +109,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_datab
     with relay_database.transaction() as tx:
         for name, count, region in (("a", 2, "eu"), ("b", 1, "us"), ("c", 3, "eu")):
             cell = cell_settings(name, f"{name}.example", region=region)
-            cells.write_heartbeat(tx, cell, robots=count, started_at=dt.datetime.now(dt.UTC))
+            cells.write_heartbeat(tx, cell, cells.CellCounts(count), dt.datetime.now(dt.UTC))
     assert "ssh" not in join(program, robot).json
     activate(database)
     body, admin = {"mac": MAC, "public_key": robot.line}, bearer(database, "root")

@@ -48,7 +48,7 @@ def test_ticket_names_the_cell_of_the_robot(program, database, relay_database):
         sim1 = robots.get(tx, "sim1")
     with relay_database.transaction() as tx:
         now = dt.datetime.now(dt.UTC)
-        cells.write_heartbeat(tx, cell_settings("b", "b.example"), robots=1, started_at=now)
+        cells.write_heartbeat(tx, cell_settings("b", "b.example"), cells.CellCounts(), now)
         fleet.write(tx, [SessionEntry(sim1.id, now, "192.0.2.1")], "b")
     assert ask() == {"host": "b.example", "port": 443}
     with database.transaction() as tx:

@@ -15,7 +15,7 @@ def heartbeat(relay_database, name, robots):
     host = None if name == "c" else f"{name}.example"
     with relay_database.transaction() as tx:
         cell = cell_settings(name, host, region="eu" if name == "b" else None)
-        cells.write_heartbeat(tx, cell, robots=robots, started_at=NOON)
+        cells.write_heartbeat(tx, cell, cells.CellCounts(robots), NOON)
 
 
 @pytest.fixture(autouse=True)

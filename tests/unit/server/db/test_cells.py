@@ -10,6 +10,7 @@ from robotether_server import __version__
 from robotether_server.db import cells, fleet, robots
 from robotether_server.db.cells import (
     Cell,
+    CellCounts,
     SshAddresses,
     find_choice,
     sort_for,
@@ -27,7 +28,7 @@ B, C = replace(A, name="b", host="b.example"), replace(A, name="c", host="c.exam
 
 def heartbeat(database, cell, robots=0, started_at=NOON):
     with database.transaction() as tx:
-        cells.write_heartbeat(tx, cell, robots=robots, started_at=started_at)
+        cells.write_heartbeat(tx, cell, CellCounts(robots), started_at)
 
 
 def read(database):

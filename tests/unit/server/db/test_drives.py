@@ -88,7 +88,7 @@ def test_frame_rate_is_that_of_the_time_with_a_video(database, admin_database):
 
 def test_a_drive_of_a_dead_cell_has_ended(database, admin_database, relay_database):
     with relay_database.transaction() as tx:
-        cells.write_heartbeat(tx, cell_settings("x"), robots=1, started_at=NOON)
+        cells.write_heartbeat(tx, cell_settings("x"), cells.CellCounts(), NOON)
     changes = {"ended_at": None, "end_code": None, "updated_at": NOON, "cell": "x"}
     number = add_drive(admin_database, "a", "ann", **changes)
 

@@ -208,7 +208,7 @@ def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1
 def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, admin_database, sim1):
     """Nobody could write that its session ended."""
     with relay_database.transaction() as tx:
-        cells.write_heartbeat(tx, cell_settings("a"), robots=1, started_at=NOON)
+        cells.write_heartbeat(tx, cell_settings("a"), cells.CellCounts(), NOON)
         fleet.write(tx, [SessionEntry(sim1, NOON, "")], "a")
     with admin_database.transaction() as tx:
         tx.change("UPDATE cells SET heartbeat_at = %s", (NOON + HOUR,))

@@ -46,7 +46,7 @@ def sim1(database, relay_database):
         ann, robot_id = users.add(tx, "ann", "x", "user"), robots.add(tx, MAC, "sim1")
     with relay_database.transaction() as tx:
         for name in ("a", "b"):
-            cells.write_heartbeat(tx, cell_settings(name), robots=1, started_at=NOON)
+            cells.write_heartbeat(tx, cell_settings(name), cells.CellCounts(), NOON)
         fleet.write(tx, [SessionEntry(robot_id, NOON, "192.0.2.1")], "a")
         control.next_fence(tx, NewLease(robot_id, ann, "ann", NOON), "a")
     with database.transaction() as tx:

@@ -65,6 +65,8 @@ class MemoryStore:
 
     async def write_progress(self, _progress): ...
 
+    async def write_disk(self, _free_part): ...
+
     def end(self, ending):
         self.endings.append(ending)
         self.change(ending.id, ended_at=ending.ended_at, started_at=utc_now())

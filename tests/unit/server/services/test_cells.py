@@ -20,7 +20,7 @@ def database(database, relay_database):
     with relay_database.transaction() as tx:
         for name in ("a", "b"):
             cell = cell_settings(name, f"{name}.example")
-            cells.write_heartbeat(tx, cell, robots=0, started_at=NOON)
+            cells.write_heartbeat(tx, cell, cells.CellCounts(), NOON)
     return database
 
 

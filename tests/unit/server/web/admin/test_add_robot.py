@@ -80,7 +80,7 @@ def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database
     assert 'name="region"' not in admin.ask("GET", "/admin/add-robot").text
     with relay_database.transaction() as tx:
         cell = cell_settings("a", region="eu")
-        cells.write_heartbeat(tx, cell, robots=0, started_at=dt.datetime.now(dt.UTC))
+        cells.write_heartbeat(tx, cell, cells.CellCounts(), dt.datetime.now(dt.UTC))
     assert '<option value="eu">' in admin.ask("GET", "/admin/add-robot").text
     form = FORM | {"name": "lift", "site": "lab", "group": "crew", "region": "eu"}
     page = send(admin, "/admin/join-tokens", **form).text
