@@ -48,7 +48,7 @@ class HeadSigner:
         self._snapshot = snapshot
         self._key = key
         self._due: set[str] = set()
-        self._answers: deque[tuple[int, SignedHeadLine]] = deque(maxlen=MAX_ANSWERS)
+        self._answers: deque[tuple[int, SignedHeadLine]] = deque()
         self._wake = asyncio.Event()
         self._sweep_at = 0.0
 
@@ -60,9 +60,11 @@ class HeadSigner:
                 self._wake.set()
 
     def on_signed_head(self, robot_id: int, line: SignedHeadLine) -> None:
-        """Keep a robot's signature; what it was not asked for is dropped."""
+        """Keep a robot's signature; what it was not asked for, or finds no room, is dropped."""
         robot = self._registry.robot(robot_id)
-        if robot.expected_heads > 0:
+        if len(self._answers) >= MAX_ANSWERS:
+            self._drop_next(robot_id)
+        elif robot.expected_heads > 0:
             robot.expected_heads -= 1
             self._answers.append((robot_id, line))
             self._wake.set()
@@ -79,25 +81,44 @@ class HeadSigner:
             except StoreError as problem:
                 log.info("cannot sign the audit log now: %s", problem.detail)
             except Exception:
-                # As while the database has still the tables of an earlier version.
+                # As while the database has still the tables of an earlier version. What failed is given up until it is due
+                # again; the rest is not.
                 log.exception("cannot sign the audit log now")
+                self._wake.set()
 
     async def _work(self) -> None:
-        while self._answers:
-            answer = self._answers.popleft()
-            try:
-                await self._keep(*answer)
-            except StoreError:
-                # The next one names it, and without it would look as if it had been taken out of the log.
-                self._answers.appendleft(answer)
-                raise
+        await self._keep_answers()
         if time.monotonic() >= self._sweep_at:
             self._sweep_at = time.monotonic() + SWEEP_EVERY_S
             self._due.update(await self._database.chains_to_sign())
         while self._due:
-            chain = next(iter(self._due))
-            await self._sign(chain)
-            self._due.discard(chain)
+            chain = self._due.pop()
+            try:
+                await self._sign(chain)
+            except StoreError:
+                self._due.add(chain)
+                raise
+            await self._keep_answers()
+
+    async def _keep_answers(self) -> None:
+        while self._answers:
+            robot_id, line = self._answers.popleft()
+            try:
+                await self._keep(robot_id, line)
+            except StoreError:
+                self._answers.appendleft((robot_id, line))
+                raise
+            except Exception:
+                self._answers = deque(each for each in self._answers if each[0] != robot_id)
+                self._drop_next(robot_id)
+                raise
+
+    def _drop_next(self, robot_id: int) -> None:
+        """Drop a robot's answers until it is asked again: then it sends all that are missing.
+
+        If those behind a missing one were kept, it would look as if it had been taken out of the log.
+        """
+        self._registry.robot(robot_id).expected_heads = 0
 
     async def _sign(self, chain: str) -> None:
         request = await self._database.sign_newest(chain, self._signed)

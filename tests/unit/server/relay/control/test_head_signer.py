@@ -48,9 +48,23 @@ def signed(request, signer=ROBOT, previous=None, **changes):
     return SignedHeadLine(position, line_hash, signer.sign(NAMESPACE, text), previous)
 
 
+def statement_hash(statements):
+    """What the robot's next statement names."""
+    if not statements:
+        return None
+    last = statements[-1]
+    text = statement("sim1", last.position, last.hash, last.previous)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 @pytest.fixture
 def quick_sweeps(monkeypatch):
     monkeypatch.setattr(head_signer, "SWEEP_EVERY_S", 0.2)
+
+
+@pytest.fixture
+def max_answers(request, monkeypatch):
+    monkeypatch.setattr(head_signer, "MAX_ANSWERS", request.param)
 
 
 @pytest.fixture
@@ -122,6 +136,50 @@ async def test_what_a_robot_signed_is_kept_until_the_database_takes_it(
     await until(lambda: report(database).signed.get("robot") == 1, "what is stored")
 
 
+@pytest.mark.parametrize(
+    ("max_answers", "problem"),
+    [(1, StoreUnavailableError("it is away")), (9, RuntimeError("a defect"))],
+    indirect=["max_answers"],
+)
+async def test_what_a_robot_signed_is_kept_from_the_first_on_or_not(
+    max_answers, parts, database, monkeypatch, problem
+):
+    """The second of two names the first. What finds no room, or cannot be kept for a defect, ends no signing."""
+    answers = []
+    for number in (1, 2):
+        parts.end_drive()
+        await until(lambda count=number: len(parts.robot.asked) == count, "what the relay asks")
+        answers.append(signed(parts.robot.asked[-1], previous=statement_hash(answers)))
+    refused = []
+
+    def refuse(_tx, head):
+        refused.append(head)
+        raise problem
+
+    with monkeypatch.context() as patch:
+        patch.setattr(audit_chains, "add_robots_head", refuse)
+        for answer in answers:
+            parts.signer.on_signed_head(1, answer)
+        await until(lambda: refused, "what the relay stores in vain")
+    parts.end_drive()
+    await until(lambda: report(database).signed["server"] == 3, "what is signed")
+    assert report(database).fault is None
+
+
+async def test_chain_that_cannot_be_signed_keeps_no_other_from_it(parts, database, monkeypatch):
+    sign = audit_chains.sign_newest
+
+    def fail(tx, chain, signed_by):
+        if chain == "broken":
+            raise RuntimeError("a defect")
+        return sign(tx, chain, signed_by)
+
+    monkeypatch.setattr(audit_chains, "sign_newest", fail)
+    parts.signer.on_written([AuditEntry(NOON, "ann", "drive_ended", "broken")])
+    parts.end_drive()
+    await until(lambda: report(database).signed, "what is signed")
+
+
 async def test_lines_without_a_drive_are_signed_too(quick_sweeps, parts, database, admin_database):
     """Once a day, as are lines without a robot."""
     with admin_database.transaction() as tx:
@@ -136,16 +194,10 @@ async def test_what_a_robot_signed_before_a_restore_stays_visible(parts, databas
     """
     statements = []
 
-    def newest():
-        last = statements[-1]
-        text = statement("sim1", last.position, last.hash, last.previous)
-        return hashlib.sha256(text.encode()).hexdigest()
-
     async def end_drive_signed(position):
         parts.end_drive()
         await until(lambda: len(parts.robot.asked) > len(statements), "what the relay asks")
-        previous = newest() if statements else None
-        statements.append(signed(parts.robot.asked[-1], previous=previous))
+        statements.append(signed(parts.robot.asked[-1], previous=statement_hash(statements)))
         for item in statements:
             parts.signer.on_signed_head(1, item)
         await until(lambda: report(database).signed.get("robot") == position, "what is stored")
