@@ -44,6 +44,8 @@ CHUNK = struct.Struct("<QQQIIQ")
 FULL = frozenset((errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
 # Size of messages after which a chunk ends before its time.
 MAX_CHUNK_BYTES = 1024 * 1024
+# Maximum number of channels, which are held in memory with their types; a robot may have new topics all the time.
+MAX_CHANNELS = 200
 
 
 class RecordedChannel(NamedTuple):
@@ -175,6 +177,10 @@ class McapFile:
     def is_full(self) -> bool:
         """Whether the messages that wait are enough for a chunk."""
         return self._chunk.size >= MAX_CHUNK_BYTES
+
+    def has_room_for(self, channel: RecordedChannel) -> bool:
+        """Whether a channel is in the file, or may be."""
+        return channel in self._channels or len(self._channels) < MAX_CHANNELS
 
     def add(self, message: RecordedMessage) -> None:
         """Add a message, which `end_chunk` writes."""

@@ -49,6 +49,8 @@ UNTHROTTLED = frozenset(("tf", "tf_static", "diagnostics", "rosout"))
 # not keep them out; an agent has room for 8 cameras.
 MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
 MAX_TOPIC_LENGTH = 255
+# Maximum number of topics that are looked at: each takes time that other robots lack.
+MAX_TOPICS = 5000
 # Interval between two questions for the relay's clock.
 CLOCK_EVERY_S = 10.0
 # Interval without a key frame after which the recorder requests one: a reader cannot begin before it.
@@ -243,7 +245,8 @@ class RosbridgeObserver:
     async def _discover(self) -> None:
         while True:
             answer = await self._call("topics")
-            topics = dict(_pairs(answer.get("topics"), answer.get("types")))
+            pairs = _pairs(answer.get("topics"), answer.get("types"))
+            topics = dict(itertools.islice(pairs, MAX_TOPICS))
             types = {topic: short_name(kind) for topic, kind in topics.items()}
             # Another robot on the same ROS graph would take the places of this one's. Of a robot whose drive topic is
             # not there all is recorded rather than nothing.
@@ -374,6 +377,6 @@ def _rank(kind: str) -> int:
 def _pairs(topics: object, types: object) -> Iterator[tuple[str, str]]:
     if not isinstance(topics, list) or not isinstance(types, list):
         return
-    for topic, kind in zip(topics, types, strict=False):
-        if isinstance(topic, str) and isinstance(kind, str) and len(topic) <= MAX_TOPIC_LENGTH:
-            yield topic, kind
+    for pair in zip(topics, types, strict=False):
+        if all(isinstance(name, str) and len(name) <= MAX_TOPIC_LENGTH for name in pair):
+            yield pair

@@ -110,7 +110,8 @@ class RelayChannel:
                 async with await self._client.open_channel() as socket:
                     self._socket = socket
                     log.info("connected to the relay")
-                    for robot_id, writes in self._followed.items():
+                    # Others may come and go meanwhile.
+                    for robot_id, writes in list(self._followed.items()):
                         await self._request(robot_id, follows=True, writes=writes)
                     await self._read(socket)
             except (ClientError, OSError) as exc:

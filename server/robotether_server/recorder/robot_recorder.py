@@ -32,6 +32,9 @@ BEFORE_STOP_S = 30.0
 # Maximum size of what waits for a stop in memory, of one robot and of all.
 MAX_WAITING_BYTES = 48 * 1024 * 1024
 MAX_ALL_WAITING_BYTES = 512 * 1024 * 1024
+# Size of a message in memory beside its data; a robot may send many that are empty.
+MESSAGE_BYTES = 250
+OWN_CHANNELS = frozenset(own.channel for own in OWN_TOPICS.values())
 
 
 def path_of(folder: Path, recording_id: int) -> Path:
@@ -80,13 +83,13 @@ class RecentMessages:
     def add(self, message: RecordedMessage) -> None:
         """Add the newest."""
         self._messages.append(message)
-        self._bytes += len(message.data)
+        self._bytes += MESSAGE_BYTES + len(message.data)
         oldest_ns = message.log_ns - int(BEFORE_STOP_S * NS_PER_S)
         while self._messages and (
             self._messages[0].log_ns < oldest_ns or self._bytes > self.max_bytes
         ):
             oldest = self._messages.popleft()
-            self._bytes -= len(oldest.data)
+            self._bytes -= MESSAGE_BYTES + len(oldest.data)
             if oldest.channel == OWN_TOPICS["control"].channel:
                 self._control = oldest
 
@@ -232,7 +235,9 @@ class RobotRecorder:
             await end_tasks([observing])
 
     def _write_to(self, recording: OpenRecording, message: RecordedMessage) -> None:
-        if recording.failure is None:
+        # What a robot sends must not keep out what its driver did.
+        has_room = message.channel in OWN_CHANNELS or recording.file.has_room_for(message.channel)
+        if recording.failure is None and has_room:
             recording.file.add(message)
             if recording.file.is_full:
                 self._flush(recording)

@@ -18,6 +18,8 @@ TYPE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,127}/[A-Za-z][A-Za-z0-9_]{0,127}
 # Maximum number of types in a definition, and of fields of all of them: they are read while all robots wait.
 MAX_TYPES, MAX_FIELDS = 200, 2000
 MAX_ARRAY = 1_000_000
+# Maximum length of a definition, which each file has once for each type.
+MAX_DEFINITION = 100_000
 SEPARATOR = "=" * 80
 
 PRIMITIVES = frozenset(
@@ -122,7 +124,10 @@ def checked(name: str, types: RosTypes) -> RosType:
     if name not in types:
         raise UnknownTypeError(name)
     _check(name, types, (), set(PRIMITIVES))
-    return RosType(name, types)
+    ros_type = RosType(name, types)
+    if len(ros_type.definition()) > MAX_DEFINITION:
+        raise UnknownTypeError("a definition that is too long")
+    return ros_type
 
 
 def parse_definition(name: str, text: str) -> RosType:

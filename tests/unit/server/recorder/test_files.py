@@ -4,10 +4,17 @@ import resource
 
 import pytest
 from mcap.reader import make_reader
+from robotether_server.db.recordings import RecordableRobot
 from robotether_server.recorder.cdr import EncodingError, encoder_of
 from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
-from robotether_server.recorder.mcap_file import McapFile, RecordedChannel, RecordedMessage, repair
-from robotether_server.recorder.robot_recorder import RecentMessages
+from robotether_server.recorder.mcap_file import (
+    MAX_CHANNELS,
+    McapFile,
+    RecordedChannel,
+    RecordedMessage,
+    repair,
+)
+from robotether_server.recorder.robot_recorder import OpenRecording, RecentMessages, RobotRecorder
 from robotether_server.recorder.ros_types import UnknownTypeError, type_of
 from rosbags.highlevel import AnyReader
 from sim_robot.graph import make_graph
@@ -147,16 +154,35 @@ def test_a_frame_of_any_time_is_recorded(tmp_path, taken_ns):
     assert bytes(read_back(tmp_path, message).data) == b"x"
 
 
+def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
+    robot = RobotRecorder(None, RecordableRobot(1, "sim1"), tmp_path)
+    recording = OpenRecording(1, McapFile(tmp_path / "1.mcap"), 0)
+    robot.recordings[1] = recording
+    for number in range(2 * MAX_CHANNELS):
+        robot.write(count(0)._replace(channel=CHANNEL._replace(topic=f"/{number}")))
+    command = OWN_TOPICS["commands"].channel
+    robot.write(count(0)._replace(channel=command))
+    recording.file.finish()
+    with (tmp_path / "1.mcap").open("rb") as file:
+        topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
+    assert len(topics) == MAX_CHANNELS + 1
+    assert command.topic in topics
+
+
 def test_what_waits_for_a_stop_is_bounded():
     recent = RecentMessages()
     for second in range(40):
         recent.add(count(0)._replace(log_ns=second * 10**9))
     assert [message.log_ns // 10**9 for message in recent.all()] == list(range(9, 40))
-    recent.max_bytes = 50
-    recent.add(count(0)._replace(log_ns=40 * 10**9, data=bytes(48)))
-    assert [len(message.data) for message in recent.all()] == [48]
-    recent.add(count(0)._replace(log_ns=41 * 10**9, data=bytes(51)))
+    recent.max_bytes = 5000
+    recent.add(count(0)._replace(log_ns=40 * 10**9, data=bytes(4000)))
+    assert len(recent.all()) < 10
+    recent.add(count(0)._replace(log_ns=41 * 10**9, data=bytes(5000)))
     assert recent.all() == []
+    # Each takes memory, whatever is in it.
+    for _ in range(100):
+        recent.add(count(0)._replace(log_ns=42 * 10**9, data=b""))
+    assert len(recent.all()) < 50
 
 
 def test_what_waits_for_a_stop_begins_with_who_drove():
@@ -191,8 +217,12 @@ def typedef(name, *types, length=-1):
             | {"fieldarraylen": [-1] * 1000}
             for name in "BCD"
         ],
+        [
+            {"type": "a/B", "fieldnames": ["x" * 127] * 1000, "fieldtypes": ["int8"] * 1000}
+            | {"fieldarraylen": [-1] * 1000}
+        ],
     ],
-    ids=["none", "empty", "itself", "a line", "a path", "too few", "too long", "too many"],
+    ids="none empty itself line path few long many much".split(),
 )
 def test_a_hostile_robots_types_are_refused(typedefs):
     with pytest.raises(UnknownTypeError):
