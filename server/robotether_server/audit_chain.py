@@ -18,6 +18,8 @@ from robotether_server.signatures import SigningKey
 
 # Kind of the line that a restored backup adds to each chain.
 RESTORED = "records_restored"
+# Kind of the line that a relay adds instead of lines that it could not write.
+LINES_LOST = "lines_lost"
 # Purpose of the server's key, which relays derive from the session key.
 SERVER_KEY_PURPOSE = "robotether audit heads"
 

@@ -154,6 +154,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "cell_resumed": ("Machine in service again", "put cell {cell} back into service"),
     "cell_removed": ("Machine removed", "removed cell {cell}"),
     "records_restored": ("Backup put back", "put back a backup with the records of {records_of}"),
+    "lines_lost": ("Lines lost", "could not write {count} lines from {since} to {until}"),
     "token_created": ("API token created", "created API token {token}"),
     "token_deleted": ("API token deleted", "deleted API token {token}"),
     "join_token_created": ("Join token created", "created join token {token}"),

@@ -5,14 +5,14 @@ import json
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from robotether_server.audit_chain import RESTORED, ChainLine, SignedHead, content_hash
+from robotether_server.audit_chain import LINES_LOST, RESTORED, ChainLine, SignedHead, content_hash
 from robotether_server.db import audit_chains, cells
 from robotether_server.db.database import Row, Transaction
 from robotether_server.schemas import Count, Timestamp
 
 Answer = Literal["driver", "nobody", "unknown"]
 # Why the answer is unknown.
-Reason = Literal["future", "too_new", "before_log", "end_unknown", "restored"]
+Reason = Literal["future", "too_new", "before_log", "end_unknown", "restored", "lines_lost"]
 # Time for which lines may still be on their way from a relay.
 WRITTEN_WITHIN_S = 10
 # Maximum number of lines of a proof.
@@ -76,6 +76,8 @@ def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
         return Controller(chain, at, "unknown", "before_log")
     if _may_be_lost(tx, chain, at):
         return Controller(chain, at, "unknown", "restored")
+    if _were_lost(tx, chain, at):
+        return Controller(chain, at, "unknown", "lines_lost")
     controller = _find(tx, chain, at, first)
     if controller.answer != "driver" and at > row["now"] - dt.timedelta(seconds=WRITTEN_WITHIN_S):
         return Controller(chain, at, "unknown", "too_new", proof=controller.proof)
@@ -92,6 +94,20 @@ def _may_be_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
     )
     times = [row["records_of"] for row in rows]
     return any(time is None or written_by > dt.datetime.fromisoformat(time) for time in times)
+
+
+def _were_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
+    """Whether a relay could not write lines of that time, or of before, and no line of control has followed them."""
+    rows = tx.rows(
+        "SELECT details FROM audit_events WHERE robot = %s AND position IS NOT NULL AND kind = %s",
+        (chain, LINES_LOST),
+    )
+    for details in map(_details, rows):
+        since, until = (dt.datetime.fromisoformat(str(details[name])) for name in ("since", "until"))
+        known = "kind IN %s AND at > %s AND at <= %s"
+        if at >= since and _line(tx, chain, known, (CONTROL, until, at), "at") is None:
+            return True
+    return False
 
 
 def _find(tx: Transaction, chain: str, at: dt.datetime, first: Row) -> Controller:

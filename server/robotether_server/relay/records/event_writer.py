@@ -11,14 +11,16 @@ import asyncio
 import logging
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
+from datetime import datetime
 
+from robotether_server.audit_chain import LINES_LOST
 from robotether_server.db.control import DriveEntry, StopEntry
-from robotether_server.db.fleet import Entry, FormerSessions, SessionEntry
+from robotether_server.db.fleet import AuditEntry, Entry, FormerSessions, SessionEntry
 from robotether_server.db.routes import RouteEnd
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.journal import Journal, JournalEntry
-from robotether_server.times import delays
+from robotether_server.times import delays, utc_now
 
 log = logging.getLogger(__name__)
 
@@ -26,6 +28,8 @@ MAX_WAITING = 10_000
 BATCH = 100
 # Time limit for the last events, of the 3 s that a stop takes in all.
 WRITTEN_WITHIN_S = 0.7
+# Author of the line that says how many lines of the audit log were lost.
+RELAY = "relay"
 
 
 class EventWriter:
@@ -47,6 +51,8 @@ class EventWriter:
         self._idle = asyncio.Event()
         self._idle.set()
         self.dropped = 0
+        # By robot: how many lines of the audit log were dropped, and when the first and the last of them happened.
+        self._lost_lines: dict[str | None, tuple[int, datetime, datetime]] = {}
         self._on_written: Callable[[Sequence[Entry]], None] = lambda _: None
 
     def listen(self, on_written: Callable[[Sequence[Entry]], None]) -> None:
@@ -130,6 +136,7 @@ class EventWriter:
                     log.warning("the database accepts entries again")
                 failing, pauses = False, delays()
                 self._writing = ()
+                self._add_lost_lines()
                 if self._journal is not None and not self._waiting:
                     self._journal.clear()
 
@@ -158,10 +165,10 @@ class EventWriter:
             self._queue(entry)
         except StoreError as problem:
             log.warning("cannot write %r: %s; dropped", entry, problem.detail)
-            self.dropped += 1
+            self._note_dropped(entry)
         except Exception:
             log.exception("cannot write %r; dropped", entry)
-            self.dropped += 1
+            self._note_dropped(entry)
 
     def _put_back(self, batch: Sequence[Entry]) -> None:
         for entry in reversed(batch):
@@ -177,8 +184,21 @@ class EventWriter:
         kinds = StopEntry | FormerSessions | RouteEnd
         oldest = (key for key, entry in self._waiting.items() if not isinstance(entry, kinds))
         if (key := next(oldest, None)) is not None:
-            self.dropped += 1
-            del self._waiting[key]
+            self._note_dropped(self._waiting.pop(key))
+
+    def _note_dropped(self, entry: Entry) -> None:
+        self.dropped += 1
+        if isinstance(entry, AuditEntry) and entry.kind != LINES_LOST:
+            count, first, last = self._lost_lines.get(entry.robot, (0, entry.at, entry.at))
+            times = (first, last, entry.at)
+            self._lost_lines[entry.robot] = count + 1, min(times), max(times)
+
+    def _add_lost_lines(self) -> None:
+        """Let the audit log say which of its lines it lacks."""
+        lost, self._lost_lines = self._lost_lines, {}
+        for robot, (count, first, last) in lost.items():
+            details = {"count": count, "since": first.isoformat(), "until": last.isoformat()}
+            self.add(AuditEntry(utc_now(), RELAY, LINES_LOST, robot, details=details))
 
 
 def _set_row(entry: Entry, row_id: int) -> None:

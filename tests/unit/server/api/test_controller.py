@@ -140,6 +140,26 @@ def test_what_a_restored_backup_lacks_is_unknown(at, write, first_line):
         assert answer(at(time)) == expected, time
 
 
+def test_what_a_relay_could_not_write_is_unknown_until_the_next_line_of_control(
+    at, write, first_line
+):
+    write(line("drive_started", minutes(40), fence=1))
+    write(line("drive_ended", minutes(35), fence=1, lasted_s=300.0))
+    lost = {"since": minutes(30).isoformat(), "until": minutes(25).isoformat(), "count": 3}
+    write(line("lines_lost", minutes(20), "relay", **lost))
+    write(line("drive_ended", minutes(15), "ben", fence=2))
+    write(line("drive_started", minutes(10), fence=3))
+    write(line("drive_ended", minutes(5), fence=3))
+    for time, expected in (
+        (minutes(31), ("nobody", None, None)),
+        (minutes(30), ("unknown", None, "lines_lost")),
+        (minutes(16), ("unknown", None, "lines_lost")),
+        (minutes(15), ("nobody", None, None)),
+        (minutes(10), ("driver", "ann", None)),
+    ):
+        assert answer(at(time)) == expected, time
+
+
 def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
     write(line("drive_started", minutes(30), fence=1))
     write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))

@@ -2,6 +2,7 @@
 
 import asyncio
 from contextlib import asynccontextmanager
+from datetime import timedelta
 
 import pytest
 import pytest_asyncio
@@ -64,6 +65,24 @@ async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_
     memory_database.down = False
     await until(lambda: len(memory_database.written) == 5, "the newest are written")
     assert [entry.robot_id for entry in memory_database.sessions()] == [15, 16, 17, 18, 19]
+
+
+async def test_the_audit_log_says_which_lines_it_lacks(event_writer, memory_database):
+    memory_database.down = True
+    for second in range(8):
+        at = NOW + timedelta(seconds=second)
+        event_writer.add(AuditEntry(at, "ann", "login", "sim1" if second < 2 else None))
+    memory_database.down = False
+    await until(lambda: len(memory_database.written) == 7, "all that is left is written")
+    assert [
+        (entry.kind, entry.robot, entry.details) for entry in memory_database.written[5:]
+    ] == [
+        ("lines_lost", robot, {"count": count, "since": first, "until": last})
+        for robot, count, first, last in (
+            ("sim1", 2, NOW.isoformat(), (NOW + timedelta(seconds=1)).isoformat()),
+            (None, 1, *[(NOW + timedelta(seconds=2)).isoformat()] * 2),
+        )
+    ]
 
 
 @pytest.mark.parametrize("entry", [StopEntry(7, Stop(7, NOW, "ben")), FormerSessions(NOW)])
