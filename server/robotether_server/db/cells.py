@@ -154,10 +154,7 @@ def _cell_of(row: Row) -> Cell:
 
 
 def write_heartbeat(
-    tx: Transaction,
-    cell: CellSettings,
-    counts: CellCounts,
-    started_at: datetime,
+    tx: Transaction, cell: CellSettings, counts: CellCounts, started_at: datetime
 ) -> None:
     """Write that a cell is alive; RecordExistsError while a relay that started later has its name."""
     values = {

@@ -213,9 +213,11 @@ def _disk(cell: Cell) -> PartHealth:
 def _recordings(cell: Cell) -> PartHealth:
     name = f"recordings of {cell.name}"
     if cell.recordings_free is None:
-        return PartHealth(name, "unknown", "The cell's recorder does not say how full their disk is.", ASK_RECORDER)
+        words = "The cell's recorder does not say how full their disk is."
+        return PartHealth(name, "unknown", words, ASK_RECORDER)
     words = f"{cell.recordings_free:.0%} of their disk is free."
-    return _judge_free(name, cell.recordings_free, words, "Delete recordings, or lower RECORDINGS_MAX_GB.")
+    advice = "Delete recordings, or lower RECORDINGS_MAX_GB."
+    return _judge_free(name, cell.recordings_free, words, advice)
 
 
 def _judge_free(name: str, free: float, words: str, advice: str) -> PartHealth:

@@ -195,8 +195,8 @@ class EventWriter:
 
     def _add_lost_lines(self) -> None:
         """Let the audit log say which of its lines it lacks."""
-        lost, self._lost_lines = self._lost_lines, {}
-        for robot, (count, first, last) in lost.items():
+        lost_lines, self._lost_lines = self._lost_lines, {}
+        for robot, (count, first, last) in lost_lines.items():
             details = {"count": count, "since": first.isoformat(), "until": last.isoformat()}
             self.add(AuditEntry(utc_now(), RELAY, LINES_LOST, robot, details=details))
 

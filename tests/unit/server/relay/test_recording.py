@@ -41,6 +41,7 @@ class MemoryStore:
         self.rows = {}
         self.endings = []
         self.down = False
+        self.free_part = None
 
     def ask(self, number=1):
         self.rows[number] = RecordingRow(
@@ -65,7 +66,8 @@ class MemoryStore:
 
     async def write_progress(self, _progress): ...
 
-    async def write_disk(self, _free_part): ...
+    async def write_disk(self, free_part):
+        self.free_part = free_part
 
     def end(self, ending):
         self.endings.append(ending)
@@ -106,6 +108,7 @@ async def recorder(relay, robot, settings, store, monkeypatch):
     monkeypatch.setattr(relay_client, "PUBLIC_PORT", relay.relay.http_port)
     monkeypatch.setattr(relay_client, "INSIDE_PORT", relay.relay.inside_port)
     monkeypatch.setattr(service, "STEP_S", 0.05)
+    monkeypatch.setattr(service, "DISK_EVERY_S", 0.05)
     robot.frames.mode = "behaves"
     async with aiohttp.ClientSession() as session:
         recorder = RecorderService(settings, RelayClient(settings, session), store)
@@ -349,6 +352,7 @@ async def test_a_full_disk_ends_the_recording_and_not_the_drive(
         await until(lambda: store.code() == "disk_full", "it ended")
         assert driver.closed is None
         assert relay.relay.control.driver(7) == "ann"
+    await until(lambda: store.free_part < 0.5, "how full the disk is, is written")
     with AnyReader([file_of(settings)]) as bag:
         topics = {connection.topic for connection, _, _ in bag.messages()}
     assert "/robotether/control" in topics
