@@ -91,7 +91,9 @@ IS_PRESENT = (
 )
 # An older relay writes the row, and leaves what it does not count as it was.
 IS_COUNTED = f"({IS_ALIVE} AND c.counted_at = c.heartbeat_at)"
-IS_RECORDERS_COUNT_CURRENT = f"c.recordings_counted_at > CURRENT_TIMESTAMP(6) - INTERVAL {RECORDER_CURRENT_S} SECOND"
+IS_RECORDERS_COUNT_CURRENT = (
+    f"c.recordings_counted_at > CURRENT_TIMESTAMP(6) - INTERVAL {RECORDER_CURRENT_S} SECOND"
+)
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
     f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive,"

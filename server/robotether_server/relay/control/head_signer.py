@@ -81,8 +81,8 @@ class HeadSigner:
             except StoreError as problem:
                 log.info("cannot sign the audit log now: %s", problem.detail)
             except Exception:
-                # As while the database has still the tables of an earlier version. What failed is given up until it is due
-                # again; the rest is not.
+                # As while the database has still the tables of an earlier version. What failed is given up
+                # until it is due again; the rest is not.
                 log.exception("cannot sign the audit log now")
                 self._wake.set()
 

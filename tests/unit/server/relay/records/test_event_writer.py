@@ -74,9 +74,7 @@ async def test_the_audit_log_says_which_lines_it_lacks(event_writer, memory_data
         event_writer.add(AuditEntry(at, "ann", "login", "sim1" if second < 2 else None))
     memory_database.down = False
     await until(lambda: len(memory_database.written) == 7, "all that is left is written")
-    assert [
-        (entry.kind, entry.robot, entry.details) for entry in memory_database.written[5:]
-    ] == [
+    assert [(entry.kind, entry.robot, entry.details) for entry in memory_database.written[5:]] == [
         ("lines_lost", robot, {"count": count, "since": first, "until": last})
         for robot, count, first, last in (
             ("sim1", 2, NOW.isoformat(), (NOW + timedelta(seconds=1)).isoformat()),
