@@ -222,7 +222,7 @@ def typedef(name, *types, length=-1):
             | {"fieldarraylen": [-1] * 1000}
         ],
     ],
-    ids="none empty itself line path few long many much".split(),
+    ids=["none", "empty", "itself", "line", "path", "few", "long", "many", "much"],
 )
 def test_a_hostile_robots_types_are_refused(typedefs):
     with pytest.raises(UnknownTypeError):
