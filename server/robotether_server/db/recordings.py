@@ -298,11 +298,13 @@ def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
     return [row["id"] for row in rows]
 
 
-def read_present(tx: Transaction, recording_ids: Collection[int]) -> set[int]:
-    """Read which of these recordings there are."""
+def read_present(tx: Transaction, cell: str, recording_ids: Collection[int]) -> set[int]:
+    """Read which of these recordings a cell has."""
     if not recording_ids:
         return set()
-    rows = tx.rows("SELECT id FROM recordings WHERE id IN %s", (tuple(recording_ids),))
+    rows = tx.rows(
+        "SELECT id FROM recordings WHERE cell = %s AND id IN %s", (cell, tuple(recording_ids))
+    )
     return {row["id"] for row in rows}
 
 

@@ -42,7 +42,7 @@ def path_of(folder: Path, recording_id: int) -> Path:
     return folder / f"{recording_id:d}.mcap"
 
 
-def _set_aside(path: Path) -> None:
+def set_aside(path: Path) -> None:
     """Rename a file that is there before its recording: of one that a backup which was put back does not know.
 
     Its number comes again, maybe for another robot, whose people must not get it.
@@ -169,7 +169,7 @@ class RobotRecorder:
     def begin(self, recording_id: int, *, with_recent: bool = False) -> OpenRecording:
         """Begin a recording, with the last seconds if they are kept; raise OSError."""
         path = path_of(self._folder, recording_id)
-        _set_aside(path)
+        set_aside(path)
         file = McapFile(path)
         recording = OpenRecording(recording_id, file, time.monotonic())
         recording.note_driver(self.state.driver)

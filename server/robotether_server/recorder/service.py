@@ -30,6 +30,7 @@ from robotether_server.recorder.robot_recorder import (
     RobotRecorder,
     RobotState,
     path_of,
+    set_aside,
 )
 from robotether_server.recorder.store import RecorderStore, RecordingEnd
 from robotether_server.settings.server import RecorderSettings
@@ -79,7 +80,7 @@ class RecorderService:
         # Until when nothing is begun by robots' settings, after a file that could not be.
         self._paused_until = 0.0
         self._progress_at = 0.0
-        self._retention_at = 0.0
+        self._retention_at = float("-inf")
         self._disk_at = float("-inf")
         self._was_read = False
 
@@ -393,28 +394,30 @@ class RecorderService:
 
     async def _delete_old(self) -> None:
         now = time.monotonic()
-        if not self._settings.days or now - self._retention_at < RETENTION_EVERY_S:
+        if now - self._retention_at < RETENTION_EVERY_S:
             return
         self._retention_at = now
+        await self._set_lost_aside()
+        if not self._settings.days:
+            return
         oldest = utc_now() - dt.timedelta(days=self._settings.days)
         for number in await self._store.read_older(oldest):
             await self._delete(number)
-        await self._delete_lost(oldest)
+        for path in self._folder.glob("*-*.mcap"):
+            if path.stat().st_mtime < oldest.timestamp():
+                path.unlink(missing_ok=True)
+                log.info("file %s of no recording is deleted", path.name)
 
-    async def _delete_lost(self, oldest: dt.datetime) -> None:
-        """Delete old files that the database does not know, since a backup was put back."""
-        paths = [
-            path
-            for path in self._folder.glob("*.mcap")
-            if path.stat().st_mtime < oldest.timestamp()
-        ]
-        numbers = {int(path.stem): path for path in paths if path.stem.isdecimal()}
-        present = await self._store.read_present(list(numbers))
-        if present is None:
-            return
-        for path in set(paths) - {numbers[number] for number in present}:
-            path.unlink(missing_ok=True)
-            log.info("file %s of no recording is deleted", path.name)
+    async def _set_lost_aside(self) -> None:
+        """Rename files that the database does not know since a backup was put back.
+
+        Another cell may get their numbers for its recordings, and web sends the file of a number.
+        """
+        stems = [path.stem for path in self._folder.glob("*.mcap")]
+        numbers = {int(stem) for stem in stems if stem.isdecimal()}
+        present = await self._store.read_present(numbers)
+        for number in numbers - (numbers if present is None else present):
+            set_aside(path_of(self._folder, number))
 
     async def _delete(self, number: int) -> None:
         path_of(self._folder, number).unlink(missing_ok=True)

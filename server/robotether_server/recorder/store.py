@@ -116,9 +116,9 @@ class RecorderStore:
         """Read which recordings are kept for long enough."""
         return await self._ask(lambda tx: recordings.read_older(tx, self._cell, before)) or []
 
-    async def read_present(self, recording_ids: list[int]) -> set[int] | None:
+    async def read_present(self, recording_ids: set[int]) -> set[int] | None:
         """Read which of these recordings there are; None while the database is away."""
-        return await self._ask(lambda tx: recordings.read_present(tx, recording_ids))
+        return await self._ask(lambda tx: recordings.read_present(tx, self._cell, recording_ids))
 
     async def flush(self) -> None:
         """Write the ends that wait; the recorder stops."""

@@ -14,6 +14,8 @@ async def test_no_end_is_lost_while_the_database_is_away(
     store = RecorderStore(recorder_database, "main")
     robot = RecordableRobot(7, "sim1")
     numbers = [await store.add(robot, "always", utc_now()) for _ in range(2)]
+    assert await store.read_present({*numbers, 0}) == set(numbers)
+    assert await RecorderStore(recorder_database, "other").read_present({*numbers}) == set()
     for number in numbers:
         store.end(RecordingEnd(number, "sim1", "recorder", "robot_offline", None, utc_now()))
     write_end = recordings.end
