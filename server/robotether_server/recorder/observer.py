@@ -50,7 +50,7 @@ UNTHROTTLED = frozenset(("tf", "tf_static", "diagnostics", "rosout"))
 MAX_RECORDED_TOPICS, MAX_RECORDED_CAMERAS = 16, 8
 MAX_TOPIC_LENGTH = 255
 # Maximum number of topics that are looked at: each takes time that other robots lack.
-MAX_TOPICS = 5000
+MAX_TOPICS = 20_000
 # Interval between two questions for the relay's clock.
 CLOCK_EVERY_S = 10.0
 # Interval without a key frame after which the recorder requests one: a reader cannot begin before it.
