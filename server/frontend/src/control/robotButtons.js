@@ -1,6 +1,8 @@
 // The robot's buttons (settings.buttons): what a press does, and what is known of it. Pure but for its timers.
 // It must send nothing unless this page drives, and nothing twice that waits for its answer.
 
+import { ask } from "../client/driveType.js";
+import { fullName } from "../client/rosbridge.js";
 import { make, onPress, part, setText } from "../dom/page.js";
 import { buttons as texts } from "../texts/panels.js";
 
@@ -76,8 +78,19 @@ export class RobotButtons {
   }
 
   publish(action) {
-    if (action.publisher?.publish(action.button.msg)) this.set(action, "sent", texts.sentWords(action.button.name));
-    else this.fail(action, texts.notConnected);
+    const { name, topic, msg } = action.button;
+    if (!action.publisher?.publish(msg)) return this.fail(action, texts.notConnected);
+    this.set(action, "sent", texts.sentWords(name));
+    this.checkHeard(action, fullName(topic));
+  }
+
+  // What reached nobody was not done. A rosapi that knows no publisher, not even this page, hides the topic.
+  async checkHeard(action, topic) {
+    const { round } = action;
+    const call = (service, request) => this.connection.call(service, request);
+    const nodes = async (kind) => (await ask(call, `/rosapi/${kind}`, { topic }))[kind];
+    const [publishers, subscribers] = await Promise.all(["publishers", "subscribers"].map(nodes)).catch(() => []);
+    if (round === action.round && publishers?.length && subscribers?.length === 0) this.fail(action, texts.unheard(topic), round);
   }
 
   async request(action) {

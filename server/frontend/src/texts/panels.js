@@ -17,6 +17,7 @@ export const buttons = {
   failedWords: (name, why) => `${name}: failed. ${why || "The robot gave no reason."}`,
   pendingWords: (name) => `${name}: waiting for the robot.`,
   notConnected: "The robot is not connected.",
+  unheard: (topic) => `Nothing on the robot listens to ${topic}.`,
   lost: "The connection ended before the robot answered. It may have done it.",
   slow: (seconds) => `No answer for ${seconds} s. The robot may still do it.`,
 };

@@ -113,6 +113,28 @@ for (const [name, button, act, state, words] of [
   });
 }
 
+const HEARD = "Lights on: sent to the robot.";
+const UNHEARD = "Lights on: failed. Nothing on the robot listens to /lights.";
+for (const [name, publishers, subscribers, words] of [
+  ["is done where something listens", ["/rosbridge"], ["/base"], HEARD],
+  ["is none where nothing listens", ["/rosbridge"], [], UNHEARD],
+  ["counts where rosapi hides the topic", [], [], HEARD],
+  ["counts where rosapi does not say", undefined, undefined, HEARD],
+]) {
+  test(`what was published ${name}`, async () => {
+    drive();
+    press(lights);
+    assert.deepEqual(
+      calls.map(({ how }) => how.slice(0, 2)),
+      ["publishers", "subscribers"].map((kind) => [`/rosapi/${kind}`, { topic: "/lights" }]),
+    );
+    await answer(0, { publishers });
+    await answer(1, { subscribers });
+    await settle();
+    assert.equal(lights.words, words);
+  });
+}
+
 test("a press while an answer is awaited sends nothing more", () => {
   drive();
   press(scan);
