@@ -66,6 +66,20 @@ def test_cells_are_one_site(first: Stack, second: Stack) -> None:
         assert {robot["name"] for robot in robots["robots"]} == {"sim1", "sim2", "sim3"}
 
 
+def test_a_cell_has_the_numbers_of_the_other(first: Stack, second: Stack) -> None:
+    """A Prometheus that reaches one of them needs no way to the other."""
+    token = {"Authorization": f"Bearer {first.token('prometheus')}"}
+
+    def build_of(cell: str) -> str:
+        status, text = first.request("GET", f"/api/v1/metrics?cell={cell}", headers=token)
+        lines = str(text).splitlines() if status == HTTPStatus.OK else []
+        return next((line for line in lines if line.startswith("robotether_build_info")), "")
+
+    for name in ("a", "b"):
+        line = first.wait(f"the numbers of {name}", lambda cell=name: build_of(cell), "relay")
+        assert f'cell="{name}"' in line
+
+
 def test_secrets_are_exported_for_their_owner_alone(second: Stack) -> None:
     folder = second.folder / "secrets"
     assert folder.stat().st_mode & 0o777 == 0o700

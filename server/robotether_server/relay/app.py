@@ -24,7 +24,8 @@ from robotether_server.problems import (
     RobotetherError,
     ThrottledError,
 )
-from robotether_server.relay.cells import cell_topics
+from robotether_server.relay.cells import cell_metrics, cell_topics
+from robotether_server.relay.cells.cell_metrics import CellMetrics
 from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
@@ -144,7 +145,9 @@ def peer_app(
     keys: PeerKeys,
     feed: PeerFeedHandler,
     topics: PeerTopicsHandler,
+    *,
     sources: CellSourceHandler,
+    metrics: CellMetrics,
 ) -> web.Application:
     """Make of a public one the application for other cells, whose requests nginx's peer listener passes on."""
 
@@ -155,15 +158,19 @@ def peer_app(
             return problem_answer(HttpError(403, "cannot serve the request: no cell sent it"))
         return await handler(request)
 
+    async def show_metrics(_request: web.Request) -> web.Response:
+        return metrics_answer(await metrics.read())
+
     app.middlewares.insert(0, check_proof)
     app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
     app.router.add_get(cell_topics.ROUTE, topics.handle, allow_head=False)
     app.router.add_get(cell_sources.ROUTE, sources.handle, allow_head=False)
+    app.router.add_get(cell_metrics.PATH, show_metrics, allow_head=False)
     return app
 
 
 def inside_app(
-    metrics: Metrics,
+    metrics: CellMetrics,
     fleet: Fleet,
     cells: Callable[[], Iterable[str]],
     recorder_handler: RecorderHandler,
@@ -174,13 +181,11 @@ def inside_app(
         # A database that is away is no reason to restart the relay: what is open goes on.
         return web.json_response({"status": "ok", "store": "up" if fleet.store_up else "down"})
 
-    async def show_metrics(_request: web.Request) -> web.Response:
-        parts = []
-        for part in metrics.parts():
-            parts.append(part)
-            # All that is live has its turn.
-            await asyncio.sleep(0)
-        return web.Response(body=b"".join(parts), headers={"Content-Type": CONTENT_TYPE_LATEST})
+    async def show_metrics(request: web.Request) -> web.Response:
+        try:
+            return metrics_answer(await metrics.read(request.query.get("cell")))
+        except HttpError as problem:
+            return problem_answer(problem)
 
     async def follow_robots(request: web.Request) -> web.StreamResponse:
         try:
@@ -197,6 +202,11 @@ def inside_app(
     app.router.add_get("/metrics", show_metrics)
     app.router.add_get(recorder.PATH, follow_robots, allow_head=False)
     return app
+
+
+def metrics_answer(body: bytes) -> web.Response:
+    """Answer with numbers for Prometheus."""
+    return web.Response(body=body, headers={"Content-Type": CONTENT_TYPE_LATEST})
 
 
 class Servers:

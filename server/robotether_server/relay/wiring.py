@@ -19,6 +19,7 @@ from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.cells.cell_client import CellClient, CellTopicDialer
+from robotether_server.relay.cells.cell_metrics import CellMetrics
 from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.dialer import PeerDialer
@@ -226,6 +227,8 @@ class Relay:
         self.feeds = Feeds(self.registry, FeedConnector(media).run)
         topics_key = token_hex(16).encode()
         cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
+        parts = self.metrics.parts
+        self._cell_metrics = CellMetrics(settings.cell.name, parts, self.peers, cells)
         topics = CellTopicDialer(media, self.peers, cells)
         topic_links = TopicLinks(topics, limit_bytes, topics_key)
         self.shared_topics = SharedTopics(self.registry, topic_links)
@@ -315,7 +318,7 @@ class Relay:
         log_format = self._settings.log_format
         self._public = public_app(self.metrics, cors, parts, forwarding, log_format)
         self._inside = inside_app(
-            self.metrics, self.fleet, self.peers.addresses, self.recorder_handler
+            self._cell_metrics, self.fleet, self.peers.addresses, self.recorder_handler
         )
         self._peer_app: web.Application | None = None
         is_reachable = self._settings.cell.peer_address is not None
@@ -326,7 +329,8 @@ class Relay:
                 peer_keys,
                 self.peer_feeds,
                 self._peer_topics,
-                self._cell_source_handler,
+                sources=self._cell_source_handler,
+                metrics=self._cell_metrics,
             )
 
     def _notify(self) -> None:

@@ -1,6 +1,7 @@
 """Opens WebSockets to the peer listeners of other cells, for an observer, a topic that clients share, or a route.
 
-`forwarding`, `channels/rosbridge/topic_link` and `routes/cell_sources` open them; nginx forwards all else.
+`forwarding`, `channels/rosbridge/topic_link` and `routes/cell_sources` open them, and `cell_metrics` reads by it; nginx
+forwards all else.
 """
 
 from __future__ import annotations
@@ -23,6 +24,8 @@ from robotether_server.relay.robots.registry import SessionRegistry
 
 TOPICS_PATH = "/cell/v1/topics"
 CONNECT_WITHIN_S = 3.0
+# Time limit for what is read at once; nginx and Prometheus wait for 10 s.
+READ_WITHIN_S = 5.0
 # Time without data after which a ping asks whether the other cell still is; that one pings more often.
 PING_AFTER_S = 30.0
 
@@ -66,6 +69,20 @@ class CellClient:
         except (ClientError, OSError):
             why = f"cell {peer.name} cannot be reached"
         raise ConnectionClosedError(CloseReason("link_lost", why))
+
+    async def read(self, peer: Peer, path: str) -> bytes:
+        """Return what a path answers with status 200; raise ClientError, OSError or TimeoutError."""
+        async with (
+            asyncio.timeout(READ_WITHIN_S),
+            self.client.get(
+                URL(f"https://{peer.address}{path}", encoded=True),
+                headers={"Accept-Encoding": "identity"},
+                ssl=self.keys.tls,
+                server_hostname=SERVER_NAME,
+                raise_for_status=True,
+            ) as answer,
+        ):
+            return await answer.read()
 
 
 @dataclass(frozen=True)

@@ -59,6 +59,10 @@ class Peers:
         """How many cells are connected."""
         return len(self._connected)
 
+    def find(self, name: str) -> Peer | None:
+        """Return a cell that is connected, by its name."""
+        return self._connected.get(name)
+
     def addresses(self) -> list[str]:
         """Where the cells that are connected have their peer listeners."""
         return [peer.address for peer in self._connected.values()]

@@ -16,7 +16,10 @@ from robotether_server.settings.server import SiteAddressSettings
 from web_visitor import Browser
 
 
-@pytest.mark.parametrize(("path", "leads_to"), [("", "/relay-metrics"), ("/web", None)])
+@pytest.mark.parametrize(
+    ("path", "leads_to"),
+    [("", "/relay-metrics"), ("?cell=b-1", "/relay-metrics?cell=b-1"), ("/web", None)],
+)
 def test_admins_alone_are_led_to_the_numbers(root, ann, program, path, leads_to):
     """The relay believes whoever comes to its inside, so that nobody else may be led there."""
     answer = root.ask("GET", f"/metrics{path}")
@@ -27,6 +30,12 @@ def test_admins_alone_are_led_to_the_numbers(root, ann, program, path, leads_to)
     assert (refused.status_code, "X-Accel-Redirect" in refused.headers) == (403, False)
     stranger = program.ask("GET", f"/api/v1/metrics{path}")
     assert (stranger.status_code, "X-Accel-Redirect" in stranger.headers) == (401, False)
+
+
+@pytest.mark.parametrize("name", ["", "B", "b/../c", "b%0ac", "b%26c", "b" * 64])
+def test_what_is_no_name_of_a_cell_leads_nowhere(root, name):
+    answer = root.ask("GET", f"/metrics?cell={name}")
+    assert (answer.status_code, "X-Accel-Redirect" in answer.headers) == (422, False)
 
 
 def test_a_token_for_metrics_alone_reads_them_and_nothing_else(program, browser, relay_database):
