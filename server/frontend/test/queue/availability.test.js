@@ -50,6 +50,27 @@ test("a page that slept says from when to when, and another window is told apart
   assert.equal(availability.lapse.why, "unanswered");
 });
 
+// The page asks all the time, and nobody answers.
+function outage(seconds) {
+  for (let second = 0; second < seconds; second += 5) {
+    now += 5000;
+    assert.ok(availability.body);
+  }
+}
+
+test("after an outage of the server the choice holds again, unless it was to be away", () => {
+  heartbeat(AVAILABLE);
+  outage(60);
+  heartbeat(AWAY);
+  assert.equal(availability.lapse, null);
+  assert.deepEqual(heartbeat(AVAILABLE), { state: "available" });
+  outage(30);
+  availability.choose("away");
+  outage(30);
+  heartbeat(AWAY);
+  assert.deepEqual(availability.body, {});
+});
+
 test("who chose to be away is told nothing, and is busy without being available", () => {
   heartbeat({ state: "busy", available: true });
   availability.choose("away");
