@@ -46,9 +46,6 @@ TICK_EVERY_S = 0.2
 LAST_ZEROS_WITHIN_S = 1.0
 LAST_WRITE_WITHIN_S = 2.0
 MAX_LINE_BYTES = 64 * 1024
-# Size of a block that is freed before the first read. asyncio reads into 256 KB of new memory, and glibc
-# maps and unmaps what is larger than all that was freed before: with each message of a driver.
-FREED_BYTES = 1024 * 1024
 
 log = logging.getLogger(__name__)
 
@@ -206,7 +203,6 @@ class Guard:
 
 def main(state_dir: Path, run_dir: Path) -> int:
     """Run a guard on this process's standard input and output until it ends; return the exit code."""
-    bytes(FREED_BYTES)
     asyncio.run(_run(state_dir, run_dir))
     return 0
 
