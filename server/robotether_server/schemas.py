@@ -65,16 +65,17 @@ AppName = Annotated[
         extra={"must": f"1 to {MAX_NAME_LENGTH} characters a-z, 0-9 and -, with no - at its ends"},
     ),
 ]
-# A robot, or with `app:` before its name a web app of who makes the route.
+# Before the name of an end of a route that is a web app of who makes it; no robot has such a name.
+APP = "app:"
 RouteEndName = Annotated[
     str,
     Meta(
-        description="A robot's name, or app:NAME for a web app of who makes the route",
+        description=f"A robot's name, or {APP}NAME for a web app of who makes the route",
         extra_json_schema={
-            "pattern": f"^(app:)?{ROBOT_NAME_PATTERN.removeprefix('^')}",
+            "pattern": f"^({APP})?{ROBOT_NAME_PATTERN.removeprefix('^')}",
             "examples": ["turtle"],
         },
-        extra={"longest": MAX_NAME_LENGTH + len("app:")},
+        extra={"longest": MAX_NAME_LENGTH + len(APP)},
     ),
 ]
 UserName = Annotated[

@@ -6,15 +6,13 @@ from datetime import datetime
 
 from robotether_server.db.database import Transaction
 from robotether_server.problems import RecordMissingError
-from robotether_server.schemas import RouteEndName, Timestamp, UserName
+from robotether_server.schemas import APP, RouteEndName, Timestamp, UserName
 
 MAX_ACTOR = 63
-# Before the name of an end that is a web app; no robot has such a name.
-APP = "app:"
 
 SELECT = (
-    "SELECT t.id, COALESCE(source.name, CONCAT('app:', t.source_app)) AS source, t.source_topic, "
-    "COALESCE(target.name, CONCAT('app:', t.target_app)) AS target, t.target_topic, t.type, t.rate_hz, "
+    f"SELECT t.id, COALESCE(source.name, CONCAT('{APP}', t.source_app)) AS source, t.source_topic, "  # noqa: S608 - the module's own text
+    f"COALESCE(target.name, CONCAT('{APP}', t.target_app)) AS target, t.target_topic, t.type, t.rate_hz, "
     "u.name AS made_by, t.made_at, t.ends_at, "
     "COALESCE(t.ended_at, IF(t.ends_at <= CURRENT_TIMESTAMP(6), t.ends_at, NULL)) AS ended_at, "
     "COALESCE(t.end_code, IF(t.ends_at <= CURRENT_TIMESTAMP(6), 'expired', NULL)) AS end_code "

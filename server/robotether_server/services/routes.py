@@ -191,7 +191,7 @@ def _app(field: str, end: str) -> str | None:
     """Return the name of the app that an end is; None: it is a robot."""
     if not routes.is_app(end):
         return None
-    name = end.removeprefix(routes.APP)
+    name = end.removeprefix(schemas.APP)
     schemas.check(field, name, AppName)
     return name
 

@@ -16,7 +16,7 @@ from datetime import datetime
 
 from robotether_server.contract.routes import LiveRoute
 from robotether_server.db.fleet import RelayRobot, Snapshot
-from robotether_server.db.routes import APP, RelayRoute, RouteEnd
+from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.auth.access import HandlerContext
 from robotether_server.relay.auth.principal import Principal
@@ -35,6 +35,7 @@ from robotether_server.relay.routes.apps import App, Apps
 from robotether_server.relay.routes.cell_sources import CellSources, ReadableSource
 from robotether_server.relay.routes.driver import RouteDriver
 from robotether_server.relay.routes.source import RouteSource
+from robotether_server.schemas import APP
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)

@@ -8,8 +8,8 @@ from robotether_server.api.context import context
 from robotether_server.contract.routes import end_words
 from robotether_server.db import Transaction, cells, seen_robots
 from robotether_server.db.audit import Source
-from robotether_server.db.routes import APP
 from robotether_server.problems import FieldInvalidError, RobotetherError
+from robotether_server.schemas import APP
 from robotether_server.services import routes
 from robotether_server.services.routes import MAX_HOURS, MAX_RATE_HZ, USUAL_RATE_HZ, RouteRequest
 from robotether_server.web import current_user, forms
