@@ -114,32 +114,45 @@ def operation(
             problems=problems,
         )
         OPERATIONS.append(api_operation)
-
-        briefly = without_database is not None
-        # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
-        renew = renews_login and not briefly
-
-        def answer(handle: Handler, **names: object) -> Response:
-            return respond(handle(**names, **_arguments(api_operation, any_type=any_type)))
-
-        def answer_caller(tx: Transaction, **names: Any) -> Response:
-            caller = auth.admit(tx, who, names.get("robot", ""), renew=renew)
-            return answer(handler, caller=caller, **names)
-
-        def view(**names: Any) -> Response:
-            try:
-                if who == "anybody":
-                    return answer(handler, **names)
-                return context().database.run(partial(answer_caller, **names), briefly=briefly)
-            except StoreUnavailableError:
-                if without_database is None:
-                    raise
-            return answer(without_database, **names)
-
+        arguments = partial(_arguments, api_operation, any_type=any_type)
+        view = _view(handler, who, arguments, without_database, renews_login=renews_login)
         blueprint.add_url_rule(path, handler.__name__, view, methods=[method])
         return handler
 
     return put
+
+
+def _view(
+    handler: Handler,
+    who: Who,
+    arguments: Callable[[], Mapping[str, object]],
+    without_database: Handler | None,
+    *,
+    renews_login: bool,
+) -> Callable[..., Response]:
+    """Make what Flask calls with the names in the path; `arguments` reads the request."""
+    briefly = without_database is not None
+    # Pages get tickets by themselves, when they reconnect; what a person does on them is a request of its own.
+    renew = renews_login and not briefly
+
+    def answer(handle: Handler, **names: object) -> Response:
+        return respond(handle(**names, **arguments()))
+
+    def answer_caller(tx: Transaction, **names: Any) -> Response:
+        caller = auth.admit(tx, who, names.get("robot", ""), renew=renew)
+        return answer(handler, caller=caller, **names)
+
+    def view(**names: Any) -> Response:
+        try:
+            if who == "anybody":
+                return answer(handler, **names)
+            return context().database.run(partial(answer_caller, **names), briefly=briefly)
+        except StoreUnavailableError:
+            if without_database is None:
+                raise
+        return answer(without_database, **names)
+
+    return view
 
 
 def _answers(returned: Any) -> Iterator[tuple[int, Any]]:

@@ -14,6 +14,7 @@ from typing import Protocol
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.typedefs import Middleware
 from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.logs import REQUEST_ID_HEADER, LogFormat, RequestLog, set_request_id
@@ -87,20 +88,6 @@ def public_app(
     log_format: LogFormat = "text",
 ) -> web.Application:
     """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
-    request_log = RequestLog(log, log_format)
-
-    @web.middleware
-    async def log_request(request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Log it when it is over; a WebSocket's end is its connection's."""
-        began_s = time.monotonic()
-        set_request_id(request.headers.get(REQUEST_ID_HEADER))
-        status = 499  # as nginx has it where the client has gone
-        try:
-            response = await handler(request)
-            status = response.status
-            return response
-        finally:
-            request_log.write(request.method, request.path, status, time.monotonic() - began_s)
 
     @web.middleware
     async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -132,12 +119,30 @@ def public_app(
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(
-        middlewares=[log_request, answer_problems], client_max_size=MAX_BODY_BYTES
+        middlewares=[_logger(RequestLog(log, log_format)), answer_problems],
+        client_max_size=MAX_BODY_BYTES,
     )
     for part in parts:
         part.add_routes(app)
     app.on_response_prepare.append(cors.mark)
     return app
+
+
+def _logger(request_log: RequestLog) -> Middleware:
+    @web.middleware
+    async def log_request(request: web.Request, handler: Handler) -> web.StreamResponse:
+        """Log it when it is over; a WebSocket's end is its connection's."""
+        began_s = time.monotonic()
+        set_request_id(request.headers.get(REQUEST_ID_HEADER))
+        status = 499  # as nginx has it where the client has gone
+        try:
+            response = await handler(request)
+            status = response.status
+            return response
+        finally:
+            request_log.write(request.method, request.path, status, time.monotonic() - began_s)
+
+    return log_request
 
 
 def peer_app(
