@@ -58,7 +58,10 @@ ROSBRIDGE = "channels/rosbridge"
 # mutmut runs of these tests those that execute the changed function. The files are those whose subject the modules
 # are, and those that reach the rest of them: nearly every other test of the relay executes them, too, and takes longer.
 SUBJECTS = {
-    "guard": Subject(("robotether_agent/guard/*.py",), ("tests/unit/agent/guard",)),
+    "guard": Subject(
+        ("robotether_agent/guard/*.py",),
+        ("tests/unit/agent/guard", "tests/unit/transcripts/test_guard.py"),
+    ),
     "leases": Subject(
         (f"{RELAY}/robots/lease.py", f"{RELAY}/control/leasing.py"),
         (

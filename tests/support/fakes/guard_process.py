@@ -143,8 +143,6 @@ class GuardHere(GuardEnd):
 class GuardProcess(GuardEnd):
     """`python -m robotether_agent.guard`."""
 
-    program: tuple[str, ...] = ("-m", "robotether_agent.guard")
-
     def __init__(self, *where: Any, **guard: Any) -> None:
         super().__init__(*where, **guard)
         self.process: asyncio.subprocess.Process
@@ -152,7 +150,8 @@ class GuardProcess(GuardEnd):
     async def _start(self) -> None:
         self.process = await asyncio.create_subprocess_exec(
             sys.executable,
-            *self.program,
+            "-m",
+            "robotether_agent.guard",
             f"--state-dir={self.place}",
             f"--run-dir={self.place}",
             env={**os.environ, "PYTHONPATH": PACKAGES},

@@ -16,8 +16,8 @@ import aiohttp
 import pytest
 from fake_guard import births, fake_guard_command, heard
 from fake_rosbridge import FakeRosbridge
-from guard_process import KEY, GuardClient, GuardProcess
-from robotether_agent.guard import child_process, fork_server
+from guard_process import KEY, GuardClient, GuardHere
+from robotether_agent.guard import agent_messages, child_process, fork_server
 from robotether_agent.guard.supervisor import GuardSupervisor
 from sim_client import until
 from syrupy.assertion import SnapshotAssertion
@@ -28,20 +28,6 @@ PATIENCE_S = 60.0
 PATIENCE_MS = 60_000
 
 
-class PatientGuard(GuardProcess):
-    """A guard to whom nobody is silent, and no command late, because the machine is busy."""
-
-    program = (
-        "-c",
-        "import runpy\n"
-        "from robotether_agent.guard import agent_messages, drive_controller, rosbridge\n"
-        f"drive_controller.AGENT_SILENT_S = {PATIENCE_S}\n"
-        f"rosbridge.FULL_AFTER_S = rosbridge.STALLED_AFTER_S = {PATIENCE_S}\n"
-        f"agent_messages.TIMES_MS = (200, {PATIENCE_MS})\n"
-        "runpy.run_module('robotether_agent.guard', run_name='__main__', alter_sys=True)\n",
-    )
-
-
 @pytest.fixture
 async def rosbridge() -> AsyncIterator[FakeRosbridge]:
     async with FakeRosbridge() as running:
@@ -49,9 +35,19 @@ async def rosbridge() -> AsyncIterator[FakeRosbridge]:
 
 
 @pytest.fixture
-async def guard(tmp_path: Path, rosbridge: FakeRosbridge) -> AsyncIterator[GuardProcess]:
+async def guard(
+    tmp_path: Path, rosbridge: FakeRosbridge, monkeypatch: pytest.MonkeyPatch
+) -> AsyncIterator[GuardHere]:
+    """A guard to whom nobody is silent, and no command late, because the machine is busy."""
+    for name in (
+        "authorizer.AGENT_SILENT_S",
+        "rosbridge.FULL_AFTER_S",
+        "rosbridge.STALLED_AFTER_S",
+    ):
+        monkeypatch.setattr(f"robotether_agent.guard.{name}", PATIENCE_S)
+    monkeypatch.setattr(agent_messages, "TIMES_MS", (200, PATIENCE_MS))
     times = {"max_age_ms": PATIENCE_MS, "deadman_ms": PATIENCE_MS}
-    async with PatientGuard(tmp_path, rosbridge.port, **times) as running:
+    async with GuardHere(tmp_path, rosbridge.port, **times) as running:
         await running.until(lambda: rosbridge.connections > 0, "it has reached rosbridge", WAIT_S)
         yield running
 
@@ -102,7 +98,7 @@ async def test_what_the_agent_writes(
 
 
 async def test_what_the_guard_writes(
-    guard: GuardProcess, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
+    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
     """Its lines to the agent at its start, and when something changes."""
     transcript = Transcript()
@@ -150,7 +146,7 @@ async def test_what_the_guard_writes(
 
 
 async def test_who_is_admitted(
-    guard: GuardProcess, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
+    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
     """The answer to each handshake that opens nothing, and the close code of each connection that ends."""
     transcript = Transcript()
@@ -234,7 +230,7 @@ REFUSED: dict[str, dict[str, Any] | str] = {
 
 
 async def test_what_is_refused(
-    guard: GuardProcess, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
+    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
     """The status that each message gets which goes no further."""
     transcript = Transcript()
@@ -270,7 +266,7 @@ def is_zero(text: str) -> bool:
 
 
 async def test_guard_and_rosbridge(
-    guard: GuardProcess, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
+    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
     """What rosbridge gets of each message, as text: another parser than the guard's reads it and acts on it."""
     transcript = Transcript()
