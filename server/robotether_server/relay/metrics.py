@@ -33,10 +33,11 @@ from prometheus_client.core import (
 from prometheus_client.registry import Collector
 
 from robotether_server import __version__
-from robotether_server.backups import age_s, last_backup
+from robotether_server.backups import RECORD, age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
 from robotether_server.disks import read_space
 from robotether_server.relay.auth.connections import Connections
+from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.recorder import RecorderHandler
@@ -48,6 +49,7 @@ from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
+from robotether_server.relay.records.journal import JOURNAL
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_server import SessionServer
@@ -63,6 +65,7 @@ class CountedParts(Protocol):
     """The parts of a relay whose numbers are read when somebody asks."""
 
     apps: Apps
+    cells: Cells
     connections: Connections
     control: Control
     database: RelayDatabase
@@ -118,7 +121,7 @@ class Metrics:
         )
 
     def collect_parts(self, parts: CountedParts) -> None:
-        """Add what the relay's parts know of themselves."""
+        """Add what the relay's parts know of themselves, and what is known where they run."""
         gauge, connections, registry = self._gauge, parts.connections, parts.registry
         fleet, event_writer = parts.fleet, parts.event_writer
         gauge("robots_online", "Robots with a session", registry.online_count)
@@ -145,6 +148,9 @@ class Metrics:
         self.collect_help_requests(fleet.known_help_requests)
         self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
         self._registry.register(_Collector(partial(_read_database, parts.database)))
+        self._registry.register(_Collector(partial(_read_disk, JOURNAL.parent)))
+        self.collect_backups(RECORD)
+        self._collect_build(parts.cells.name)
 
     def collect_feeds(self, traffic: FeedTraffic) -> None:
         """Add what feeds count."""
@@ -158,7 +164,7 @@ class Metrics:
         """Add the open requests for help, which are those of all cells; None: they are unknown."""
         self._registry.register(_Collector(partial(_read_help_requests, read)))
 
-    def collect_build(self, cell: str) -> None:
+    def _collect_build(self, cell: str) -> None:
         """Add which version runs in which cell."""
         labels = {"version": __version__, "cell": cell}
         build = GaugeMetricFamily("robotether_build", "What runs here", labels=list(labels))
@@ -169,10 +175,6 @@ class Metrics:
     def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
         """Add what each robot reports to this cell: a bounded number of series for each."""
         self._write_robots = lambda: write_robots(snapshot(), registry)
-
-    def collect_disk(self, folder: Path) -> None:
-        """Add how full the file system of the folder is."""
-        self._registry.register(_Collector(partial(_read_disk, folder)))
 
     def count_seen(self, ages_ms: Iterable[float | None]) -> None:
         """Count how old was what a driver saw, command by command; None: unknown."""

@@ -12,7 +12,6 @@ from secrets import token_hex
 from aiohttp import web
 
 from robotether_server.audit_chain import server_key
-from robotether_server.backups import RECORD
 from robotether_server.db.fleet import FormerSessions
 from robotether_server.relay.app import Cors, Servers, inside_app, peer_app, public_app
 from robotether_server.relay.auth.access import Access
@@ -65,7 +64,6 @@ from robotether_server.relay.routes.route_api import RouteApi
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tasks import end_tasks
-from robotether_server.tickets import RECORDER_SALT, TicketSigner
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -104,16 +102,12 @@ class Relay:
         self._make_apps(peer_keys)
         self._notify()
         self.metrics.collect_parts(self)
-        self.metrics.collect_build(settings.cell.name)
-        self.metrics.collect_backups(RECORD)
-        self.metrics.collect_disk(JOURNAL.parent)
         self.cells.count_recorders(self.recorder_handler.count)
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
         stops, route_ends = self.event_writer.restore()
-        for entry in stops:
-            self.control.stops.restore(entry)
+        self.control.stops.restore(stops)
         self.routes.restore(route_ends)
         self.event_writer.add(FormerSessions(before=utc_now()))
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
@@ -136,8 +130,7 @@ class Relay:
         if self._peer_app is not None:
             self.peer_port = await serve(self._peer_app, listen.peer_port)
         self.peer_dialer.start()
-        await self.sessions.start(listen.host, listen.session_port)
-        self.session_port = self.sessions.port
+        self.session_port = await self.sessions.start(listen.host, listen.session_port)
         log.info("listening on %s: %d and %d", listen.host, self.http_port, self.session_port)
 
     async def stop(self) -> None:
@@ -250,30 +243,22 @@ class Relay:
         )
         self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
         self._peer_topics = PeerTopicsHandler(
-            self.fleet.state,
-            self.registry,
-            self.peers,
-            self.shared_topics,
-            topic_links,
-            piece_turns=self.traffic.piece_turns,
+            self.fleet.state, self.registry, self.peers, rules, topic_links
         )
         other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
         self._control_api = ControlApi(
             self.access, self.control, media, self.fleet.snapshot, other_cells
         )
-        self._make_routes(context, limit_bytes, cells)
+        self._make_routes(context, rules, cells)
 
     def _make_access(self) -> None:
         settings = self._settings
         self.access = Access(
-            signer=TicketSigner(settings.tickets.key, settings.tickets.ttl_s),
+            tickets=settings.tickets,
             credentials=self.credentials,
             snapshot=self.fleet.snapshot,
             allowed_origins=settings.allowed_origins,
             clock=utc_now,
-            recorder_signer=TicketSigner(
-                settings.tickets.key, settings.tickets.ttl_s, RECORDER_SALT
-            ),
             online_s=self.peers.here_for_s,
         )
         self.recorder_handler = RecorderHandler(
@@ -281,28 +266,20 @@ class Relay:
         )
 
     def _make_routes(
-        self, context: VideoContext, limit_bytes: int, cells: CellClient | None
+        self, context: VideoContext, rules: BridgeRules, cells: CellClient | None
     ) -> None:
-        self.apps = Apps(
-            self.access,
-            self.credentials,
-            self.event_writer,
-            self._timing.driver_limits,
-            self.traffic.piece_turns,
-        )
+        self.apps = Apps(self.access, self.credentials, self.event_writer, rules)
         self.routes = RouteRunner(
             RouteContext(
                 handlers=context,
                 control=self.control,
-                shared_topics=self.shared_topics,
-                cell_sources=CellSources(cells, self.peers, limit_bytes),
+                rules=rules,
+                cell_sources=CellSources(cells, self.peers, rules.message_limit),
                 apps=self.apps,
-                dialer=context.dialer(limit_bytes),
                 peers=self.peers,
                 event_writer=self.event_writer,
                 snapshot=self.fleet.state,
                 report=self.observer.connection,
-                traffic=self.traffic,
             )
         )
         self._route_api = RouteApi(self.access, self.routes, self.apps)
@@ -321,8 +298,7 @@ class Relay:
             self._cell_metrics, self.fleet, self.peers.addresses, self.recorder_handler
         )
         self._peer_app: web.Application | None = None
-        is_reachable = self._settings.cell.peer_address is not None
-        self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys if is_reachable else None)
+        self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
         if peer_keys is not None:
             self._peer_app = peer_app(
                 public_app(self.metrics, cors, parts, log_format=log_format),

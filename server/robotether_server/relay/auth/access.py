@@ -43,7 +43,8 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.uplink import ReceivedBytes
 from robotether_server.schemas import Level
-from robotether_server.tickets import CredentialKind, Ticket, TicketSigner
+from robotether_server.settings.server import TicketSettings
+from robotether_server.tickets import RECORDER_SALT, CredentialKind, Ticket, TicketSigner
 
 LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
@@ -120,23 +121,22 @@ class UsedTickets:
 class Access:
     """Decides who may open what, with the newest rights.
 
-    `recorder_signer` checks what the stack's recorder signs; None: there is none. `online_s` gives for how long a robot
-    has been here that may have come from another cell, where its tickets may be used already; None: from none.
+    `online_s` gives for how long a robot has been here that may have come from another cell, where its tickets may be
+    used already; None: from none.
     """
 
     def __init__(
         self,
         *,
-        signer: TicketSigner,
+        tickets: TicketSettings,
         credentials: Credentials,
         snapshot: Callable[[], Snapshot],
         allowed_origins: Collection[str],
         clock: Callable[[], datetime],
-        recorder_signer: TicketSigner | None = None,
         online_s: Callable[[int], float | None] = lambda _robot_id: None,
     ) -> None:
-        self._signer = signer
-        self._recorder_signer = recorder_signer
+        self._signer = TicketSigner(tickets.key, tickets.ttl_s)
+        self._recorder_signer = TicketSigner(tickets.key, tickets.ttl_s, RECORDER_SALT)
         self._credentials = credentials
         self._snapshot = snapshot
         self._allowed_origins = frozenset(allowed_origins)
@@ -336,8 +336,6 @@ class Access:
 
     def _ticket_of_recorder(self, text: str) -> Ticket | None:
         """Read a ticket of the stack's recorder, and use it up; None: it is none."""
-        if self._recorder_signer is None:
-            return None
         try:
             ticket, issued_at = self._recorder_signer.verify(text)
         except (TicketForgedError, TicketMalformedError):

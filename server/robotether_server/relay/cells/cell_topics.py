@@ -22,6 +22,7 @@ from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     users_sharing,
     write_notice,
 )
+from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.operations import (
     NotJsonError,
     read_json,
@@ -35,7 +36,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.event_loop import PieceTurns, next_turn
+from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
@@ -77,17 +78,14 @@ class PeerTopicsHandler:
         snapshot: Callable[[], Snapshot],
         registry: SessionRegistry,
         peers: Peers,
-        shared_topics: SharedTopics,
+        rules: BridgeRules,
         connector: TopicConnector,
-        *,
-        piece_turns: PieceTurns,
     ) -> None:
         self._snapshot = snapshot
         self._registry = registry
         self._peers = peers
-        self._shared_topics = shared_topics
+        self._rules = rules
         self._connector = connector
-        self._piece_turns = piece_turns
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the topic until the other cell leaves, or the robot."""
@@ -108,7 +106,7 @@ class PeerTopicsHandler:
         elif subscription is not None:
             members = self._registry.ensure_robot(robot.id).forwarded_topics
             user_ids = partial(users_sharing, members, key, subscription)
-            copies = PeerCopies(robot, user_ids, self._shared_topics, key)
+            copies = PeerCopies(robot, user_ids, self._rules.shared_topics, key)
             await self._send(socket, copies, subscription)
         await socket.finish(close_reasons.client_left(robot.name))
         return socket
@@ -123,7 +121,7 @@ class PeerTopicsHandler:
     ) -> None:
         async def deliver(message: bytes, kind: WSMsgType) -> None:
             if len(message) > SEND_BUFFER_BYTES:
-                await socket.send_large(message, kind, self._piece_turns)
+                await socket.send_large(message, kind, self._rules.traffic.piece_turns)
             else:
                 await socket.send_frame(message, kind)
 

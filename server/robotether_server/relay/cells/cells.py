@@ -78,6 +78,11 @@ class Cells:
         return self._settings.name
 
     @property
+    def is_reachable(self) -> bool:
+        """Whether this cell has an address for the others."""
+        return self._settings.peer_address is not None
+
+    @property
     def draining(self) -> bool:
         """Whether this cell is taken out of service."""
         own_cell = self._cells.get(self.name)

@@ -28,7 +28,7 @@ MAX_RETRY_S = 1.0
 
 
 class PeerDialer:
-    """The connections to all other cells; without keys there are none."""
+    """The connections to all other cells; without keys or an address of its own it has none."""
 
     def __init__(self, cells: Cells, peers: Peers, keys: PeerKeys | None) -> None:
         self._cells = cells
@@ -40,7 +40,7 @@ class PeerDialer:
 
     def start(self) -> None:
         """Connect to the cells that are known, and to each that comes."""
-        if self._keys is None:
+        if self._keys is None or not self._cells.is_reachable:
             return
         self._client = ClientSession(
             connector=TCPConnector(limit=0, force_close=True, ssl=self._keys.tls)

@@ -88,17 +88,18 @@ class Stops:
                 # It has come here since, and was greeted with the stop: without one nobody could release it.
                 self._stopped_by_guard(robot_id, report.by)
 
-    def restore(self, entry: StopEntry) -> None:
+    def restore(self, entries: Iterable[StopEntry]) -> None:
         """Take over what the relay before this one had not written, before any robot is served.
 
         In the database alone nobody would stop the robot here, or could release it. As of what another cell says, a
         stop may have ended elsewhere since, which the other cells say then.
         """
-        stops = self._of(entry.robot_id)
-        stops.end(entry.ended)
-        if entry.stop is not None:
-            stops.begin(entry.stop)
-        self._event_writer.add(stops.entry)
+        for entry in entries:
+            stops = self._of(entry.robot_id)
+            stops.end(entry.ended)
+            if entry.stop is not None:
+                stops.begin(entry.stop)
+            self._event_writer.add(stops.entry)
 
     def of(self, robot_id: int) -> Stop | None:
         """Return the newest stop of a robot, None when it is not stopped."""

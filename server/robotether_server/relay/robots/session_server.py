@@ -1,6 +1,6 @@
 """Accepts robots' sessions from sshd, checks their preface, and runs their links.
 
-`main` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
+`wiring` starts it on a port that only the network `tunnel` reaches. A connection that does not prove
 itself at once gets no answer.
 """
 
@@ -58,14 +58,13 @@ class SessionServer:
         self._live: dict[RobotLink, None] = {}
         # Number of log-ins through sshd that came here and were accepted.
         self.logins: Counter[str] = Counter(dict.fromkeys(get_args(Kind), 0))
-        self.port = 0
 
-    async def start(self, host: str, port: int) -> None:
-        """Listen."""
+    async def start(self, host: str, port: int) -> int:
+        """Listen; port 0 is any that is free. Return the port."""
         self._server = await asyncio.start_server(
             self._accept, host, port, limit=MAX_LINE_BYTES, backlog=BACKLOG
         )
-        self.port = self._server.sockets[0].getsockname()[1]
+        return int(self._server.sockets[0].getsockname()[1])
 
     async def stop(self) -> None:
         """Say bye to all robots and listen no more."""

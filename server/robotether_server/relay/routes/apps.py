@@ -24,6 +24,7 @@ from robotether_server.relay.auth.access import Access, credential_in, request_o
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON, close_reason_of_broken
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
+from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.message_validator import (
     ANSWERS_PER_S,
     FLOOD_AFTER_S,
@@ -321,14 +322,12 @@ class Apps:
         access: Access,
         credentials: Credentials,
         event_writer: EventWriter,
-        limits: LivenessLimits,
-        turns: PieceTurns,
+        rules: BridgeRules,
     ) -> None:
         self._access = access
         self._credentials = credentials
         self._event_writer = event_writer
-        self._limits = limits
-        self._turns = turns
+        self._rules = rules
         self._apps: dict[AppKey, App] = {}
         # By user.
         self._quotas: dict[int, AppQuota] = {}
@@ -378,7 +377,8 @@ class Apps:
             raise HttpError(429, f"cannot connect app {key[1]}: you have {MAX_APPS} connected")
         socket = OperatorSocket(MAX_MESSAGE_BYTES)
         address = request.headers.get("X-Forwarded-For")
-        app = App(key, quota, socket, self._limits, self._turns, address=address)
+        limits, turns = self._rules.driver_limits, self._rules.traffic.piece_turns
+        app = App(key, quota, socket, limits, turns, address=address)
         ended = CloseReason("rights_ended", "your login or token has ended")
         self._apps[key] = app
         try:

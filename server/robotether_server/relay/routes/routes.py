@@ -21,16 +21,17 @@ from robotether_server.problems import RobotetherError
 from robotether_server.relay.auth.access import HandlerContext
 from robotether_server.relay.auth.principal import Principal
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.rosbridge.handler import ConnectionReport, OperatorSession
-from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
+from robotether_server.relay.channels.rosbridge.handler import (
+    BridgeRules,
+    ConnectionReport,
+    OperatorSession,
+)
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.robot import Change
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.routes.apps import App, Apps
 from robotether_server.relay.routes.cell_sources import CellSources, ReadableSource
 from robotether_server.relay.routes.driver import RouteDriver
@@ -54,15 +55,13 @@ class RouteContext:
 
     handlers: HandlerContext
     control: Control
-    shared_topics: SharedTopics
+    rules: BridgeRules
     cell_sources: CellSources
     apps: Apps
-    dialer: RobotDialer
     peers: Peers
     event_writer: EventWriter
     snapshot: Callable[[], Snapshot]
     report: Callable[[ConnectionReport], None]
-    traffic: Traffic
 
 
 @dataclass(eq=False)
@@ -196,7 +195,7 @@ class RouteRunner:
             if route_id not in routes or source.rules != self._rules(routes[route_id]):
                 del self._to_apps[route_id]
                 app.remove(source)
-                source.close(self._context.shared_topics)
+                source.close(self._context.rules.shared_topics)
         for route in routes.values():
             target = self._app(route, route.target_app)
             if target is not None and route.id not in self._to_apps:
@@ -209,7 +208,7 @@ class RouteRunner:
         running = self._running.setdefault(key, RunningRoutes(robot))
         loop = asyncio.get_running_loop()
         if running.task is None and loop.time() >= running.retry_at:
-            running.robot, running.driver = robot, RouteDriver(robot, self._context.traffic)
+            running.robot, running.driver = robot, RouteDriver(robot, self._context.rules.traffic)
             principal = Principal(key[0], routes[0].user_name)
             running.task = loop.create_task(
                 self._drive(running, principal), name=f"routes to {robot.name}"
@@ -228,7 +227,7 @@ class RouteRunner:
                 if (app := self._app(route, route.source_app)) is not None:
                     source.follow(app.read, app.leave, app.address)
             elif context.peers.owner(robot_id) is None:
-                source.open(context.snapshot().robots[robot_id], context.shared_topics)
+                source.open(context.snapshot().robots[robot_id], context.rules.shared_topics)
             else:
                 robot = context.snapshot().robots[robot_id]
                 source.bring(robot, context.cell_sources.bring)
@@ -258,7 +257,7 @@ class RouteRunner:
         """Publish nothing more of other routes; without any the robot is released."""
         for route_id in running.sources.keys() - set(route_ids):
             source = running.sources.pop(route_id)
-            source.close(self._context.shared_topics)
+            source.close(self._context.rules.shared_topics)
             if running.driver is not None:
                 running.driver.remove(source)
         if not running.sources and running.driver is not None:
@@ -300,9 +299,9 @@ class RouteRunner:
             None,
             context.handlers,
             context.control,
-            context.dialer,
+            context.handlers.dialer(context.rules.message_limit),
             context.report,
-            context.traffic,
+            context.rules.traffic,
             driver.address,
         )
 

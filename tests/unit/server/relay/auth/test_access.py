@@ -19,6 +19,7 @@ from robotether_server.problems import (
 )
 from robotether_server.relay.auth.access import Access, Permit, Request, UsedTickets, request_of
 from robotether_server.relay.auth.credentials import Credentials, credential_of
+from robotether_server.settings.server import TicketSettings
 from robotether_server.tickets import Ticket, TicketSigner, new_id
 
 START = utc(2026, 1, 1, 12, 0)
@@ -33,7 +34,7 @@ def access_of(database, granted="observe", credentials=None, *, online_s=lambda 
     robot = RelayRobot(7, "sim1", "active", 20000, 20001)
     other = RelayRobot(8, "sim2", "active", 20002, 20003)
     return Access(
-        signer=TicketSigner("key", 30),
+        tickets=TicketSettings("key", 30),
         credentials=credentials or Credentials(database),
         snapshot=lambda: Snapshot({7: robot, 8: other}, {(3, 7): granted, (3, 8): granted}),
         allowed_origins=["https://lab.example"],
