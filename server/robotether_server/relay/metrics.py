@@ -49,7 +49,6 @@ from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
-from robotether_server.relay.records.journal import JOURNAL
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_server import SessionServer
@@ -148,7 +147,7 @@ class Metrics:
         self.collect_help_requests(fleet.known_help_requests)
         self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
         self._registry.register(_Collector(partial(_read_database, parts.database)))
-        self._registry.register(_Collector(partial(_read_disk, JOURNAL.parent)))
+        self._registry.register(_Collector(partial(_read_disk, event_writer.folder)))
         self.collect_backups(RECORD)
         self._collect_build(parts.cells.name)
 
@@ -300,14 +299,15 @@ def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
     yield from (used, limit)
 
 
-def _read_disk(folder: Path) -> Iterator[GaugeMetricFamily]:
+def _read_disk(folder: Path | None) -> Iterator[GaugeMetricFamily]:
     meaning = "Free space where the relay's volume is"
     free = GaugeMetricFamily("robotether_relay_disk_free_bytes", meaning)
     size = GaugeMetricFamily("robotether_relay_disk_size_bytes", "Size of that file system")
-    with suppress(OSError):
-        space = read_space(folder)
-        free.add_metric([], space.free)
-        size.add_metric([], space.size)
+    if folder is not None:
+        with suppress(OSError):
+            space = read_space(folder)
+            free.add_metric([], space.free)
+            size.add_metric([], space.size)
     yield from (free, size)
 
 

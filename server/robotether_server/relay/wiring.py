@@ -52,7 +52,7 @@ from robotether_server.relay.options import Listen, Timing
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.records.fleet import Fleet
-from robotether_server.relay.records.journal import JOURNAL, Journal
+from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -113,7 +113,7 @@ class Relay:
         await asyncio.gather(self.fleet.poll(), self.cells.poll())
         self._tasks = [
             start_task("cells", self.cells.run()),
-            start_task("disk", self.cells.watch_disk(JOURNAL.parent)),
+            start_task("disk", self.cells.watch_disk(self.event_writer.folder)),
             start_task("cell_drain", self.cell_drain.run()),
             start_task("rebalancing", self.rebalancing.run()),
             start_task("fleet", self.fleet.run()),

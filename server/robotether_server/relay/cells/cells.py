@@ -61,9 +61,9 @@ class Cells:
         """Say with each heartbeat how many recorders are connected."""
         self._recorders = count
 
-    async def watch_disk(self, folder: Path) -> None:
-        """Say with each heartbeat how full the file system of the folder is, for ever."""
-        while True:
+    async def watch_disk(self, folder: Path | None) -> None:
+        """Say with each heartbeat how full the file system of the folder is, for ever; nothing without a folder."""
+        while folder is not None:
             try:
                 space = await asyncio.to_thread(read_space, folder)
             except OSError as problem:

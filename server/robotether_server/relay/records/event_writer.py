@@ -44,6 +44,8 @@ class EventWriter:
         self._database = database
         self._max_waiting = max_waiting
         self._journal = journal
+        # None: what waits is in memory alone.
+        self.folder = None if journal is None else journal.folder
         self._waiting: OrderedDict[int, Entry] = OrderedDict()
         # What the database is about to accept.
         self._writing: Sequence[Entry] = ()

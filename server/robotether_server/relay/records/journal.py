@@ -61,6 +61,7 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.folder = path.parent
         # All that follows is the thread's, but for reading.
         self._disk = ThreadPoolExecutor(1, thread_name_prefix="journal")
         self._submitted = self._done = 0
