@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import logging
 import time
 from collections import Counter
@@ -168,7 +167,7 @@ async def keep_going(
     attempt: Callable[[Uptime], Awaitable[None]],
     backoff: Backoff,
     on_problem: Callable[[AgentError], None],
-    pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    pause: Callable[[float], Awaitable[None]],
 ) -> None:
     """Run `attempt` again and again; `on_problem` gets each problem before the pause."""
     repeats = Repeats()

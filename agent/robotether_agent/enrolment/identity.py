@@ -61,7 +61,7 @@ class Identity:
 class IdentityStore:
     """The file in `state_dir` that keeps what was found first."""
 
-    def __init__(self, settings: Settings, root: Path = Path("/"), *, keeps: bool = True) -> None:
+    def __init__(self, settings: Settings, root: Path, *, keeps: bool = True) -> None:
         self._settings = settings
         self._root = root
         self._keeps = keeps
@@ -131,9 +131,7 @@ class IdentityStore:
             return None
 
 
-def find_interface(
-    interface: str | None, *, allow_local: bool, root: Path = Path("/")
-) -> Interface:
+def find_interface(interface: str | None, *, allow_local: bool, root: Path) -> Interface:
     """Return `interface`, or the primary physical interface when None; raise InterfaceMissingError."""
     if interface is not None:
         return _named(interface, allow_local=allow_local, root=root)
@@ -146,7 +144,7 @@ def find_interface(
     return chosen
 
 
-def interface_with(mac: str, root: Path = Path("/")) -> str:
+def interface_with(mac: str, root: Path) -> str:
     """Return the name of an interface that has `mac` now, hardware first, or "" when none has it."""
     paths = [path for path in _interfaces(root) if mac in _all_macs(path)]
     # VLANs, bridges and bonds have the address of the hardware below them.

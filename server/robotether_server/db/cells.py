@@ -250,13 +250,13 @@ def sort_for_join(
     return sort_for(robot_id, cells, first.name if first else None, region=region)
 
 
-def find_emptiest(cells: Iterable[Cell], *, region: str | None = None) -> Cell | None:
+def find_emptiest(cells: Iterable[Cell], *, region: str | None) -> Cell | None:
     """Return the cell with the fewest robots of those that take robots: of the region's if there are any."""
     return min(_near(cells, region), key=lambda cell: cell.robots, default=None)
 
 
 def find_choice(
-    cells: Iterable[Cell], address: SshAddresses, here: str, *, region: str | None = None
+    cells: Iterable[Cell], address: SshAddresses, here: str, *, region: str | None
 ) -> Cell | None:
     """Return the cell at an address, if a robot at the cell `here` may choose it."""
     by_name = {cell.name: cell for cell in cells}

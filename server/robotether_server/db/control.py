@@ -164,7 +164,7 @@ def next_fence(tx: Transaction, lease: NewLease, cell: str | None = None) -> int
     return int(row["fence"])
 
 
-def start_lease(tx: Transaction, entry: LeaseStart, cell: str | None = None) -> None:
+def start_lease(tx: Transaction, entry: LeaseStart, cell: str | None) -> None:
     """Write a lease that has begun, unless a newer one has its row: the number there never falls."""
     # A user who was removed meanwhile has no grants.
     changes = ", ".join(

@@ -121,7 +121,7 @@ def describe_cuts(report: ExportReport) -> str:
     return "; ".join(f"{count / report.fps:.1f} s: {why}" for why, count in counts.items())
 
 
-def read_drive(path: Path, cameras: Sequence[str] = ()) -> DriveData:
+def read_drive(path: Path, cameras: Sequence[str]) -> DriveData:
     """Read a recording, with the frames of these cameras, or of all; raise NotExportedError."""
     drive = DriveData()
     lists: dict[type, list[Any]] = {

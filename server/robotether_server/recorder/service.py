@@ -82,12 +82,6 @@ class RecorderService:
         self._progress_at = 0.0
         self._retention_at = float("-inf")
         self._disk_at = float("-inf")
-        self._was_read = False
-
-    @property
-    def is_working(self) -> bool:
-        """Whether the database was read at least once."""
-        return self._was_read
 
     async def run(self) -> None:
         """Record, for ever."""
@@ -129,7 +123,6 @@ class RecorderService:
         answer = await self._store.read()
         if answer is None:
             return
-        self._was_read = True
         rows, robots = answer
         # The database has the ends of all others.
         self._ended &= {row.id for row in rows}

@@ -6,7 +6,6 @@ import datetime as dt
 import socket
 import threading
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from itertools import chain
 from pathlib import Path
@@ -59,11 +58,8 @@ class SiteHealth(Struct, frozen=True):
 class SshProbe:
     """Asks sshd through nginx, as robots behind a firewall do, now and then; safe to share between threads."""
 
-    def __init__(
-        self, endpoint: tuple[str, int], now: Callable[[], float] = time.monotonic
-    ) -> None:
+    def __init__(self, endpoint: tuple[str, int]) -> None:
         self._endpoint = endpoint
-        self._now = now
         self._lock = threading.Lock()
         self._asked_at_s: float | None = None
         self._answers: bool | None = None
@@ -71,9 +67,9 @@ class SshProbe:
     def answers(self) -> bool | None:
         """Return whether it answers; None: what is there is no nginx of ours."""
         with self._lock:
-            if self._asked_at_s is None or self._now() - self._asked_at_s > SSH_KEPT_S:
+            if self._asked_at_s is None or time.monotonic() - self._asked_at_s > SSH_KEPT_S:
                 self._answers = self._ask()
-                self._asked_at_s = self._now()
+                self._asked_at_s = time.monotonic()
             return self._answers
 
     def _ask(self) -> bool | None:

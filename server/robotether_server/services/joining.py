@@ -476,7 +476,7 @@ def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -
     )
 
 
-def free_name(tx: Transaction, mac: str, requested: str | None = None) -> str:
+def free_name(tx: Transaction, mac: str, requested: str | None) -> str:
     """Return the requested name if it can be had, or robot- and as many of the MAC's digits as make it a new name."""
     requested_names = (
         [requested] if requested is not None and ROBOT_NAME.fullmatch(requested) else []

@@ -133,7 +133,7 @@ class Access:
         snapshot: Callable[[], Snapshot],
         allowed_origins: Collection[str],
         clock: Callable[[], datetime],
-        online_s: Callable[[int], float | None] = lambda _robot_id: None,
+        online_s: Callable[[int], float | None],
     ) -> None:
         self._signer = TicketSigner(tickets.key, tickets.ttl_s)
         self._recorder_signer = TicketSigner(tickets.key, tickets.ttl_s, RECORDER_SALT)

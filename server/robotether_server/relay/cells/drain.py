@@ -35,11 +35,11 @@ class CellDrain:
         self,
         cells: Cells,
         registry: SessionRegistry,
-        rules: DrainRules | None = None,
+        rules: DrainRules,
     ) -> None:
         self._cells = cells
         self._registry = registry
-        self._rules = rules or DrainRules()
+        self._rules = rules
         self._changed = asyncio.Event()
         cells.listen(self._changed.set)
 

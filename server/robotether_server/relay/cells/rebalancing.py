@@ -47,12 +47,12 @@ class Rebalancing:
         registry: SessionRegistry,
         *,
         unreached: Callable[[], Collection[str]],
-        rules: BalanceRules | None = None,
+        rules: BalanceRules,
     ) -> None:
         self._cells = cells
         self._registry = registry
         self._unreached = unreached
-        self._rules = rules or BalanceRules()
+        self._rules = rules
         self._moved_at = -math.inf
 
     def on_nearer(self, robot_id: int, address: SshAddresses) -> None:

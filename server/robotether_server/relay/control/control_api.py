@@ -180,7 +180,7 @@ class ControlApi:
         user = await self._changer(request, stops=stops)
         return user, self._access.visible_robot(user, request.match_info["name"])
 
-    async def _changer(self, request: web.Request, *, stops: bool = False) -> RelayUser:
+    async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
         access_request = request_of(request.headers, request.cookies, request.query)
         access_request = replace(access_request, stops=stops)
         csrf_header = request.headers.get("X-CSRFToken", "")

@@ -18,7 +18,7 @@ RETRY_S = 0.05
 class Demand:
     """Counts who needs the robot; `changed` is called when the first comes, and a while after the last has left."""
 
-    def __init__(self, changed: Callable[[], None], *, kept_s: float, always: bool = False) -> None:
+    def __init__(self, changed: Callable[[], None], *, kept_s: float, always: bool) -> None:
         self._changed = changed
         self._always = always
         self._kept_s = kept_s

@@ -41,6 +41,8 @@ LINES_AT_ONCE = 400
 GUARD_KEY_BYTES = 32
 # Time limit for sending a bye.
 FAREWELL_S = 0.5
+# Time limit for the end of the connection that held the robot's port before.
+PORT_RELEASED_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -55,16 +57,15 @@ class LinkRules:
 
     tunnel_host: str
     greeting: Callable[[int], Iterable[bytes]]
-    cells: Callable[[int], Sequence[SshAddresses]] = lambda _: ()
-    heartbeat_s: float = 0.5
-    idle_heartbeat_s: float = 2.0
-    timeout_s: float = 5.0
-    release_wait_s: float = 1.0
-    direct: bool = False
-    prepare: Callable[[int], Awaitable[None]] | None = None
-    on_help: Callable[[int, HelpCall], None] = lambda *_: None
-    on_nearer: Callable[[int, SshAddresses], None] = lambda *_: None
-    on_signed_head: Callable[[int, lines.SignedHeadLine], None] = lambda *_: None
+    cells: Callable[[int], Sequence[SshAddresses]]
+    heartbeat_s: float
+    idle_heartbeat_s: float
+    timeout_s: float
+    direct: bool
+    prepare: Callable[[int], Awaitable[None]]
+    on_help: Callable[[int, HelpCall], None]
+    on_nearer: Callable[[int, SshAddresses], None]
+    on_signed_head: Callable[[int, lines.SignedHeadLine], None]
 
 
 class RobotLink:
@@ -127,7 +128,7 @@ class RobotLink:
         """Take over from an older link, configure the robot, and listen until the end."""
         try:
             await self._replace_older()
-            if self.kind == "session" and self._rules.prepare is not None:
+            if self.kind == "session":
                 await self._rules.prepare(self.robot_id)
             if not self._ended and not self._reader.at_eof():
                 self._configure()
@@ -212,11 +213,16 @@ class RobotLink:
         if older is not None:
             older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
         port = port_of(self.kind, self._robot)
-        host, wait_s = self._rules.tunnel_host, self._rules.release_wait_s
-        if port is not None and not await wait_released(host, port, within_s=wait_s):
+        host = self._rules.tunnel_host
+        if port is not None and not await wait_released(
+            host, port, within_s=PORT_RELEASED_WITHIN_S
+        ):
             # It would be that holder who gets the operators: an SSH connection without a session,
             # which the relay cannot end. sshd drops it when it is dead.
-            self.end("port_taken", f"port {port} is still in use after {wait_s:g} s; connect again")
+            self.end(
+                "port_taken",
+                f"port {port} is still in use after {PORT_RELEASED_WITHIN_S:g} s; connect again",
+            )
 
     def _configure(self, cells: Sequence[SshAddresses] | None = None) -> None:
         rules, self._configured = self._rules, True

@@ -320,8 +320,8 @@ def config_line(
     guard_key: str,
     direct: bool,
     media: bool,
-    cells: Iterable[SshAddresses] = (),
-    connection_id: str | None = None,
+    cells: Iterable[SshAddresses],
+    connection_id: str | None,
 ) -> bytes:
     """Build the settings that the agent works with; `cells` are where it connects, the best first."""
     addresses = [{"host": cell.host, "ports": cell.ports, "rank": cell.rank} for cell in cells]

@@ -15,7 +15,7 @@ import json
 import time
 from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -107,8 +107,8 @@ class RobotEnd:
     """The robot's end of a connection; `lease` is that of a driver, `counted` counts what comes while it is open."""
 
     socket: RobotSocket
-    lease: DriveLease | None = None
-    counted: AbstractContextManager[None] = field(default_factory=nullcontext)
+    lease: DriveLease | None
+    counted: AbstractContextManager[None]
 
 
 class Bridge(OperatorConnection):
