@@ -19,7 +19,6 @@ from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.auth.access import HandlerContext
-from robotether_server.relay.auth.principal import Principal
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.rosbridge.handler import (
     BridgeRules,
@@ -209,9 +208,9 @@ class RouteRunner:
         loop = asyncio.get_running_loop()
         if running.task is None and loop.time() >= running.retry_at:
             running.robot, running.driver = robot, RouteDriver(robot, self._context.rules.traffic)
-            principal = Principal(key[0], routes[0].user_name)
+            connection = _connection_of(routes[0], robot, running.driver)
             running.task = loop.create_task(
-                self._drive(running, principal), name=f"routes to {robot.name}"
+                self._drive(running, running.driver, connection), name=f"routes to {robot.name}"
             )
         for route in routes:
             if route.id not in running.sources and running.driver is not None:
@@ -263,31 +262,27 @@ class RouteRunner:
         if not running.sources and running.driver is not None:
             running.driver.end(close_reasons.client_left(running.robot.name))
 
-    async def _drive(self, running: RunningRoutes, principal: Principal) -> None:
+    async def _drive(
+        self, running: RunningRoutes, driver: RouteDriver, connection: Connection
+    ) -> None:
         """Drive the robot until something ends that."""
-        driver = running.driver
-        if driver is None:
-            return
         close_reason = close_reasons.relay_failed()
         try:
-            close_reason = await self._drive_until_ended(driver, running.robot, principal)
+            close_reason = await self._drive_until_ended(driver, connection)
         except Exception:
-            log.exception("robot %s: routes failed", running.robot.name)
+            log.exception("robot %s: routes failed", connection.robot.name)
         finally:
             self._on_ended(running, close_reason)
 
-    async def _drive_until_ended(
-        self, driver: RouteDriver, robot: RelayRobot, principal: Principal
-    ) -> CloseReason:
+    async def _drive_until_ended(self, driver: RouteDriver, connection: Connection) -> CloseReason:
         handlers = self._context.handlers
-        connection = principal.connection(robot, driver.end)
         if (why := handlers.connections.no_room(connection)) is not None:
             return close_reasons.too_many_connections(why)
         # Also while it waits: other rights or settings end it, the robot's clock is known when it begins, and the robot
         # stays at this machine of the site.
         with (
             handlers.connections.joined(connection),
-            handlers.registry.ensure_robot(robot.id).usage.counted(),
+            handlers.registry.ensure_robot(connection.robot.id).usage.counted(),
         ):
             return await driver.wait() or await self._session(driver, connection).run()
 
@@ -382,6 +377,15 @@ class RouteRunner:
             why = (source.problem or idle) if running.driver.is_waiting else running.why
             return LiveRoute(route.id, "waits", 0.0, why)
         return LiveRoute(route.id, "runs", source.rate_hz(), source.problem)
+
+
+def _connection_of(route: RelayRoute, robot: RelayRobot, driver: RouteDriver) -> Connection:
+    """Return the connection of all routes of a user into a robot; making one needs the level manage."""
+    # What people read as the driver; no user can have such a name.
+    name = f"{route.user_name} (route)"
+    return Connection(
+        route.user_id, name, robot, "drive", driver.end, level="manage", is_route=True
+    )
 
 
 def _why_over(route: RelayRoute, snapshot: Snapshot, now: datetime) -> str | None:
