@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from functools import partial
 from urllib.parse import urlsplit
 
-from aiohttp import ClientSession
+from aiohttp import ClientSession, web
 
 from robotether_server.db.fleet import RECORDER, Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
@@ -374,17 +374,17 @@ class Access:
         return robot
 
 
-def request_of(
-    headers: Mapping[str, str], cookies: Mapping[str, str], query: Mapping[str, str]
-) -> Request:
+def request_of(request: web.Request, *, stops: bool = False) -> Request:
     """Pick out of an HTTP request what says who asks."""
+    headers = request.headers
     return Request(
         host=headers.get("Host", ""),
         origin=headers.get("Origin"),
-        ticket=query.get("ticket"),
-        login=cookies.get(LOGIN_COOKIE),
+        ticket=request.query.get("ticket"),
+        login=request.cookies.get(LOGIN_COOKIE),
         authorization=headers.get("Authorization"),
         address=headers.get("X-Forwarded-For", ""),
+        stops=stops,
     )
 
 

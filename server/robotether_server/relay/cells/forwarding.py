@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import replace
 
 from aiohttp import web
 
@@ -52,13 +51,13 @@ class Forwarding:
         if robot is None or peer is None:
             return None
         stops = match["action"] == "stop"
-        access_request = request_of(request.headers, request.cookies, request.query)
+        access_request = request_of(request, stops=stops)
         ticket = self._access.observer_ticket(access_request) if match["path"] == "ros" else None
         if ticket is not None and _opens_socket(request):
             served = await self._observers.join(request, ticket, robot, peer)
             if served is not None:
                 return served
-        if not await self._access.is_vouched_for(replace(access_request, stops=stops)):
+        if not await self._access.is_vouched_for(access_request):
             return None
         location = STOP_LOCATION if stops else LOCATION
         # No content: nginx would take its type for that of the forwarded answer.

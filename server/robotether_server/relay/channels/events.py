@@ -301,8 +301,7 @@ class EventsHandler:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the fleet, then each change, until the client or its right is gone."""
-        access_request = request_of(request.headers, request.cookies, request.query)
-        asker = await self._access.for_events(access_request)
+        asker = await self._access.for_events(request_of(request))
         count = self._fleet_events.subscribers_of(asker.user.id)
         if count >= self._connections.caps.per_user:
             raise TooManyConnectionsError(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import msgspec
@@ -170,8 +170,7 @@ class ControlApi:
         return partial(self._control.leasing.hand_over, to=to)
 
     async def _viewer_and_robot(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
-        access_request = request_of(request.headers, request.cookies, request.query)
-        user = (await self._access.for_events(access_request)).user
+        user = (await self._access.for_events(request_of(request))).user
         return user, self._access.visible_robot(user, request.match_info["name"])
 
     async def _who_and_what(
@@ -181,8 +180,7 @@ class ControlApi:
         return user, self._access.visible_robot(user, request.match_info["name"])
 
     async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
-        access_request = request_of(request.headers, request.cookies, request.query)
-        access_request = replace(access_request, stops=stops)
+        access_request = request_of(request, stops=stops)
         csrf_header = request.headers.get("X-CSRFToken", "")
         return (await self._access.for_change(access_request, csrf_header)).user
 

@@ -362,8 +362,7 @@ class Apps:
         """Serve an app until it leaves, or its user's login or token ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot connect the app: connect with a WebSocket")
-        access_request = request_of(request.headers, request.cookies, request.query)
-        ticket = self._access.for_app(access_request, request.match_info["name"])
+        ticket = self._access.for_app(request_of(request), request.match_info["name"])
         key = (ticket.user_id, ticket.robot)
         quota = self._quota(ticket.user_id)
         if not quota.connect():

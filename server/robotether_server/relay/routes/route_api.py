@@ -26,8 +26,7 @@ class RouteApi:
 
     async def handle(self, request: web.Request) -> web.Response:
         """Answer with the routes that the caller may see, and the caller's apps."""
-        access_request = request_of(request.headers, request.cookies, request.query)
-        asker = await self._access.for_events(access_request)
+        asker = await self._access.for_events(request_of(request))
         user_id = asker.user.id
         apps = [app.describe() for app in self._apps.of_user(user_id)]
         body = msgspec.json.encode(LiveRouteList(self._routes.live(user_id), apps))

@@ -105,8 +105,7 @@ class RosbridgeHandler:
         """Join an operator's WebSocket to the robot until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open rosbridge: connect with a WebSocket")
-        access_request = request_of(request.headers, request.cookies, request.query)
-        permit = self._context.access.for_rosbridge(access_request, request.match_info["name"])
+        permit = self._context.access.for_rosbridge(request_of(request), request.match_info["name"])
         observes = permit.use == "observe"
         operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
         await self._serve(operator, permit, request)

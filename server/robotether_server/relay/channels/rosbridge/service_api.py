@@ -76,10 +76,9 @@ class ServiceApi:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Call the service, and answer with what it answers."""
-        access_request = request_of(request.headers, request.cookies, request.query)
         csrf_header = request.headers.get("X-CSRFToken", "")
         access, name = self._calls.context.access, request.match_info["name"]
-        permit = await access.for_service(access_request, name, csrf_header)
+        permit = await access.for_service(request_of(request), name, csrf_header)
         query = schemas.read_query(request.query, ServiceQuery)
         service = request.match_info["service"]
         call = _allowed_call(request, permit, service, query, await _args(request))

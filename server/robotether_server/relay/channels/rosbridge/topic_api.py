@@ -94,9 +94,8 @@ class TopicApi:
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer with the newest message; 204 when none comes in time."""
-        access_request = request_of(request.headers, request.cookies, request.query)
         access, name = self._calls.context.access, request.match_info["name"]
-        permit = await access.for_topic(access_request, name)
+        permit = await access.for_topic(request_of(request), name)
         query = schemas.read_query(request.query, TopicQuery)
         message = {
             "op": "subscribe",

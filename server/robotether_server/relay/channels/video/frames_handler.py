@@ -64,8 +64,9 @@ class FramesHandler:
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open frames: connect with a WebSocket")
         topic = topic_of(request)
-        access_request = request_of(request.headers, request.cookies, request.query)
-        permit = await self._context.access.for_frames(access_request, request.match_info["name"])
+        permit = await self._context.access.for_frames(
+            request_of(request), request.match_info["name"]
+        )
         socket = ViewerSocket(MAX_TEXT_BYTES)
         session = FramesSession(socket, permit, topic, self._context, self._limits)
         connection = connection_of(permit, topic, session.end)

@@ -68,7 +68,7 @@ class VideoHandler:
         if request.method not in {"GET", "HEAD"}:
             raise HttpError(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
-        access_request = request_of(request.headers, request.cookies, request.query)
+        access_request = request_of(request)
         permit = await self._context.access.for_video(access_request, request.match_info["name"])
 
         def cut(_why: CloseReason | None = None) -> None:

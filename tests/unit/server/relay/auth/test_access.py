@@ -4,6 +4,7 @@ import time
 from datetime import UTC, datetime, timedelta
 
 import pytest
+from aiohttp.test_utils import make_mocked_request
 from relay_server import MemoryDatabase, utc
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
@@ -233,7 +234,8 @@ async def test_a_token_comes_behind_the_word_bearer(scheme):
 
 
 def test_a_request_without_a_host_is_of_no_site():
-    assert request_of({}, {}, {}) == Request("", None, None, None, None)
+    request = make_mocked_request("GET", "/", headers={})
+    assert request_of(request) == Request("", None, None, None, None)
 
 
 def test_a_ticket_is_used_once():
