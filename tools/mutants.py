@@ -75,8 +75,10 @@ SUBJECTS = {
         (
             f"{RELAY_TESTS}/auth/test_access.py",
             f"{RELAY_TESTS}/channels/*/test_*handler.py",
+            f"{RELAY_TESTS}/channels/test_recorder.py",
             f"{RELAY_TESTS}/{ROSBRIDGE}/test_ros_over_http.py",
             f"{RELAY_TESTS}/control/test_control_api.py",
+            f"{RELAY_TESTS}/routes/test_apps.py",
             f"{RELAY_TESTS}/test_app.py",
         ),
     ),
@@ -92,6 +94,7 @@ SUBJECTS = {
             f"{RELAY_TESTS}/{ROSBRIDGE}/test_message_*.py",
             f"{RELAY_TESTS}/{ROSBRIDGE}/test_bridge.py",
             "tests/unit/common/test_ros.py",
+            "tests/unit/agent/test_rosbridge.py",
         ),
     ),
     "stops": Subject(
