@@ -160,9 +160,10 @@ def address_by(link: Link, site: Site, subject: Subject, bare: int) -> Iterator[
     ports = {"ros": (free_port(), ROS_PORT), "video": (free_port(), VIDEO_PORT)}
     forwards = [{here: f"127.0.0.1:{there}"} for here, there in ports.values()]
     with ExitStack() as stack:
-        where = {"host": site.sshd.address, "inside": link.robot}
         for number, some in enumerate(forwards if bare > 1 else [forwards[0] | forwards[1]], 2):
-            stack.enter_context(bare_forward(site.sshd, number, some, **where))
+            stack.enter_context(
+                bare_forward(site.sshd, number, some, host=site.sshd.address, inside=link.robot)
+            )
 
         def address(path: str, _mode: str) -> str:
             what, _, rest = path.partition("/" if path.startswith("video") else "?")

@@ -74,7 +74,7 @@ def scene(size: Size) -> Values:
     parts = random.uniform((LEAST_RADIUS / MOST_RADIUS) ** 2, 1, LEAVES)
     for radius in LEAST_RADIUS * height / np.sqrt(parts):
         row, column = random.uniform(0, height), random.uniform(0, width)
-        colour = random.uniform(40, 215) + random.normal(0, 15, 3)
+        colour = (random.uniform(40, 215) + random.normal(0, 15, 3)).astype(np.float32)
         put_disc(image, row, column, radius, colour)
     return image + grain(random, (height, width))[:, :, None]
 

@@ -130,7 +130,8 @@ def rows_of(footage: Footage) -> Iterator[Row]:
         levels, goal = [point.psnr_db for point in points], footage.jpeg.psnr_db
         # Between two rates the logarithm of bits grows evenly with the PSNR.
         bits = np.exp(np.interp(goal, levels, np.log([point.bits_per_s for point in points])))
-        cpu_s = np.interp(goal, levels, [point.cpu_s_a_frame for point in points])
+        taken_s = [point.cpu_s_a_frame for point in points if point.cpu_s_a_frame is not None]
+        cpu_s = np.interp(goal, levels, taken_s)
         found = RatePoint(float(bits), footage.jpeg.error, float(cpu_s))
         name = f"{coding.codec.name}, {coding.preset}"
         yield row(footage, name, found if levels[0] <= goal <= levels[-1] else None)

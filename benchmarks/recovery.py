@@ -47,25 +47,30 @@ class Cut:
         return {"after": self.name, **quantiles(good, 0.5, 0.99, 1), "failures": failures}
 
 
+def network_of(subject: Subject) -> RoamingNetwork:
+    assert isinstance(subject.network, RoamingNetwork)
+    return subject.network
+
+
 def dropped_for(seconds: float) -> Callable[[Subject], Awaitable[float]]:
 
     async def make(subject: Subject) -> float:
-        await asyncio.to_thread(subject.network.cut)
+        await asyncio.to_thread(network_of(subject).cut)
         await asyncio.sleep(seconds)
-        await asyncio.to_thread(subject.network.mend)
+        await asyncio.to_thread(network_of(subject).mend)
         return time.monotonic()
 
     return make
 
 
 async def readdressed(subject: Subject) -> float:
-    await asyncio.to_thread(subject.network.readdress)
+    await asyncio.to_thread(network_of(subject).readdress)
     return time.monotonic()
 
 
 async def roamed(subject: Subject) -> float:
     """Move the robot to another network; the one before is gone."""
-    await asyncio.to_thread(subject.network.roam)
+    await asyncio.to_thread(network_of(subject).roam)
     return time.monotonic()
 
 

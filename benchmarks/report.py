@@ -51,7 +51,7 @@ def table(rows: Iterable[Row] | pd.DataFrame) -> str:
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
 
 
-def cell(value: object) -> str:
+def cell(value: str | float | None) -> str:
     """A whole number in full, any other one with three digits that count; a text stays as it is."""
     if isinstance(value, str):
         return value

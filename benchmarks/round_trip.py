@@ -77,7 +77,7 @@ class Route:
 
     def row(self, *parts: float) -> Row:
         trips = {"route": self.name, "round trips": len(self.times_ms)}
-        return trips | quantiles(self.times_ms, *parts, unit="ms")
+        return {**trips, **quantiles(self.times_ms, *parts, unit="ms")}
 
 
 async def measure_all(

@@ -10,6 +10,7 @@ import platform
 import re
 import subprocess
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import pytest
 from demo import ROOT
@@ -75,7 +76,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Func
 
 
 def key_of(item: pytest.Function) -> Key:
-    given = item.callspec.params
+    given: Mapping[str, Any] = item.callspec.params
     return given["part"].name, given["step"].name
 
 

@@ -150,8 +150,9 @@ async def play(make: Robot) -> Played:
             async with http.post(f"{relay.url}/api/v1/robots/sim1/{order}") as answer:
                 played.statuses.append(answer.status)
             await played.line("agent", "guard", **rests)
-        for changes in ({"name": "turtle"}, {"state": "disabled"}):
-            database.robots = {7: replace(database.robots[7], **changes)}
+        renamed = replace(robot, name="turtle")
+        for changed in (renamed, replace(renamed, state="disabled")):
+            database.robots = {7: changed}
             await relay.relay.fleet.poll()
         await played.line("relay", "bye")
     return played

@@ -70,7 +70,7 @@ def _nemesis(site: Site, size: Size) -> Values:
         failed += workload.failed
     follower = workload.routed[1]
     violations = check(history, database, follower)
-    events = Counter(item.kind for item in history)
+    events = Counter[str](item.kind for item in history)
     unseen = [f"nobody saw an event {kind}" for kind in JUDGED if not events[kind]]
     last = {item.kind: item.at_s for item in history if item.robot in ("", follower)}
     if last.get("moved", 0.0) <= last.get("healed", 0.0):

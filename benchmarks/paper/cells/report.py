@@ -76,7 +76,7 @@ def _shortfalls(run: Values) -> Iterator[str]:
         yield f"{violation['rule']}: {violation['robot']}: {violation['words']}"
     if run["kept"]:
         yield f"the history of seed {run['seed']} is in {run['kept']}"
-    for words, count in Counter(run["failed"]).most_common(MOST_SHOWN):
+    for words, count in Counter[str](run["failed"]).most_common(MOST_SHOWN):
         yield f"{count} times: {words}"
     if ignored := run["ignored_stops_s"]:
         yield (

@@ -65,7 +65,7 @@ class Watch:
     def on_arrived(self, message: DriveMessage) -> None:
         if message.operation != "publish":
             return
-        stamp, sent = message.fields.get(STAMP), origin(message.fields["msg"])  # type: ignore[arg-type] # as sent
+        stamp, sent = message.fields.get(STAMP), origin(message.fields["msg"])
         if sent is not None and isinstance(stamp, dict):
             connection, number = sent
             self._add("arrived", connection=connection, number=number, fence=stamp["fence"])

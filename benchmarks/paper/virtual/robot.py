@@ -79,7 +79,7 @@ class Side(DriveMessageHandler, Protocol):
     def topics_target(self) -> ServiceAddress | None:
         """Where topics are served."""
 
-    async def report(self, session: Session) -> NoReturn:
+    async def report(self, session: Session) -> None:
         """Say what the guard has to say."""
 
 
@@ -156,7 +156,9 @@ def _without_ignored(send_packet: Callable[..., None]) -> Callable[..., None]:
     OpenSSH's client sends none either, and asyncssh has no setting for it.
     """
 
-    def send(connection: asyncssh.SSHConnection, kind: int, *args: bytes, **more: Any) -> None:
+    def send(
+        connection: asyncssh.SSHClientConnection, kind: int, *args: bytes, **more: Any
+    ) -> None:
         if kind != MSG_IGNORE:
             send_packet(connection, kind, *args, **more)
 
@@ -173,7 +175,7 @@ def _none_left(
 ) -> Callable[..., Awaitable[SSHForwarder]]:
     """Close what was opened to a service while the SSH connection ended: asyncssh forgets it open, at both its ends."""
 
-    async def forward(connection: asyncssh.SSHConnection, *args: Any) -> SSHForwarder:
+    async def forward(connection: asyncssh.SSHClientConnection, *args: Any) -> SSHForwarder:
         forwarder = await forward_connection(connection, *args)
         if connection.is_closed():
             forwarder.close()
@@ -182,7 +184,7 @@ def _none_left(
     return forward
 
 
-asyncssh.SSHClientConnection.forward_connection = _none_left(  # type: ignore[method-assign]
+asyncssh.SSHClientConnection.forward_connection = _none_left(  # type: ignore[method-assign, assignment]
     asyncssh.SSHClientConnection.forward_connection
 )
 
@@ -346,8 +348,8 @@ class VirtualRobot:
         """Connect where the session is, and serve until an AgentError is raised, as the agent's run_connection."""
         tunnel = await VirtualTunnel.open(self._account, self._at, role.kind)
         session = Session(
-            tunnel.lines_in,  # type: ignore[arg-type] # and a writer that has what it needs
-            tunnel.lines_out,
+            tunnel.lines_in,
+            tunnel.lines_out,  # type: ignore[arg-type]  # a writer that has what it needs
             drive_handler=role.guard,
             on_config=role.on_config,
         )
