@@ -189,7 +189,7 @@ BY_HTTP_CLASS: tuple[tuple[type[BaseException], Cause], ...] = (
     (aiohttp.ClientConnectionError, CUT),
     (aiohttp.WebSocketError, Cause("it breaks the rules of a WebSocket")),
     (aiohttp.WSMessageTypeError, Cause("it sends another kind of message than it should")),
-    (UnicodeError, Cause("its name or its answer is no text", NAME_ADVICE)),
+    (UnicodeError, Cause("its name or its answer is not text", NAME_ADVICE)),
     (EOFError, SILENT_END),
 )
 NUMBERS = re.compile(r"\[Errno (\d+)\]")

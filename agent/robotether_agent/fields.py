@@ -175,7 +175,7 @@ def printable(text: str, limit: int = 500) -> str:
 
 
 class MacError(DetailError, ValueError):
-    """The text is no MAC address that can name a robot; the message says why."""
+    """The text is not a MAC address that can name a robot; the message says why."""
 
 
 def normalise_mac(text: str, *, allow_local: bool = False) -> str:

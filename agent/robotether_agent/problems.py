@@ -110,7 +110,7 @@ class JoinRefusedError(AgentError, code="join_refused", retry=Retry.SLOWLY):
 
 
 class AnswerInvalidError(AgentError, code="answer_invalid", retry=Retry.SLOWLY):
-    """Something answered that is no Robotether server, such as a captive portal."""
+    """Something answered that is not a Robotether server, such as a captive portal."""
 
 
 class TlsUntrustedError(AgentError, code="tls_untrusted", retry=Retry.SLOWLY):

@@ -383,7 +383,7 @@ def _from_file(path: Path, *, must_exist: bool) -> dict[str, _Value]:
     except OSError as error:
         raise SettingsInvalidError(f"cannot read the settings {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise SettingsInvalidError(f"cannot read the settings {path}: it is no text") from error
+        raise SettingsInvalidError(f"cannot read the settings {path}: it is not text") from error
     except tomllib.TOMLDecodeError as error:
         # Its text names line and column.
         raise SettingsInvalidError(f"cannot read the settings {path}: {error}") from error

@@ -13,7 +13,7 @@ readonly PROXY_PROTOCOL=/etc/nginx/proxy-protocol.conf
 ensure_host_key() {
   if [ -s "$OWN_KEY" ]; then
     (umask 077 && cat "$OWN_KEY" > "$KEY.new")
-    ssh-keygen -y -f "$KEY.new" > "$KEY.pub" || fail "the secret ssh_host_ed25519_key is no private key without a password"
+    ssh-keygen -y -f "$KEY.new" > "$KEY.pub" || fail "the secret ssh_host_ed25519_key is not a private key without a password"
     mv "$KEY.new" "$KEY"
     return
   fi

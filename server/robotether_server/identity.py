@@ -50,7 +50,7 @@ def normalise_mac(text: str, *, allow_local: bool = True) -> str:
     lower = text.strip(" ").lower()
     if not _MAC_SPELLINGS.fullmatch(lower):
         raise FieldInvalidError(
-            f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is no MAC address; write it as 00:1b:44:11:3a:b7",
+            f"cannot use mac {text[:MAX_MAC_LENGTH]!r}: it is not a MAC address; write it as 00:1b:44:11:3a:b7",
             "mac",
         )
     digits = "".join(part.zfill(2) for part in re.split("[:.-]", lower))

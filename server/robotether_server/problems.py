@@ -80,7 +80,7 @@ def reason_in(error: Exception) -> str:
     if isinstance(error, TimeoutError | subprocess.TimeoutExpired):
         return "no answer in time"
     if isinstance(error, UnicodeError):
-        return "it is no text"
+        return "it is not text"
     status, number = getattr(error, "status", None), getattr(error, "errno", None)
     if isinstance(status, int) and status > 0:
         return f"HTTP {status}"

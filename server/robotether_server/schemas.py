@@ -151,7 +151,7 @@ def read_globs(raw: object, path: str) -> Globs:
     for pattern in raw:
         if not isinstance(pattern, str) or not is_glob(pattern):
             raise FieldInvalidError(
-                f"cannot use {path}: {str(pattern)[:40]!r} is no full name, such as /arm/move or */cmd_vel; a "
+                f"cannot use {path}: {str(pattern)[:40]!r} is not a full name, such as /arm/move or */cmd_vel; a "
                 f"name begins with / or *, has a-z, A-Z, 0-9, _, / and * and at most {MAX_GLOB_LENGTH} characters",
                 path,
             )
@@ -268,7 +268,7 @@ def _check_names(raw: Mapping[str, object], fields: list[str], of: str) -> None:
             name = repr(str(key)[:40])
             names = ", ".join(fields)
             if of:
-                raise FieldInvalidError(f"cannot use {of}: {name} is no setting; there is {names}")
+                raise FieldInvalidError(f"cannot use {of}: {name} is not a setting; there is {names}")
             raise FieldInvalidError(f"cannot use {name}: there is no such field; known are {names}")
 
 

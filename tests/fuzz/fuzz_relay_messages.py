@@ -95,7 +95,7 @@ def check(validator: MessageValidator, data: bytes) -> ValidatedMessage | None:
     except MessageRefusedError as refusal:
         answer = refusal.answer or b"{}"
     if json.loads(answer).get("op") != "status":
-        raise AssertionError(f"an answer is no status message: {answer!r}")
+        raise AssertionError(f"an answer is not a status message: {answer!r}")
     return None
 
 

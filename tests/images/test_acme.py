@@ -165,7 +165,7 @@ def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -
     (network.own / "key.pem").write_text("half a key")
     make_certificate(network.folder("next"), "next.example.test", DOMAIN)
     (network.own / "cert.pem").write_bytes((network.folder("next") / "cert.pem").read_bytes())
-    network.wait("the reason", lambda: b"is no private key in PEM" in nginx.logs(), nginx)
+    network.wait("the reason", lambda: b"is not a private key in PEM" in nginx.logs(), nginx)
     nginx.restart(timeout=1)
     assert HSTS in network.wait_served(nginx, "own.example.test")
     (network.own / "key.pem").write_bytes((network.folder("next") / "key.pem").read_bytes())

@@ -134,7 +134,7 @@ REFUSED = [
     ("good.pem.der", "good.key", HOST, "is in DER; nginx reads PEM"),
     ("good.pem", "good.key.der", HOST, "the key is in DER"),
     ("good.key", "good.key", HOST, "is no certificate in PEM"),
-    ("good.pem", "good.pem", HOST, "is no private key in PEM"),
+    ("good.pem", "good.pem", HOST, "is not a private key in PEM"),
     ("folder", "good.key", HOST, "is a folder"),
     ("half.pem", "good.key", HOST, "certificate 1 of the file is damaged"),
     ("good.pem", "locked.key", HOST, "has a password"),

@@ -275,7 +275,7 @@ def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, 
     authority = openssl(*request, "-keyout", "/dev/null").decode()
     for wrong, why in (
         ({"cert": key}, "database_cert.pem: it is no certificate in PEM"),
-        ({"key": certificate}, "database_key.pem: it is no private key in PEM"),
+        ({"key": certificate}, "database_key.pem: it is not a private key in PEM"),
         ({"key": other}, "database_key.pem: it is not the key of database_cert.pem"),
         ({"ca": authority}, "database_cert.pem: self-signed certificate"),
         ({}, "secrets: made"),

@@ -59,7 +59,7 @@ def test_named_documents_are_there():
         if path.name != HISTORY and not path.is_relative_to(ROOT / "docs" / "experiments")
     ]
     if not sources:
-        pytest.skip("this is no git checkout")
+        pytest.skip("this is not a git checkout")
     missing = []
     for path in sources:
         try:

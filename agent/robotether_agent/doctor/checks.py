@@ -223,7 +223,7 @@ async def check_shell(settings: Settings) -> Finding:
             f"no SSH server at {settings.shell_address}: {describe_error(error, TIMEOUT_S)}",
         )
     if not banner.startswith("SSH-"):
-        return skipped("shell", f"what answers at {settings.shell_address} is no SSH server")
+        return skipped("shell", f"what answers at {settings.shell_address} is not an SSH server")
     return ok("shell", f"{banner} answers at {settings.shell_address}")
 
 

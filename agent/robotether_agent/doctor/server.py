@@ -171,7 +171,7 @@ def check_answer(seen: ServerView) -> Finding:
         where = printable(seen.location, 100)
         return fail(step, f"a captive portal answers: it redirects to {where}", portal)
     if not seen.is_ours:
-        reason = f"something answers with HTTP status {seen.status} that is no Robotether server"
+        reason = f"something answers with HTTP status {seen.status} that is not a Robotether server"
         return fail(step, reason, f"check the setting server; {portal}")
     return ok(step, f"a Robotether server answers at {seen.host}")
 

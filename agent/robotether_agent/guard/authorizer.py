@@ -144,4 +144,4 @@ def _fence(text: str) -> int:
     # isdecimal takes digits of all scripts; int() would too.
     if text.isascii() and text.isdecimal() and 0 < int(text[:20]) <= MAX_FENCE:
         return int(text[:20])
-    raise DriveNotAuthorizedError(403, f"cannot drive: {FENCE_HEADER} is no number of a lease")
+    raise DriveNotAuthorizedError(403, f"cannot drive: {FENCE_HEADER} is not a number of a lease")

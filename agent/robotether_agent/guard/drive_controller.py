@@ -270,7 +270,7 @@ class DriveController:
         name = message.fields.get("type")
         if not isinstance(name, str) or name not in SHAPES:
             raise DriveMessageRefusedError(
-                "shape", "its type is no Twist, TwistStamped or AckermannDriveStamped"
+                "shape", "its type is not a Twist, TwistStamped or AckermannDriveStamped"
             )
         topic = self._topic_for(source, message.topic)
         self._check_shape(topic, SHAPES[name])
@@ -343,7 +343,7 @@ class DriveController:
         if source.authorization.mode == "direct":
             return now + self._config.max_age_s
         if isinstance(t_ms, bool) or not isinstance(t_ms, int | float):
-            raise DriveMessageRefusedError("old", "its timestamp is missing or is no number")
+            raise DriveMessageRefusedError("old", "its timestamp is missing or is not a number")
         # In this order nothing passes that is no timestamp, and no integer becomes a float that is too large.
         if not now * 1000 - self._config.max_age_s * 1000 <= t_ms <= now * 1000 + AHEAD_MS:
             raise DriveMessageRefusedError(

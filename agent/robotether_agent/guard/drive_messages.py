@@ -95,7 +95,7 @@ class DriveTopics:
     def __init__(self, patterns: Sequence[str]) -> None:
         for pattern in patterns:
             if not PATTERN.fullmatch(pattern):
-                raise ValueError(f"{pattern[:80]!r} is no name of a topic, with * for any text")
+                raise ValueError(f"{pattern[:80]!r} is not a name of a topic, with * for any text")
         self.patterns = tuple(patterns)
         self._globs = Globs(patterns)
         self._last_parts = Globs(pattern.rpartition("/")[2] for pattern in patterns)
@@ -138,7 +138,7 @@ def drive_message(data: bytes, topics: DriveTopics) -> DriveMessage | None:
     fields = _parse(data)
     operation = fields.get("op")
     if not isinstance(operation, str):
-        raise DriveMessageUnclearError("its op is no text", message_id(fields))
+        raise DriveMessageUnclearError("its op is not text", message_id(fields))
     if operation in WRAPPERS:
         raise DriveMessageUnclearError(f"the guard cannot check {operation}", message_id(fields))
     if operation not in ON_TOPICS:
@@ -152,7 +152,7 @@ def _topic(fields: Mapping[str, Any], topics: DriveTopics) -> str | None:
     full = full_name(name)
     if full is None:
         excerpt = printable(str(name), 80)
-        raise DriveMessageUnclearError(f"{excerpt!r} is no name like /a/b_1", message_id(fields))
+        raise DriveMessageUnclearError(f"{excerpt!r} is not a name like /a/b_1", message_id(fields))
     if topics.match(full):
         return full
     if name != full and topics.might_be(full[1:]):
@@ -198,7 +198,7 @@ def _parse(data: bytes) -> Mapping[str, Any]:
     except (ValueError, RecursionError) as error:
         raise DriveMessageUnclearError(f"it is not JSON: {printable(str(error), 120)}") from error
     if not isinstance(value, dict):
-        raise DriveMessageUnclearError("it is no JSON object")
+        raise DriveMessageUnclearError("it is not a JSON object")
     return value
 
 
@@ -243,7 +243,7 @@ def read_command(message: object, declared: Shape | None) -> CheckedCommand:
     shape = _shape(members) or declared
     if shape is None:
         raise DriveMessageRefusedError(
-            "shape", "its msg is no Twist, TwistStamped or AckermannDriveStamped"
+            "shape", "its msg is not a Twist, TwistStamped or AckermannDriveStamped"
         )
     _only(members, _MEMBERS[shape], "msg")
     if shape == "twist":
@@ -303,7 +303,7 @@ def _frame_id(value: object) -> str:
         or len(frame_id) > MAX_FRAME_ID_LENGTH
         or not frame_id.isprintable()
     ):
-        raise DriveMessageRefusedError("shape", "its frame_id is no short printable text")
+        raise DriveMessageRefusedError("shape", "its frame_id is not a short printable text")
     stamp = header.get("stamp", {})
     if stamp != "now":
         stamp = _object(stamp, "stamp")
@@ -316,7 +316,7 @@ def _frame_id(value: object) -> str:
 def _whole(members: Mapping[str, Any]) -> None:
     for name, value in members.items():
         if type(value) is not int or not 0 <= value <= MAX_WHOLE:
-            raise DriveMessageRefusedError("shape", f"its {name} is no whole number from 0")
+            raise DriveMessageRefusedError("shape", f"its {name} is not a whole number from 0")
 
 
 def _vector(members: Mapping[str, Any], name: str) -> Vector:
@@ -328,16 +328,16 @@ def _vector(members: Mapping[str, Any], name: str) -> Vector:
 def _number(members: Mapping[str, Any], name: str) -> float:
     value = members.get(name, 0.0)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise DriveMessageRefusedError("shape", f"its {name} is no number")
+        raise DriveMessageRefusedError("shape", f"its {name} is not a number")
     # An integer may be too large for a float, so it is compared first.
     if not -MAX_NUMBER <= value <= MAX_NUMBER or not math.isfinite(value):
-        raise DriveMessageRefusedError("shape", f"its {name} is no number that a robot can execute")
+        raise DriveMessageRefusedError("shape", f"its {name} is not a number that a robot can execute")
     return float(value)
 
 
 def _object(value: object, name: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise DriveMessageRefusedError("shape", f"its {name} is no object")
+        raise DriveMessageRefusedError("shape", f"its {name} is not an object")
     return value
 
 

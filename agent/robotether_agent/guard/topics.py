@@ -392,7 +392,7 @@ def _driven(file: JsonObject) -> list[Driven]:
 def _topic(fields: JsonObject) -> Driven:
     shape, type_name = get_text(fields, "shape"), get_text(fields, "type")
     if shape not in (*SHAPES.values(), "unknown") or (type_name and type_name not in SHAPES):
-        raise FieldError(f"{shape!r} or {type_name!r} is no drive type")
+        raise FieldError(f"{shape!r} or {type_name!r} is not a drive type")
     name = full_name(get_match(fields, "topic", NAME, "a topic's name"))
     if name is None:
         raise FieldError("field topic is too long")

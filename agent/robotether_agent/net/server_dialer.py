@@ -124,7 +124,7 @@ def _no_ssh(name: str, words: bytes) -> AgentError:
         )
     line = printable(words.decode("ascii", errors="replace").split("\r\n")[0], 60)
     return ServerUnreachableError(
-        f"cannot reach SSH at {name}: what answers there is no SSH server ({line!r})",
+        f"cannot reach SSH at {name}: what answers there is not an SSH server ({line!r})",
         advice="find out what is in between, such as a captive portal, and log in to it",
     )
 

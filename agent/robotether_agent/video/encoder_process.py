@@ -228,7 +228,7 @@ class FrameTranscoder:
         size = jpeg_size(jpeg)
         if size is None or max(size) > MAX_SIDE:
             raise FrameRefusedError(
-                "the camera's frame is no JPEG"
+                "the camera's frame is not a JPEG"
                 if size is None
                 else f"the camera's frame claims {size[0]}x{size[1]} pixels"
             )

@@ -128,7 +128,7 @@ class FrameEncoder:
         """Return a camera's frame at a level; `rate` is the camera's in frames a second. Raises EncoderError."""
         own = jpeg_size(jpeg)
         if self.codec is JPEG or own is None:
-            raise FrameRefusedError(self.down_reason or "the camera's frame is no JPEG")
+            raise FrameRefusedError(self.down_reason or "the camera's frame is not a JPEG")
         size = encoded_size(own, requested_size(stream_request), level.scale)
         requested_fps = stream_request.fps * level.rate
         fps = max(MIN_FPS, requested_fps)

@@ -566,7 +566,7 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
         )
     if kind != RAW_IMAGE_TYPE:
         return SourceDownError(
-            f"{printable(name, 100)} has messages of {printable(kind, 100)}, which is no video"
+            f"{printable(name, 100)} has messages of {printable(kind, 100)}, which is not video"
         )
     return None
 

@@ -63,7 +63,7 @@ def _refuse_unknown(values: Mapping[str, str]) -> None:
     for key in sorted(values):
         if key not in variable_names():
             names = ", ".join(variable_names())
-            raise SimSettingsError(f"cannot start: {key} is no setting; known are {names}")
+            raise SimSettingsError(f"cannot start: {key} is not a setting; known are {names}")
 
 
 def _wrong(key: str, value: str, allowed: str) -> SimSettingsError:

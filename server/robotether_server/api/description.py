@@ -58,7 +58,7 @@ SECURITY: dict[Who, list[Object]] = {
 }
 # The problems of each status.
 PROBLEMS = {
-    400: ("BadRequest", "bad_request: the body is no JSON"),
+    400: ("BadRequest", "bad_request: the body is not JSON"),
     401: ("Unauthorized", "login_missing, token_invalid, token_expired or token_used_up"),
     403: (
         "Forbidden",

@@ -119,4 +119,4 @@ def _check_known(present: Settings, path: str) -> None:
     # A typing error in the name of a limit must not pass for the end of that limit.
     defaults = robot_settings.DEFAULTS.as_dict()
     if path not in OPTIONAL and not is_in(defaults, path) and not is_in(present, path):
-        raise FieldInvalidError(f"cannot use {path}: it is no setting; see: robot settings")
+        raise FieldInvalidError(f"cannot use {path}: it is not a setting; see: robot settings")

@@ -44,7 +44,7 @@ class CdrReader:
         try:
             return bytes(self._next_bytes(self.whole("I"))).rstrip(b"\0").decode()
         except UnicodeDecodeError as exc:
-            raise DecodingError("a text that is no UTF-8") from exc
+            raise DecodingError("a text that is not UTF-8") from exc
 
     def octets(self) -> bytes:
         """Read a sequence of uint8."""

@@ -203,7 +203,7 @@ def _mcap_records(path: Path) -> Iterator[Schema | Channel | Message]:
 
 def _chunks(file: BinaryIO, path: Path) -> Iterator[Chunk]:
     if file.read(len(MAGIC)) != MAGIC:
-        raise NotExportedError(f"cannot export {path}: it is no recording (MCAP)")
+        raise NotExportedError(f"cannot export {path}: it is not a recording (MCAP)")
     size = os.fstat(file.fileno()).st_size
     while True:
         head = file.read(RECORD.size)

@@ -136,7 +136,7 @@ def remove_member(tx: Transaction, source: Source, name: str, user: str) -> Grou
     """Remove a user from a group; raise RecordMissingError."""
     if not grants.remove_member(tx, GROUPS.get(tx, name).id, users.get(tx, user).id):
         raise RecordMissingError(
-            f"cannot remove user {user} from group {name}: the user is no member"
+            f"cannot remove user {user} from group {name}: the user is not a member"
         )
     audit.record(tx, source, "group_member_removed", group=name, user=user)
     return GROUPS.get(tx, name)

@@ -425,7 +425,7 @@ def _check_drive_topic(settings: RobotSettings) -> None:
     if topic is not None and not settings.guard.drive_topics.match(topic):
         # The guard would not watch over it: nothing would stop the robot when commands stop.
         raise FieldInvalidError(
-            f"cannot use page.drive_topic: {topic} is no drive topic of this robot; an admin adds it to "
+            f"cannot use page.drive_topic: {topic} is not a drive topic of this robot; an admin adds it to "
             "guard.drive_topics",
             "page.drive_topic",
         )

@@ -163,7 +163,7 @@ def is_ticked(name: str) -> bool:
 
 
 def number_or_text(text: str, *, whole: bool = False) -> object:
-    """Return the value of a setting's text; one that is no number stays a text, and the settings refuse it by name.
+    """Return the value of a setting's text; one that is not a number stays a text, and the settings refuse it by name.
 
     A whole number has no comma: 2,000 is two thousand to some and two to others.
     """

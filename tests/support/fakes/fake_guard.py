@@ -6,7 +6,7 @@ crashes        serves, and ends with status 3 when it gets a stop, before it ans
 hangs          listens, says so, and then never a word again
 deaf           serves and ticks, but reads nothing
 stays          serves, and does not end when it is told to
-rubbish        listens, and says what is no JSON
+rubbish        listens, and says what is not JSON
 
 It notes what it hears in PLACE/heard.jsonl, one JSON object a line, begun by {"type": "born", "pid", "parent", "port"}.
 MODE may be several with commas: each start takes the next one, the last one stays.

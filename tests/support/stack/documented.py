@@ -19,7 +19,7 @@ _HERE_DOCUMENT = re.compile(r" <<'(\w+)'\n.*?^\1$", re.MULTILINE | re.DOTALL)
 
 
 def tracked(*patterns: str) -> list[Path]:
-    """The repository's files; none where it is no git checkout."""
+    """The repository's files; none where it is not a git checkout."""
     listed = subprocess.run(
         ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", *patterns],
         cwd=ROOT,

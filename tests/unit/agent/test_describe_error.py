@@ -54,7 +54,7 @@ def refused_certificate(code: int) -> ssl.SSLCertVerificationError:
         (aiohttp.ServerDisconnectedError(), "closes the connection without an answer"),
         (aiohttp.ClientPayloadError(), "its answer is cut short"),
         (aiohttp.ClientResponseError(REQUEST, (), status=400), "what it answers is not HTTP"),
-        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "x"), "is no text"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "x"), "is not text"),
         (ValueError("first\nsecond"), UNKNOWN.sentence),
         (refused_certificate(10), "it has expired"),
         (refused_certificate(62), "it is for another name"),

@@ -72,7 +72,7 @@ def test_archive_has_what_belongs_to_it(archive):
         cwd=ANSIBLE, check=False, capture_output=True, text=True,
     ).stdout  # fmt: skip
     if not listed:
-        pytest.skip("this is no git checkout")
+        pytest.skip("this is not a git checkout")
     tracked = {name for name in listed.split("\0") if name and (ANSIBLE / name).exists()}
     local = {"galaxy.yml", "ansible.cfg", ".ansible-lint"}
     local |= {f"{name}.ini.example" for name in ("robots", "server", "site")}

@@ -61,7 +61,7 @@ def connection_error(error):
         ),
         (aiohttp.WSServerHandshakeError(None, (), status=403), "HTTP 403"),
         (TimeoutError(), "no answer in time"),
-        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "it is no text"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "it is not text"),
         (ZeroDivisionError("<object at 0x7f12>"), "no reason is known"),
     ],
 )

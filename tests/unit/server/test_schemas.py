@@ -124,7 +124,7 @@ def test_other_value_is_refused_by_name_with_what_is_allowed(name, values, sente
         ),
         (
             {"name": "x", "several": [CALL | {"topic": "/a"}]},
-            "cannot use several.1: 'topic' is no setting; there",
+            "cannot use several.1: 'topic' is not a setting; there",
         ),
     ],
 )

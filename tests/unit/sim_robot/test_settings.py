@@ -14,7 +14,7 @@ from sim_robot.settings import SimSettingsError, from_environment, variable_name
         ("SIM_WORLD_SIZE_M", "nan", "'nan', allowed is a number from 2 to 1000"),
         ("SIM_KIND", "legged", "'legged', allowed is differential or holonomic or ackermann"),
         ("SIM_VIDEO_PORT", "65536", "'65536', allowed is a port from 1 to 65535"),
-        ("SIM_VIDEOPORT", "1", "no setting; known are SIM_NAME"),
+        ("SIM_VIDEOPORT", "1", "not a setting; known are SIM_NAME"),
     ],
 )
 def test_wrong_variable_is_named_with_what_is_allowed(variable, value, says):

@@ -203,7 +203,7 @@ def _parse(data: str | bytes) -> dict[str, Any]:
     try:
         operation = json.loads(data, parse_constant=_refuse_constant)
     except (ValueError, RecursionError) as error:
-        raise OperationError(f"cannot read a message: it is no JSON ({error})") from error
+        raise OperationError(f"cannot read a message: it is not JSON ({error})") from error
     if not isinstance(operation, dict):
         raise OperationError("cannot read a message: it is JSON, but no object")
     return operation

@@ -77,7 +77,7 @@ def _typedef(graph: Graph, key: str) -> Values:
 
 
 def _array(field_type: str) -> tuple[str, int]:
-    """Return the type of one item, and the length: -1 of what is no array, 0 of any."""
+    """Return the type of one item, and the length: -1 of what is not an array, 0 of any."""
     kind, bracket, length = field_type.removesuffix("]").partition("[")
     return kind, int(length or 0) if bracket else -1
 

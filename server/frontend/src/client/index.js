@@ -356,7 +356,7 @@ function imageShower(img) {
 function load(img, url) {
   return new Promise((resolve, reject) => {
     img.onload = resolve;
-    img.onerror = () => reject(new Error("cannot show a frame: it is no JPEG"));
+    img.onerror = () => reject(new Error("cannot show a frame: it is not a JPEG"));
     img.src = url;
   });
 }

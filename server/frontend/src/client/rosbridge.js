@@ -147,7 +147,7 @@ const TOPIC = /"topic"\s*:\s*"([^"\\]+)"/;
 const ANSWER = /"op"\s*:\s*"service_response"/;
 const ID = /"id"\s*:\s*"([^"\\]+)"/;
 
-// What stands for a message that is no JSON: one of the topic that it names, with nothing in it, or a call that has failed.
+// What stands for a message that is not JSON: one of the topic that it names, with nothing in it, or a call that has failed.
 function unread(data) {
   if (typeof data !== "string") return null;
   const [topic, id] = [TOPIC, ID].map((member) => member.exec(data)?.[1]);

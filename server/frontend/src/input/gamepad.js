@@ -141,7 +141,7 @@ export function readInput(profile, { axes, buttons }) {
   return { forward, left, turn, turbo: profile.turbo !== null && buttons[profile.turbo] };
 }
 
-// From -1 to 1; strength grows from the dead zone's rim without a step. What is no number is rest.
+// From -1 to 1; strength grows from the dead zone's rim without a step. What is not a number is rest.
 function pushed(motion, axes, deadZone) {
   const value = motion ? axes[motion.axis] : 0;
   const reach = Math.min(1, Math.abs(value));

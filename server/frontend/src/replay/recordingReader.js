@@ -19,7 +19,7 @@ const GAP_MS = 1500; // least time without a message that is a gap; the recorder
 const MS_PER_NS = 1e-6;
 
 export class RecordingReader {
-  // `file` as of rangeFile.js, which is open. Throws what it throws, and Error for what is no recording.
+  // `file` as of rangeFile.js, which is open. Throws what it throws, and Error for what is not a recording.
   static async open(file) {
     const isWhole = await hasEnd(file);
     const { readable, isCut } = isWhole ? { readable: file, isCut: false } : await readableOf(file);

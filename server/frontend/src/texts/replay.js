@@ -56,7 +56,7 @@ export const replay = {
     const usual = status ? `The server answered ${status}.` : "The server does not answer.";
     return `The recording cannot be read. ${detail ? because(detail) : usual}`;
   },
-  noRecording: "The file is no recording that this page can read.",
+  noRecording: "The file is not a recording that this page can read.",
   noVideo: "No video is recorded.",
   gap: "No video is recorded here.",
   noKeyFrame: "The video can be shown from the next key frame on.",

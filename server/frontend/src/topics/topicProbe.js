@@ -166,7 +166,7 @@ export class LastMinute {
     this.points = [];
   }
 
-  // What is no finite number is a gap, {value: null}.
+  // What is not a finite number is a gap, {value: null}.
   push(value, at) {
     this.points.push({ value: Number.isFinite(value) ? value : null, at });
     if (this.points.length > MAX_POINTS) this.points.shift();

@@ -83,7 +83,7 @@ test("a stop halts, and what goes on after it does not count", () => {
   assert.equal(moved(), 0);
 });
 
-test("what is no number throws and is not sent", () => {
+test("what is not a number throws and is not sent", () => {
   assert.throws(() => driver.drive({ forward: NaN }), /forward is NaN/);
   assert.throws(() => driver.drive({ turn: "1" }), TypeError);
   assert.throws(() => driver.drive({ forward: 1, trun: 1 }), /trun is none of forward, left and turn/);

@@ -31,7 +31,7 @@ test("operations of our own reach their handler alone", () => {
   assert.deepEqual(told.robot, ["status"]);
 });
 
-test("what is no message of rosbridge ends nothing", () => {
+test("what is not a message of rosbridge ends nothing", () => {
   open();
   socket.onmessage({ data: "{" });
   socket.onmessage({ data: "null" });

@@ -25,7 +25,7 @@ for (const [what, event, asks] of [
   });
 }
 
-test("what is no JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
+test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
   const store = storage();
   store.values.set("robotether.sticks", "{");
   const blocked = () => {

@@ -105,7 +105,7 @@ for (const [what, axes, changes, expected] of [
   ["the dead zone asks for nothing", [0, -DEAD_ZONE.usual, 0, 0], {}, {}],
   ["a wider dead zone asks for nothing", [0, -0.3, 0, 0], { deadZone: 0.4 }, {}],
   ["an axis beyond its end counts as at its end", [0, -1.4, 0, 0], {}, { forward: 1 }],
-  ["an axis that is no number is at rest", [0, NaN, 0, 0], {}, {}],
+  ["an axis that is not a number is at rest", [0, NaN, 0, 0], {}, {}],
   ["an axis that there is not is at rest", [], {}, {}],
   ["a stick that is inverted does the opposite", [0, -1, 0, 0], { forward: { ...profile.forward, invert: true } }, { forward: -1 }],
 ]) {

@@ -108,7 +108,7 @@ test("its end ends all that it asked for", () => {
 for (const [name, values, laterMs, extent] of [
   ["nothing of before the last minute is kept", [...Array(91).keys()], 0, { now: 90, min: 30, max: 90 }],
   ["a minute later nothing is", [1, 2], 60_001, null],
-  ["what is no number is no point", [NaN, Infinity], 0, null],
+  ["what is not a number is no point", [NaN, Infinity], 0, null],
   ["a number that is not known any more is a gap", [1, NaN, 3, NaN], 0, { now: null, min: 1, max: 3 }],
 ]) {
   test(name, () => {

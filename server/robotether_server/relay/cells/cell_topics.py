@@ -53,7 +53,7 @@ ROUTE = "/cell/v1/topics/{robot_id:[0-9]{1,18}}"
 
 
 class PeerCopies(TopicCopies):
-    """What waits for a cell; why a topic fails goes there as a notice, which is no message of the robot's."""
+    """What waits for a cell; why a topic fails goes there as a notice, which is not a message of the robot's."""
 
     def __init__(
         self,

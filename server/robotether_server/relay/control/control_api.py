@@ -224,7 +224,7 @@ async def _members(request: web.Request) -> Mapping[str, object]:
     try:
         members = json.loads(data)
     except (ValueError, RecursionError) as exc:
-        raise HttpError(400, "cannot read the body: it is no JSON") from exc
+        raise HttpError(400, "cannot read the body: it is not JSON") from exc
     if not isinstance(members, dict):
         raise FieldInvalidError("cannot read the body: it must be an object")
     return members

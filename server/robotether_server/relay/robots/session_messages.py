@@ -292,7 +292,7 @@ def _parse_head(line: bytes) -> _Head:
     try:
         return _HEAD.decode(line)
     except msgspec.ValidationError as exc:
-        raise ProtocolError("cannot read a line: it is no object with a type") from exc
+        raise ProtocolError("cannot read a line: it is not an object with a type") from exc
     except (ValueError, RecursionError) as exc:
         raise ProtocolError("cannot read a line: it is not JSON in UTF-8") from exc
 

@@ -176,7 +176,7 @@ class RouteSource:
         try:
             message = read_json(finite)
         except NotJsonError as problem:
-            self.problem = f"the source sends what is no JSON: {problem}"
+            self.problem = f"the source sends what is not JSON: {problem}"
             return None
         if message.get("op") == "publish":
             content = message.get("msg")

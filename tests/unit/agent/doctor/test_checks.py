@@ -156,7 +156,7 @@ async def test_the_robots_own_ssh_server(settings):
         greeting = b"SSH-2.0-OpenSSH_9.2\r\n"
         assert (await checks.check_shell(there)).state == OK
         greeting = b"x" * 100_000
-        assert "no SSH server" in (await checks.check_shell(there)).detail
+        assert "not an SSH server" in (await checks.check_shell(there)).detail
     for none in ("", address):
         assert (await checks.check_shell(replace(settings, shell_address=none))).state == SKIPPED
 

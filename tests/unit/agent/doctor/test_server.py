@@ -75,7 +75,7 @@ async def test_what_follows_a_failure_is_skipped():
     ("answer", "why"),
     [
         (web.Response(status=302, headers={"Location": "https://hotel/login"}), "hotel/login"),
-        (web.Response(text="<html>Welcome to the hotel"), "no Robotether server"),
+        (web.Response(text="<html>Welcome to the hotel"), "not a Robotether server"),
     ],
 )
 async def test_a_captive_portal_is_told(cloud, answer, why):
@@ -99,7 +99,7 @@ async def test_a_captive_portal_is_told(cloud, answer, why):
 async def test_a_portal_may_write_any_date(cloud, date, clock):
     cloud.greeting = lambda: web.Response(text="<html>Welcome", headers={"Date": date})
     seen = await view_server(Settings(server=cloud.server, tls_fingerprint=PINNED))
-    assert "no Robotether server" in all_checks(seen)["answer"].detail
+    assert "not a Robotether server" in all_checks(seen)["answer"].detail
     now = datetime.now(timezone.utc)
     assert server.check_clock(seen, now, is_pinned=True).state == clock
 

@@ -99,7 +99,7 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
 @pytest.mark.parametrize(
     ("mode", "kind", "told"),
     [
-        ("babbles", ServerUnreachableError, "no SSH server .*302 Log in"),
+        ("babbles", ServerUnreachableError, "not an SSH server .*302 Log in"),
         ("closes", ServerUnreachableError, "closes the connection silently"),
         ("full", ServerBusyError, "as many log-ins as it accepts"),
         ("full_before_10", ServerBusyError, "as many log-ins as it accepts"),

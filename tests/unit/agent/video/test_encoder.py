@@ -133,7 +133,7 @@ def lying_twice(jpeg: bytes) -> bytes:
 @pytest.mark.parametrize(
     ("jpeg", "reason"),
     [
-        (b"\xff\xd8 and no more", "no JPEG"),
+        (b"\xff\xd8 and no more", "not a JPEG"),
         (fake_jpeg(1), "cannot be decoded"),
         (fake_jpeg(1, size=(60000, 60000)), "60000x60000"),
         (lying_twice(jpeg_of(next(clip(1, step=0)))), "cannot be decoded"),
@@ -157,7 +157,7 @@ async def test_frames_refused_in_a_row_end_the_encoder(start):
     for _ in range(3):
         with pytest.raises(FrameRefusedError):
             await encoder.encode(replace(NOTHING, jpeg=b"\xff\xd8"))
-    assert "no JPEG" in encoder.down_reason
+    assert "not a JPEG" in encoder.down_reason
 
 
 def of_process(pid: int, name: str) -> str:

@@ -57,7 +57,7 @@ def test_wrong_changes_are_refused(run, database):
         (["guard.deadman_ms.x=1"], "cannot use guard.deadman_ms: it must be a whole number"),
         (["guard.max_speed_m_s=0,5"], "cannot use guard.max_speed_m_s: it must be null"),
         (["policy.drive.call=" + "[" * 100_000], "cannot use policy.drive.call: it must be a list"),
-        (["guard.max_sped=null"], "cannot use guard.max_sped: it is no setting"),
+        (["guard.max_sped=null"], "cannot use guard.max_sped: it is not a setting"),
         (["guard.deadman_ms=300", "guard.deadman_ms=400"], "it is given twice"),
         (["shell_user=pi", "--shell-user", "ubuntu"], "it is given twice"),
     ):
@@ -73,7 +73,7 @@ def test_settings_that_somebody_wrote_by_sql_are_mended(run, database):
         robots.set_settings(tx, robots.get(tx, "sim1").id, {"speed": 1, "guard": {"deadman_ms": 5}})
     done = run("robot", "settings", "sim1")
     assert (done.status, done.out) == (1, "")
-    assert "'speed' is no setting" in done.err
-    assert "'speed' is no setting" in run("robot", "set", "sim1", "guard.deadman_ms=400").err
+    assert "'speed' is not a setting" in done.err
+    assert "'speed' is not a setting" in run("robot", "set", "sim1", "guard.deadman_ms=400").err
     assert run("robot", "set", "sim1", "guard.deadman_ms=400", "speed=null").status == 0
     assert robot(database).settings == {"guard": {"deadman_ms": 400}}

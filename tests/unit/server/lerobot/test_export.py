@@ -143,7 +143,7 @@ def damaged(change):
 @pytest.mark.parametrize(
     ("write", "why"),
     [
-        (lambda path: path.write_bytes(b"no recording"), "no recording"),
+        (lambda path: path.write_bytes(b"no recording"), "not a recording"),
         (damaged(lambda data: data[:-20_000]), "has no end"),
         (damaged(lambda data: data[:9] + b"\xff" * 8 + data[17:]), "has no end"),
         (damaged(lambda data: data[:50_000] + b"?" + data[50_001:]), "damaged"),

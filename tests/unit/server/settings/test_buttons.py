@@ -61,8 +61,8 @@ def test_a_wrong_value_is_named(button, member, value):
         ([LIGHTS] * (MAX_BUTTONS + 1), "buttons: it must be a list of at most"),
         ([LIGHTS, {**DOCK, "name": "Lights on"}], "buttons: there are two of the name 'Lights on'"),
         ([LIGHTS, "Dock"], "buttons.2: it must be a JSON object"),
-        ([{**LIGHTS, "service": "/dock"}], "buttons.1: 'service' is no setting"),
-        ([{**DOCK, "msg": {}}], "buttons.1: 'msg' is no setting"),
+        ([{**LIGHTS, "service": "/dock"}], "buttons.1: 'service' is not a setting"),
+        ([{**DOCK, "msg": {}}], "buttons.1: 'msg' is not a setting"),
     ],
 )
 def test_what_is_no_list_of_buttons_is_refused(given, why):

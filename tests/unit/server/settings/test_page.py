@@ -48,8 +48,8 @@ def test_a_wrong_value_is_named(path, value):
     [
         ({"quality_min": 81}, "page.quality_min: 81 is over the highest quality, 80"),
         ({"width": 640}, "page.width: give width and height, or neither"),
-        ({"camera": []}, "page: 'camera' is no setting"),
-        ({"cameras": [{**FRONT, "quality": 5}]}, "page.cameras.1: 'quality' is no setting"),
+        ({"camera": []}, "page: 'camera' is not a setting"),
+        ({"cameras": [{**FRONT, "quality": 5}]}, "page.cameras.1: 'quality' is not a setting"),
     ],
 )
 def test_what_does_not_fit_together_is_refused(given, why):

@@ -136,7 +136,7 @@ def test_a_wrong_value_is_named(path, value):
 )
 def test_an_unknown_member_is_refused(settings, path, member):
     """A limit with a typing error would be no limit, and no observer can be made a driver here."""
-    with pytest.raises(FieldInvalidError, match=f"cannot use {path}: '{member}' is no setting"):
+    with pytest.raises(FieldInvalidError, match=f"cannot use {path}: '{member}' is not a setting"):
         parse(settings)
 
 
@@ -212,7 +212,7 @@ def test_silence_of_no_topic_is_refused():
 def test_the_page_drives_on_what_the_guard_watches():
     """Nothing would stop a robot that is driven past its guard."""
     assert parse({"page": {"drive_topic": "/base/cmd_vel"}}).page.drive_topic == "/base/cmd_vel"
-    with pytest.raises(FieldInvalidError, match=r"page\.drive_topic: /wheels is no drive topic"):
+    with pytest.raises(FieldInvalidError, match=r"page\.drive_topic: /wheels is not a drive topic"):
         parse({"page": {"drive_topic": "/wheels"}})
     assert parse(
         {"guard": {"drive_topics": ["/wheels"]}, "page": {"drive_topic": "/wheels"}}

@@ -66,7 +66,7 @@ _NUMBERS = frozenset((int, float))
 
 
 class NotJsonError(RobotetherError):
-    """A message is no JSON object, or none that all parsers read alike; the text says why."""
+    """A message is not a JSON object, or none that all parsers read alike; the text says why."""
 
 
 def read_json(data: bytes) -> dict[str, Any]:
@@ -87,7 +87,7 @@ def read_json(data: bytes) -> dict[str, Any]:
     except msgspec.DecodeError as exc:
         raise NotJsonError(str(exc).removeprefix("JSON is malformed: ")) from exc
     if not isinstance(message, dict):
-        raise NotJsonError("it is no object")
+        raise NotJsonError("it is not an object")
     # Fewer brackets than that cannot nest deeper, and fewer digits are within 64 bits.
     many_brackets = data.count(b"{") + data.count(b"[") > MAX_DEPTH
     if many_brackets or _MANY_DIGITS in data.translate(_DIGITS):
@@ -121,7 +121,7 @@ class FieldRefusedError(RobotetherError):
 def text(value: Any) -> str:
     """Pass a text of bounded length."""
     if not isinstance(value, str) or len(value) > MAX_TEXT_LENGTH:
-        raise FieldRefusedError(f"is no text of up to {MAX_TEXT_LENGTH} characters")
+        raise FieldRefusedError(f"is not text of up to {MAX_TEXT_LENGTH} characters")
     return value
 
 
@@ -130,7 +130,7 @@ def ros_name(value: Any) -> str:
     name = full_name(value)
     if name is None:
         raise FieldRefusedError(
-            f"is no full name such as /a/b_1, of up to {MAX_NAME_LENGTH} characters"
+            f"is not a full name such as /a/b_1, of up to {MAX_NAME_LENGTH} characters"
         )
     return name
 
@@ -147,7 +147,7 @@ def whole(low: int, high: int) -> Callable[[Any], int]:
 
     def check(value: Any) -> int:
         if not isinstance(value, int) or isinstance(value, bool) or not low <= value <= high:
-            raise FieldRefusedError(f"is no whole number from {low} to {high}")
+            raise FieldRefusedError(f"is not a whole number from {low} to {high}")
         return value
 
     return check
@@ -159,7 +159,7 @@ def number(low: float, high: float) -> Check:
     def check(value: Any) -> float:
         fits = isinstance(value, (int, float)) and not isinstance(value, bool)
         if not fits or not low <= value <= high:
-            raise FieldRefusedError(f"is no number from {low:g} to {high:g}")
+            raise FieldRefusedError(f"is not a number from {low:g} to {high:g}")
         return float(value)
 
     return check
@@ -190,7 +190,7 @@ def identity(value: Any) -> str | int:
 def members(value: Any) -> dict[str, Any]:
     """Pass an object of any members: a message."""
     if not isinstance(value, dict):
-        raise FieldRefusedError("is no object")
+        raise FieldRefusedError("is not an object")
     return value
 
 
@@ -205,14 +205,14 @@ def timestamp(value: Any) -> float:
     """Pass a time in ms."""
     low, high = WHOLE_53_BIT
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not low <= value <= high:
-        raise FieldRefusedError("is no time in ms")
+        raise FieldRefusedError("is not a time in ms")
     return float(value)
 
 
 def stamp(value: Any) -> DriveStamp:
     """Return what stands beside `msg` of a drive command: its timestamp, the frames that were seen, or both."""
     if not isinstance(value, dict) or not value.keys() & {"t_ms", "seen"}:
-        raise FieldRefusedError("is no object with t_ms or seen")
+        raise FieldRefusedError("is not an object with t_ms or seen")
     return DriveStamp(
         timestamp(value["t_ms"]) if "t_ms" in value else None,
         _seen(value["seen"]) if "seen" in value else None,
@@ -221,13 +221,13 @@ def stamp(value: Any) -> DriveStamp:
 
 def _seen(value: Any) -> tuple[NamedFrame, ...]:
     if not isinstance(value, list) or len(value) > MAX_SEEN_FRAMES:
-        raise FieldRefusedError(f"has a seen that is no array of up to {MAX_SEEN_FRAMES} frames")
+        raise FieldRefusedError(f"has a seen that is not an array of up to {MAX_SEEN_FRAMES} frames")
     return tuple(map(_named_frame, value))
 
 
 def _named_frame(value: Any) -> NamedFrame:
     if not isinstance(value, dict) or not {"camera", "frame"} <= value.keys():
-        raise FieldRefusedError("has a seen with what is no object with camera and frame")
+        raise FieldRefusedError("has a seen with what is not an object with camera and frame")
     number = None if value["frame"] is None else _frame_number(value["frame"])
     return NamedFrame(text(value["camera"]), number)
 
@@ -287,20 +287,20 @@ def _of_twist(twist: Mapping[str, Any]) -> tuple[float, float]:
 def _length(vector: Any) -> float:
     values = _object(vector, _AXES).values()
     if not _NUMBERS.issuperset(map(type, values)):
-        raise FieldRefusedError("holds a speed that is no finite number")
+        raise FieldRefusedError("holds a speed that is not a finite number")
     # Infinite, or no number, if one of them is.
     return _finite(math.hypot(*values))
 
 
 def _object(value: Any, names: frozenset[str]) -> Mapping[str, Any]:
     if not isinstance(value, dict) or not value.keys() <= names:
-        raise FieldRefusedError(f"has a part that is no object of {', '.join(sorted(names))}")
+        raise FieldRefusedError(f"has a part that is not an object of {', '.join(sorted(names))}")
     return value
 
 
 def _finite(value: Any) -> float:
     if type(value) not in _NUMBERS or not math.isfinite(value):
-        raise FieldRefusedError("holds a speed that is no finite number")
+        raise FieldRefusedError("holds a speed that is not a finite number")
     if abs(value) > MAX_NUMBER:
         # The guard refuses it as well. Sums of such speeds are infinite, which the record of a drive cannot hold.
         raise FieldRefusedError("holds a number that no robot can execute")

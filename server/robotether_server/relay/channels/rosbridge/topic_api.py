@@ -143,12 +143,12 @@ _contents: WeakKeyDictionary[ReceivedMessage, Raw] = WeakKeyDictionary()
 
 
 def _content(topic: str, topic_message: ReceivedMessage) -> Raw | None:
-    """Return the ROS message in one of rosbridge's; None when it is no message of a topic."""
+    """Return the ROS message in one of rosbridge's; None when it is not a message of a topic."""
     if (content := _contents.get(topic_message)) is not None:
         return content
     message = read_raw(topic_message.data, RosbridgeMessage)
     if message is None:
-        raise TopicDownError(f"cannot read {topic}: the robot sends what is no JSON")
+        raise TopicDownError(f"cannot read {topic}: the robot sends what is not JSON")
     if message.op == "publish" and message.msg is not UNSET:
         _contents[topic_message] = message.msg
         return message.msg

@@ -129,9 +129,9 @@ def parse_text(data: bytes) -> dict[str, Any]:
     try:
         message = json.loads(data)
     except (ValueError, RecursionError) as exc:
-        raise ProtocolError("a text is no JSON") from exc
+        raise ProtocolError("a text is not JSON") from exc
     if not isinstance(message, dict) or not isinstance(message.get("op"), str):
-        raise ProtocolError("a text is no object with an op")
+        raise ProtocolError("a text is not an object with an op")
     return message
 
 
@@ -266,14 +266,14 @@ def _number(
     value = message.get(name, default)
     # Not a number is in no range.
     if not _is_number(value) or not low <= value <= high:
-        raise ProtocolError(f"{name} is no number from {low:g} to {high:g}")
+        raise ProtocolError(f"{name} is not a number from {low:g} to {high:g}")
     return value
 
 
 def _whole(message: Mapping[str, Any], name: str, default: int, low: int, high: int) -> int:
     value = _number(message, name, default, low, high)
     if value != int(value):
-        raise ProtocolError(f"{name} is no whole number")
+        raise ProtocolError(f"{name} is not a whole number")
     return int(value)
 
 

@@ -120,7 +120,7 @@ async def test_the_source_is_pinged_while_a_route_needs_ages(world):
 
 
 async def test_the_newest_message_wins_at_the_rate_of_the_route(world):
-    """The last one comes, too; of a topic that is no drive topic however late."""
+    """The last one comes, too; of a topic that is not a drive topic however late."""
     await world.start(replace(FOLLOW, target_topic="/speed", rate_hz=5))
     begun_s = time.monotonic()
     for number in range(100):

@@ -156,7 +156,7 @@ WRONG = (
     (SETTINGS, "guard.deadman_ms", "1,000", "Enter a whole number from 200 to 2000."),
     (SETTINGS, "guard.max_speed_m_s", "0;5", "Enter a number from 0.001 to 100, or leave it empty."),
     (SETTINGS, "guard.drive_topics", "", "It must name at least one topic."),
-    (SETTINGS, "guard.drive_topics", "cmd_vel", "'cmd_vel' is no full name"),
+    (SETTINGS, "guard.drive_topics", "cmd_vel", "'cmd_vel' is not a full name"),
     (CAMERAS, "page.quality_min", "90", "90 is over the highest quality"),
     (CAMERAS, "page.width", "640", "Give width and height, or neither."),
     (DRIVING, "page.drive_topic", "/wheels", "an admin adds it to guard.drive_topics"),
@@ -250,7 +250,7 @@ def test_defaults_come_back_after_a_question(admin, database):
 
 
 def test_what_somebody_wrote_by_sql_can_be_mended(admin, database):
-    """The tab shows it and what is wrong with it; what is no setting at all goes."""
+    """The tab shows it and what is wrong with it; what is not a setting at all goes."""
     write(database, '{"guard": {"deadman_ms": 5}, "page": {"fps": 10}}')
     assert "guard.deadman_ms" in admin.ask("GET", "/admin/robots/sim1").text
     page = admin.ask("GET", SETTINGS)
@@ -262,7 +262,7 @@ def test_what_somebody_wrote_by_sql_can_be_mended(admin, database):
     assert send(admin, SETTINGS, **form | {"guard.deadman_ms": "500"}).status_code == 303
     assert all_kept(database) == {"page": {"fps": 10}}
     write(database, '{"guard": {"brakes": 1}}')
-    assert "'brakes' is no setting" in problem_of(admin.ask("GET", SETTINGS).text)
+    assert "'brakes' is not a setting" in problem_of(admin.ask("GET", SETTINGS).text)
     assert send(admin, SETTINGS, **filled(admin, SETTINGS)).status_code == 303
     write(database, '{"page": {"cameras": ["/front", {"name": "Rear"}], "fps": {}, "wings": 2}}')
     rows = filled(admin, CAMERAS)

@@ -93,7 +93,7 @@ def test_no_other_spelling_of_a_name_passes(name):
     for level in ("observe", "manage"):
         kind, answer = refused({"op": "subscribe", "topic": name}, validator(level))
         assert kind == "shape"
-        assert "its field topic is no full name" in str(answer["msg"])
+        assert "its field topic is not a full name" in str(answer["msg"])
 
 
 @pytest.mark.parametrize(
@@ -200,7 +200,7 @@ def test_a_drive_command_is_recognised():
 
 @pytest.mark.parametrize(
     ("msg", "reason"),
-    [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "no finite number")],
+    [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "not a finite number")],
 )
 def test_a_drive_topic_takes_commands_only(msg, reason):
     """Whatever the level, what is no command does not get near the wheels."""

@@ -120,7 +120,7 @@ async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, s
     await guarded.send_to_topics(b'{"op": "publish", "topic": "/odom", "msg": %b}' % value)
     status, body = await asking
     assert (status, body["code"]) == (502, "topic_down")
-    assert body["detail"] == "cannot read /odom: the robot sends what is no JSON"
+    assert body["detail"] == "cannot read /odom: the robot sends what is not JSON"
     calling = asyncio.create_task(ask("POST", f"{SERVICES}/rosapi/topics"))
     await until(lambda: of_operation(guarded, "call_service"), "the call has come")
     await guarded.send_to_clients(b'{"op": "service_response", "id": "call", "values": %b}' % value)
