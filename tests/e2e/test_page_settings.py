@@ -1,4 +1,4 @@
-"""A manager who is no admin sets a robot's drive page in a real browser, while somebody drives it."""
+"""A manager who is not an admin sets a robot's drive page in a real browser, while somebody drives it."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ class EnrolmentCaller:
 def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Caller | EnrolmentCaller:
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
-    Raises GrantMissingError for a user who is no admin and does not manage the robot, which reveals nothing;
+    Raises GrantMissingError for a user who is not an admin and does not manage the robot, which reveals nothing;
     a robot that the user may not see is RobotUnknownError. Without `renew` the login does not count as used.
     """
     if who == "enroller":
@@ -177,6 +177,6 @@ def _source_of(user: User) -> Source:
 
 
 def check_admin(user: User) -> None:
-    """Raise GrantMissingError for a user who is no admin."""
+    """Raise GrantMissingError for a user who is not an admin."""
     if not user.is_admin:
         raise GrantMissingError(f"cannot do this as user {user.name}: it is for admins")

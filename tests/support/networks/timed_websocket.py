@@ -15,7 +15,7 @@ class TimedWebSocket(aiohttp.ClientWebSocketResponse):
     """Counts the time limit from the call, whatever pings and pongs come meanwhile."""
 
     async def receive(self, timeout: float | None = None) -> Any:
-        """Wait for the next message that is no ping or pong; TimeoutError after `timeout` seconds."""
+        """Wait for the next message that is not a ping or pong; TimeoutError after `timeout` seconds."""
         async with asyncio.timeout(timeout):
             return await super().receive()
 

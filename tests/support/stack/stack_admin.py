@@ -47,7 +47,7 @@ class Admin:
         return {user["name"] for user in self.ask("GET", "/users")["users"]}
 
     def add_user(self, name: str, password: str | None = None) -> str:
-        """Add a user who is no admin; the password, which the server makes unless there is one."""
+        """Add a user who is not an admin; the password, which the server makes unless there is one."""
         given = {} if password is None else {"password": password}
         answer = self.ask("POST", "/users", {"name": name, "role": "user", **given})
         return password or str(answer["password"])

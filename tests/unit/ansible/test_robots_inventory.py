@@ -90,7 +90,7 @@ def run(web, folder, user="root", **options):
 
 
 def _plain(found):
-    """A text that is no template, without Ansible's mark of that."""
+    """A text that is not a template, without Ansible's mark of that."""
     return found.get("__ansible_unsafe", found)
 
 

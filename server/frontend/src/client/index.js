@@ -321,7 +321,7 @@ function checkWheelbase(metres) {
 export { App, FrameStream, TicketRefused };
 
 // Shows frames in an <img> or on a <canvas> of the page, one at a time.
-// Gives the function that shows a frame and settles when it is to be seen; it rejects for what is no image.
+// Gives the function that shows a frame and settles when it is to be seen; it rejects for what is not an image.
 function showOn(element, decoder) {
   if (element.localName === CANVAS) return canvasShower(element, decoder);
   if (element.localName === "img") return imageShower(element);

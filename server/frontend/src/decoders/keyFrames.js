@@ -9,7 +9,7 @@ const BLOCK = 16; // pixels of a macroblock's side
 const MAX_CYCLE = 255;
 
 // `codec` is h264 or vp8. Gives {codec, width, height}, the codec as WebCodecs names it and the coded size in pixels; null for
-// what is no key frame of that codec.
+// what is not a key frame of that codec.
 /** @returns {{codec: string, width: number, height: number} | null} */
 export function formatOf(codec, data) {
   return codec === "vp8" ? vp8Format(data) : h264Format(data);

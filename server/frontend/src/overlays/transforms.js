@@ -68,7 +68,7 @@ export function projected(points, { translation, rotation }) {
   return seen;
 }
 
-// Null for what is no transform.
+// Null for what is not a transform.
 function readTransform(transform) {
   const { x, y, z } = transform?.translation ?? {};
   const { x: a, y: b, z: c, w } = transform?.rotation ?? {};

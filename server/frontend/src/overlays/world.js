@@ -252,7 +252,7 @@ for (let value = 0; value <= 100; value++) {
 }
 
 // Gives {width, height, pixels (RGBA, the first row is the map's lowest), resolution, origin {x, y, theta}}, or null for
-// what is no map, or lies nobody knows where. `data` is a list of numbers, or base64 as some bridges write bytes.
+// what is not a map, or lies nobody knows where. `data` is a list of numbers, or base64 as some bridges write bytes.
 export function gridPixels({ info, data }) {
   const { width, height, resolution, origin } = info ?? {};
   const cells = cellsOf(data);

@@ -56,7 +56,7 @@ function typesOf(type, definition) {
   return types;
 }
 
-// Bytes are those of the definition's lines without comments; a constant is no field.
+// Bytes are those of the definition's lines without comments; a constant is not a field.
 function fieldsOf(text) {
   const lines = text.split("\n").map((line) => line.replace(/#.*/, "").trim());
   const fields = lines.filter((line) => line && !line.includes("=")).map(fieldOf);
@@ -66,7 +66,7 @@ function fieldsOf(text) {
 
 function fieldOf(line) {
   const [, type, length, name] = FIELD.exec(line) ?? [];
-  if (!type) throw new CdrError("a line that is no field");
+  if (!type) throw new CdrError("a line that is not a field");
   return { name, type: shortName(type), length: length === undefined ? null : Number(length) };
 }
 

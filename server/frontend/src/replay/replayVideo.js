@@ -37,7 +37,7 @@ function inOrder(cameras, configured) {
   return [...new Set([...chosen, ...[...cameras.keys()].sort(compareCameras)])];
 }
 
-// `message` as it was decoded; null for what is no frame that the recorder writes. Pure.
+// `message` as it was decoded; null for what is not a frame that the recorder writes. Pure.
 /** @returns {Frame | null} */
 export function frameOf(message, atMs) {
   const { format, data } = message ?? {};

@@ -40,7 +40,7 @@ for (const [name, downs, target, counts, more] of [
   ["a control that appears under the finger takes nothing", ["drive"], "leave", false],
   ["nor does one beside which the press began", ["drive", "plain"], "leave", false],
   ["a press anew counts", ["drive", "plain", "leave"], "leave", true],
-  ["what is no control passes", ["drive"], "plain", true],
+  ["what is not a control passes", ["drive"], "plain", true],
   ["so does a click of a key or of assistive technology", ["drive"], "leave", true, { detail: 0 }],
   ["so does one of a script", ["drive"], "leave", true, { isTrusted: false }],
   ["a label's press counts on its field", ["label"], "field", true],

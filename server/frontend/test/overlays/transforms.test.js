@@ -70,7 +70,7 @@ test("frames that nothing connects, or that go in a circle, are found nowhere", 
   }
 });
 
-test("what is no transform is left out, and the frames are bounded", () => {
+test("what is not a transform is left out, and the frames are bounded", () => {
   const nan = link("a", "nan", [NaN, 0, 0]);
   const zero = link("a", "zero", [0, 0, 0], { x: 0, y: 0, z: 0, w: 0 });
   receive([nan, zero, {}, { child_frame_id: 3, header: { frame_id: "a" } }]);

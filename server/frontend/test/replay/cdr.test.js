@@ -45,7 +45,7 @@ for (const [what, definition, hex] of [
   ["a type with a name of JavaScript's", "constructor data\n", "00010000 00"],
   ["a sequence of such a type", "toString[] data\n", "00010000 01000000 00"],
   ["a message of millions of values", `demo/Part[] parts\n${LINE}MSG: demo/Part\nuint8 x\n`, `00010000 20a10700 ${"00".repeat(500_000)}`],
-  ["a line that is no field", "<b>x</b> data\n", "00010000 00"],
+  ["a line that is not a field", "<b>x</b> data\n", "00010000 00"],
   ["a definition without end", "x".repeat(300_000), "00010000 00"],
   ["another encoding", "uint8 data\n", "00000000 00"],
 ]) {

@@ -18,7 +18,7 @@ const offer = (...ids) => layout.offer(ids);
 // What is shown, the main one first, or in a grid in its place.
 for (const [name, act, shown] of [
   ["one frame is shown until more are wanted", () => {}, ["/a"]],
-  ["what is no layout changes nothing", () => [layout.use("inset"), layout.use("nonsense")], ["/a", "/b"]],
+  ["what is not a layout changes nothing", () => [layout.use("inset"), layout.use("nonsense")], ["/a", "/b"]],
   ["beside a map that is chosen the camera before goes on", () => [offer(...ALL, MAP), choose("/b"), choose(MAP)], [MAP, "/b"]],
   ["a camera that is chosen after it is alone again", () => [offer(...ALL, MAP), choose("/b"), choose(MAP), choose("/a")], ["/a"]],
   ["a map without any camera stands alone", () => offer(MAP), [MAP]],

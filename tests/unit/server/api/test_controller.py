@@ -80,7 +80,7 @@ def test_driver_holds_control_from_start_to_end(at, write, first_line):
 
 
 def test_proof_has_the_lines_of_control_and_the_hashes_of_others(at, write, first_line):
-    """They lead from the hash before them to the last; who is no admin reads no other line there."""
+    """They lead from the hash before them to the last; who is not an admin reads no other line there."""
     write(line("drive_started", minutes(30), fence=1))
     write(line("login", minutes(29)))
     write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))

@@ -1,4 +1,4 @@
-"""A manager who is no admin, in a browser."""
+"""A manager who is not an admin, in a browser."""
 
 import pytest
 from granted import give

@@ -203,7 +203,7 @@ def test_a_drive_command_is_recognised():
     [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "not a finite number")],
 )
 def test_a_drive_topic_takes_commands_only(msg, reason):
-    """Whatever the level, what is no command does not get near the wheels."""
+    """Whatever the level, what is not a command does not get near the wheels."""
     for level in ("drive", "manage"):
         kind, answer = refused({"op": "publish", "topic": "/cmd_vel", "msg": msg}, validator(level))
         assert kind == "shape"
