@@ -47,7 +47,7 @@ SILENT_ADVICE = (
 MITM_ADVICE = "see that the address names the https port, and that no captive portal is in between"
 CLOCK_ADVICE = "set the clock: sudo timedatectl set-ntp true"
 CHAIN_ADVICE = "let the server send its whole chain, or set ca_file to the authority's certificate, or tls_fingerprint"
-PURPOSE_ADVICE = "make the certificate anew, for a server; or set tls_fingerprint"
+PURPOSE_ADVICE = "make a new certificate, for a server; or set tls_fingerprint"
 UNKNOWN = Cause("it fails in a way that this program does not know; log_level = debug shows it")
 
 CUT = Cause("it cuts the connection")
@@ -230,7 +230,7 @@ def _cause_in_tls(error: ssl.SSLError) -> Cause:
         if code in STRICT:
             return Cause(
                 f"OpenSSL's strict rules, which Python has from 3.13 on, refuse it ({words})",
-                "make the certificates anew, authority and server, with basicConstraints, keyUsage, "
+                "make new certificates, for authority and server, with basicConstraints, keyUsage, "
                 "subjectKeyIdentifier and authorityKeyIdentifier; or set tls_fingerprint",
             )
         return BY_VERIFY_CODE.get(code) or Cause(f"it is refused ({words or 'no reason'})")

@@ -201,7 +201,7 @@ def test_what_fills_the_uplink_can_be_switched_off(page_users: PageUsers) -> Non
         rows.and_(page.locator(f"[data-name='{name}']")) for name in ("/odom", CAMERA)
     )
     for row in (odometry, camera):
-        expect(row).to_contain_text(re.compile(r"[1-9]\S* K?B/s · you alone"), timeout=15_000)
+        expect(row).to_contain_text(re.compile(r"[1-9]\S* K?B/s · only you"), timeout=15_000)
         row.get_by_test_id("uplink-switch").click()
         expect(row).to_contain_text("off on this page")
     expect(page.get_by_test_id("tile-words").first).to_contain_text("Switched off in the menu")
@@ -209,7 +209,7 @@ def test_what_fills_the_uplink_can_be_switched_off(page_users: PageUsers) -> Non
     expect(odometry).not_to_contain_text("B/s", timeout=15_000)
     for row in (odometry, camera):
         row.get_by_test_id("uplink-switch").click()
-        expect(row).to_contain_text("you alone", timeout=15_000)
+        expect(row).to_contain_text("only you", timeout=15_000)
     assert stop.bounding_box() == before
     stop.click(trial=True)
 

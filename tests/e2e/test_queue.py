@@ -114,7 +114,7 @@ def test_a_supervisor_assigns_what_the_drive_page_asks_for(
     quinn.get_by_test_id("help-reason").fill(REASON)
     quinn.keyboard.press("Enter")
     expect(quinn.get_by_test_id("help-list")).to_contain_text(REASON)
-    expect(quinn.get_by_test_id("help-badge")).to_have_text("Help asked")
+    expect(quinn.get_by_test_id("help-badge")).to_have_text("Help requested")
     _press(tess, "offer-decline")
     sven.get_by_test_id("assign-operator").select_option("tess")
     sven.get_by_test_id("assign").click()

@@ -150,7 +150,7 @@ def _sentence(report: ChainReport) -> str:
             parts.append(f"signed by the {signer} up to line {report.signed[signer]} ({keys})")
         elif signer == "server" or report.chain:
             parts.append(f"not signed by the {signer}")
-    parts += [f"the robot signed anew from line {line}" for line in report.restarts]
+    parts += [f"the robot started to sign again at line {line}" for line in report.restarts]
     parts += map(_restore_words, report.restores)
     return f"{report.name}: {'; '.join(parts)}"
 

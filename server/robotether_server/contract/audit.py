@@ -161,7 +161,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "join_token_deleted": ("Join token deleted", "deleted join token {token}"),
     "ssh_key_added": ("SSH key added", "added an SSH key"),
     "ssh_key_deleted": ("SSH key deleted", "deleted an SSH key"),
-    "chain_started": ("Log begins to prove itself", "began to prove the audit log"),
+    "chain_started": ("Audit chain started", "started a chain of the audit log"),
     "robot_added": ("Robot announced", "announced {robot}"),
     "robot_pending": ("Robot joined", "{robot} joined and waits for approval"),
     "robot_approved": ("Robot approved", "approved {robot}"),

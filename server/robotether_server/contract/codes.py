@@ -1,7 +1,7 @@
-"""The codes of what ended or was refused, each with its sentences: of connections, drives, sessions and messages.
+"""The codes of ended connections, drives, sessions and recordings and of rejected messages, each with its sentences.
 
-The relay writes them, pages and the client's scripts (src/texts/panels.js) say them. A code that is not here is shown
-as it is. Those of problems are in `problems`.
+The relay writes them; pages and the client's scripts (src/texts/panels.js) show them. A code that is missing here is
+shown as it is. `problems` has the codes of problems.
 """
 
 from collections.abc import Mapping
@@ -62,14 +62,14 @@ DRIVE_ENDS: Mapping[str, str] = {
 # How a recording ended, or why it did not begin.
 RECORDING_ENDS: Mapping[str, str] = {
     "stopped": "stopped by a person",
-    "right_ended": "who asked may no longer drive the robot",
+    "right_ended": "the person who asked may no longer drive the robot",
     "drive_ended": "the drive ended",
     "complete": "complete",
     "setting_changed": "the robot's setting changed",
     "robot_offline": "robot offline",
     "robot_gone": "robot disabled or removed",
     "robot_renamed": "robot renamed",
-    "too_long": "longest time reached",
+    "too_long": "maximum length reached",
     "disk_full": "disk full",
     "quota_reached": "no room left for recordings",
     "recorder_away": "the recorder was not running",

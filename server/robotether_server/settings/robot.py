@@ -279,7 +279,7 @@ class RecordingSettings(Struct, frozen=True, forbid_unknown_fields=True):
         RecordingWhen,
         setting(
             "Record",
-            "What the robot sends and what its driver does, into a file. The drive page says so meanwhile.",
+            "What the robot sends and what its driver does, into a file. The drive page shows that it is recorded.",
             options={
                 "never": "never, unless a driver asks",
                 "driven": "while somebody drives",

@@ -8,8 +8,8 @@ export const health = {
   nothingToDo: "Nothing",
   alerts: {
     unknown: "Alerts are unknown: they need the profile metrics.",
-    none: "No alert lasts.",
-    some: (count) => (count === 1 ? "1 alert lasts:" : `${count} alerts last:`),
+    none: "No alert is firing.",
+    some: (count) => (count === 1 ? "1 alert is firing:" : `${count} alerts are firing:`),
   },
 };
 

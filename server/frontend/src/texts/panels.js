@@ -78,7 +78,7 @@ export const uplink = {
   people: ({ people, yours }) => {
     if (people === null) return "";
     if (people === 0) return "nobody now";
-    if (yours) return people === 1 ? "you alone" : `you and ${people - 1} more`;
+    if (yours) return people === 1 ? "only you" : `you and ${people - 1} more`;
     return people === 1 ? "1 person" : `${people} people`;
   },
   off: "off on this page",

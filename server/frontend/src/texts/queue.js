@@ -42,7 +42,7 @@ export const queue = {
   states: {
     available: ({ ahead }) => `You are available.${nextWords(ahead)}`,
     busy: ({ robot }) => (robot ? `You are busy with ${robot}.` : "You are busy."),
-    wrap_up: () => "Wrap-up: nothing is offered to you yet.",
+    wrap_up: () => "Wrap-up: you get no offers yet.",
     away: () => "You are away. Press Available to get requests.",
   },
   stateUnknown: "It is not known whether you are available.",
@@ -67,7 +67,7 @@ export const queue = {
   refused: (detail) => (detail ? sentence(detail) : "The server does not answer. Try again."),
   titleOffer: (robot) => `Offer: ${robot}`,
   silentSound: "The browser plays sound only after a click or a key on this page.",
-  waitingNone: "No request waits.",
+  waitingNone: "No requests are waiting.",
   more: (count) => `${count} more`,
 };
 
@@ -121,11 +121,11 @@ export const wall = {
 };
 
 export const help = {
-  open: "Help asked",
-  unknown: "It is not known whether help is asked for.",
+  open: "Help requested",
+  unknown: "It is not known whether help was requested.",
   sent: "The request waits for an operator.",
-  already: (reason) => `Help is asked for already: ${sentence(reason)}`,
-  failed: (detail) => `Not asked for. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
+  already: (reason) => `Help was already requested: ${sentence(reason)}`,
+  failed: (detail) => `Not requested. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
   withdraw: "Withdraw",
   cancelled: "The request is withdrawn.",
   notWithdrawn: (detail) => `Not withdrawn. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,

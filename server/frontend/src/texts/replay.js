@@ -23,7 +23,7 @@ export const replay = {
     sent: "sent to the robot",
     too_old: "not sent: too old",
     ahead: "not sent: its time is ahead",
-    replaced: "not sent: a newer one took its place",
+    replaced: "not sent: a newer one replaced it",
     clock_unknown: "not sent: its age is not known",
   },
   notSlowed: "not slowed",
@@ -45,12 +45,12 @@ export const replay = {
   opening: "Opening the recording.",
   loading: "Loading.",
   empty: "The recording has no messages.",
-  goesOn: "This recording goes on. It plays as far as it was written when this page was opened.",
-  unfinished: "This recording was not ended properly. It plays as far as it was written.",
-  cut: "Its end was not searched, because that takes too long.",
+  goesOn: "This recording is in progress. It plays up to the time at which this page was opened.",
+  unfinished: "This recording did not end properly. It plays as far as it was written.",
+  cut: "The search for its end would take too long.",
   damaged: "A part of the recording cannot be read and is left out.",
-  unreadable: "Messages that are not of the type that the recording says are left out.",
-  otherTimes: "A part of the recording has times that are none of a recording and is left out.",
+  unreadable: "Messages that do not match their type are left out.",
+  otherTimes: "A part of the recording has impossible times and is left out.",
   failed: (status, detail) => {
     if (status === 401) return "Your login has ended. Log in again.";
     const usual = status ? `The server answered ${status}.` : "The server does not answer.";
@@ -59,7 +59,7 @@ export const replay = {
   noRecording: "The file is not a recording that this page can read.",
   noVideo: "No video is recorded.",
   gap: "No video is recorded here.",
-  noKeyFrame: "The video can be shown from the next key frame on.",
+  noKeyFrame: "The video starts at the next key frame.",
   undecodable: "This browser cannot decode the video here.",
   of: (camera) => `Recorded video of ${camera}`,
 };

@@ -70,7 +70,7 @@ test("where no video is recorded no video is shown", async () => {
   fails = () => new KeyFrameMissingError();
   video.push([frame(6000)]);
   await settle();
-  assert.equal(words(6000), "The video can be shown from the next key frame on.");
+  assert.equal(words(6000), "The video starts at the next key frame.");
 });
 
 test("cameras are what the recorder wrote of one, in the drive page's order", () => {

@@ -37,7 +37,7 @@ class CloseReason:
 
 
 class ConnectionClosedError(RobotetherError):
-    """Carries an ending out of code that connects; over HTTP a problem of the same code."""
+    """Carries a close reason out of code that connects; over HTTP a problem of the same code."""
 
     def __init__(self, close_reason: CloseReason) -> None:
         super().__init__(close_reason.reason)
@@ -73,7 +73,7 @@ def message_too_big(limit_bytes: int, sender: str) -> CloseReason:
 
 
 def protocol_broken(sender: str) -> CloseReason:
-    """One side sent what is not WebSocket."""
+    """One side broke the WebSocket protocol."""
     return CloseReason("protocol_broken", f"{sender} broke the WebSocket protocol")
 
 
@@ -175,12 +175,12 @@ def frames_unknown(robot: str) -> CloseReason:
 
 
 def topics_unknown(robot: str) -> CloseReason:
-    """The robot's agent has no topics service; a status tells it, and the connection goes on."""
+    """The robot's agent has no topics service; a `status` says so, and the connection stays open."""
     return CloseReason("video_down", f"{robot} has no topics service; upgrade its agent")
 
 
 def topics_down(robot: str, why: str) -> CloseReason:
-    """The robot's topics service cannot be reached; a status tells it, and the connection goes on."""
+    """The robot's topics service cannot be reached; a `status` says so, and the connection stays open."""
     return CloseReason("video_down", f"{robot} sends no topics: {why}")
 
 

@@ -139,7 +139,7 @@ SAFETY = Tab(
             "Speed and stops", "", "guard", "max_speed_m_s max_turn_rad_s deadman_ms max_age_ms"
         ),
         _section(
-            "Less speed for who sees late",
+            "Slower when the driver sees late",
             "For drivers whose page says which frames it shows, as this server's pages do.",
             "guard",
             "blind_m blind_deg camera_ms without_frames",
