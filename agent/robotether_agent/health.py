@@ -174,7 +174,7 @@ class Health:
         try:
             return bool(cameras_by_rosbridge(await self._graph.own_topics()))
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError):
-            # No rosapi: who chose rosbridge knows that it has frames.
+            # No rosapi: whoever chose rosbridge knows that it has frames.
             return self._source_settings.source == "rosbridge"
 
     async def _has_camera(self) -> bool:

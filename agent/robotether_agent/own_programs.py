@@ -22,7 +22,7 @@ NOT_INHERITED = frozenset({"NOTIFY_SOCKET", "WATCHDOG_PID", "WATCHDOG_USEC"})
 
 
 def program_environment(environ: Mapping[str, str]) -> dict[str, str]:
-    """Return the agent's environment, but for its settings: its programs need no join token.
+    """Return the agent's environment without its settings: its programs need no join token.
 
     They are those that came with this agent, whatever else Python would find.
     """

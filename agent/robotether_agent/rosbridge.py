@@ -199,7 +199,7 @@ class RosGraph:
     def _on_end(self, reader: asyncio.Future[None]) -> None:
         self._reader = self._silent_since_s = None
         if not reader.cancelled():
-            # Who asks now is told; if nobody does, asyncio must not complain.
+            # Whoever asks now is told; if nobody does, asyncio must not complain.
             reader.exception()
 
 

@@ -110,7 +110,7 @@ def enrolment_lines(
 ) -> EnrolmentLines:
     """Return the lines; raise SiteCertificateUnavailableError or FieldInvalidError.
 
-    `address`: HOST[:PORT] of who asks, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
+    `address`: HOST[:PORT] of the request, which counts where PUBLIC_HOST is not set. `name`: which the robot asks for.
     """
     site = site_of(certificates.settings, address)
     certificate = certificates.certificate(site.host)
@@ -180,7 +180,7 @@ def site_of(settings: SiteAddressSettings, address: str) -> SiteAddress:
 
 
 def learn_certificate(endpoint: tuple[str, int], host: str) -> Certificate:
-    """Ask for the certificate that is shown to who asks for this host; raise SiteCertificateUnavailableError."""
+    """Ask for the certificate that a client of this host gets; raise SiteCertificateUnavailableError."""
     try:
         der = _certificate_of(endpoint, host, _unchecked())
         return describe_certificate(der, is_known=_is_known(endpoint, host))

@@ -135,7 +135,7 @@ class RecordRefusedError(StoreError, code="record_refused", status=422):
 
 
 class UnauthorizedError(RobotetherError, status=401):
-    """Who asks is not known."""
+    """The caller is not known."""
 
 
 class LoginMissingError(UnauthorizedError, code="login_missing"):
@@ -187,7 +187,7 @@ class TicketForeignError(TicketError, code="ticket_foreign"):
 
 
 class ForbiddenError(RobotetherError, status=403):
-    """Who asks is known and may not."""
+    """The caller is known, and may not do this."""
 
 
 class OriginRefusedError(ForbiddenError, code="origin_refused"):
@@ -215,7 +215,7 @@ class KeyRejectedError(ForbiddenError, code="key_rejected"):
 
 
 class KeyUnprovenError(ForbiddenError, code="key_unproven"):
-    """Who joins did not show that it has the key's private half."""
+    """The joining machine did not prove that it has the key's private half."""
 
 
 class TokenRequiredError(ForbiddenError, code="token_required"):
@@ -256,7 +256,7 @@ class KeyInUseError(RobotetherError, code="key_in_use", status=409):
 
 
 class MacElsewhereError(RobotetherError, code="mac_elsewhere", status=409):
-    """The robot is online on another machine; who asks is a copy of its disk."""
+    """The robot is online on another machine; the caller is a copy of its disk."""
 
 
 class ProtocolError(RobotetherError, code="protocol_error"):

@@ -1,6 +1,6 @@
 """Parses times and days as people and programs write them, every refusal with its field; and pauses of retries.
 
-Used by web, relay and the command line. Pure, but for the clock in `check_end` and `utc_now`.
+Used by web, relay and the command line. Pure, except for the clock in `check_end` and `utc_now`.
 """
 
 import datetime as dt

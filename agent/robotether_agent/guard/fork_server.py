@@ -2,8 +2,8 @@
 
 Forked by the cli from the agent before its event loop runs, so the agent shares that memory, too; restarted as a
 program by the supervisor when it has ended. It runs no event loop and no thread, for both are unsafe to fork. It must
-never outlive the agent, whose end it sees as the end of their socket, and never end before: who ends the agent by a
-signal to all its processes lets the agent and the guard stop the robot first.
+never outlive the agent, whose end it sees as the end of their socket, and never end before: a signal to all processes
+of the agent lets agent and guard stop the robot first.
 
 A request is one packet, answered by one number: FORK with the guard's standard input and output, answered by its
 process id or an error's negative number; WAIT with a process id, answered by the exit code once that guard has ended,

@@ -46,7 +46,7 @@ log = logging.getLogger(__name__)
 
 
 class PublisherListener(Protocol):
-    """Who uses the connection, and is notified of what happens on it. Must not wait."""
+    """The user of the connection, which is notified of what happens on it. Must not wait."""
 
     def on_rosbridge_connected(self) -> None:
         """Rosbridge answers again."""
@@ -193,7 +193,7 @@ class CmdVelPublisher:
 
 
 class WatchListener(Protocol):
-    """Who drives topics, and is notified of who listens to them. Must not wait."""
+    """The publisher on drive topics, which is notified of who listens to them. Must not wait."""
 
     def driven_now(self) -> list[str]:
         """Name the topics that somebody drives, and that rosbridge has had time to register."""

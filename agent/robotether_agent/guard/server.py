@@ -1,7 +1,7 @@
 """Accepts operators' WebSockets on a local port, and connects each authorized one to rosbridge.
 
-Run by the guard's process. The agent's forward of the robot's port leads here. Who may enter is the authorizer's
-matter; rosbridge is reached before the upgrade, so that one that is down is an HTTP answer.
+Run by the guard's process. The agent's forward of the robot's port leads here. The authorizer decides who may enter;
+rosbridge is reached before the upgrade, so that one that is down is an HTTP answer.
 
 A `ClientProxy` passes frames as they came, except that drive messages go to the drive controller, and what cannot be
 checked is refused. It never reads what comes from the robot. Reading on one side waits for writing on the other, so its

@@ -69,7 +69,7 @@ class Authorization:
 
 
 class CommandSource(Protocol):
-    """Who sends drive messages: a client proxy."""
+    """A sender of drive messages: a client proxy."""
 
     view: DriverView
 

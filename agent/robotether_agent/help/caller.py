@@ -1,8 +1,8 @@
 """Reads what the rules judge, and asks the server for help over the session.
 
 `HelpCaller` is run by the agent for its whole life, by the settings of the newest session. Each topic has a
-subscription of its own, as the battery has; one that is silent or cannot be read asks for nothing, but for the
-navigation's. A call waits, the newest of each source, until a session's server has read it.
+subscription of its own, as the battery has; a silent or unreadable topic asks for nothing, except the navigation's. A
+call waits, the newest of each source, until a session's server has read it.
 """
 
 from __future__ import annotations

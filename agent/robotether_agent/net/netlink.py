@@ -1,7 +1,7 @@
 """Reports changes of this machine's links, addresses and routes (rtnetlink).
 
-Used by dialler and liveness, each with a socket of its own. It only says that something changed, who uses it looks
-for itself: messages may be lost, or may not be allowed at all, and then whoever waits here looks a little later.
+Used by dialler and liveness, each with a socket of its own. It only says that something changed; its users look for
+themselves. Messages may be lost or not allowed at all: whoever waits here then looks a little later.
 """
 
 from __future__ import annotations

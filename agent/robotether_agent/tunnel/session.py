@@ -85,7 +85,7 @@ def retry_after_bye(code: str) -> Retry:
 
 
 class DriveMessageHandler(Protocol):
-    """Who does what the server says about driving."""
+    """Does what the server says about driving."""
 
     def on_config(self, guard: JsonObject, *, direct: bool) -> None:
         """The session is up, and `guard` is the guard's configuration."""

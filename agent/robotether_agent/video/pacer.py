@@ -1,7 +1,7 @@
 """Shares the bytes that may be in flight on the media connection among its streams.
 
-Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: who does not
-get its turn does not read from the camera either. Without a connection to look at, or on a kernel that does
+Used by the video proxy: each stream asks before it hands bytes to ssh. Never keeps the bytes themselves: a stream
+without a turn does not read from the camera either. Without a connection to look at, or on a kernel that does
 not report enough (before Linux 4.6), everybody gets what it wants at once, and the log says so once. The
 connection is only looked at: it carries ssh, a process of its own.
 """
@@ -127,7 +127,7 @@ class TokenBucket:
 
 
 class Pacer:
-    """Who may send how much now, fairly in turns."""
+    """Decides which stream may send how much now, fairly in turns."""
 
     def __init__(self, read_state: Callable[[socket.socket, float], Reading | None] = read) -> None:
         self._read_state = read_state
@@ -239,7 +239,7 @@ class Pacer:
         return min(saved, estimator.window - in_flight)
 
     def _grant(self, reading: Reading) -> None:
-        """Give turns, first come first served; who wants more than its turn queues again behind the others.
+        """Give turns, first come first served; a stream that needs more than its turn queues again behind the others.
 
         What is left is shared among all who wait: whoever comes last in each round would get the smallest turns else.
         """
@@ -256,7 +256,7 @@ class Pacer:
             self._note(granted, reading)
             turn.set_result(granted)
             if waiting is not self._bulk and self._bulk:
-                # Who had this turn may want the next one, before bulk gets what is left.
+                # The stream of this turn may need the next one, before bulk gets the rest.
                 asyncio.get_running_loop().call_soon(self._serve)
                 return
 

@@ -15,7 +15,7 @@ from robotether_common.frames import StreamRequest
 
 QUALITY_STEP = 10
 SCALES = (0.75, 0.5, 0.35)
-# Parts of the requested rate for who prefers sharp frames, and the least rate in frames a second that is stepped to.
+# Parts of the requested rate for receivers that prefer sharp frames, and the minimum rate in frames a second.
 RATES, MIN_STEPPED_FPS = (0.67, 0.5, 0.33), 5.0
 LATE_FRAMES = 3
 VERY_LATE = 2.0

@@ -145,7 +145,7 @@ class Caller:
 
 @dataclass(frozen=True)
 class EnrolmentCaller:
-    """Who enrols a robot, with an open transaction."""
+    """The caller that enrols a robot, with an open transaction."""
 
     tx: Transaction
     credential: EnrolmentCredential

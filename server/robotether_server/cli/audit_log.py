@@ -76,7 +76,7 @@ def verify(
 ) -> None:
     """Check that no line of the database, or of an exported FILE, was changed, swapped or removed.
 
-    Ends with status 3 if all fits, and a backup was put back: lines that followed it may be lost.
+    Exits with status 3 if all fits and a backup was restored: lines after the backup may be lost.
     """
     older = _older_heads(against)
     if file is None:

@@ -280,7 +280,7 @@ Sinks = Callable[[str], tuple[Sink, Sink]]
 
 @dataclass(frozen=True)
 class Command:
-    """What shall run, and how. `line` is what the robot's login shell gets."""
+    """What runs, and how. `line` is what the robot's login shell gets."""
 
     line: str
     timeout_s: float

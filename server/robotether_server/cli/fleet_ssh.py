@@ -275,7 +275,7 @@ class HostKeyCheck(paramiko.MissingHostKeyPolicy):  # type: ignore[misc] # param
         self._trusted, self._revoked = find_known(target.known_hosts, target.known_as)
 
     def unwanted_algorithms(self) -> list[str]:
-        """Return what the host must not prove itself with: of several keys it shall show the one that is known."""
+        """Return the algorithms that the host must not use: of several keys it has to show the known one."""
         types = {key.type for key in self._trusted} & set(ALGORITHMS)
         usable_types = types or set(ALGORITHMS)
         unwanted = [

@@ -35,7 +35,7 @@ class LiveState(Struct, frozen=True, kw_only=True):
 
 
 class RobotObject(LiveState, frozen=True, kw_only=True):
-    """A robot, live. Null is unknown, but for what follows.
+    """A robot, live. Null is unknown, except where a member says otherwise.
 
     `since`: the last change of `online`; null: it was never seen. `end_code`: why its last session ended; null also if
     it is online. `offline_reason`: the same for people; null: it is online. `site`: null: none. `rtt_ms`: of the line

@@ -235,7 +235,7 @@ def write_stop(tx: Transaction, entry: StopEntry) -> None:
     )
 
 
-# What of a drive changes while it lasts: the columns, named as the members of the entry but for MEMBERS.
+# What of a drive changes while it lasts: the columns, named as the members of the entry, except MEMBERS.
 PROGRESS = (
     "ended_at",
     "end_code",

@@ -27,7 +27,7 @@ class Recording:
     """A recording; null: not yet, or unknown.
 
     `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
-    who asked, null for the others. `drivers`: who drove meanwhile. `state`: requested, recording, ended, or
+    who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
     interrupted: nothing is heard of the recorder. `cell`: whose machine has the file.
     """
 

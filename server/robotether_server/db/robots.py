@@ -128,7 +128,7 @@ def lock_enrolment(tx: Transaction) -> None:
     Held until after the transaction's commit. A join decides by several rows at once: whose the
     MAC is, whether another row or a claim has the key, how many wait, which name is free. Row locks in changing order
     would end some of those who join at the same time with a deadlock; with this lock each finds what the one before
-    it left. Who needs it takes it first, before any row.
+    it left. A transaction that needs it takes it first, before any row.
     """
     if not tx.lock("robotether.enrolment", LOCK_WAIT_S):
         raise StoreUnavailableError(
@@ -205,7 +205,7 @@ def unknown_addresses(tx: Transaction) -> list[str]:
 
 
 def remove_unknown(tx: Transaction, before: dt.datetime) -> None:
-    """Remove the unknown robots that joined before that time, but for those that somebody has a grant for."""
+    """Remove the unknown robots that joined before that time, except those with a grant."""
     # Asked first without locks: mostly there is none, and a join must not wait for all other joins.
     expired = tx.rows(
         "SELECT id FROM robots WHERE state = 'pending' AND stranger AND joined_at < %s "

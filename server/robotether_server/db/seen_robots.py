@@ -153,7 +153,7 @@ def list_all(tx: Transaction) -> list[SeenRobot]:
 
 
 def count_seen(tx: Transaction) -> dict[int, int]:
-    """Return how many robots each user may see, by the user's id; nothing for who sees none."""
+    """Return how many robots each user may see, by the user's id; nothing for a user who sees none."""
     rows = tx.rows("SELECT user_id, COUNT(*) AS robots FROM relay_grants GROUP BY user_id")
     return {row["user_id"]: row["robots"] for row in rows}
 

@@ -1,6 +1,6 @@
 """Users: who may log in; and their SSH public keys, by which they reach the shells of robots.
 
-Written by services, read by web. sshd's account `jump` reads the keys of who manages robots through the view jump_keys.
+Written by services, read by web. sshd's account `jump` reads the keys of robots' managers through the view jump_keys.
 """
 
 from dataclasses import dataclass, field

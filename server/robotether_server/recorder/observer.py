@@ -42,7 +42,7 @@ Write = Callable[[RecordedMessage], None]
 DISCOVER_EVERY_S = 10.0
 # Time limit for an answer of rosapi.
 ANSWER_WITHIN_S = 5.0
-# Minimum interval between two messages of a topic, but for those that build on each other.
+# Minimum interval between two messages of a topic, except of types whose messages build on each other.
 THROTTLE_MS = 100
 UNTHROTTLED = frozenset(("tf", "tf_static", "diagnostics", "rosout"))
 # Maximum number of topics and cameras of a robot. Of 64 topics observers may add none from 32 on, and the recorder must

@@ -126,7 +126,7 @@ def remove_collection(tx: Transaction, source: Source, collection: Collection[R]
 
 
 def add_member(tx: Transaction, source: Source, name: str, user: str) -> Group:
-    """Give a user the grants of a group; raise RecordMissingError. Who is a member already stays one."""
+    """Give a user the grants of a group; raise RecordMissingError. Members stay members."""
     if grants.add_member(tx, GROUPS.get(tx, name).id, users.get(tx, user).id):
         audit.record(tx, source, "group_member_added", group=name, user=user)
     return GROUPS.get(tx, name)

@@ -1,7 +1,7 @@
 """Decides what becomes of the key that a robot joins with, or that a playbook brings (robots.py).
 
-A MAC only names a robot; its key is what proves it, and who brings a new key signs with it: nobody enrols the key of
-another; an admin's word for a key is enough. Without a credential JOIN_POLICY says what becomes of a
+A MAC only names a robot; its key is what proves it, and a machine signs with the new key that it brings: nobody enrols
+the key of another; an admin's word for a key is enough. Without a credential JOIN_POLICY says what becomes of a
 new key, mostly it waits, and nothing that waits may keep a robot out that comes with a credential. A join with a known
 key must never change the row, and only the old key's signature (`rotate`) or an admin changes the key of an active
 robot.

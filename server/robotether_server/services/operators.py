@@ -95,8 +95,8 @@ def _wrap_up_left_s(row: OperatorRow) -> float:
 def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     """Take a heartbeat of an operator, plan if that is due, and return what the operator sees.
 
-    Without a choice an operator stays what it was; but who was gone for too long is away until they choose, unless they
-    drove meanwhile or have a request. So is who let an offer end.
+    Without a choice an operator stays what it was; but an operator who was gone for too long is away until they choose,
+    unless they drove or have a request. So is one who let an offer end.
     """
     row = operators.find(tx, user.id)
     was_there = row is not None and row.available

@@ -73,7 +73,7 @@ def make(
 def accept(tx: Transaction, source: Source, user: User, request_id: int) -> HelpRequest:
     """Accept an offer; raise NotPossibleError if it is another's or over, or GrantMissingError.
 
-    Who has accepted it already may repeat that.
+    The operator who has accepted it may repeat that.
     """
     seen = _lock(tx, user, request_id)
     if seen.request.state == "accepted" and seen.accepted_by_id == user.id:

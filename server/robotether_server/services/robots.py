@@ -24,7 +24,7 @@ from robotether_server.settings.robot import Settings
 
 @dataclass(frozen=True)
 class Registration:
-    """What PUT /api/v1/robots/NAME says. `credential` is of who may."""
+    """What PUT /api/v1/robots/NAME says. `credential` is the permitted caller's."""
 
     name: str
     mac: str

@@ -73,7 +73,7 @@ def list_seen(tx: Transaction, user: User) -> list[Route]:
 
 
 def make(tx: Transaction, source: Source, user: User, route_request: RouteRequest) -> Route:
-    """Make a route; who makes it must manage its robots, and an app is that user's own.
+    """Make a route; its maker must manage its robots, and an app is that user's own.
 
     Raises FieldInvalidError, GrantMissingError, RobotUnknownError, RecordExistsError or NotPossibleError.
     """
@@ -121,7 +121,7 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
 
 
 def remove(tx: Transaction, source: Source, user: User, route_id: int) -> Route:
-    """Remove a route, also one that has ended: its maker, and who manages one of its robots.
+    """Remove a route, also one that has ended: for its maker, and managers of one of its robots.
 
     Raises RecordMissingError or GrantMissingError.
     """

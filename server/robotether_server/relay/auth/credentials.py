@@ -1,11 +1,11 @@
 """Looks up logins and API tokens, and ends what depends on one that is gone.
 
-`access` asks for every request that comes without a ticket. Answers are kept a few seconds, so that
-a page with many videos asks the database once. Whatever number of strangers ask, the database has two open questions
-about them: one for stops, one for the rest. `fleet` has those that something live hangs on
-asked again; such a one is believed as long as what hangs on it, with the database away, too, and a while longer.
-Who begins to drive is asked for each time, and while the database is away believed in the same way. So is whoever
-has a ticket that another cell's web has signed with the database since.
+`access` asks for every request without a ticket. Answers are kept for a few seconds, so that a page with many videos
+asks the database once. However many strangers ask, the database has two open questions about them: one for stops, one
+for the rest. `fleet` asks again about credentials with an open connection. While the database is away, such a
+credential stays valid as long as the connection, and a while longer. The credential of a person who begins to drive is
+checked each time, and while the database is away trusted in the same way, as is a ticket that another cell's web has
+signed with the database since.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class Credentials:
     def __init__(self, database: RelayDatabase) -> None:
         self._database = database
         self._questions = SharedQuestions(self._users_of)
-        # Who stops a robot does not wait for an answer about others.
+        # A stop does not wait for an answer about other credentials.
         self._stop_questions = SharedQuestions(self._users_of)
         self._cache: OrderedDict[Credential, tuple[float, RelayUser | None]] = OrderedDict()
         self._watchers: dict[Credential, set[Callable[[], None]]] = {}

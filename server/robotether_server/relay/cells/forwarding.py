@@ -1,7 +1,7 @@
 """Decides which requests the relay of another cell answers: those for a robot that it has.
 
 `app` asks before any handler. nginx passes the request on as it came, to the other cell's nginx, whose relay checks it.
-So what is forwarded never passes this relay, but observers' topics, of which one copy shall cross the line between the
+So forwarded data never passes this relay, except observers' topics, of which only one copy crosses the line between the
 cells. Strangers are refused here: a forward may cost both cells a TLS handshake.
 """
 

@@ -1,7 +1,7 @@
 """Sends idle robots from this cell to another: one that has far fewer, or one that the robot says is nearer.
 
-`wiring` runs it, and robots' links call `on_nearer`. Who loses a cell goes to the others, and would stay there: the
-next loss would move ever more robots.
+`wiring` runs it, and robots' links call `on_nearer`. Robots that lose their cell go to the others, and would stay
+there: each loss would move more robots than the last.
 """
 
 from __future__ import annotations

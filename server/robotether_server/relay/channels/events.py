@@ -77,7 +77,7 @@ class ChangedRobots:
 
 
 class Follower(Protocol):
-    """Who is notified of every change."""
+    """A subscriber that is notified of every change."""
 
     def mark(self, robot_id: int) -> None:
         """Remember that a robot changed."""

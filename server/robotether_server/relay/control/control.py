@@ -120,7 +120,7 @@ class Control:
         )
 
     def on_robot_change(self, change: Change) -> None:
-        """Something happened to a robot; who comes back stopped is stopped here, too."""
+        """Something happened to a robot; a robot that comes back stopped is stopped here, too."""
         self.stops.on_robot_change(change)
         if change.what not in {"heartbeat", "seen"}:
             self._notify_watchers(change.robot_id)

@@ -1,6 +1,6 @@
 """Answers the HTTP requests stop, release, lease, control and uplink.
 
-`app` routes them here. Who asks shows a login or a token, never a ticket; what a login changes must come
+`app` routes them here. A request shows a login or a token, never a ticket; what a login changes must come
 from a page of this site. Handlers decide who may, `leasing` and `stops` do it.
 """
 

@@ -346,7 +346,7 @@ class Leasing:
         lease = self.of(robot_id)
         passes_at, reservation = lease.passes_at(), lease.reserved(now())
         if passes_at is not None:
-            # At least every second: who waits sees that the driver's input put it off.
+            # At least every second: the person who waits sees that the driver's input put it off.
             yield min(passes_at.s, now().s + 1)
         if reservation is not None:
             yield reservation.until.s

@@ -69,7 +69,7 @@ class PieceTurns:
         self._next_s = 0.0
 
     async def next(self) -> None:
-        """Wait for a turn; who waits longest is the next."""
+        """Wait for a turn; the one that waits longest is next."""
         now_s = asyncio.get_running_loop().time()
         turn_s = max(now_s, self._next_s)
         self._next_s = turn_s + PIECE_BYTES / LARGE_BYTES_PER_S

@@ -199,7 +199,7 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
 
 
 class ViewerSocket(OperatorSocket):
-    """The end of who watches: takes messages that are written already, which viewers share, and never copies them."""
+    """An observer's end: takes messages that are written already, which viewers share, and never copies them."""
 
     async def open(self, request: web.Request) -> None:
         """Answer the upgrade; from now on `drained` waits until this program holds nothing back."""

@@ -85,7 +85,7 @@ class RelayDatabase:
     ) -> dict[Credential, RelayUser]:
         """Read who credentials belong to; `briefly`: for somebody who waits to drive.
 
-        Not while the database hangs: who stops a robot is then served by another cell, if that knows who it is.
+        Not while the database hangs: another cell then serves a person who stops a robot, if it knows the person.
         """
         self._check_answers()
         return await self._ask(lambda tx: fleet.users_of(tx, credentials), briefly=briefly)

@@ -150,7 +150,7 @@ class Lease:
     def reserve(self, user: RelayUser | None, until: Instant, now: Instant) -> bool:
         """Keep a free lease for whoever is to help the robot, None: for nobody; return whether that changes anything.
 
-        Who drives, is about to, or got the control from a driver or by taking it comes first.
+        A person who drives, is about to, or got control from a driver or by taking it comes first.
         """
         before = self.reserved(now)
         if self.driver is not None or self._claimant is not None:
@@ -191,7 +191,7 @@ class Lease:
         return self.driver
 
     def end(self, holder: Holder, now: Instant) -> Driver | None:
-        """A connection is over; return what it held. Who waits is next."""
+        """A connection is over; return what it held. The person who waits is next."""
         if self._claimant is holder:
             self._claimant = None
         driver = self.driver if self.driver is not None and self.driver.holder is holder else None
@@ -312,6 +312,6 @@ class Lease:
         return Handover(driver, user)
 
     def _keep_for(self, user: RelayUser, now: Instant) -> None:
-        # Who got it asked with reason.
+        # The person who got it had a reason to ask.
         self._questions.pop(user.id, None)
         self.request, self._reserved = None, Reservation(user, now.later(RESERVED_FOR_S))

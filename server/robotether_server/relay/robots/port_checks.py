@@ -98,7 +98,7 @@ class PortChecker:
 class LinkChecks:
     """The checks of one session: never two at once, and a pause after each.
 
-    Who asks meanwhile gets one answer after the pause: it is about the newest forwards.
+    Requests in between get one answer after the pause, about the newest forwards.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""The stops of one robot, and who waits for its guard to confirm one. Pure, but for the timer that it holds."""
+"""The stops of one robot, and who waits for its guard to confirm one. Pure, except for its timer."""
 
 from __future__ import annotations
 

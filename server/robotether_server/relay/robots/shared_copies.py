@@ -33,7 +33,7 @@ LINGER_S = 0.5
 
 
 class SharedCopy(Generic[Key, User]):
-    """One copy, and who shares it. `key` tells it from the robot's others of its kind."""
+    """One copy, and its users. `key` tells it from the robot's others of its kind."""
 
     def __init__(self, robot: RelayRobot, key: Key) -> None:
         self.robot = robot

@@ -1,6 +1,6 @@
 """What an admin does about keys that wait, and rejected ones; /admin/add-robot shows them.
 
-A join proves nothing but that somebody knows a MAC, so the page shows the fingerprint to compare, and approves that
+A join only proves that somebody knows a MAC, so the page shows the fingerprint to compare, and approves that
 key and no other.
 """
 

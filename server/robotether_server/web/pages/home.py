@@ -1,6 +1,6 @@
 """The pages that people see: log in, the fleet as cards and as a wall of pictures, one robot to drive.
 
-Who has no login is redirected to the log-in page and back.
+A person without a login is redirected to the log-in page and back.
 """
 
 from collections.abc import Callable, Collection

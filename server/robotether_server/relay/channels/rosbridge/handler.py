@@ -198,7 +198,7 @@ class DriverEnd(Protocol):
 class OperatorSession:
     """One connection from its upgrade to its ending: lease, way to the robot, and reports.
 
-    `credential` is the login or token that must hold to begin a drive, but for routes.
+    `credential` is the login or token that must be valid to begin a drive, except for routes.
     """
 
     bridge: DriverEnd

@@ -2,7 +2,7 @@
 
 `OPERATIONS` lists what a connection may send, with its fields; the documents' page of operations is made from it. A
 check returns the value to send on, and raises FieldRefusedError with the reason. What passes has one meaning to every
-JSON parser; but for messages and payloads it holds no object in which a confused parser could find an operation. Pure.
+JSON parser; except in messages and payloads it has no object in which a confused parser could find an operation. Pure.
 """
 
 from __future__ import annotations

@@ -129,7 +129,7 @@ class ReceivedMessage:
 
 
 class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
-    """One subscription on a robot, and who shares it."""
+    """One subscription on a robot, and the clients that share it."""
 
     def __init__(
         self,
@@ -148,7 +148,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self._remembered_bytes = 0
         # Whether the newest message was too large to be kept beside the robot's others.
         self.is_unkept = False
-        # Who came since the robot was asked what it repeats, with the digests of what was there before.
+        # The clients since the robot was asked what it repeats, with the digests of the messages from before.
         self.newcomers: dict[TopicClient, Collection[str]] = {}
         self.is_asked_for = False
         # Since when its messages may have been on the way, of the robot's own connection; set for those who need ages.
@@ -241,7 +241,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
 
 class TopicConnector(Protocol):
-    """Who brings topics their messages."""
+    """What brings topics their messages."""
 
     async def run(self, topic: SharedTopic) -> None:
         """Bring its messages until this is cancelled, and say when rosbridge has the subscription."""

@@ -1,8 +1,8 @@
 """One feed a robot and camera, whatever the number of viewers: its newest frames, and credits for the robot.
 
-A camera has a second feed while somebody looks who does not decode H.264: nobody else shall lose it for that.
+A camera has a second feed while a viewer does not decode H.264, so that the others keep H.264.
 `frames_handler` and `streams` join feeds; a `FeedLink` brings each its frames. Few frames are held, and each viewer
-takes them when it can: nothing queues here, and who is slow skips frames and slows no one.
+takes them when it can: nothing queues here, and a slow viewer skips frames and delays nobody.
 """
 
 from __future__ import annotations
@@ -200,7 +200,7 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         return driver_id in self.user_ids(), any(viewer.may_drive for viewer in self.users)
 
     def fresh(self, now_s: float) -> bool:
-        """Return whether the newest frame came so lately that somebody new shall see it."""
+        """Return whether the newest frame is fresh enough for a new viewer."""
         return self.newest is not None and now_s - self.newest.received_s < FRESH_S
 
     def sent(self, frame: Frame, skipped: int) -> None:
@@ -358,8 +358,8 @@ class Feeds(SharedCopies[Feed]):
     def key_for(self, robot: RelayRobot, camera: str, viewer: Viewer) -> FeedKey:
         """Return which feed is a viewer's: that of what it decodes.
 
-        Who does not decode H.264 shares the other's JPEGs where the robot has no encoder, or nobody decodes H.264. The
-        recorder follows the feed that goes first, which the driver sees.
+        Viewers that do not decode H.264 share the other feed's JPEGs if the robot has no encoder, or nobody decodes
+        H.264. The recorder follows the feed that goes first, which the driver sees.
         """
         if not viewer.is_recorder:
             return FeedKey(camera, decodes_h264(viewer) or self._gives_jpeg(robot.id, camera))

@@ -193,7 +193,7 @@ class FramesSession(OperatorConnection):
             self._clock_sync_ms = parse_clock_sync(message)
         elif operation == "stream_request":
             request = parse_stream_request(message)
-            # Who only watches takes no rate from who drives.
+            # An observer takes no rate from a driver.
             self.stream_request = (
                 request if self._permit.may_drive else replace(request, prefers=None)
             )

@@ -164,8 +164,8 @@ class VideoHandler:
 def path_for_robot(raw_path: str, raw_query: str) -> str:
     """Return what the robot is asked for: less our prefix, less the ticket, and with its slashes as they are.
 
-    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. Who asks for a
-    topic and names no QoS gets that of sensors.
+    web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. A request for a
+    topic without a QoS gets that of sensors.
     """
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)

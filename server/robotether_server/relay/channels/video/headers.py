@@ -42,7 +42,7 @@ OUR_HEADERS = {
     "Content-Security-Policy": "sandbox",
     "Referrer-Policy": "no-referrer",
 }
-# Nobody keeps a live frame, and a browser that asks for it again shall get another one.
+# Nobody stores a live frame: a browser that asks for it again gets another one.
 LIVE_HEADERS = {"Cache-Control": "no-store", "Pragma": "no-cache"}
 # What a browser may want the answer for: to show it, or to hand it to a page's script as data.
 # The pages allow scripts and styles of their own site, which a robot must not be.

@@ -101,7 +101,7 @@ def is_for_feed(request: web.Request) -> bool:
 
 
 class StreamViewer:
-    """Who follows a feed for a stream."""
+    """The follower of a feed for a stream."""
 
     is_recorder = False
 
