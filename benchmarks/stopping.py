@@ -153,7 +153,7 @@ def cut_operator(_: Demo, driver: ProgramDriver, undo: ExitStack) -> None:
 
 
 def cut_robot(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
-    """All of the robot's packets are dropped without a word, but for those of this test's own look at its rosbridge."""
+    """All of the robot's packets are dropped without a word, except those of this test's own look at its rosbridge."""
     pid = str(demo.container(ROBOT).attrs["State"]["Pid"])
     inside = ("nsenter", "--net", "--target", pid)
     look = str(ROSBRIDGE_PORT)

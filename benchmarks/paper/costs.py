@@ -2,7 +2,7 @@
 
 The kernel's control groups are read, of both kinds; the engine's own statistics come from them too, and are missing on
 some machines. Memory is what the kernel cannot give back without the programs: their own pages and what the kernel
-itself keeps for them. Pure but for what it reads below /proc and /sys.
+itself keeps for them. Pure except for what it reads below /proc and /sys.
 """
 
 from __future__ import annotations

@@ -109,7 +109,7 @@ start_beside_sshd() {
   as_keylookup sh -c 'while :; do /usr/lib/robotether/authorized-keys cache; sleep 60; done' &
 }
 
-# Passes sshd's log on, but for what is no event.
+# Passes sshd's log on, except what is no event.
 start_log() {
   rm -f "$LOG"
   mkfifo "$LOG"

@@ -128,7 +128,7 @@ class NewRequest:
 
 @dataclass(frozen=True)
 class OpenRequest:
-    """An open request as the planner sees it, by ids; `user` is the name of the person who got its offer or accepted it."""
+    """An open request as the planner sees it, by ids; `user` names the person who got its offer or accepted it."""
 
     id: int
     robot_id: int

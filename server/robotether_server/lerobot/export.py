@@ -168,7 +168,7 @@ def _choose_cameras(recordings: Sequence[_Recording], chosen: Sequence[str]) -> 
     names = Counter(map(_name_of, cameras))
     if len(names) < len(cameras):
         raise NotExportedError(
-            "cannot export: two cameras have the same name but for its punctuation"
+            "cannot export: two cameras have the same name except for punctuation"
         )
     return cameras
 

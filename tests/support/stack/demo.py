@@ -1,6 +1,6 @@
 """A server that runs on this machine, as experiments and screenshots see it: its containers, address, API and tickets.
 
-`Demo` needs `make demo`, and changes nothing of it but for an API token, which ends after two days.
+`Demo` needs `make demo`, and changes nothing of it except an API token, which ends after two days.
 """
 
 from __future__ import annotations

@@ -116,7 +116,7 @@ def in_memory(service):
 
 
 def kept(service):
-    """Volumes, but for those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
+    """Volumes, except those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
     volumes = service.get("volumes", [])
     names = {volume for volume in volumes if isinstance(volume, str)}
     mounts = [v for v in volumes if isinstance(v, dict) and v["type"] == "volume"]

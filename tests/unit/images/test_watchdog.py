@@ -53,7 +53,7 @@ def test_a_service_is_left_alone(tmp_path, checks):
 
 
 SERVICES = yaml.safe_load((WATCHDOG.parent / "compose.yaml").read_text())["services"]
-# Those that are there for ever, but for simulated robots, which nobody depends on.
+# Those that are there for ever, except simulated robots, which nobody depends on.
 LASTING = sorted(
     name
     for name, service in SERVICES.items()

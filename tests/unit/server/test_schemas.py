@@ -69,7 +69,7 @@ NAN, INFINITE = float("nan"), float("inf")
     ],
 )
 def test_value_is_read_as_it_is_meant(name, value, read):
-    """Text loses the space around it, but for a secret's; 5.0 is a whole number to JSON."""
+    """Text loses the space around it, except a secret's; 5.0 is a whole number to JSON."""
     found = getattr(schemas.read({"name": "x", name: value}, Thing), name)
     assert (found, type(found)) == (read, type(read))
 

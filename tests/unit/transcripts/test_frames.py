@@ -152,7 +152,7 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
                 transcript.add("  text:", json.loads(data))
             else:
                 transcript.add(
-                    "  header but for its timestamp:", data[:8].hex(" "), header_of(data)
+                    "  header except its timestamp:", data[:8].hex(" "), header_of(data)
                 )
                 transcript.add("  frame:", {"size": len(data) - HEADER.size, "sum": digest(data)})
 

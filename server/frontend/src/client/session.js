@@ -195,7 +195,7 @@ export class ControlState {
 
 // This page's clock against the relay's, by clock syncs over the rosbridge connection (docs/reference/protocols.md, "Age").
 // An answer is on its way for a while, so each difference is at most the true one, and the greatest comes
-// nearest: a timestamp in the relay's time is never later than the truth. Pure but for its timer.
+// nearest: a timestamp in the relay's time is never later than the truth. Pure except for its timer.
 const SYNC_MS = 250;
 const MAX_AGE_MS = 10_000;
 const SAMPLES = 12; // number of round trips of which the median is taken: those of three seconds

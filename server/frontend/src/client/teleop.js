@@ -1,5 +1,5 @@
 // Turns what the operator holds into drive commands: 20 Hz while anything is held, zero on release,
-// then silence, so that the page never fights another controller. Pure but for its timer.
+// then silence, so that the page never fights another controller. Pure except for its timer.
 // It must never send anything but zero unless it is armed and an input is held that was pressed since then, or whose
 // press took the control.
 
@@ -50,7 +50,7 @@ export class Teleop {
   }
 
   // Without a live connection nothing is accepted. What is held when one ends or begins must be let go
-  // and pressed anew, but for the press that took the control: still held, it drives from here.
+  // and pressed anew, except the press that took the control: still held, it drives from here.
   arm(armed) {
     const taken = armed && this.takes;
     if (!taken) this.drop();

@@ -1,4 +1,4 @@
-// The robot's buttons (settings.buttons): what a press does, and what is known of it. Pure but for its timers.
+// The robot's buttons (settings.buttons): what a press does, and what is known of it. Pure except for its timers.
 // It must send nothing unless this page drives, and nothing twice that waits for its answer.
 
 import { ask } from "../client/driveType.js";

@@ -1,5 +1,5 @@
 // What the Stop button does: sends the stop by every path, none waiting for another, and sends it again
-// until the server has it. What it shows is what is confirmed and nothing more. Pure but for its timer.
+// until the server has it. What it shows is what is confirmed and nothing more. Pure except for its timer.
 
 export const AGAIN_MS = 1000;
 export const TRIES = 15;

@@ -98,7 +98,7 @@ function firstNotBelow(ends, values, value) {
   return low;
 }
 
-// Gathers changes until the next frame, and calls for what is costly seldom. Pure but for its timers.
+// Gathers changes until the next frame, and calls for what is costly seldom. Pure except for its timers.
 export class Batch {
   // `apply(names)` gets what changed since the last time, once a frame.
   constructor({ apply, frame = (act) => requestAnimationFrame(act) }) {

@@ -1,4 +1,4 @@
-// The wall of robots' pictures: which robots it shows, in which order, and by which key each is taken. Pure but for the markup,
+// The wall of robots' pictures: which robots it shows, in which order, and by which key each is taken. Pure except for the markup,
 // which is the server's (wall.html).
 
 import { part, setText } from "../dom/page.js";

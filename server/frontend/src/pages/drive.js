@@ -162,7 +162,7 @@ function showState(state) {
   const live = state.name === "live";
   session.use(live && driveMode.driving);
   if (!live && state.name !== "connecting") driveMode.settle();
-  if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, but for the one that asked for it
+  if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, except the one that asked for it
   interlock.revoke();
   showDriveMode();
   useLink(live);

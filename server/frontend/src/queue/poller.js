@@ -1,4 +1,4 @@
-// Asks the server again and again, and knows how old what it answered is. Pure but for the clock, which the page gives.
+// Asks the server again and again, and knows how old what it answered is. Pure except for the clock, which the page gives.
 
 const LATE_MS = 4000; // time limit for an answer; then it counts as none, and the server is asked anew
 const TICK_MS = 1000;

@@ -6,7 +6,7 @@ import { replay as texts } from "../texts/replay.js";
 const STEP_MS = 5000;
 const FINE_MS = 1000;
 
-// Where a key leads; undefined for one that leads nowhere. Up and down scroll the page, but for the slider. Pure.
+// Where a key leads; undefined for one that leads nowhere. Up and down scroll the page, except on the slider. Pure.
 /** @param {{key: string, shiftKey?: boolean, target?: any}} event @param {number} atMs @param {number} durationMs */
 export function keyTarget({ key, shiftKey = false, target = null }, atMs, durationMs) {
   const step = shiftKey ? FINE_MS : STEP_MS;

@@ -1,4 +1,4 @@
-// A probe of one topic: what was received of it, and how often. Pure but for its timer.
+// A probe of one topic: what was received of it, and how often. Pure except for its timer.
 // It asks for two messages a second at most, and of a large type for one when the person says so.
 
 import { CONNECTING, Connection, TOO_BIG } from "../client/connection.js";

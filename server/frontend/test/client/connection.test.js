@@ -148,7 +148,7 @@ test("news of the network connect nothing beside an attempt or a live link, nor 
   assert.equal(tickets, 1);
 });
 
-test("after a cut it resumes with its subscriptions, also those made meanwhile, but for those that ended", async () => {
+test("after a cut it resumes with its subscriptions, also those made meanwhile, except those that ended", async () => {
   await live();
   connection.subscribe({ name: "/odom" }, () => {});
   connection.subscribe({ name: "/scan" }, () => {})();

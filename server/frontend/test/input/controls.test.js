@@ -9,7 +9,7 @@ const NORMAL = { linear: 0.6, angular: 0.6 };
 // The limits by what was chosen, as shares of the robot's own, and the step that is held: faster, slower or none.
 for (const [name, chosen, by, expected] of [
   ["limits start at the normal speed", {}, 0, [0.6, 1.2]],
-  ["or as they were chosen before, but for what is not a share", { linear: 0.3, angular: 7 }, 0, [0.3, 1.2]],
+  ["or as they were chosen before, except what is not a share", { linear: 0.3, angular: 7 }, 0, [0.3, 1.2]],
   ["a step is faster", NORMAL, 1, [1, 2]],
   ["or slower", NORMAL, -1, [0.3, 0.6]],
   ["never beyond the robot's own", { linear: 1, angular: 0.3 }, 1, [1, 1.2]],

@@ -22,7 +22,7 @@ test("a small map that is not running takes nothing from the large one", () => {
   assert.equal(shown.length, 1);
 });
 
-test("a small map draws laser and map, but for what the person left out on the large one", () => {
+test("a small map draws laser and map, except what the person left out on the large one", () => {
   const chosen = {};
   const small = tile({ small: true, memory: () => chosen });
   chosen.map = false;

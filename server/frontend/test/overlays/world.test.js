@@ -66,7 +66,7 @@ for (const [name, act, topics] of [
   ["a topic by its new name", () => [show(BOTH), follow(LASER), follow({ scan: { ...SCAN, name: "/front" } })], "front"],
   ["moving frames for a laser that may move", () => [ringOnAll(), say("/scan", scan)], "scan tf tf_static"],
   ["none for one that is fixed", () => [ringOnAll(), fix(), say("/scan", scan)], "scan tf_static"],
-  ["but for the map", () => [ringOnAll(), fix(), say("/scan", scan), show({ map: true })], "amcl_pose map scan tf tf_static"],
+  ["except the map", () => [ringOnAll(), fix(), say("/scan", scan), show({ map: true })], "amcl_pose map scan tf tf_static"],
 ]) {
   test(`what is subscribed to: ${name}`, () => {
     act();

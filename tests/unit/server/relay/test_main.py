@@ -60,7 +60,7 @@ async def test_former_sessions_are_closed_at_the_start(memory_database):
 async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
     tmp_path, memory_database, sim1
 ):
-    """The next one has that stop and those of the database, but for what had ended, before it serves."""
+    """The next one has that stop and those of the database, except what had ended, before it serves."""
     path = tmp_path / "journal.jsonl"
     ended, stop = Stop(sim1.id, NOON, "ann"), Stop(sim1.id, NOON, "ben")
     memory_database.add_robot(8, "sim2")
