@@ -2,9 +2,9 @@
 
 `Health` is run by the agent for its whole life. A service that is down never ends the tunnel: the server is notified,
 and the tunnel waits for it. Asks every 2 s: rosbridge by one WebSocket that is held open and pinged (a new one each
-time would fill rosbridge's log), web_video_server by its port and, once in a while, by GET /. Where there is none, or
-the settings want none, video is there when rosbridge has frames of this robot or a camera of the settings
-answers, which is asked less often.
+time would fill rosbridge's log), web_video_server by its port and, once in a while, by GET /. Without web_video_server,
+or if the settings exclude it, video is up when rosbridge has frames of this robot or a camera of the settings answers,
+which is checked less often.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Adds PyAV, which encodes H.264, to the installed version whose Python runs it: `robotether-agent install-video`.
 
-A robot does without it, so the installers start it after all else and go on when it fails. Another version's PyAV is
-linked where it is the locked one, which spares the robot's line and disk, or where pip gets none.
+A robot works without it, so the installers run it last and continue when it fails. If another installed version has
+the locked PyAV, or pip cannot get it, that one is linked, which spares the robot's line and disk.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """The agent's own use of rosbridge: asks rosapi what the robot has, and subscribes to a topic.
 
-`RosGraph` answers for health, battery and video, over one connection. Each subscription has its own, and only while
-somebody wants what it brings. Never publishes, and never calls anything but rosapi's look-ups. Messages of a connection
-are read by one task alone.
+`RosGraph` answers for health, battery and video, over one connection. Each subscription has its own, only
+while somebody needs it. Never publishes, and calls only rosapi's look-ups. A single task reads the messages of a
+connection.
 """
 
 from __future__ import annotations

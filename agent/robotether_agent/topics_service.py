@@ -1,11 +1,11 @@
 """The topics service: one subscription a connection, for the relay, which shares each among all who subscribe.
 
-The media service answers /robotether/topics with it (docs/reference/media.md, "Topics"). So what people subscribe to
-travels beside the video, in the pacer's turns, and never before a command. A message goes on as rosbridge sends it.
-While the connection takes less than the topic brings, the newest message waits and older ones are dropped. A ping of
-the relay goes to rosbridge, and its pong comes back behind all messages that came before: it bounds their age.
+The media service answers /robotether/topics with it (docs/reference/media.md, "Topics"). So subscribed topics travel
+beside the video, in the pacer's turns, and never before a command. Messages pass unchanged. If the connection is slower
+than the topic, the newest message waits and older ones are dropped. The relay's ping goes to rosbridge, and its pong
+follows all earlier messages, which bounds their age.
 
-rosbridge gets nothing from here but a subscription: this way leads past the guard.
+rosbridge gets only a subscription from here, as this way leads past the guard.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Keeps little of an answer in this computer: what waits there is old when it leaves, and nothing overtakes it."""
+"""Keeps the unsent part of an answer small: bytes that wait in this computer get old, and nothing overtakes them."""
 
 from __future__ import annotations
 

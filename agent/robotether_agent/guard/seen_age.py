@@ -1,8 +1,8 @@
-"""How old is what a driver sees, and how fast the robot may move by that: the older, the slower.
+"""The age of what a driver sees, and the speed limit that follows: the older, the slower.
 
 The agent reports each frame to the guard as it sends it, and each drive command names the frames that were on the
-driver's screens. Both times are on the robot's clock, so the age contains camera, screen, hand and way back. What the
-guard was not told is unknown, never young: it counts as MAX_SEEN_S old.
+driver's screens. Both times are on the robot's clock, so the age contains camera, screen, hand and way back. A frame
+that the guard does not know counts as MAX_SEEN_S old, never as young.
 
 The guard never lets a robot move further than a given length, or turn further than a given angle, in the time in which
 its driver has not seen what it does: speed times age stays within it at each command that goes out. Pure: times in

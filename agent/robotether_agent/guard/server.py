@@ -1,12 +1,11 @@
 """Accepts operators' WebSockets on a local port, and connects each authorized one to rosbridge.
 
 Run by the guard's process. The agent's forward of the robot's port leads here. The authorizer decides who may enter;
-rosbridge is reached before the upgrade, so that one that is down is an HTTP answer.
+rosbridge is connected before the upgrade, so that a failure there is an HTTP answer.
 
-A `ClientProxy` passes frames as they came, except that drive messages go to the drive controller, and what cannot be
-checked is refused. It never reads what comes from the robot. Reading on one side waits for writing on the other, so its
-memory is bounded by the socket buffers and one message each way. Text stays bytes, and pings and pongs go on to the
-other side as they come.
+A `ClientProxy` passes frames unchanged, except that drive messages go to the drive controller, and messages that cannot
+be checked are rejected. It never reads the robot's messages. Reading on one side waits for writing on the other, so its
+memory is bounded by the socket buffers and one message each way. Text stays bytes; pings and pongs pass, too.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Signs the newest line of the robot's chain in the server's audit log, with the robot's key, when the server asks.
 
-Each statement names the one before, and those that the server lacks are sent again: what the robot has signed once
-cannot be taken out of the log unseen (docs/reference/audit-log.md). Never signs a line before one that it has signed.
+Each statement names the one before, and the agent sends those again that the server lacks: nobody can remove a line
+that the robot has signed unseen (docs/reference/audit-log.md). Never signs an earlier line than before.
 """
 
 from __future__ import annotations

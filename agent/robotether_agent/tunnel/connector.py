@@ -1,8 +1,8 @@
-"""Connects to the server where it answers, which of its cells that is, and by which of its ports.
+"""Connects to the server at whichever cell and port answers.
 
-One for all connections of an agent. The cells are tried in the order of the server's newest list, in each the port that
-worked last first; video and shell go to the session's cell. While nothing answers the web is asked now and then where
-the server is, beside the attempts, which never wait for that.
+One for all connections of an agent. It tries the cells in the order of the server's newest list, and at each the port
+that worked last first; video and shell go to the session's cell. While nothing answers, it asks the web now and then
+where the server is, without delaying the attempts.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Reads images of a ROS topic: `python -m robotether_agent.video.image_process`, which one on stdin, JPEGs on stdout.
+"""Makes JPEGs of a ROS topic's images, in a process of its own: the topic on stdin, JPEGs on stdout.
 
-Started by video.sources, one for an open topic. It subscribes at rosbridge by itself, so that images of some MB pass
-none of the agent's own loop. Of raw images it makes a JPEG of the newest alone; H.264 it decodes as it comes.
+Started by video.sources, one for each open topic: `python -m robotether_agent.video.image_process`. It subscribes at
+rosbridge itself, so that images of some MB do not pass the agent's own loop. It makes a JPEG only of the newest raw
+image, and decodes all H.264.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Makes JPEGs of a camera's newest frames, in a process of its own: a thread reads, another makes JPEGs.
 
-What comes while a JPEG is made replaces what waits, so that no frame is old. Shared by `camera_process` and
-`image_process`.
+A frame that arrives while a JPEG is made replaces the waiting one, so that no frame is old. Shared by
+`camera_process` and `image_process`.
 """
 
 from __future__ import annotations

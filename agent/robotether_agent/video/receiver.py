@@ -1,8 +1,8 @@
 """One receiver of a camera's frames: its messages (docs/reference/media.md), its credit, and the newest frame for it.
 
-Run by the frames service for each WebSocket. A frame goes out for a credit only, and then the newest; whoever takes
-nothing for IDLE_S has no source open. Holds one frame, another one while it is encoded, and a few texts. Of H.264 that
-the robot encodes by itself each frame goes out in its turn, and few wait.
+Run by the frames service for each WebSocket. It sends the newest frame for each credit; a receiver that takes nothing
+for IDLE_S keeps no source open. Holds one frame, another one while it is encoded, and a few texts. H.264 that the robot
+encodes itself goes out frame by frame, and few frames wait.
 """
 
 from __future__ import annotations

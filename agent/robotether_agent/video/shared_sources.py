@@ -1,7 +1,7 @@
 """One local source for each camera and request, shared by all receivers who request the same; none without a receiver.
 
-A shared source keeps no frame: it hands each on to those who follow it, and they keep the newest that they have not
-sent. A source that ends or stalls is opened again, by and by less often.
+A shared source keeps no frame: it hands each one to its receivers, which keep the newest that they have not sent. A
+source that ends or stalls is reopened, at growing intervals.
 """
 
 from __future__ import annotations

@@ -4,8 +4,8 @@ mjpeg      web_video_server's /stream, and any URL that `cameras` names; RTSP an
 rosbridge  sensor_msgs/CompressedImage, a robot's own H.264 as it is, or sensor_msgs/Image by a process of its own;
            also of a camera that web_video_server cannot show
 
-Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads on as fast as
-frames come: what is not wanted is dropped by whoever takes them, so that nothing waits in between.
+Each runs until it is cancelled or its source ends, raises SourceDownError in the latter case, and reads as fast as
+frames come: the receivers drop those that they do not need, so that nothing waits in between.
 """
 
 from __future__ import annotations

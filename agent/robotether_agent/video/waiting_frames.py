@@ -1,7 +1,7 @@
 """Which frames of a camera wait for one receiver's credit; pure, each timestamp is an argument.
 
-Of JPEG the newest. Of a codec that depends on earlier frames, which a robot encodes by itself, each in its turn from a
-key frame on, and none when one has waited too long: then the next key frame is the first.
+With JPEG it is the newest. With a codec that depends on earlier frames, which a robot encodes itself, it is each frame
+from a key frame on, and none once one has waited too long: then the next key frame is the first.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Writes robots' sessions and audit lines in the background, and keeps them while it cannot.
 
-`main` reports to it and never waits. What cannot be written is kept and tried again; the queue is
-bounded, holds a session once with its newest state, and says in the log when it has to drop one.
-What people were told is also in the journal until it is written, for a relay that is killed.
+`observers` and `control` report to it and never wait. Entries that cannot be written are kept and tried again; the
+queue is bounded, has a session once with its newest state, and logs when it has to drop one. Until they are written,
+entries that people know of are also in the journal, in case the relay is killed.
 """
 
 from __future__ import annotations

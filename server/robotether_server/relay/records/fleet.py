@@ -1,7 +1,7 @@
 """The newest snapshot of robots and rights, kept in memory and read again when they change.
 
-`wiring` runs it. While the database is away everything goes on with the last snapshot; the log says
-so once, and the metrics all the time.
+`wiring` runs it. While the database is away the relay works with the last snapshot; the log says so
+once, and the metrics all the time.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Who records a robot, and what the relay alone knows of a drive, which they are sent as it happens.
+"""Who records a robot, and what only the relay knows of a drive, which recorders get as it happens.
 
-A `Robot` has one `Recorders`; who drives, and `channels/recorder`, report to it. Without a recorder nothing is done.
+A `Robot` has one `Recorders`; drive connections and `channels/recorder` report to it. It needs no recorder.
 """
 
 from __future__ import annotations

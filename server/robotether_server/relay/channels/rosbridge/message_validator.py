@@ -1,15 +1,15 @@
 """Checks every message from a client against the list of operations, and writes it again for the robot.
 
-An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge
-takes `message_intervall` from any message, and would delay by that everything that it sends. A robot's settings
+An operation that is not in `operations`, or a field that its entry does not name, never reaches a robot: rosbridge, for
+example, accepts `message_intervall` in any message, and would delay everything that it sends by it. A robot's settings
 say which names each level may use.
 
-Each connection has a `MessageValidator`; `bridge` asks it for every message and sends what it returns and
-nothing else. So what was checked and what is sent are one: the client's own bytes must never go
-on, since the robot could read another operation in them than this parser did.
+Each connection has a `MessageValidator`; `bridge` asks it for every message and sends only what it returns. So what is
+checked is what is sent: the client's own bytes must never pass, since the robot could read another operation in them
+than this parser did.
 
-A refusal is a sentence for the client, in rosbridge's own `status` operation, and the connection
-goes on. Messages from the robot never come here.
+A refusal is a sentence for the client, in rosbridge's own `status` operation; the connection stays open. Messages from
+the robot never come here.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """One subscription on the robot for all who request the same of a topic, and one copy of each message up to here.
 
-`subscriptions` joins one for each topic of a connection; a `TopicLink` brings each its messages. Nothing of a message
-is parsed: each link carries one subscription. Nothing queues here but what newcomers get: rosbridge repeats a latched
-message to a new subscription, and this one is an old one to it.
+`subscriptions` joins one for each topic of a connection; `topic_link` brings each its messages. Nothing of a message is
+parsed: each link carries one subscription. Only messages for newcomers queue here: rosbridge repeats a latched message
+to a new subscription, but a shared one is not new to it.
 """
 
 from __future__ import annotations

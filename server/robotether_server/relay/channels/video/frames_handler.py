@@ -1,8 +1,8 @@
 """Answers /robots/NAME/video/frames: a camera's frames over a WebSocket, by the viewer's credits.
 
-What concerns ticket, origin or name is refused over HTTP; all that concerns the robot is reported after the
-upgrade, as a close code with a reason. What is due is written at once when nothing waits in this program,
-and else when that is gone: the newest answer to a clock sync, the newest status, the frame that is next.
+Problems with ticket, origin or name are HTTP errors; those of the robot are reported after the upgrade, as a close code
+with a reason. Once nothing waits in this program, it writes what is due: the newest answer to a clock sync, the newest
+status, the next frame.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Answers /robots/NAME/video/...: streams from a robot's web_video_server as it is, or out of a feed.
 
-The robot gets nothing that shows who asks: neither cookie nor ticket nor token. The operator's
-browser gets nothing from the robot but the frame, as `headers` says: a robot's page could
-otherwise act on our site in its viewer's name. What is on the way is bounded by the socket buffers
-of both sides. `frames_handler` answers /video/frames.
+The robot gets nothing that identifies the viewer: neither cookie nor ticket nor token. The viewer's browser gets only
+frames from the robot, as `headers` decides: a robot's page could otherwise act on our site in its viewer's name. The
+socket buffers of both sides bound the bytes on the way. `frames_handler` answers /video/frames.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """The frames of a camera that a viewer can still get: the newest, and those that it needs to decode the newest.
 
-`feeds` holds one a feed, each viewer's `Cursor` reads it. Of a codec that depends on earlier frames these are the
-frames of the last moments since a key frame, so that a viewer that is a little late misses none. Pure.
+Each feed of `feeds` has one, which each viewer's `Cursor` reads. With a codec that depends on earlier frames it holds
+the frames of the last HELD_S since a key frame, so that a viewer that is a little late misses none. Pure.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Answers /robots/NAME/video/stream out of a feed: multipart JPEGs for <img> and programs, H.264 for players.
 
-`video` asks here first. Such a viewer gives no credit: it is sent the frame that is next whenever the system has
-taken the last one, and what waits in the system is kept small.
+`handler` asks here first. Such a viewer gives no credit: it gets the next frame whenever the system has taken the last
+one, and few bytes wait in the system.
 """
 
 from __future__ import annotations
