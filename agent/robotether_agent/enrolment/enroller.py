@@ -272,7 +272,7 @@ class Enroller:
             )
             await within(QUICK_ANSWER_S, join(self._settings, request))
         except (AgentError, asyncio.TimeoutError) as error:
-            log.debug("the server was not told of its host key: %s", error)
+            log.debug("cannot report the rejected host key to the server: %s", error)
 
     async def join(self) -> Enrolment:
         """Ask the server now and keep its answer; a host key that is not the pinned one is raised."""

@@ -210,7 +210,7 @@ class DriveController:
         """Advertise a topic at rest anew, once rosbridge has forgotten it."""
         topic = self._topics.find(name)
         if topic is not None and topic.waiting is None and self._deadman.is_at_rest(name):
-            log.warning("ROS has forgotten that rosbridge publishes %s; advertising it anew", name)
+            log.warning("ROS has forgotten that rosbridge publishes %s; advertising it again", name)
             self._topics.withhold(topic, self._clock() + UNREGISTERED_AFTER_S)
             self._wake.set()
 

@@ -80,6 +80,6 @@ def _read(path: Path) -> list[Statement]:
         for item in statements:
             _sha256(item)
     except (FieldError, KeyError, TypeError) as error:
-        log.warning("cannot read %s: %r; signing anew", path, error)
+        log.warning("cannot read %s: %r; starting to sign again", path, error)
         return []
     return statements

@@ -113,7 +113,7 @@ class RecorderService:
             try:
                 await self.step()
             except Exception:
-                log.exception("a step failed")
+                log.exception("a step of the recorder failed")
             await asyncio.sleep(STEP_S)
 
     async def step(self) -> None:
