@@ -172,6 +172,6 @@ def _check(value: Any, path: str, depth: int) -> None:
         for inner in value:
             _check(inner, path, depth + 1)
     elif isinstance(value, float) and not math.isfinite(value):
-        raise FieldInvalidError(f"cannot use {path}: NaN and infinity are no numbers of JSON", path)
+        raise FieldInvalidError(f"cannot use {path}: JSON has no NaN and no infinity", path)
     elif isinstance(value, int) and not WHOLE_64_BIT[0] <= value <= WHOLE_64_BIT[1]:
         raise FieldInvalidError(f"cannot use {path}: a number in it has more than 64 bits", path)

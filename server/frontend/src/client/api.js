@@ -77,7 +77,7 @@ export class Api {
 /** @returns {string} */
 export const csrfToken = () => /** @type {HTMLMetaElement} */ (document.querySelector('meta[name="csrf-token"]')).content;
 
-// The headers of who asks: a token, or the login of a page of the server's own.
+// The headers of the caller: a token, or the login of a page of the server's own.
 export function credentials(token) {
   return () => /** @type {Record<string, string>} */ (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
 }

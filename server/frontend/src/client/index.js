@@ -24,7 +24,7 @@ const MAX_SEEN = 8; // maximum number of frames that a command names
 const FRESH_MS = 2000; // time for which what was measured says how it is; both come at least each second
 
 export class Robot {
-  // `server`: https://HOST, by default the page's own. Who asks: `token`, an API token; or `getTicket({robot, mode})`, which
+  // `server`: https://HOST, by default the page's own. The caller: `token`, an API token; or `getTicket({robot, mode})`, which
   // gives (a promise of) a ticket, from a backend of yours; or else the login of a page on that server.
   // `driveType` and `wheelbase` where the robot does not report its type or steers; `letGoOnBlur` false for a page that drives
   // by a program and needs nobody to look at it.

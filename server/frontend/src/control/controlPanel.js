@@ -147,7 +147,7 @@ export class ControlPanel {
     else this.driveMode.setNote(failure(answer));
   }
 
-  // To the one whom the person reads of, who may have taken the question back.
+  // To the person named in the question, who may have withdrawn it.
   handOver() {
     const { asking } = this.driveMode;
     if (!asking) return;

@@ -111,7 +111,7 @@ export class DriveMode {
     this.startDriving({ armed: true, why });
   }
 
-  // A person held the release button. Who drove when the robot was stopped, and read so, drives again; for others the
+  // A person held the release button. If that person drove when the robot was stopped, and has read so, they drive again; else the
   // control is free.
   released(again) {
     if (again) this.drive("released");

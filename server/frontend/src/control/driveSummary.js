@@ -34,7 +34,7 @@ export class Summary {
     if (fence !== null) this.driveEnded(fence);
   }
 
-  // Who drives again needs the video.
+  // A person who drives again needs the video.
   use({ live, driving }) {
     const drives = live && driving;
     if (drives && !this.driving) this.root.hidden = true;

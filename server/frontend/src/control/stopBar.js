@@ -47,7 +47,7 @@ export class StopBar {
   receive({ stopped, guard }) {
     this.guard = guard;
     if (!stopped && !this.ended) this.failure = "";
-    // Who holds the button has yet to see the other stop.
+    // The person who holds the button has not seen the other stop yet.
     if (!sameStop(this.stopping.stopped, stopped)) this.hold?.cancel();
     this.stopping.receive(stopped);
   }

@@ -54,7 +54,7 @@ function ignore(event) {
   event.stopImmediatePropagation();
 }
 
-// Marks a control that took the place of another: who presses it this soon meant the other one. A test and assistive
+// Marks a control that replaced another one: a press this soon meant the other one. A test and assistive
 // technology see that it does not act yet.
 export const NEW_MS = 1200; // time for which a control is new
 const ends = new WeakMap();

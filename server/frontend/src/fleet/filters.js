@@ -13,7 +13,7 @@ const IN_STATE = {
 };
 const STATES = Object.keys(IN_STATE);
 
-// What a robot is sorted by; who has none comes last, whichever way it is sorted.
+// What a robot is sorted by; a robot without one comes last in either order.
 const NUMBERS = {
   battery: ({ battery }) => battery?.percent ?? null,
   rtt: ({ online, rtt_ms }) => (online ? (rtt_ms ?? null) : null),

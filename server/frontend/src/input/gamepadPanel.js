@@ -168,7 +168,7 @@ export class GamepadPanel {
     setText(this.part("pad-ask"), "");
   }
 
-  // The focus of who goes by keyboard moves on from what is no longer there.
+  // The focus of a person at the keyboard moves on from a control that is gone.
   hide(name, hidden, next) {
     const element = this.part(name);
     const focused = element.contains(document.activeElement);

@@ -131,8 +131,8 @@ export function direction(codes) {
 }
 
 // Which fields of the page keep keys from driving, and how a person gets them back. A menu or slider that a pointer used
-// keeps none: the hand goes back to the keys that drive. One that Tab reached keeps the arrow keys, as who points at nothing
-// moves it by them. A field for text keeps all keys, always.
+// keeps none: the hand goes back to the keys that drive. One that Tab reached keeps the arrow keys, as a person without
+// a pointer needs them. A field for text keeps all keys, always.
 const SLIDER = "input[type=range]";
 const MENU = "select";
 const CHOICES = `${MENU}, ${SLIDER}`;
@@ -170,7 +170,7 @@ export class FieldFocus {
     return matches(focused, SLIDER) ? "slider" : "";
   }
 
-  // Who points at a label uses what it names.
+  // A press on a label uses what it names.
   point(target) {
     this.pointed = target?.closest?.("label")?.control ?? target;
     this.onChange();

@@ -164,7 +164,7 @@ export class Joystick {
     if (this.element.hasPointerCapture(pointer)) this.element.releasePointerCapture(pointer);
   }
 
-  // `left` and `up` from -1 to 1, of another input; who holds this one sees the own finger.
+  // `left` and `up` from -1 to 1, of another input; the driver of this one sees the finger.
   follow(left, up) {
     if (this.pointer !== null) return;
     const scale = KNOB_TRAVEL / Math.max(1, Math.hypot(left, up));

@@ -297,7 +297,7 @@ function setUpDrawer() {
   });
 }
 
-// Who only watches has none.
+// An observer has none.
 function showKeys(open) {
   const keys = part(root, "keys");
   if (!keys) return;

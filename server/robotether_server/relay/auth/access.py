@@ -185,7 +185,9 @@ class Access:
     def check_recorder(self, text: str | None) -> None:
         """Let the stack's recorder through with a ticket of its own, and use it up; refuse all others."""
         if text is None or self._ticket_of_recorder(text) is None:
-            raise TicketForgedError("cannot accept the ticket: it is none of this stack's recorder")
+            raise TicketForgedError(
+                "cannot accept the ticket: this stack's recorder did not sign it"
+            )
 
     async def for_frames(self, request: Request, name: str) -> Permit:
         """Let a ticket open one connection to the frames of robot `name`, and use it up; or a login or token."""

@@ -165,7 +165,7 @@ class ControlApi:
     ) -> Callable[[RelayRobot, leasing.LeaseRequester], None]:
         if action != "hand_over":
             raise FieldInvalidError(
-                "cannot use to: it is a user's name, and goes with hand_over alone"
+                "cannot use to: it is a user's name, and goes only with hand_over"
             )
         return partial(self._control.leasing.hand_over, to=to)
 

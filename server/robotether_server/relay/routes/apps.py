@@ -229,7 +229,7 @@ class App(OperatorConnection):
             case "unsubscribe":
                 self._forget(self._taken, topic)
             case _:
-                return "cannot use the message: an app has the operations of topics alone"
+                return "cannot use the message: an app may only use the operations of topics"
         return None
 
     def _publish(self, topic: str, data: bytes) -> str | None:
