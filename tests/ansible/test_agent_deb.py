@@ -146,7 +146,7 @@ async def test_package_without_settings_waits_for_the_line(site: Site, hosts: Ro
 
 @pytest.mark.release
 def test_package_goes_into_an_image_that_does_not_boot(site: Site, hosts: RobotHosts) -> None:
-    """As an image's builder installs it: enabled and not started; with the next release's Python and systemd."""
+    """An image's builder gets it enabled and not started, also with the next release's Python and systemd."""
     robot = boot(site, hosts, "unbooted", "trixie", command=["sleep", "infinity"])
     before = robot.footprint()
     settings = SETTINGS.format(server=site.server, fingerprint=site.fingerprint, name="cloned")

@@ -67,7 +67,6 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
 
 @pytest.mark.release
 def test_documents_are_accessible(page: Page, stack: Stack) -> None:
-    """The page of drivers with its pictures and tables, and one with code."""
     for path in ("howto/driving/", "tutorial/program/"):
         page.goto(f"{stack.url}/docs/{path}")
         _assert_accessible(page, path)

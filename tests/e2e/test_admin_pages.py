@@ -145,7 +145,7 @@ def test_a_grant_ends_by_the_readers_clock(page: Page, stack: Stack) -> None:
 
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])
 def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Path) -> None:
-    """From the fleet page; the button copies the line, and the page shows who waits and who comes by itself."""
+    """The button on the fleet page leads there and copies the line; the page shows who waits and who arrives."""
     page.goto(f"{stack.url}/")
     page.get_by_test_id("add-robot").click()
     page.get_by_label("Name (optional)").fill("clone")
@@ -202,7 +202,7 @@ PAGES = (
     indirect=True,
 )
 def test_no_page_scrolls_sideways_on_a_phone(page: Page, stack: Stack, tmp_path: Path) -> None:
-    """With and without scripts, on a small phone and at 200 % zoom, too; every page has its heading and the menu."""
+    """That holds without scripts, on a small phone and at 200 % zoom; every page has its heading and the menu."""
     key = RobotKey(stack, tmp_path, "a-host-name-that-is-as-long-as-host-names-may-be-" + "x" * 14)
     assert key.join("00:00:5e:00:53:15")[0] == 202
 

@@ -150,7 +150,7 @@ def _press_enable(
 def test_keys_and_mouse_drive_until_they_are_let_go(
     page: Page, stack: Stack, watch: SimWatch
 ) -> None:
-    """W by the chosen speed, with Shift faster; the stick goes in a curve; afterwards nothing is sent any more."""
+    """W drives at the chosen speed, with Shift faster; the stick goes in a curve; afterwards nothing is sent."""
     open_robot(page, stack, ROBOT)
     page.get_by_test_id("control-drive").click()
     expect_mode(page, "drive")
@@ -319,7 +319,7 @@ def test_what_is_held_through_a_loss_of_power_moves_nothing_until_pressed_anew(
 def test_a_gamepad_drives_while_its_button_is_held(
     page: Page, stack: Stack, watch: SimWatch
 ) -> None:
-    """With turbo faster; one that goes stops the robot and moves no other thing; its stop button is a Stop."""
+    """Turbo is faster; a gamepad that disconnects stops the robot and moves nothing else; its stop button is a Stop."""
     gamepad = GamepadDouble(page)
     drive_live(page, stack, ROBOT)
     gamepad.plug_in()
@@ -492,7 +492,7 @@ def test_a_driver_without_network_reads_that_and_nothing_drives_on(
 
 
 def test_an_observer_sees_and_cannot_drive(stack: Stack, browser: Browser, watch: SimWatch) -> None:
-    """Only the robot of the grant, without controls; an old picture holds nobody who watches."""
+    """The page shows only the robot of the grant, without controls; an old picture holds nobody who watches."""
     page_users = PageUsers(stack, browser)
     page_users.let("otto", "observe", ROBOT)
     try:

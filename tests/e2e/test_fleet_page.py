@@ -131,7 +131,7 @@ def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
 
 
 def test_pictures_are_live_while_they_are_on_the_screen(fleet: Page, stack: Stack) -> None:
-    """Of the settings' first camera; what is scrolled away is let go and asked for no more."""
+    """They are of the settings' first camera; those that are scrolled away are let go and requested no more."""
     rear = {"topic": "/rear/image_raw", "name": "Rear"}
     stack.admin.set_robot("sim2", {"page.cameras": [rear]})
     asked: list[str] = []

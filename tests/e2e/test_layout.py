@@ -188,7 +188,7 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
 def test_who_may_not_drive_has_as_large_a_stop(
     driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
 ) -> None:
-    """With the map beside it; at 200 % both keep what they need, and there is room for no map."""
+    """The map is beside it; at 200 % both keep what they need, and there is no room for the map."""
     with closing(PageUsers(stack, browser)) as people:
         people.let(OBSERVER, "observe", ROBOT)
     options = request.node.callspec.params["driven"]

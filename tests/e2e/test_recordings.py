@@ -195,7 +195,7 @@ def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
 
 
 def test_nobody_else_reaches_the_recorders_channel(stack: Stack) -> None:
-    """Neither through nginx, nor inside with a ticket of a user's."""
+    """It opens neither through nginx, nor inside with a user's ticket."""
     token = stack.token("channel")
     bearer = {"Authorization": f"Bearer {token}"}
     _, ticket = stack.request(

@@ -91,7 +91,7 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
 
 
 def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> None:
-    """Beside the main one a small picture, asked for small; a choice of the map leaves one to drive by."""
+    """The page requests a small picture beside the main one; a choice of the map leaves one to drive by."""
     sockets: list[WebSocket] = []
     robot.on("websocket", lambda item: "/video/frames" in item.url and sockets.append(item))
     robot.reload()

@@ -80,7 +80,7 @@ def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release
 
 
 def test_robots_are_stopped_on_the_fleet_page(page_users: PageUsers, stack: Stack) -> None:
-    """One by its card, by everybody; those of a site and all of them by a manager, who reads what became of each."""
+    """Everybody stops one by its card; a manager stops those of a site or all, and reads what became of each."""
     olga = page_users.open_fleet("olga")
     card = olga.get_by_test_id(f"robot-card-{ROBOT}")
     card.get_by_test_id("card-stop").click()

@@ -84,7 +84,7 @@ def test_less_than_manage_reaches_nothing(ann: Person, robot: ShellRobot) -> Non
 def test_person_reaches_runs_and_opens_nothing_else(
     manager: Person, robot: ShellRobot, other: ShellRobot
 ) -> None:
-    """Neither another robot, nor any rosbridge, nor a service of the server; no command, no file and no port."""
+    """Another robot, any rosbridge and the server's services stay closed; so do commands, files and ports."""
     ros, _ = robot.key.ports()
     targets = ("mysql:3306", "relay:8091", "127.0.0.1:2222", f"localhost:{robot.shell_port}")
     for target in (*targets, f"127.0.0.1:{other.shell_port}", f"127.0.0.1:{ros}"):

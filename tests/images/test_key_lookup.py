@@ -45,7 +45,7 @@ def refused(stack: Stack, fingerprint: str) -> list[list[str]]:
 def test_line_lets_the_key_listen_on_its_ports_and_run_its_session(
     key: RobotKey, stack: Stack, shell: str
 ) -> None:
-    """Nothing else: the line is this one, byte for byte, with the shell's port while the robot has one."""
+    """The line is this one, byte for byte, with the shell's port while the robot has one."""
     stack.sql(f"UPDATE robots SET shell = {shell} WHERE name = 'thief'")
     columns = "id, ros_port, video_port, IFNULL(shell_port, '')"
     [[number, *with_none]] = stack.sql(f"SELECT {columns} FROM robots WHERE name = 'thief'")

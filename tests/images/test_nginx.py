@@ -61,7 +61,7 @@ WEAK = [
 
 @pytest.mark.parametrize("cipher", WEAK)
 def test_weak_ciphers_of_tls_1_2_are_refused(stack: Stack, cipher: str) -> None:
-    """No CBC, no SHA-1 and no key exchange without a key of its own."""
+    """CBC, SHA-1 and key exchanges without ephemeral keys are refused."""
     context = insecure_tls()
     context.maximum_version = ssl.TLSVersion.TLSv1_2
     context.set_ciphers(cipher)

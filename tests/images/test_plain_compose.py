@@ -123,7 +123,7 @@ def served(site: PlainCompose) -> str:
 
 
 def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompose) -> None:
-    """Files beside compose.yaml. `up` says that one is wrong, and all others run on, also when they are new."""
+    """The files are beside compose.yaml. `up` says that one is wrong, and all other services run on, new ones too."""
     now = datetime.now(UTC)
     both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
     # Compose makes a service anew that was last made with --no-deps.

@@ -113,7 +113,7 @@ def site(tmp_path: Path) -> Iterator[Site]:
 
 
 def test_each_service_gets_its_own_secrets(site: Site) -> None:
-    """Long ones, the same for those that share one, readable by one account, unprinted; later starts keep them."""
+    """They are long, shared where needed, readable by one account, and unprinted; later starts keep them."""
     status, said = site.make()
     assert status == 0, said
     files = site.files()
@@ -201,7 +201,7 @@ def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path
 
 
 def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
-    """For Swarm and Kubernetes: all that any service reads; a second run keeps each file."""
+    """Swarm and Kubernetes get all that any service reads; a second run keeps each file."""
     folder = tmp_path / "site"
     made: list[dict[str, bytes]] = []
     for _ in range(2):

@@ -108,7 +108,7 @@ def test_a_wrong_value_ends_the_start_before_anything_runs():
 
 
 def test_compose_sets_every_setting_and_nothing_else():
-    """But for fixed places inside the image."""
+    """Only fixed places inside the image are not in it."""
     inside = {
         f"{name}_DIR" for name in ("AGENT_FILES", "SSH_HOST_KEYS", "MIGRATIONS", "RECORDINGS")
     }

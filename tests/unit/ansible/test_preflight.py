@@ -31,7 +31,7 @@ def pin(certificate):
 
 
 async def test_server_is_reached_through_the_robots_proxy(certificate, pin):
-    """With the proxy's password, and with the pin; a wrong password is named as the proxy's refusal."""
+    """It takes the proxy's password, and the pin; a wrong password is named as the proxy's refusal."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)
     server = await asyncio.start_server(

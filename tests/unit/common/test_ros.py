@@ -46,7 +46,7 @@ def test_what_can_match_nothing_is_no_pattern(text):
 
 
 def test_it_matches_as_the_textbook_says():
-    """Of all short patterns: a star stands for any text, slashes too, and the whole name must fit."""
+    """In all short patterns a star stands for any text, slashes too, and the whole name must fit."""
     names = list(texts("/a"))
     for pattern in texts("/a*"):
         wanted = re.compile(".*".join(map(re.escape, pattern.split("*"))))

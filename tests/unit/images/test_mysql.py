@@ -66,7 +66,7 @@ IN_FORCE = {
 
 
 def test_server_runs_with_our_configuration(mariadb):
-    """Asked of the server, not of the file; a value that does not fit is an error, never cut."""
+    """The server itself is asked, not the file; a value that does not fit is an error, never cut."""
     lines = mariadb.as_root("SHOW GLOBAL VARIABLES").splitlines()
     found = dict(line.split("\t") for line in lines)
     assert {name: found[name] for name in IN_FORCE} == IN_FORCE

@@ -78,7 +78,7 @@ def wait_until_done(command: list[str], environ: dict[str, str]) -> None:
 
 
 def test_boot_unit_of_ros_1_ends_with_its_roscore(tmp_path: Path) -> None:
-    """Of the unit in the docs, with another program in roslaunch's place: no node registers at the next roscore."""
+    """The unit in the docs runs with another program in roslaunch's place: no node registers at the next roscore."""
     unit = (ROS.parent / "docs" / "howto" / "ros1-robot.md").read_text()
     found = re.search(r"^ExecStart=/bin/bash -c '(.+?)'$", unit, re.MULTILINE | re.DOTALL)
     assert found is not None

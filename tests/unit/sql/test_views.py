@@ -49,7 +49,7 @@ def add_active(tx, number):
 
 
 def test_jump_leads_to_the_shells_of_robots_that_one_manages(database, keylookup):
-    """A key each of enabled users; admins reach all, drivers none; robots without shell are not there."""
+    """It has each key of enabled users; admins reach all robots, drivers none; robots without shell are not there."""
     with database.transaction() as tx:
         first, second, closed, disabled = (add_active(tx, number) for number in range(1, 5))
         for robot_id in (first, second, disabled):

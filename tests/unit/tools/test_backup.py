@@ -111,7 +111,7 @@ def recorded(checkout):
 
 
 def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
-    """Database, secrets and settings; a relative folder starts where the tool is called; other files there stay."""
+    """It has database, secrets and settings; a relative folder begins where the tool is called; other files stay."""
     folder = real.parent / "backups"
     folder.mkdir()
     # The clock may have been set back since: the new one stays.
@@ -209,7 +209,7 @@ def backup_file(tmp_path):
 
 
 def test_restore_touches_no_stack_that_has_data(checkout, backup_file):
-    """Nor its settings; what removes the data, or replaces the records alone, is named."""
+    """It leaves its settings, too, and names what removes the data, or replaces the records alone."""
     (checkout / "compose" / ".env").unlink()
     (checkout / "volumes_of_lab").write_text("lab_mysql\n")
     done = run(checkout, "restore", str(backup_file), status=1)

@@ -86,7 +86,7 @@ def test_settings_whose_last_line_does_not_end(robot):
     ],
 )
 def test_settings_with_a_password_are_kept_from_others(robot, line, mode):
-    """Also where a person wrote it, and kept the file from others: the script writes it anew."""
+    """That holds where a person wrote it, and kept the file from others: the script writes it anew."""
     robot.settings.write_text(f'server = "old.example"\n{line}\n')
     robot.settings.chmod(0o644)
     robot.run(f"chgrp() {{ :; }}; . {robot.place}/steps.sh; protect {robot.settings}")

@@ -183,7 +183,6 @@ def test_who_asks(talk: Conversation, recorded: SnapshotAssertion) -> None:
 
 
 def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
-    """Users and their groups, for admins alone; API tokens and SSH keys, which are everybody's own."""
     talk.ask("ann", "GET", "/users")
     talk.ask("root", "GET", "/users")
     talk.ask("root", "POST", "/users", {"name": "ben", "role": "user"})
@@ -224,7 +223,6 @@ def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
 
 
 def test_grants(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
-    """Grants of users and groups, for robots, sites and all; sites of robots."""
     talk.ask("root", "POST", "/sites", {"name": "lab"})
     talk.ask("root", "POST", "/sites", {"name": ""})
     talk.ask("root", "PATCH", "/robots/sim2", {"site": "lab"})

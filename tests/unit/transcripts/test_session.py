@@ -131,7 +131,7 @@ async def call_for_help(rosbridge: TopicRosbridge) -> None:
 
 
 async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
-    """From the first line to the bye, each type of line in both directions."""
+    """It has each type of line in both directions, from the first line to the bye."""
     relay, line = session.relay, session.line
     await line("session command", "preface")
     await line("relay", "config", at=0)

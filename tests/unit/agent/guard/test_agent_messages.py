@@ -201,7 +201,7 @@ def test_an_agent_that_does_not_read_holds_nothing_up() -> None:
 
 
 def test_what_is_seen_is_reported_now_and_then() -> None:
-    """All ages since the last report, and none again; an agent that does not read gets them later."""
+    """A report has all ages since the last one, each once; an agent that does not read gets them later."""
     now, ages = 5.0, SeenAges()
     reports = GuardReporter(pipe := FakePipe(), lambda: now)
     reports.seen(ages)

@@ -179,7 +179,7 @@ async def test_a_stop_outlives_the_agent(cloud, start_agent):
 
 
 async def test_without_a_guard_the_forward_is_bare(cloud, start_agent, caplog):
-    """The paper's own way: the port leads straight to rosbridge, and everybody is told."""
+    """As in the paper, the port leads straight to rosbridge, and everybody is told."""
     agent = start_agent(cloud, guard="off")
     status = await agent.until_connected()
     assert await echo(cloud.ports[0], "x", key="") == "x"

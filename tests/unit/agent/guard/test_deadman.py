@@ -40,7 +40,7 @@ def test_a_zero_that_a_command_overtook_does_not_end_the_motion() -> None:
 
 
 def test_zeros_begin_after_the_deadman_time_and_end() -> None:
-    """20 Hz for 0.5 s, then silence; the robot stands when it has them all."""
+    """They come at 20 Hz for 0.5 s, then nothing; the robot stands when it has them all."""
     deadman = moving()
     assert not deadman.is_at_rest(TOPIC)
     sent = run_zeros(deadman, 0.0, TIMEOUT_S + 0.1)
@@ -97,7 +97,7 @@ def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
 
 
 def test_a_lost_connection_owes_all_zeros_again() -> None:
-    """And more: a rosbridge that has just started is not heard at once."""
+    """It owes even more, as a rosbridge that has just started is not heard at once."""
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
     run_zeros(deadman, 0.1, 0.4)

@@ -329,7 +329,6 @@ def test_a_pause_is_not_made_up_for() -> None:
 
 @pytest.mark.parametrize(("wanted", "allowed"), [(9.0, 2.0), (-9.0, -2.0), (1.0, 1.0)])
 def test_the_acceleration_that_a_car_is_told_is_limited(wanted: float, allowed: float) -> None:
-    """Some that steer like cars follow it more than the speed."""
     command = CheckedCommand("ackermann", rates=(0.5, wanted, 3.0))
     got = limited(command, None, 0.05, DriveLimits(max_acceleration_m_s2=2))
     assert got.rates == (0.5, allowed, 3.0)

@@ -132,7 +132,7 @@ async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_pat
 
 
 async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
-    """Whatever the messages; those that are dropped are releases, so that the robot stays stopped."""
+    """That holds whatever the messages; releases are dropped first, so that the robot stays stopped."""
     file, answers = SlowFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()

@@ -38,7 +38,7 @@ def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None
 
 
 def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
-    """Also after its type changed; of topics that were forgotten it says nothing."""
+    """It does so after a change of type, too; of topics that were forgotten it says nothing."""
     tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
     assert tracker.ensure(A, ["/a"])
     assert tracker.ensure(B, ["/a", "/b"])

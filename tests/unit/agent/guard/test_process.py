@@ -89,7 +89,7 @@ def refusals(guard: GuardEnd) -> dict[str, int]:
 
 
 async def test_a_robot_stops_when_commands_stop(place: Path, robot: Robot) -> None:
-    """Zero after the deadman time, ten times, then silence; the connection goes on. Commands are limited."""
+    """Ten zeros follow after the deadman time, then silence; the connection stays open. Commands are limited."""
     async with driven(place, robot, max_speed_m_s=0.2) as (guard, client):
         last = await drive_on(client)
         await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)

@@ -23,7 +23,7 @@ async def refusal(port: int, fence: int | None = 0) -> aiohttp.WSServerHandshake
 
 
 async def test_a_newer_driver_ends_the_older_one(guard: GuardHere) -> None:
-    """At the door, before any line of the lease came; observers stay."""
+    """It does so at the handshake, before any line of the lease came; observers stay."""
     async with AsyncExitStack() as stack:
         observer, old, new = [
             await stack.enter_async_context(GuardClient(guard.port, fence)) for fence in (0, 13, 14)

@@ -85,7 +85,7 @@ def advertised(topics: Topics, names: list[str]) -> None:
 
 
 def test_the_type_of_a_topic_that_made_room_comes_back_with_it() -> None:
-    """Its client advertised it once; of more topics than may be kept, those count that went last."""
+    """Its client advertised it once; if more topics come than may be kept, the last ones to go count."""
     topics = Topics()
     invented = [f"/t{number}" for number in range(MAX_TOPICS + MAX_TYPES)]
     advertised(topics, ["/first", *invented])

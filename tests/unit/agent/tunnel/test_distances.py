@@ -99,7 +99,7 @@ def test_clear_gain_is_of_both_time_and_share(rtt_ms, other_ms, is_clear):
 
 
 def test_server_decides_among_cells_about_equally_near():
-    """So that a fleet beside three machines spreads over all of them."""
+    """So a fleet beside three machines spreads over all of them."""
     distances = known(a=3, b=1, c=90)
     assert distances.by_distance([A, C, B]) == [A, B, C]
     assert [distances.nearer(here, [A, B, C]) for here in (A, B, C)] == [None, None, B]

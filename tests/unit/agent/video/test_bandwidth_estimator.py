@@ -146,7 +146,7 @@ def p95(values: list[float]) -> float:
 @settings(max_examples=25)
 @given(st.floats(0.5e6, 100e6), st.floats(0.005, 0.3))
 def test_fills_any_link_that_holds_more_than_the_least(bit_s: float, base_s: float) -> None:
-    """At least three quarters when alone, and never a long queue except the least window's own."""
+    """Alone it uses at least three quarters, and never has a longer queue than the minimum window's."""
     path = Path(bit_s / 8, base_s)
     path.run(12)
     used = path.run(8)

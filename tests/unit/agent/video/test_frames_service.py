@@ -148,7 +148,7 @@ async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
 
 
 async def test_whoever_looks_whether_video_works_is_told(world):
-    """A list; without any video as if nothing listened, which is what the server asks."""
+    """The answer is a list; without any video it is as if nothing listened, which is what the server asks."""
     assert (await world.get("/"))[0] == 200
     world.has_video = False
     with pytest.raises(aiohttp.ClientError):

@@ -100,7 +100,7 @@ def test_very_late_frames_are_left_soon():
 
 
 def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
-    """0.2 s there and back, and bytes enough: smaller frames would come no more often, so it goes back up."""
+    """At 0.2 s there and back, smaller frames would come no more often, so the quality goes back up."""
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6, round_trip_s=0.2)
     changes = drive(steps, link, 0, 25)
     assert [level for _, level in changes] == [LEVELS[1], LEVELS[0]]

@@ -28,7 +28,7 @@ def test_log_is_shown_newest_last(run):
 def test_log_is_verified_and_the_first_line_that_does_not_fit_is_named(
     run, admin_database, tmp_path, from_file
 ):
-    """In the database and in an exported file; a name with a line's end feigns no line of its own."""
+    """That holds for the database and an exported file; a line's end in a name feigns no line of its own."""
     run(*ADD)
     run("user", "add", "ann")
     with admin_database.transaction() as tx:

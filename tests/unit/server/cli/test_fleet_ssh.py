@@ -210,7 +210,7 @@ def offered(target):
 
 @pytest.mark.usefixtures("agent")
 def test_agents_keys_come_in_the_order_of_the_configuration(target, tmp_path):
-    """The named one, then the agent's others, then files; so a server that allows three tries sees the best first."""
+    """The named key is first, then the agent's others, then files: a server that allows three tries sees the best."""
     lines = {name: make_key(tmp_path / name) for name in ("other", "named", "file")}
     named = (tmp_path / "named").read_text()
     add_to_agent(tmp_path / "other")

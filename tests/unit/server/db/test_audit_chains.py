@@ -39,7 +39,7 @@ def sign(tx, chain, position):
 
 
 def test_every_writer_extends_the_chain_of_its_robot(database, relay_database, admin_database):
-    """Web, relay and procedures, with texts of any kind; the hash is that of the reference, whatever the time zone."""
+    """Web, relay and procedures write texts of any kind; the hash is that of the reference, whatever the time zone."""
     with database.transaction() as tx:
         number = robots.add(tx, "02:00:00:00:00:01", "sim1")
         robots.set_state(tx, number, "active")

@@ -137,7 +137,7 @@ def test_commands_are_read_by_rosbags(tmp_path):
 @pytest.mark.parametrize("codec", ["jpeg", "h264"])
 @pytest.mark.parametrize("size", range(1, 6))
 def test_frames_are_read_by_rosbags(tmp_path, codec, size):
-    """Whatever their size: what follows is aligned."""
+    """That holds whatever their size: what follows is aligned."""
     writer = CameraWriter("/camera/image_raw", codec)
     taken_ns = 9_000_000_010
     frame = read_back(

@@ -61,7 +61,7 @@ def unknown(count, address="x"):
 
 
 async def test_strangers_have_one_question_at_a_time():
-    """Whatever their number; the next question is about all who came meanwhile. A stop waits for none of them."""
+    """However many they are, the next question is about all who came meanwhile. A stop waits for none of them."""
     database = BusyDatabase()
     credentials = Credentials(database)
     ann = of_ann(database, "token")

@@ -95,7 +95,7 @@ async def test_a_cell_that_does_not_answer_pings_is_let_go(follow, cell_a, monke
 async def test_a_fleet_that_takes_long_to_send_arrives(
     follow, cell_a, memory_database, monkeypatch
 ):
-    """Over a slow network; to send it anew each time would take as long."""
+    """The network is slow; to send the fleet anew each time would take as long."""
     monkeypatch.setattr(feed_module, "SILENT_AFTER_S", 1.0)
     monkeypatch.setattr(feed_module, "PING_EVERY_S", 0.2)
     write = feed_module._write

@@ -212,7 +212,6 @@ async def test_it_ends_for_good(world, act, code):
 
 
 async def test_it_never_takes_the_lease_from_a_person(world, http):
-    """Not even from its own maker."""
     target = world.database.robots[TARGET]
     async with http.ws_connect(world.relay.ros_url(target, user=EVE)) as socket:
         await until(world.driver, "eve drives")

@@ -101,7 +101,7 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
 
 
 def test_admin_lets_drivers_send_it_in_the_same_step(*, admin, manager, database):
-    """Both or neither: on a drive topic there is no button, whatever is allowed."""
+    """Both are saved or neither: on a drive topic there is no button, whatever is allowed."""
     form = LIGHTS_FORM | {"target": "/arm/wave", "allow": "yes"}
     assert 'name="allow"' not in manager.ask("GET", NEW).text
     assert send(manager, NEW, **form).status_code == 422

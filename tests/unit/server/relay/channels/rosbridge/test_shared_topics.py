@@ -333,7 +333,7 @@ async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
 
 
 async def test_what_the_robot_does_not_take_is_not_read(wide, robot, monkeypatch, ros):
-    """Also behind what waited for a subscription; a stop is read all the same."""
+    """That holds behind what waited for a subscription, too; a stop is read all the same."""
     opened = []
 
     async def next_never(held):

@@ -41,7 +41,7 @@ async def test_who_is_slow_skips_and_slows_no_one(camera, watch, relay):
 
 
 async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, relay):
-    """By the number that the viewer got; not those that were skipped, nor by who only observes."""
+    """They have the number that the viewer got; skipped frames do not count, nor do those of observers."""
     driver, observer = await watch(), await watch(BOB)
     await camera.wait_for("credit")
     await driver.credit()

@@ -40,7 +40,7 @@ async def on_air(camera):
 
 
 async def test_a_stream_comes_out_of_the_feed(relay, on_air, robot, video):
-    """Parts with timestamp and sequence, from the frames service and not from web_video_server."""
+    """Its parts have timestamp and sequence, and come from the frames service, not from web_video_server."""
     async with video("stream?topic=/a") as answer:
         assert answer.status == 200
         assert answer.content_type == "multipart/x-mixed-replace"
