@@ -46,10 +46,10 @@ async def real_agent(server: RecordingServer, place: Path) -> AsyncIterator[None
 async def virtual_robot(server: RecordingServer, place: Path) -> AsyncIterator[None]:
     environ = agent_environ(server, place)
     await Enroller(agent_settings.load(None, environ)).join()
-    told = {"server": environ["ROBOTETHER_SERVER"], "state_dir": environ["ROBOTETHER_STATE_DIR"]}
+    account = {"server": environ["ROBOTETHER_SERVER"], "state_dir": environ["ROBOTETHER_STATE_DIR"]}
     services = Services()
     await services.start()
-    robot = VirtualRobot(Account.read(told), services, Random(7))
+    robot = VirtualRobot(Account.read(account), services, Random(7))
     running = asyncio.ensure_future(robot.run())
     try:
         yield
@@ -83,16 +83,16 @@ class Played:
             lambda: found() >= count, lambda: f"{who} {kind} {members}: {self.lines(who)}", WAIT_S
         )
 
-    def told(self, who: str) -> list[dict[str, Any]]:
+    def sent_by(self, who: str) -> list[dict[str, Any]]:
         """The lines in their order, without what varies; heartbeats, which come at their times, once and last."""
-        told, heartbeats = [], {}
+        sent_lines, heartbeats = [], {}
         for line in self.lines(who):
             same = line | {name: type(line[name]) for name in VARIES if name in line}
             if line["type"] in ("ping", "pong"):
                 heartbeats[line["type"]] = same
             else:
-                told.append(same)
-        return [*told, *(heartbeats[name] for name in sorted(heartbeats))]
+                sent_lines.append(same)
+        return [*sent_lines, *(heartbeats[name] for name in sorted(heartbeats))]
 
 
 @asynccontextmanager
@@ -160,5 +160,5 @@ async def play(make: Robot) -> Played:
 
 async def test_the_server_cannot_tell_a_virtual_robot_from_an_agent() -> None:
     real, virtual = await asyncio.gather(play(real_agent), play(virtual_robot))
-    assert virtual.told("agent") == real.told("agent") != []
+    assert virtual.sent_by("agent") == real.sent_by("agent") != []
     assert virtual.statuses == real.statuses == [426, 200, 200]

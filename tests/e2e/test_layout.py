@@ -155,8 +155,8 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
         people.let(name, "drive", ROBOT)
     headers = {"Authorization": f"Bearer {stack.token('layout', user=name)}"}
     lease = f"/api/v1/robots/{ROBOT}/lease"
-    status, told = stack.request("POST", lease, {"action": "ask"}, headers)
-    assert status == http.client.OK, told
+    status, answer = stack.request("POST", lease, {"action": "ask"}, headers)
+    assert status == http.client.OK, answer
     expect(driven.get_by_test_id("question")).to_be_visible()
     assert _places(driven, request, "asked") == before
     stack.request("POST", lease, {"action": "withdraw"}, headers)

@@ -85,9 +85,9 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
     for _ in range(9):
         looks.append(robot.evaluate(look))
         robot.wait_for_timeout(100)
-    assert 0 <= median(told for told, _ in looks) < 1000
+    assert 0 <= median(age for age, _ in looks) < 1000
     # The text may be a quarter of a second older than the picture, or newer; of a picture that was late, more.
-    assert median(abs(told - real) for told, real in looks) < 500
+    assert median(abs(age - real) for age, real in looks) < 500
 
 
 def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> None:

@@ -159,9 +159,9 @@ asyncio.run(ask())
 
 
 @pytest.mark.parametrize(
-    ("trusted", "told"), [(True, "200\n200\n"), (False, "certificate verify failed: self-signed")]
+    ("trusted", "expected"), [(True, "200\n200\n"), (False, "certificate verify failed: self-signed")]
 )
-async def test_the_agent_reads_the_systems_certificates_with_the_first_connection(trusted, told):
+async def test_the_agent_reads_the_systems_certificates_with_the_first_connection(trusted, expected):
     """Then it trusts them, and nobody else."""
 
     async def answer(_):
@@ -180,4 +180,4 @@ async def test_the_agent_reads_the_systems_certificates_with_the_first_connectio
             stderr=asyncio.subprocess.STDOUT,
         )
         out, _ = await process.communicate()
-    assert told in out.decode()
+    assert expected in out.decode()

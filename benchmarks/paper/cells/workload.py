@@ -80,13 +80,13 @@ class RobotProcess(Worker):
         self.inside = uplink.command
         folders = [item.state_dir for item in robots]
         make_disk(self.disk, DISK_BYTES_A_ROBOT * len(robots), folders)
-        told = {
+        worker_settings = {
             "folder": str(folder),
             "source": source,
             "agents": {agent.name: self._settings(agent) for agent in agents},
             "virtual": {agent.name: self._settings(agent) for agent in virtual},
         }
-        super().__init__(uplink, place / f"{source}.log", told, "paper.cells.worker")
+        super().__init__(uplink, place / f"{source}.log", worker_settings, "paper.cells.worker")
 
     def __enter__(self) -> RobotProcess:
         return self

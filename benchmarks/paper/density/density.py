@@ -128,8 +128,8 @@ async def _drive(
         # Who has taken a robot looks before driving. The leases and this reading are a burst of work.
         await asyncio.sleep(SETTLED_AFTER_S)
         drivers.send("begin")
-        told = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
-        return {**told, "fleet_cpu_s": cpu_between(first, fleet.reading())}
+        figures = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
+        return {**figures, "fleet_cpu_s": cpu_between(first, fleet.reading())}
 
 
 PART = Part(

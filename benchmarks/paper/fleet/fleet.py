@@ -81,13 +81,13 @@ class Worker(LineProgram):
         self,
         inside: Namespace,
         log: Path,
-        told: Mapping[str, Any],
+        worker_settings: Mapping[str, Any],
         module: str = "paper.fleet.worker",
     ) -> None:
         # What robots said that ended, which none may.
         self.failed: list[str] = []
         super().__init__(module, log, inside.command(*ASIDE))
-        self.send(told)
+        self.send(worker_settings)
 
     def handle(self, message: dict[str, Any]) -> bool:
         if "failed" in message:
@@ -236,8 +236,8 @@ async def workers(
     async with AsyncExitStack() as stack:
         for number, (part, uplink) in enumerate(zip(parts, uplinks, strict=True)):
             agents, virtual = ({robot.name: robot.settings for robot in some} for some in part)
-            told = {"agents": agents, "virtual": virtual}
-            made.append(Worker(uplink, logs / f"{number}.log", told))
+            worker_settings = {"agents": agents, "virtual": virtual}
+            made.append(Worker(uplink, logs / f"{number}.log", worker_settings))
             stack.push_async_callback(asyncio.to_thread, made[-1].end, ENDS_WITHIN_S)
         for worker in made:
             await asyncio.to_thread(worker.has_done, "open", OPENS_WITHIN_S)

@@ -111,8 +111,8 @@ class GuardEnd(ABC):
         """Wait until the condition holds, or fail and show what the guard said."""
         end = time.monotonic() + seconds
         while not condition():
-            told = [line for line in self.lines if line["type"] != "tick"]
-            assert time.monotonic() < end, f"after {seconds} s still not: {what}; it said {told}"
+            reports = [line for line in self.lines if line["type"] != "tick"]
+            assert time.monotonic() < end, f"after {seconds} s still not: {what}; it said {reports}"
             await asyncio.sleep(0.005)
 
     async def _tick(self) -> None:

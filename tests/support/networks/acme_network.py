@@ -158,11 +158,11 @@ class AcmeNetwork:
 
         def serves() -> bool:
             try:
-                found, told = self.served(nginx)
+                found, served_headers = self.served(nginx)
             except OSError:
                 return False
             if fnmatchcase(found, issuer):
-                headers.update(told)
+                headers.update(served_headers)
             return bool(headers)
 
         self.wait(f"{issuer}'s certificate", serves, nginx, *containers, seconds=seconds)

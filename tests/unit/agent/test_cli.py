@@ -56,8 +56,8 @@ def test_for_programs_it_is_one_object(place, capsys):
     board = StatusWriter(place, "a.example", on_state=lambda _: None)
     board.set(state="connected", robot="sim1")
     assert status(settings, as_json=True) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["is_running"], told["state"], told["robot"]) == (True, "connected", "sim1")
+    output = json.loads(capsys.readouterr().out)
+    assert (output["is_running"], output["state"], output["robot"]) == (True, "connected", "sim1")
     board.set(state="stopped")
     assert status(settings, as_json=True) == 1
     assert json.loads(capsys.readouterr().out)["is_running"] is False
@@ -70,18 +70,18 @@ async def joined(cloud: FakeCloud, place, **more: str) -> int:
 async def test_active(cloud, place, capsys):
     for _ in range(2):
         assert await joined(cloud, place) == 0
-        told = capsys.readouterr().out
-        assert told == f"active: {cloud.server} knows this robot as sim1 (MAC 00:1b:44:11:3a:b7)\n"
+        output = capsys.readouterr().out
+        assert output == f"active: {cloud.server} knows this robot as sim1 (MAC 00:1b:44:11:3a:b7)\n"
     assert len({said["public_key"] for said in cloud.joins}) == 1
 
 
 async def test_pending(make_cloud, place, capsys):
     assert await joined(await make_cloud("pending"), place) == 10
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     key = await ensure_key(place / "state")
-    assert told.startswith("pending: cannot connect to")
-    assert "robotether robot approve robot-00000a" in told
-    assert key.fingerprint in told
+    assert output.startswith("pending: cannot connect to")
+    assert "robotether robot approve robot-00000a" in output
+    assert key.fingerprint in output
 
 
 def test_prints_the_proof_that_a_playbook_brings(place, capsys):
@@ -108,15 +108,15 @@ def test_what_it_prints_is_kept(root, place, capsys):
     root.add("wlan0", "00:1b:44:00:00:01", 3)
     root.route(("wlan0", 1))
     assert identity(settings, as_json=True, root=root.path) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told == {"mac": MAC, "interface": "eth0", "is_present": True, "is_kept": True}
+    output = json.loads(capsys.readouterr().out)
+    assert output == {"mac": MAC, "interface": "eth0", "is_present": True, "is_kept": True}
 
 
 def test_whoever_cannot_keep_it_may_still_look(root, capsys):
     settings = Settings(server="", state_dir=Path("/proc/none/state"))
     assert identity(settings, as_json=True, root=root.path) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert (told["mac"], told["is_kept"]) == (MAC, False)
+    output = json.loads(capsys.readouterr().out)
+    assert (output["mac"], output["is_kept"]) == (MAC, False)
 
 
 @pytest.mark.parametrize(
@@ -142,9 +142,9 @@ def test_the_exit_code_is_the_worst_of_all(monkeypatch, capsys, findings, code, 
 
 def test_wrong_settings_are_the_first_finding(capsys):
     assert main(["doctor"], {"ROBOTETHER_SERVER": "https://a"}) == 1
-    told = capsys.readouterr().out
-    assert told.startswith("FAIL     settings     cannot use ROBOTETHER_SERVER")
-    assert "what to do: correct it" in told
+    output = capsys.readouterr().out
+    assert output.startswith("FAIL     settings     cannot use ROBOTETHER_SERVER")
+    assert "what to do: correct it" in output
 
 
 def test_doctor_without_root_says_so_before_all_else(place, monkeypatch, capsys):
@@ -177,8 +177,8 @@ class Terminal(io.StringIO):
 def test_a_person_is_asked(robot_environ, capsys, monkeypatch, answer, code):
     monkeypatch.setattr("sys.stdin", Terminal(answer))
     assert main(["forget"], robot_environ) == code
-    told = capsys.readouterr().out
-    assert "removes id_ed25519, id_ed25519.pub. This cannot be undone" in told
+    output = capsys.readouterr().out
+    assert "removes id_ed25519, id_ed25519.pub. This cannot be undone" in output
     assert Path(robot_environ["ROBOTETHER_STATE_DIR"], "id_ed25519").exists() == bool(code)
 
 
@@ -200,8 +200,8 @@ def test_an_ordinary_user_forgets_nothing(robot_environ, place, capsys):
         assert main(["forget", "--yes"], robot_environ) == 1
     finally:
         os.seteuid(0)
-    told = capsys.readouterr().err
-    assert "state: Permission denied; run this with sudo [state_unusable]" in told
+    output = capsys.readouterr().err
+    assert "state: Permission denied; run this with sudo [state_unusable]" in output
     assert (place / "state/id_ed25519").exists()
 
 
@@ -242,8 +242,8 @@ def test_root_becomes_the_owner_of_the_state(place):
     state = place / "state"
     state.mkdir()
     os.chown(state, nobody.pw_uid, nobody.pw_gid)
-    told = child_in(place, "cli.act_as_agent(Path('{place}/state'))")
-    assert told.split()[:2] == [str(nobody.pw_uid), str(nobody.pw_gid)]
+    output = child_in(place, "cli.act_as_agent(Path('{place}/state'))")
+    assert output.split()[:2] == [str(nobody.pw_uid), str(nobody.pw_gid)]
 
 
 @needs_root

@@ -33,7 +33,7 @@ def refused_certificate(code: int) -> ssl.SSLCertVerificationError:
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "words"),
     [
         (asyncio.TimeoutError(), "no answer in 4 s"),
         (OSError(errno.ECONNREFUSED, "Connect call failed ('127.0.0.1', 1)"), "Connection refused"),
@@ -64,9 +64,9 @@ def refused_certificate(code: int) -> ssl.SSLCertVerificationError:
         (ssl.SSLError(1, "[SSL: NO_SHARED_CIPHER] x"), "no cipher that this robot accepts"),
     ],
 )
-def test_each_reason_is_short_and_on_one_line(error, told):
+def test_each_reason_is_short_and_on_one_line(error, words):
     """The number of another library is not taken for the system's."""
-    assert told in describe_error(error, 4)
+    assert words in describe_error(error, 4)
     assert "\n" not in describe_error(error, 4)
 
 

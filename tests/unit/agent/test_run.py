@@ -136,10 +136,10 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     began = time.monotonic()
     assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 1
     assert time.monotonic() - began >= 0.5
-    told = said(systemd)
-    assert told[0] == "STATUS=failed; starts again in 0 s"
-    assert told[-1] == "STOPPING=1"
-    assert told.count("WATCHDOG=1") >= 2
+    output = said(systemd)
+    assert output[0] == "STATUS=failed; starts again in 0 s"
+    assert output[-1] == "STOPPING=1"
+    assert output.count("WATCHDOG=1") >= 2
     printed = capsys.readouterr().err
     assert "stopped by an error in the agent itself" in printed
     assert "ZeroDivisionError: a defect" in printed

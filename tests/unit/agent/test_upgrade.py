@@ -139,8 +139,8 @@ def test_systemd_reads_it(tmp_path):
     unit = tmp_path / PENDING_NAME
     unit.write_text(unit.read_text().replace("/usr/bin/robotether-agent", "/bin/true"))
     command = ["systemd-analyze", "verify", "--man=no", str(unit)]
-    told = subprocess.run(command, check=False, capture_output=True, text=True).stderr
-    assert PENDING_NAME not in told
+    output = subprocess.run(command, check=False, capture_output=True, text=True).stderr
+    assert PENDING_NAME not in output
 
 
 @pytest.mark.parametrize("state", ["hacked", "", "connected\nExecStartPre=/bin/sh -c id", "a b"])

@@ -30,8 +30,8 @@ def test_room_is_needed_where_docker_is(tmp_path):
     (tmp_path / "docker").write_text("#!/bin/sh\necho /proc/self\n")
     (tmp_path / "docker").chmod(0o755)
     names = ("Find how much room Docker has", "Check that there is room for the images")
-    told = said(tmp_path, [task_of(name, "preflight.yml") for name in names])
-    assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in told
+    output = said(tmp_path, [task_of(name, "preflight.yml") for name in names])
+    assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in output
 
 
 @pytest.mark.parametrize(
@@ -53,8 +53,8 @@ def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
     look["ansible.builtin.shell"] = look["ansible.builtin.shell"].replace("/etc/ufw", str(tmp_path))
     decide = task_of("Decide whether to set our own rules", "firewall.yml")
     tell = {"ansible.builtin.debug": {"msg": "sets={{ robotether_server_has_firewall | bool }}"}}
-    told = said(tmp_path, [look, decide, tell], robotether_server_firewall="auto")
-    assert re.findall(r"sets=(\w+)", told) == [str(sets)]
+    output = said(tmp_path, [look, decide, tell], robotether_server_firewall="auto")
+    assert re.findall(r"sets=(\w+)", output) == [str(sets)]
 
 
 @pytest.mark.parametrize(
@@ -101,8 +101,8 @@ def test_stack_of_before_is_dumped(tmp_path, deployed, healthy, dumps):
         "robotether_server_services": ["mysql"],
         "robotether_server_healthy": {"stdout_lines": healthy},
     }
-    told = said(tmp_path, [task_of("Decide whether to deploy"), tell], **given)
-    assert re.findall(r"dumps=(\w+)", told) == [str(dumps)]
+    output = said(tmp_path, [task_of("Decide whether to deploy"), tell], **given)
+    assert re.findall(r"dumps=(\w+)", output) == [str(dumps)]
 
 
 @pytest.mark.parametrize(
@@ -133,5 +133,5 @@ def test_images_are_loaded_where_they_are_not(tmp_path, deployed, kept, loads):
         "robotether_server_folder": str(tmp_path),
         "robotether_server_archive": {"stat": {"checksum": "0a1b"}},
     }
-    told = said(tmp_path, [task_of("Check that Docker has the images"), tell], **given)
-    assert ("it loads" in told) == loads
+    output = said(tmp_path, [task_of("Check that Docker has the images"), tell], **given)
+    assert ("it loads" in output) == loads

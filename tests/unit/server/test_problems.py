@@ -51,7 +51,7 @@ def connection_error(error):
 
 
 @pytest.mark.parametrize(
-    ("error", "told"),
+    ("error", "words"),
     [
         (FileNotFoundError(2, "No such file or directory", "/secret/path"), "No such file"),
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] x (_ssl.c:1007)"), "TLS fails"),
@@ -65,7 +65,7 @@ def connection_error(error):
         (ZeroDivisionError("<object at 0x7f12>"), "no reason is known"),
     ],
 )
-def test_reasons_hold_nothing_of_python(error, told):
+def test_reasons_hold_nothing_of_python(error, words):
     reason = reason_in(error)
-    assert told in reason
+    assert words in reason
     assert not re.search(r"0x|<|Error|_ssl|Errno|/secret", reason)

@@ -103,19 +103,19 @@ async def test_what_the_guard_writes(
     """Its lines to the agent at its start, and when something changes."""
     transcript = Transcript()
     transcript.name(guard.port, "guard's port")
-    told = 0
+    position = 0
 
     async def add(event: str, **members: Any) -> None:
         """Add the next line on the guard's state with these members."""
-        nonlocal told
+        nonlocal position
 
         def found() -> list[int]:
             lines = enumerate(guard.lines)
-            return [at for at, line in lines if at >= told and members.items() <= line.items()]
+            return [at for at, line in lines if at >= position and members.items() <= line.items()]
 
         await guard.until(lambda: bool(found()), event, WAIT_S)
-        told = found()[0] + 1
-        as_before, changes = transcript.changes(guard.lines[told - 1])
+        position = found()[0] + 1
+        as_before, changes = transcript.changes(guard.lines[position - 1])
         transcript.add(f"guard, when {event}{as_before}:", changes)
 
     await add("it listens", type="ready")

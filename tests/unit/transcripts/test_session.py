@@ -171,8 +171,8 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
             session.happens(f"ann asks for {order}")
             async with http.post(f"{relay.url}/api/v1/robots/sim1/{order}") as answer:
                 assert answer.status == 200
-            told = await line("relay", order)
-            await line("agent", "guard", stopped=stopped, answers=told["id"])
+            message = await line("relay", order)
+            await line("agent", "guard", stopped=stopped, answers=message["id"])
     session.happens("an admin asks for a new name")
     await session.change(name="turtle")
     await line("relay", "config")

@@ -38,19 +38,19 @@ def disk(**changes: int) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "words"),
     [
         ({"f_flag": os.ST_RDONLY}, "is read-only"),
         ({"f_bavail": 100}, "has 0 MB left"),
         ({"f_favail": 0}, "no inode left"),
     ],
 )
-def test_a_disk_without_room(settings, monkeypatch, changes, told):
+def test_a_disk_without_room(settings, monkeypatch, changes, words):
     assert checks.check_disk(settings).state == OK
     monkeypatch.setattr(os, "statvfs", lambda _: disk(**changes))
     found = checks.check_disk(settings)
     assert found.state == FAIL
-    assert told in found.detail
+    assert words in found.detail
 
 
 def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):

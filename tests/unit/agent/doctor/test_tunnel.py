@@ -87,8 +87,8 @@ async def test_each_cell_is_checked(cloud, place):
 
 async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
     fresh = replace(settings, state_dir=place / "fresh")
-    told = SshAccess("tunnel", None, (cloud.ssh.port,))
-    (found,) = await tunnel.check_ssh(fresh, told, ())
+    access = SshAccess("tunnel", None, (cloud.ssh.port,))
+    (found,) = await tunnel.check_ssh(fresh, access, ())
     assert (found.state, found.step) == (SKIPPED, f"ssh {cloud.ssh.port}")
     assert "no host key is pinned" in found.detail
     (unknown,) = await tunnel.check_ssh(fresh, None, ())
@@ -113,7 +113,7 @@ def guard(setting: str) -> Check:
 
 
 @pytest.mark.parametrize(
-    ("check", "status", "expected", "told"),
+    ("check", "status", "expected", "words"),
     [
         (service("active"), UP, OK, ""),
         (service(None), UP, OK, ""),
@@ -149,9 +149,9 @@ def guard(setting: str) -> Check:
         (tunnel.check_end_to_end, replace(UP, end_to_end_shell="down"), OK, ""),
     ],
 )
-def test_what_the_agent_says_of_itself(check: Check, status, expected, told):
+def test_what_the_agent_says_of_itself(check: Check, status, expected, words):
     """What is wrong comes with its advice."""
     found = check(status)
     assert found.state == expected
-    assert told in found.detail
+    assert words in found.detail
     assert bool(found.advice) == (expected in {FAIL, WARNING})

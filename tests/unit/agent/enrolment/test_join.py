@@ -72,15 +72,15 @@ async def test_through_a_proxy(cloud):
 
 
 @pytest.mark.parametrize(
-    ("mode", "told"),
+    ("mode", "words"),
     [
         ("refuses", "answers 403 Forbidden; .*lets CONNECT out"),
         ("needs_password", "answers 407 .*USER:PASSWORD"),
     ],
 )
-async def test_a_proxy_that_does_not_let_it_through(cloud, mode, told):
+async def test_a_proxy_that_does_not_let_it_through(cloud, mode, words):
     async with FakeProxy(mode) as proxy:
-        with pytest.raises(ServerUnreachableError, match=told) as caught:
+        with pytest.raises(ServerUnreachableError, match=words) as caught:
             await join(behind(proxy.url, cloud), REQUEST)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
 

@@ -53,14 +53,14 @@ class SlowFile(StopFile):
 
 @asynccontextmanager
 async def running(
-    file: StopFile, answers: list[str], told: list[str | None] | None = None
+    file: StopFile, answers: list[str], reports: list[str | None] | None = None
 ) -> AsyncIterator[Latch]:
     """A latch whose task runs; `told` gets whose stop is told with each answer."""
 
     def answer(order_id: str) -> None:
         answers.append(order_id)
-        if told is not None:
-            told.append(latch.reported_by)
+        if reports is not None:
+            reports.append(latch.reported_by)
 
     latch = Latch(file, lambda: None, answer)
     task = asyncio.create_task(latch.run())
@@ -100,8 +100,8 @@ async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
 
 async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
     """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
-    file, answers, told = SlowFile(tmp_path), list[str](), list[str | None]()
-    async with running(file, answers, told) as latch:
+    file, answers, reports = SlowFile(tmp_path), list[str](), list[str | None]()
+    async with running(file, answers, reports) as latch:
         latch.handle(StopRequest("1", "ben"))
         await latch.settled()
         file.go.clear()
@@ -112,7 +112,7 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
         await latch.settled()
         assert (latch.stopped, latch.by, file.read()) == (True, "eve", "eve")
         assert answers == ["1", "2", "3"]
-        assert told == ["ben", "ben", "eve"]
+        assert reports == ["ben", "ben", "eve"]
 
 
 async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:

@@ -34,26 +34,26 @@ LATE_DEADMAN_MS = 2000
 class Robot:
     def __init__(self, simulator: Simulator) -> None:
         self.port = simulator.rosbridge.port
-        self.told: list[tuple[float, float]] = []
+        self.commands: list[tuple[float, float]] = []
         bus = simulator.graph.bus
         bus.subscribe("/cmd_vel", "geometry_msgs/Twist", Node("/wheels"), self._receive)
 
     def _receive(self, message: TopicMessage) -> None:
-        self.told.append((time.monotonic(), message.values["linear"]["x"]))
+        self.commands.append((time.monotonic(), message.values["linear"]["x"]))
 
     @property
     def speeds(self) -> list[float]:
-        return [speed for _, speed in self.told]
+        return [speed for _, speed in self.commands]
 
     def zero_after(self, moment: float) -> float:
         """Seconds from a moment to the first zero after it."""
-        return next(at for at, speed in self.told if speed == 0 and at >= moment) - moment
+        return next(at for at, speed in self.commands if speed == 0 and at >= moment) - moment
 
     @property
     def stopped_before_deadman(self) -> bool:
         """Whether the first zero came well before the deadman's, which counts from a bit before the last motion."""
         first = self.speeds.index(0.0)
-        return self.told[first][0] - self.told[first - 1][0] < LATE_DEADMAN_MS / 1000 - 0.1
+        return self.commands[first][0] - self.commands[first - 1][0] < LATE_DEADMAN_MS / 1000 - 0.1
 
 
 @pytest.fixture
@@ -209,8 +209,8 @@ async def test_a_stop_is_told_when_the_disk_has_it(tmp_path, monkeypatch):
         assert [line["stopped"] for line in pipe.lines] == [False]
         go.set()
         await until("it is told", lambda: len(pipe.lines) == 2)
-        told = {name: pipe.lines[-1][name] for name in ("stopped", "by", "answers")}
-        assert told == {"stopped": True, "by": "ben", "answers": "5f"}
+        report = {name: pipe.lines[-1][name] for name in ("stopped", "by", "answers")}
+        assert report == {"stopped": True, "by": "ben", "answers": "5f"}
         assert StopFile(tmp_path).read() == "ben"
         disk.cancel()
         await asyncio.gather(disk, return_exceptions=True)

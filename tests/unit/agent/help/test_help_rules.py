@@ -116,8 +116,8 @@ def test_component_fails_until_it_says_otherwise():
 
 def test_navigation_asks_after_its_silence():
     rules = HelpRules(CONFIG)
-    told = [(0, True), (1, False), (30, False), (31, False), (90, False)]
-    assert [rules.on_navigation(published, now_s) for now_s, published in told] == [
+    readings = [(0, True), (1, False), (30, False), (31, False), (90, False)]
+    assert [rules.on_navigation(published, now_s) for now_s, published in readings] == [
         None,
         None,
         None,

@@ -98,7 +98,7 @@ async def test_a_busy_server_ends_the_attempts(attempts):
 
 
 @pytest.mark.parametrize(
-    ("problems", "kind", "told"),
+    ("problems", "kind", "words"),
     [
         ([], NoAnswerError, "nothing answers"),
         ([NoAnswerError("a"), NoAnswerError("a"), NoAnswerError("b")], NoAnswerError, "a; b"),
@@ -110,7 +110,7 @@ async def test_a_busy_server_ends_the_attempts(attempts):
         ),
     ],
 )
-def test_of_several_problems_the_servers_own_word_counts(problems, kind, told):
+def test_of_several_problems_the_servers_own_word_counts(problems, kind, words):
     """A refusal counts more than the silence beside it, since it waits longer; that it is busy explains most."""
     found = combined_problem(problems)
-    assert (type(found), found.message.removeprefix("cannot connect: ")) == (kind, told)
+    assert (type(found), found.message.removeprefix("cannot connect: ")) == (kind, words)

@@ -39,7 +39,7 @@ def test_the_request(host, authority):
 
 
 @pytest.mark.parametrize(
-    ("head", "kind", "told"),
+    ("head", "kind", "words"),
     [
         (b"HTTP/1.1 200 Connection established\r\n\r\n", None, ""),
         (b"HTTP/1.0 200\r\nVia: x\r\n\r\n", None, ""),
@@ -55,13 +55,13 @@ def test_the_request(host, authority):
         (b"HTTP/1.1 200 " + b"x" * 9000, ServerUnreachableError, "not HTTP"),
     ],
 )
-def test_each_answer_is_told(head, kind, told):
+def test_each_answer_is_told(head, kind, words):
     problem = refusal(head, Proxy("p", 1), "h port 22")
     if kind is None:
         assert problem is None
         return
     assert isinstance(problem, kind)
-    assert told in str(problem)
+    assert words in str(problem)
     assert "\x1b" not in str(problem)
 
 

@@ -97,7 +97,7 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("mode", "kind", "told"),
+    ("mode", "kind", "sentence"),
     [
         ("babbles", ServerUnreachableError, "not an SSH server .*302 Log in"),
         ("closes", ServerUnreachableError, "closes the connection silently"),
@@ -105,9 +105,9 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
         ("full_before_10", ServerBusyError, "as many log-ins as it accepts"),
     ],
 )
-async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, told):
+async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, sentence):
     async with SshPort(mode) as door:
-        with pytest.raises(kind, match=told):
+        with pytest.raises(kind, match=sentence):
             await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
 
 

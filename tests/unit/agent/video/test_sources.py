@@ -93,7 +93,7 @@ class Taken:
     def some(self, count: int = 3) -> Callable[[], bool]:
         return lambda: len(self.pictures) >= count
 
-    def told(self) -> str:
+    def describe(self) -> str:
         return f"{len(self.pictures)} pictures, {self.kinds}"
 
 
@@ -147,7 +147,7 @@ async def test_frames_of_web_video_server(run, names_length):
         server.names_length = names_length
         server.stamp = lambda: time.time() - 0.5
         running, taken = run(source_settings(server.url))
-        await eventually(taken.some(), taken.told)
+        await eventually(taken.some(), taken.describe)
         numbers = [number_of(frame.data) for frame in taken.pictures]
         assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))
         newest = taken.pictures[-1]
@@ -199,7 +199,7 @@ async def test_a_camera_of_the_settings(run):
         url = f"{camera.url}/stream?user=a%2Fb"
         given = source_settings(rear=url)
         _, taken = run(given, SourceRequest("rear", 0, None, None, 15))
-        await eventually(taken.some(), taken.told)
+        await eventually(taken.some(), taken.describe)
         assert (taken.kinds, camera.asked) == (["mjpeg"], [{"user": "a/b"}])
 
 
@@ -245,7 +245,7 @@ async def test_frames_of_rosbridge(run):
         sent_s = time.time() - 0.25
         stamp = {"sec": int(sent_s), "nanosec": int(sent_s % 1 * 1e9)}
         await rosbridge.publish(topic, image(7, header={"stamp": stamp}))
-        await eventually(taken.some(1), taken.told)
+        await eventually(taken.some(1), taken.describe)
         assert number_of(taken.pictures[0].data) == 7
         assert taken.pictures[0].is_stamped
         assert robot_time() - taken.pictures[0].timestamp_s == pytest.approx(0.25, abs=0.2)
@@ -380,7 +380,7 @@ async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
             running, taken = run(source_settings(server.url, rosbridge.url), request)
             await rosbridge.subscription(follows, times)
             await rosbridge.publish(follows, image(times))
-            await eventually(taken.some(1), taken.told)
+            await eventually(taken.some(1), taken.describe)
             running.cancel()
         assert (taken.kinds, len(server.asked)) == (["rosbridge"], 1)
 
@@ -432,7 +432,7 @@ async def test_h264_of_the_robot_comes_as_it_is(run, kind):
         assert (subscription["throttle_rate"], subscription["queue_length"]) == (0, 0)
         for data, _ in frames:
             await rosbridge.publish("/v", video_message(kind, data))
-        await eventually(taken.some(3), taken.told)
+        await eventually(taken.some(3), taken.describe)
     assert [(frame.data, frame.is_key) for frame in taken.pictures] == [*frames]
     assert {(frame.codec, frame.is_stamped) for frame in taken.pictures} == {(H264, True)}
 
@@ -520,7 +520,7 @@ async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monke
         topic = "/camera/image_raw/compressed"
         await rosbridge.subscription(topic)
         await rosbridge.publish(topic, image(1))
-        await eventually(taken.some(1), taken.told)
+        await eventually(taken.some(1), taken.describe)
         assert taken.kinds == ["web_video_server", "rosbridge"]
         await server.start()
         await fails(running, "answers again")

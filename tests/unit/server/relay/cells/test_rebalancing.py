@@ -56,7 +56,7 @@ async def stay(*sessions):
     assert [session.bye for session in sessions] == [None] * len(sessions)
 
 
-def told(session):
+def listed_cells(session):
     return [(cell["host"], cell["rank"]) for cell in session.configs[-1]["cells"]]
 
 
@@ -67,7 +67,7 @@ async def test_robots_go_until_cells_are_about_even(sim1, online):
     gone = [item for item in sessions if item.bye is not None]
     assert [await ended(item) for item in gone] == ["rebalanced", "rebalanced"]
     for session in gone:
-        assert [host for host, _ in told(session)] == ["b.example", "a.example"]
+        assert [host for host, _ in listed_cells(session)] == ["b.example", "a.example"]
     await stay(*(item for item in sessions if item not in gone))
 
 
@@ -121,7 +121,7 @@ async def test_robot_goes_to_a_nearer_cell_when_it_asks(online):
     await stay(session)
     ask_for_b(session)
     assert await ended(session) == "rebalanced"
-    assert told(session) == [("b.example", 0), ("a.example", 1)]
+    assert listed_cells(session) == [("b.example", 0), ("a.example", 1)]
 
 
 @even

@@ -236,13 +236,13 @@ async def test_the_right_to_drive_is_asked_for_of_who_waits_at_this_robot(bare, 
 
     await bare.drives(ANN)
     bare.leasing.ask(sim1, asker(BEN))
-    told = len(bare.lines)
+    line_count = len(bare.lines)
     bare.leasing.keep_only(may_drive)
     assert bare.leasing.of(sim1.id).request is not None
-    assert len(bare.lines) == told
+    assert len(bare.lines) == line_count
     bare.leasing.keep_only(may_drive)
     assert bare.leasing.of(sim1.id).request is None
-    assert len(bare.lines) == told + 1
+    assert len(bare.lines) == line_count + 1
     assert asked == [(BEN.id, sim1.id)] * 2
 
 

@@ -126,8 +126,8 @@ def test_the_robots_clock_is_never_told_too_late(pings, ahead_s):
     for sent_at, delay in sorted(pings):
         clock.on_ping(sent_at + delay, (sent_at + ahead_s) * 1000)
     now = max(sent_at + delay for sent_at, delay in pings)
-    told = clock.at(now, now)
-    assert told is None or told <= (now + ahead_s) * 1000 + 0.1
+    timestamp = clock.at(now, now)
+    assert timestamp is None or timestamp <= (now + ahead_s) * 1000 + 0.1
 
 
 def test_the_fastest_ping_counts():

@@ -73,7 +73,7 @@ def parse(line, **changes):
 
 def test_a_guard_tells_of_itself():
     """Of refused commands and stops it counts what is known here."""
-    told = parse(
+    message = parse(
         GUARD,
         by="ann",
         refused={"held": 7, "unheard_of": 1},
@@ -81,10 +81,10 @@ def test_a_guard_tells_of_itself():
         fence=13,
         answers="a1",
     )
-    assert told.report == GuardReport(
+    assert message.report == GuardReport(
         "ready", by="ann", refused=(("held", 7),), fence=13, stops=(("lost", 2),)
     )
-    assert told.answers == "a1"
+    assert message.answers == "a1"
     assert parse(GUARD).answers is None
     assert parse(GUARD).report.fence == 0
     assert [parse(GUARD, **has).report.blind_limits for has in ({}, {"blind_limits": True})] == [

@@ -78,12 +78,12 @@ async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
 async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connected(
     relay, guarded, sim1, ros
 ):
-    told = guarded.session.lines
+    sent_lines = guarded.session.lines
     idle = [FAST.idle_heartbeat_s]
-    assert [line["idle_heartbeat_s"] for line in told if line["type"] == "config"] == idle
+    assert [line["idle_heartbeat_s"] for line in sent_lines if line["type"] == "config"] == idle
     async with ros() as driver:
         await until(lambda: guarded.session.leases[-1]["held"], "the lease is there")
-        relevant = [line for line in told if line["type"] in {"config", "lease"}]
+        relevant = [line for line in sent_lines if line["type"] in {"config", "lease"}]
         assert [line.get("idle_heartbeat_s") for line in relevant[-2:]] == [None, None]
         assert [line["type"] for line in relevant] == ["config", "lease", "config", "lease"]
         async with ros("observe"):
