@@ -49,12 +49,12 @@ def nothing_moves(stack: Stack) -> Iterator[None]:
 
 def _raised(ticket: str) -> str:
     """An observer's ticket whose text says drive, with the signature it had."""
-    payload, moment, signature = ticket.rsplit(".", 2)
+    payload, timestamp, signature = ticket.rsplit(".", 2)
     packed = payload.startswith(".")
     inner = base64.urlsafe_b64decode(payload.lstrip(".") + "==")
     fields = (zlib.decompress(inner) if packed else inner).replace(b"observe", b"drive")
     text = base64.urlsafe_b64encode(zlib.compress(fields) if packed else fields).decode()
-    return "." * packed + ".".join([text.rstrip("="), moment, signature])
+    return "." * packed + ".".join([text.rstrip("="), timestamp, signature])
 
 
 def test_no_such_ticket_opens_a_robot(stack: Stack, ann: Person) -> None:

@@ -89,9 +89,9 @@ def test_two_addresses_cannot_make_sshd_refuse_others(stack: Stack) -> None:
 
 def test_log_ins_through_443_have_an_address_for_each_client(stack: Stack) -> None:
     """Where sshd counts by address: nginx passes the client's on, and what is beside sshd makes another of each."""
-    front = stack.exec("nginx", "nginx", "-T")
-    assert "set $sshd sshd:2223;" in front
-    assert "proxy_protocol on;" in front
+    config = stack.exec("nginx", "nginx", "-T")
+    assert "set $sshd sshd:2223;" in config
+    assert "proxy_protocol on;" in config
     beside = stack.exec("sshd", "nginx", "-T", "-q", "-c", PROXY_PROTOCOL, user="www-data")
     assert "listen 2223 proxy_protocol" in beside
     assert "proxy_bind $loopback_source;" in beside

@@ -452,11 +452,11 @@ def _returns_of(
     robot: str, events: Sequence[Event], faults: Faults, cells: Sequence[str], end_s: float
 ) -> Iterator[Return]:
     whereabouts = Whereabouts(events)
-    wish = _Wish()
+    request = _ControlRequest()
     for event in [*events, Event(at_s=end_s, kind="late")]:
-        since_s, waits = wish.since_s, wish.waits
-        wish.follow(event)
-        ends = event.kind in ("moved", "late") or (event.kind == "leaves" and wish.since_s is None)
+        since_s, waits = request.since_s, request.waits
+        request.follow(event)
+        ends = event.kind in ("moved", "late") or (event.kind == "leaves" and request.since_s is None)
         if not (ends and waits and faults.any_live(cells, whereabouts.source, event.at_s)):
             continue
         begin_s, after = faults.last_change(cells, whereabouts, since_s or event.at_s, event.at_s)
@@ -464,7 +464,7 @@ def _returns_of(
             yield Return(robot, begin_s, event.at_s - begin_s, event.kind == "moved", after)
 
 
-class _Wish:
+class _ControlRequest:
     """Since when a robot is not driven, though somebody wants to."""
 
     def __init__(self) -> None:

@@ -48,7 +48,7 @@ ORDER_S = 5.0
 SILENT_S, FIRST_S = 1.0, 3.0
 AGAIN_S, STOPPED_AGAIN_S = 0.1, 0.5
 # How long one drives a robot; who cannot, waits that much longer before it gives up.
-DRIVE_S, PATIENCE_S = (6.0, 15.0), 60.0
+DRIVE_S, TIMEOUT_S = (6.0, 15.0), 60.0
 # A few robots are what several drivers want.
 HOT_SHARE = 0.6
 BETWEEN_STOPS_S, STOPPED_FOR_S = (2.0, 6.0), (0.3, 2.0)
@@ -146,7 +146,7 @@ class Driver(Person):
     async def _drive(self, robot: str, seconds: float) -> None:
         """Drive for so long, by as many connections as it takes; give up when somebody else does."""
         began = time.monotonic()
-        end, patience = began + seconds, began + seconds + PATIENCE_S
+        end, latest = began + seconds, began + seconds + TIMEOUT_S
         while time.monotonic() < end:
             echoes = Echoes(round_trips=self.round_trips, refused=self.met)
             try:
@@ -163,7 +163,7 @@ class Driver(Person):
                 self.go_on()
                 if not echoes.count:
                     # Until it is driven, who wants to drive it stays.
-                    end = min(max(end, time.monotonic() + DRIVE_S[0]), patience)
+                    end = min(max(end, time.monotonic() + DRIVE_S[0]), latest)
                 await asyncio.sleep(AGAIN_S)
 
     async def _connection(self, robot: str, end: float, echoes: Echoes) -> None:

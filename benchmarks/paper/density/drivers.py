@@ -139,8 +139,8 @@ async def work() -> None:
         write_line({"ready": True})
         await read_line()
         began, cpu_s = time.monotonic(), time.process_time()
-        moments = begins(len(drivers), rate_hz)
-        runs = (item.run(at, rate_hz, seconds) for item, at in zip(drivers, moments, strict=True))
+        starts = begins(len(drivers), rate_hz)
+        runs = (item.run(at, rate_hz, seconds) for item, at in zip(drivers, starts, strict=True))
         await asyncio.gather(*runs)
         write_line(
             {

@@ -23,7 +23,7 @@ Busy = tuple[int, ...]
 class SmallQueue:
     """Operators, and requests that come by chance; `kinds` has the share of each priority and pool."""
 
-    crew: Sequence[Pools]
+    operators: Sequence[Pools]
     kinds: Mapping[tuple[int, str], float]
     requests: int
     step_s: float
@@ -53,7 +53,7 @@ class BestPlanner:
         self._shares = [queue.kinds[kind] for kind in self._kinds]
         self._costs = [WEIGHTS[priority] for priority, _ in self._kinds]
         # Operators of the same pools are alike.
-        self._are_alike = len(set(queue.crew)) == 1
+        self._are_alike = len(set(queue.operators)) == 1
         self._known: dict[tuple[int, Waiting, Busy], float] = {}
 
     def weighted_waiting(self, jobs: Sequence[Job]) -> float:
@@ -62,7 +62,7 @@ class BestPlanner:
             round(job.made_s / self._queue.step_s): self._kinds.index((job.priority, job.pool))
             for job in jobs
         }
-        waiting, busy = (0,) * len(self._kinds), (0,) * len(self._queue.crew)
+        waiting, busy = (0,) * len(self._kinds), (0,) * len(self._queue.operators)
         cost, step, left = 0, 0, len(jobs)
         while left or any(waiting):
             if step in kinds:
@@ -113,7 +113,7 @@ class BestPlanner:
     def _begun(self, waiting: Waiting, busy: Busy) -> Iterator[tuple[Waiting, Busy]]:
         first = {pool: kind for kind, (_, pool) in [*enumerate(self._kinds)][::-1] if waiting[kind]}
         for pool, kind in first.items():
-            for user, pools in enumerate(self._queue.crew):
+            for user, pools in enumerate(self._queue.operators):
                 if not busy[user] and pool in ("", *pools):
                     after = _changed(busy, user, self._queue.takes)
                     after = tuple(sorted(after)) if self._are_alike else after

@@ -23,7 +23,7 @@ def weighted_waiting(jobs: Sequence[Job], waited: Sequence[float]) -> float:
 
 
 @dataclass(frozen=True)
-class _Moment:
+class _State:
     """What the best rest of a schedule depends on; requests are numbers in the order of time."""
 
     now: float
@@ -35,22 +35,22 @@ class _Moment:
     busy: tuple[tuple[float, int], ...]
 
 
-def least_waiting(jobs: Sequence[Job], crew: Sequence[Pools]) -> float:
+def least_waiting(jobs: Sequence[Job], operators: Sequence[Pools]) -> float:
     """Return the least `weighted_waiting`; all requests must take equally long."""
     if len({job.takes_s for job in jobs}) > 1:
         raise ValueError(
             "cannot search: requests take different times, so that their order matters"
         )
     jobs = sorted(jobs, key=lambda job: job.made_s)
-    kinds = Counter(crew)
+    kinds = Counter(operators)
     pools = list(kinds)
 
     # The cheapest moment first: the first that leaves nothing to do has the least.
-    start = _arrived(_Moment(0.0, 0, (), tuple(kinds.values()), ()), jobs)
-    numbers, seen = count(), set[_Moment]()
-    moments = [(0.0, 0.0, next(numbers), start)]
+    start = _arrived(_State(0.0, 0, (), tuple(kinds.values()), ()), jobs)
+    numbers, seen = count(), set[_State]()
+    states = [(0.0, 0.0, next(numbers), start)]
     while True:
-        cost, _, _, at = heapq.heappop(moments)
+        cost, _, _, at = heapq.heappop(states)
         if at in seen:
             continue
         seen.add(at)
@@ -61,10 +61,10 @@ def least_waiting(jobs: Sequence[Job], crew: Sequence[Pools]) -> float:
         elif not at.waiting:
             return cost
         for step_cost, step in steps:
-            heapq.heappush(moments, (step_cost, -step.now, next(numbers), step))
+            heapq.heappush(states, (step_cost, -step.now, next(numbers), step))
 
 
-def _begun(at: _Moment, jobs: Sequence[Job], pools: Sequence[Pools]) -> Iterator[_Moment]:
+def _begun(at: _State, jobs: Sequence[Job], pools: Sequence[Pools]) -> Iterator[_State]:
     """Yield the moment after each way to give a waiting request to a free operator, the oldest of its like."""
     likes = {(jobs[number].priority, jobs[number].pool): number for number in reversed(at.waiting)}
     for (_, pool), number in likes.items():
@@ -73,10 +73,10 @@ def _begun(at: _Moment, jobs: Sequence[Job], pools: Sequence[Pools]) -> Iterator
                 free = (*at.free[:kind], free_ones - 1, *at.free[kind + 1 :])
                 busy = tuple(sorted((*at.busy, (at.now + jobs[number].takes_s, kind))))
                 waiting = tuple(other for other in at.waiting if other != number)
-                yield _Moment(at.now, at.next, waiting, free, busy)
+                yield _State(at.now, at.next, waiting, free, busy)
 
 
-def _later(at: _Moment, jobs: Sequence[Job]) -> _Moment | None:
+def _later(at: _State, jobs: Sequence[Job]) -> _State | None:
     """Return the moment of the next change; None: there is none, or nothing would wait for it."""
     times = [at_s for at_s, _ in at.busy] if at.waiting else []
     times += [jobs[at.next].made_s] if at.next < len(jobs) else []
@@ -87,10 +87,10 @@ def _later(at: _Moment, jobs: Sequence[Job]) -> _Moment | None:
     for at_s, kind in at.busy:
         free[kind] += at_s <= now
     busy = tuple(entry for entry in at.busy if entry[0] > now)
-    return _arrived(_Moment(now, at.next, at.waiting, tuple(free), busy), jobs)
+    return _arrived(_State(now, at.next, at.waiting, tuple(free), busy), jobs)
 
 
-def _arrived(at: _Moment, jobs: Sequence[Job]) -> _Moment:
+def _arrived(at: _State, jobs: Sequence[Job]) -> _State:
     """Return the moment with all requests that are made by now."""
     made = sum(job.made_s <= at.now for job in jobs)
-    return _Moment(at.now, made, (*at.waiting, *range(at.next, made)), at.free, at.busy)
+    return _State(at.now, made, (*at.waiting, *range(at.next, made)), at.free, at.busy)

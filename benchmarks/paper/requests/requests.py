@@ -62,20 +62,20 @@ KINDS: Mapping[str, tuple[Sequence[Pools], bool, str]] = {
 SMALL: Mapping[str, tuple[SmallQueue, str]] = {
     f"foresight-{name}": (
         SmallQueue(
-            crew,
+            operators,
             {
                 (priority, pool): share * pool_share
                 for priority, share in zip(PRIORITIES, SHARES, strict=True)
-                for pool, pool_share in (POOLS if any(crew) else {"": 1.0}).items()
+                for pool, pool_share in (POOLS if any(operators) else {"": 1.0}).items()
             },
             requests,
             step_s=(JOB_S + WRAP_UP_S) / takes,
             takes=takes,
-            chance=LOAD_OF_INSTANCES * len(crew) / takes,
+            chance=LOAD_OF_INSTANCES * len(operators) / takes,
         ),
         title,
     )
-    for name, crew, requests, takes, title in (
+    for name, operators, requests, takes, title in (
         ("one-pool", [NOBODYS] * len(SKILLED), 10, 9, "one pool"),
         ("pools", SKILLED, 6, 6, "pools"),
     )
@@ -117,8 +117,8 @@ def steps_of(scale: Scale) -> Sequence[Step]:
 def run_queue(load: float, requests: int, _: object = None) -> Values:
     """Measure a queue of one pool, planned at once and as often as the product plans."""
     jobs = poisson_jobs(Random(load), requests, load * OPERATORS / JOB_S, JOB_S)
-    crew = [NOBODYS] * OPERATORS
-    at_once, planned = (sorted(simulate(jobs, crew, every_s)) for every_s in (0.0, PLAN_EVERY_S))
+    operators = [NOBODYS] * OPERATORS
+    at_once, planned = (sorted(simulate(jobs, operators, every_s)) for every_s in (0.0, PLAN_EVERY_S))
     return {
         "load": load,
         "requests": requests,
@@ -130,12 +130,12 @@ def run_queue(load: float, requests: int, _: object = None) -> Values:
 
 def run_instances(name: str, count: int, _: object = None) -> Values:
     """Compare the planner with the optimum in many small instances."""
-    crew, at_once, _title = KINDS[name]
+    operators, at_once, _title = KINDS[name]
     instances = [
-        instance(Random(f"{name} {number}"), crew, at_once=at_once) for number in range(count)
+        instance(Random(f"{name} {number}"), operators, at_once=at_once) for number in range(count)
     ]
-    ours = [weighted_waiting(jobs, simulate(jobs, crew)) for jobs in instances]
-    least = [least_waiting(jobs, crew) for jobs in instances]
+    ours = [weighted_waiting(jobs, simulate(jobs, operators)) for jobs in instances]
+    least = [least_waiting(jobs, operators) for jobs in instances]
     return {
         "instances": count,
         "ours": sum(ours) / count,
@@ -149,21 +149,21 @@ def run_small(name: str, count: int, _: object = None) -> Values:
     queue, _title = SMALL[name]
     best = BestPlanner(queue)
     instances = [queue.jobs(Random(f"{name} {number}")) for number in range(count)]
-    ours = [weighted_waiting(jobs, simulate(jobs, queue.crew)) for jobs in instances]
+    ours = [weighted_waiting(jobs, simulate(jobs, queue.operators)) for jobs in instances]
     return {
         "instances": count,
         "requests": queue.requests,
         "ours": sum(ours) / count,
         "blind": sum(map(best.weighted_waiting, instances)) / count,
-        "least": sum(least_waiting(jobs, queue.crew) for jobs in instances) / count,
+        "least": sum(least_waiting(jobs, queue.operators) for jobs in instances) / count,
     }
 
 
-def instance(rng: Random, crew: Sequence[Pools], *, at_once: bool) -> list[Job]:
+def instance(rng: Random, operators: Sequence[Pools], *, at_once: bool) -> list[Job]:
     """Return requests by chance; those of one pool if the operators have none."""
     takes_s = JOB_S + WRAP_UP_S
-    rate = LOAD_OF_INSTANCES * len(crew) / takes_s
-    pools = POOLS if any(crew) else {"": 1.0}
+    rate = LOAD_OF_INSTANCES * len(operators) / takes_s
+    pools = POOLS if any(operators) else {"": 1.0}
     made_s, jobs = 0.0, []
     for _ in range(OF_INSTANCE):
         made_s += 0.0 if at_once else round(rng.expovariate(rate))

@@ -51,10 +51,10 @@ class FakeGuard:
     def __init__(self, place: Path, modes: list[str]) -> None:
         self._place = place
         self._mode = modes[min(len(births(place)), len(modes) - 1)]
-        self._door = socket.create_server(("127.0.0.1", 0))
+        self._listener = socket.create_server(("127.0.0.1", 0))
 
     def run(self) -> int:
-        port = self._door.getsockname()[1]
+        port = self._listener.getsockname()[1]
         self._note({"type": "born", "pid": os.getpid(), "parent": os.getppid(), "port": port})
         if self._mode == "dies":
             return 1

@@ -65,19 +65,19 @@ def raw(
     data = None if body is None else json.dumps(body)
     if data is not None:
         sent.setdefault("Content-Type", "application/json")
-    door = http.client.HTTPSConnection(
+    connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=10, context=insecure_tls()
     )
     try:
-        door.request(method, path, body=data, headers=sent)
-        answer = door.getresponse()
+        connection.request(method, path, body=data, headers=sent)
+        answer = connection.getresponse()
         endless = answer.status == http.HTTPStatus.SWITCHING_PROTOCOLS or (
             answer.headers.get_content_type() in {"text/event-stream", "multipart/x-mixed-replace"}
         )
         text = "" if endless else answer.read(65536).decode(errors="replace")
         return Answer(answer.status, dict(answer.headers), text)
     finally:
-        door.close()
+        connection.close()
 
 
 class Person:

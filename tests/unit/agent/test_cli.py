@@ -53,12 +53,12 @@ def test_for_programs_it_is_one_object(place, capsys):
     settings = Settings(server="a.example", run_dir=place)
     assert status(settings, as_json=True) == 1
     assert json.loads(capsys.readouterr().out) == {"is_running": False}
-    board = StatusWriter(place, "a.example", on_state=lambda _: None)
-    board.set(state="connected", robot="sim1")
+    writer = StatusWriter(place, "a.example", on_state=lambda _: None)
+    writer.set(state="connected", robot="sim1")
     assert status(settings, as_json=True) == 0
     output = json.loads(capsys.readouterr().out)
     assert (output["is_running"], output["state"], output["robot"]) == (True, "connected", "sim1")
-    board.set(state="stopped")
+    writer.set(state="stopped")
     assert status(settings, as_json=True) == 1
     assert json.loads(capsys.readouterr().out)["is_running"] is False
 

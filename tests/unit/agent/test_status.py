@@ -89,34 +89,34 @@ def test_reads_the_file_of_an_earlier_agent(place):
 
 def test_a_problem_that_is_over(place):
     clock = [NOW]
-    board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
-    board.set(state="connected", robot="sim1", video_tunnel="open")
-    board.report_problem(
+    writer = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: clock[0])
+    writer.set(state="connected", robot="sim1", video_tunnel="open")
+    writer.report_problem(
         KeyRefusedError("cannot log in", advice="approve it"), "waiting", video_tunnel="closed"
     )
-    board.set(state="connected")
-    assert has_problem(board.status), "the video tunnel is still closed"
-    assert "what to do    approve it" in render(board.status, NOW)
+    writer.set(state="connected")
+    assert has_problem(writer.status), "the video tunnel is still closed"
+    assert "what to do    approve it" in render(writer.status, NOW)
     clock[0] += 20
-    board.set(video_tunnel="open")
+    writer.set(video_tunnel="open")
     clock[0] += 60
-    board.set(rtt_ms=3.0)
-    assert not has_problem(board.status)
-    assert render(board.status, clock[0]).splitlines()[-2:] == [
+    writer.set(rtt_ms=3.0)
+    assert not has_problem(writer.status)
+    assert render(writer.status, clock[0]).splitlines()[-2:] == [
         "problem       none now; the last one was over at 2023-11-14 22:13:40 UTC",
         "              it came at 2023-11-14 22:13:20 UTC: cannot log in [key_refused]",
     ]
-    board.set(state="stopped", video_tunnel="closed")
-    assert headline(board.status) == "stopped"
+    writer.set(state="stopped", video_tunnel="closed")
+    assert headline(writer.status) == "stopped"
 
 
 def test_a_new_problem_is_not_over(place):
-    board = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
-    board.report_problem(KeyRefusedError("cannot log in"), "waiting")
-    board.set(state="connected", video_tunnel="open")
-    board.report_problem(LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed")
-    assert has_problem(board.status)
-    assert "problem       lost the video tunnel [link_lost]" in render(board.status, NOW)
+    writer = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
+    writer.report_problem(KeyRefusedError("cannot log in"), "waiting")
+    writer.set(state="connected", video_tunnel="open")
+    writer.report_problem(LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed")
+    assert has_problem(writer.status)
+    assert "problem       lost the video tunnel [link_lost]" in render(writer.status, NOW)
 
 
 def test_an_agent_that_no_longer_writes_is_not_running():
@@ -127,11 +127,11 @@ def test_an_agent_that_no_longer_writes_is_not_running():
 
 def test_the_file_holds_what_was_set(place):
     lines: list[str] = []
-    board = StatusWriter(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
-    board.set(state="connected", robot="sim1", ros="ok", video="ok")
-    board.set(rtt_ms=3.0)
-    assert read_status(place) == board.status
-    assert board.status.pid == os.getpid()
+    writer = StatusWriter(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
+    writer.set(state="connected", robot="sim1", ros="ok", video="ok")
+    writer.set(rtt_ms=3.0)
+    assert read_status(place) == writer.status
+    assert writer.status.pid == os.getpid()
     assert (place / "status.json").stat().st_mode & 0o777 == 0o644
     assert lines == ["connected to robots.example.com as sim1; rosbridge ok, video ok"]
 
@@ -143,7 +143,7 @@ def test_no_or_broken_file_is_no_status(place):
 
 
 def test_a_directory_that_is_gone_ends_nothing(place, caplog):
-    board = StatusWriter(place / "none", "a.example", on_state=lambda _: None)
-    board.refresh()
-    board.refresh()
+    writer = StatusWriter(place / "none", "a.example", on_state=lambda _: None)
+    writer.refresh()
+    writer.refresh()
     assert [record.levelname for record in caplog.records] == ["WARNING"]

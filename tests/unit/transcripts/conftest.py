@@ -12,7 +12,7 @@ from robotether_server.relay.robots import lease, port_checks, robot_dialer
 from syrupy.assertion import SnapshotAssertion
 from transcripts import TranscriptFile
 
-PATIENCE_S = 60.0
+LONG_S = 60.0
 
 
 @pytest.fixture
@@ -33,11 +33,11 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
         (robot_dialer, "MIN_CONNECT_TIMEOUT_S"),
         (robot_dialer, "MAX_CONNECT_TIMEOUT_S"),
     ):
-        monkeypatch.setattr(module, name, PATIENCE_S)
-    patience = {"silent_after_s": PATIENCE_S, "slow_after_s": PATIENCE_S}
+        monkeypatch.setattr(module, name, LONG_S)
+    long_limits = {"silent_after_s": LONG_S, "slow_after_s": LONG_S}
     return replace(
         FAST,
-        limits=replace(FAST.limits, **patience),
-        driver_limits=replace(FAST.driver_limits, **patience),
-        timeout_s=PATIENCE_S,
+        limits=replace(FAST.limits, **long_limits),
+        driver_limits=replace(FAST.driver_limits, **long_limits),
+        timeout_s=LONG_S,
     )

@@ -24,7 +24,7 @@ from syrupy.assertion import SnapshotAssertion
 from transcripts import UPGRADE, Transcript
 
 WAIT_S = 60.0
-PATIENCE_S = 60.0
+LONG_S = 60.0
 PATIENCE_MS = 60_000
 
 
@@ -56,11 +56,11 @@ async def test_what_the_agent_writes(
     tmp_path: Path, recorded: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Each line to a guard, and those that the next one gets when it is killed."""
-    monkeypatch.setattr(child_process, "SILENCE_S", PATIENCE_S)
-    monkeypatch.setattr(child_process, "START_S", PATIENCE_S)
-    monkeypatch.setattr(child_process, "EXIT_S", PATIENCE_S)
-    monkeypatch.setattr(fork_server, "START_S", PATIENCE_S)
-    monkeypatch.setattr(fork_server, "ANSWER_S", PATIENCE_S)
+    monkeypatch.setattr(child_process, "SILENCE_S", LONG_S)
+    monkeypatch.setattr(child_process, "START_S", LONG_S)
+    monkeypatch.setattr(child_process, "EXIT_S", LONG_S)
+    monkeypatch.setattr(fork_server, "START_S", LONG_S)
+    monkeypatch.setattr(fork_server, "ANSWER_S", LONG_S)
     agent = GuardSupervisor("ws://127.0.0.1:9090/", fake_guard_command(tmp_path, "serves"))
     running = asyncio.ensure_future(agent.run())
 

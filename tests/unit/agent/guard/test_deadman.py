@@ -13,8 +13,8 @@ TOPIC = "/cmd_vel"
 
 def run_zeros(deadman: Deadman, now: float, until: float) -> list[float]:
     sent = []
-    while (moment := deadman.next_at()) is not None and moment <= until:
-        now = max(now, moment)
+    while (due_at := deadman.next_at()) is not None and due_at <= until:
+        now = max(now, due_at)
         for name in deadman.due(now):
             deadman.zeroed(name, now)
             sent.append(now)
@@ -130,8 +130,8 @@ class AnyEvents(RuleBasedStateMachine):
 
     def _let_time_pass(self, seconds: float) -> None:
         end = self.now + seconds
-        while (moment := self.deadman.next_at()) is not None and moment <= end:
-            self.now = max(self.now, moment)
+        while (due_at := self.deadman.next_at()) is not None and due_at <= end:
+            self.now = max(self.now, due_at)
             for name in self.deadman.due(self.now):
                 if self.can_send:
                     self.deadman.zeroed(name, self.now)

@@ -45,9 +45,9 @@ class Robot:
     def speeds(self) -> list[float]:
         return [speed for _, speed in self.commands]
 
-    def zero_after(self, moment: float) -> float:
+    def zero_after(self, since: float) -> float:
         """Seconds from a moment to the first zero after it."""
-        return next(at for at, speed in self.commands if speed == 0 and at >= moment) - moment
+        return next(at for at, speed in self.commands if speed == 0 and at >= since) - since
 
     @property
     def stopped_before_deadman(self) -> bool:

@@ -56,44 +56,44 @@ def quiet_network(monkeypatch):
 
 async def test_what_was_found_is_what_is_opened():
     """One connection is made, and its first word is still there for ssh; another attempt does not use it up."""
-    async with SshPort() as door:
+    async with SshPort() as ssh_port:
         dialer = ServerDialer()
-        target = await dialer.find([at(door.port)])
-        await dialer.find([at(free_port()), at(door.port)])
+        target = await dialer.find([at(ssh_port.port)])
+        await dialer.find([at(free_port()), at(ssh_port.port)])
         assert await words(await dialer.open(target)) == BANNER
-        assert door.connections == 1
+        assert ssh_port.connections == 1
 
 
 async def test_a_port_that_drops_everything_costs_little(silent_port):
     """The next port is tried after half a second, and not after a time-out."""
     loop = asyncio.get_running_loop()
-    async with SshPort("shy") as door:
+    async with SshPort("shy") as ssh_port:
         started = loop.time()
         dialer = ServerDialer()
-        dialer._banner._silent_ports.add(door.port)
-        assert await dialer.find([at(silent_port), at(door.port)]) == at(door.port)
+        dialer._banner._silent_ports.add(ssh_port.port)
+        assert await dialer.find([at(silent_port), at(ssh_port.port)]) == at(ssh_port.port)
         assert loop.time() - started < server_dialer.NEXT_PORT_AFTER_S + 1
 
 
 async def test_a_shy_port_is_remembered_and_gets_a_fresh_connection(monkeypatch):
     """The one on which the agent spoke is not given to ssh; the next time nobody waits for it to begin."""
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
-    async with SshPort("shy") as door:
+    async with SshPort("shy") as ssh_port:
         dialer = ServerDialer()
-        target = await dialer.find([at(door.port)])
-        heard = door.heard
+        target = await dialer.find([at(ssh_port.port)])
+        heard = ssh_port.heard
         (await dialer.open(target)).close()
         assert heard.startswith(b"SSH-2.0-robotether")
-        assert door.port in dialer._banner._silent_ports
+        assert ssh_port.port in dialer._banner._silent_ports
 
 
 async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
     """Nginx is there, and waits for the client's first words."""
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", WAIT_S * 2)
-    async with SshPort("shy") as door:
-        dialer = ServerDialer(https_port=door.port)
-        found = await asyncio.wait_for(dialer.find([at(door.port)]), WAIT_S)
-        assert found == at(door.port)
+    async with SshPort("shy") as ssh_port:
+        dialer = ServerDialer(https_port=ssh_port.port)
+        found = await asyncio.wait_for(dialer.find([at(ssh_port.port)]), WAIT_S)
+        assert found == at(ssh_port.port)
 
 
 @pytest.mark.parametrize(
@@ -106,9 +106,9 @@ async def test_the_sites_port_is_spoken_to_at_once(monkeypatch):
     ],
 )
 async def test_what_is_no_ssh_server_or_takes_nobody(mode, kind, sentence):
-    async with SshPort(mode) as door:
+    async with SshPort(mode) as ssh_port:
         with pytest.raises(kind, match=sentence):
-            await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
+            await asyncio.wait_for(ServerDialer().find([at(ssh_port.port)]), 5)
 
 
 @pytest.mark.parametrize("tries_by_itself", [True, False])
@@ -122,15 +122,15 @@ async def test_it_is_found_soon_after_it_answers(tries_by_itself, quiet_network,
             raise socket.gaierror(-3, "Temporary failure in name resolution")
         return [(socket.AF_INET, ("127.0.0.1", port))]
 
-    async with SshPort() as door:
+    async with SshPort() as ssh_port:
         finding = asyncio.ensure_future(
-            ServerDialer(rng=Random(1), resolver=Resolver(lookup)).find([at(door.port, "h")])
+            ServerDialer(rng=Random(1), resolver=Resolver(lookup)).find([at(ssh_port.port, "h")])
         )
         await asyncio.wait({finding}, timeout=0.7)
         known.set()
         if not tries_by_itself:
             quiet_network._event.set()
-        assert await asyncio.wait_for(finding, 4) == at(door.port, "h")
+        assert await asyncio.wait_for(finding, 4) == at(ssh_port.port, "h")
 
 
 async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
@@ -155,21 +155,21 @@ async def test_a_cell_that_drops_everything_costs_two_seconds(silent_port, monke
     monkeypatch.setattr(server_dialer, "NEXT_PORT_AFTER_S", 0.1)
     monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.7)
     loop = asyncio.get_running_loop()
-    async with SshPort() as door:
+    async with SshPort() as ssh_port:
         gone = ListedCell("gone", (silent_port, silent_port))
         both = [SshAddress("127.0.0.1", silent_port, "tunnel", cell=gone) for _ in gone.ports]
         started = loop.time()
-        found = await ServerDialer().find([*both, *cells(free_port(), door.port)])
-        assert found == at(door.port)
+        found = await ServerDialer().find([*both, *cells(free_port(), ssh_port.port)])
+        assert found == at(ssh_port.port)
         assert 0 <= loop.time() - started - 0.7 < 1
 
 
 async def test_the_time_in_which_a_cell_was_silent_already_counts(silent_port):
     loop = asyncio.get_running_loop()
-    async with SshPort() as door:
+    async with SshPort() as ssh_port:
         started = loop.time()
-        found = await ServerDialer().find(cells(silent_port, door.port), unreached_s=1.5)
-        assert found == at(door.port)
+        found = await ServerDialer().find(cells(silent_port, ssh_port.port), unreached_s=1.5)
+        assert found == at(ssh_port.port)
         assert loop.time() - started < server_dialer.NEXT_CELL_AFTER_S - 0.5
 
 
@@ -190,9 +190,9 @@ async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(quiet_network,
     monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.3)
     monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (0.8, 0.8))
     loop = asyncio.get_running_loop()
-    async with SshPort("silent") as busy, SshPort() as door:
+    async with SshPort("silent") as busy, SshPort() as ssh_port:
         started = loop.time()
-        assert await ServerDialer().find(cells(busy.port, door.port)) == at(door.port)
+        assert await ServerDialer().find(cells(busy.port, ssh_port.port)) == at(ssh_port.port)
         assert 0.7 <= loop.time() - started < 3
         assert busy.connections == 1
 
@@ -210,44 +210,44 @@ async def test_a_silent_cell_that_speaks_at_last_wins(quiet_network, monkeypatch
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.0)
     monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
-    async with SshPort("late") as door, asyncio.timeout(WAIT_S):
+    async with SshPort("late") as ssh_port, asyncio.timeout(WAIT_S):
         dialer = ServerDialer()
         with dialer._counted_silent():
-            finding = asyncio.ensure_future(dialer.find([at(door.port)]))
+            finding = asyncio.ensure_future(dialer.find([at(ssh_port.port)]))
             # The test's own, and the one that the door has taken.
             await eventually(lambda: dialer._silent_connections > 1, lambda: "it is taken")
-        door.may_speak.set()
+        ssh_port.may_speak.set()
         assert await words(await dialer.open(await finding)) == BANNER
-        assert door.connections == 1
+        assert ssh_port.connections == 1
 
 
 async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.2)
     monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
     monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
-    async with SshPort("silent") as door:
+    async with SshPort("silent") as ssh_port:
         with pytest.raises(NoAnswerError, match="it accepts the connection but stays silent"):
-            await asyncio.wait_for(ServerDialer().find([at(door.port)]), 5)
+            await asyncio.wait_for(ServerDialer().find([at(ssh_port.port)]), 5)
 
 
 async def test_a_connection_in_hand_that_ended_is_not_used():
     dialer = ServerDialer()
-    async with SshPort() as door:
-        target = await dialer.find([at(door.port)])
+    async with SshPort() as ssh_port:
+        target = await dialer.find([at(ssh_port.port)])
     with pytest.raises(ServerUnreachableError):
         await dialer.open(target)
 
 
 async def test_nothing_is_kept_for_long(monkeypatch):
     monkeypatch.setattr(server_dialer, "SPARE_S", 0.05)
-    async with SshPort() as door:
+    async with SshPort() as ssh_port:
         dialer = ServerDialer()
-        await dialer.find([at(door.port)])
+        await dialer.find([at(ssh_port.port)])
         await eventually(lambda: not dialer._spares, lambda: "it is let go", 5)
 
 
 async def test_a_proxy_that_lets_only_443_out():
-    async with SshPort("shy") as door, FakeProxy("only_443", behind_443=door.port) as proxy:
+    async with SshPort("shy") as ssh_port, FakeProxy("only_443", behind_443=ssh_port.port) as proxy:
         dialer = ServerDialer(proxy_of(proxy.url))
         assert dialer.is_proxied
         assert await dialer.find([at(2222), at(443)]) == at(443)

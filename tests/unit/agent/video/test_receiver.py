@@ -20,14 +20,14 @@ from robotether_common.codecs import H264
 from robotether_common.frames import StreamRequest
 
 
-def passed(limiter: FrameRateLimiter, moments: list[float]) -> list[int]:
-    return [number for number, at in enumerate(moments) if limiter.allows(at)]
+def passed(limiter: FrameRateLimiter, times: list[float]) -> list[int]:
+    return [number for number, at in enumerate(times) if limiter.allows(at)]
 
 
 def test_a_camera_of_the_wanted_rate_loses_nothing_to_jitter():
     random = Random(1)
-    moments = sorted(n / 15 + random.uniform(-0.02, 0.02) for n in range(300))
-    assert len(passed(FrameRateLimiter(15), moments)) >= 298
+    times = sorted(n / 15 + random.uniform(-0.02, 0.02) for n in range(300))
+    assert len(passed(FrameRateLimiter(15), times)) >= 298
 
 
 @pytest.mark.parametrize(("camera", "wanted", "each"), [(30, 15, 2), (60, 15, 4), (30, 1, 30)])

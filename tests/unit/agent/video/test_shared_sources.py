@@ -13,7 +13,7 @@ from robotether_agent.video.shared_sources import SharedSources
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_common.frames import Source, VideoStatus
 
-WISH = SourceRequest("/camera", 70, None, None, 15.0)
+REQUEST = SourceRequest("/camera", 70, None, None, 15.0)
 
 
 class FakeSource:
@@ -65,7 +65,7 @@ async def until_open(source: FakeSource, count: int = 1) -> None:
 
 
 async def test_the_condition_follows_the_frames(shared_sources, source):
-    shared = shared_sources.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(REQUEST, "a", lambda _: None)
     await until_open(source)
     assert shared.condition() == VideoStatus("waiting", "", "mjpeg")
     source.give()
@@ -80,7 +80,7 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
 
 async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
     source.kind = "web_video_server"
-    shared = shared_sources.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(REQUEST, "a", lambda _: None)
     await until_open(source)
     source.now_s += 4
     assert (
@@ -93,7 +93,7 @@ async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
 async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
     monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
     source.fault = KeyError("a defect")
-    shared = shared_sources.follow(WISH, "a", lambda _: None)
+    shared = shared_sources.follow(REQUEST, "a", lambda _: None)
     await eventually(lambda: source.opened > 1, lambda: f"opened {source.opened} times")
     assert shared.condition().state == "down"
     assert "KeyError" in caplog.text

@@ -76,8 +76,8 @@ def test_the_new_source_is_open_before_the_old_one_ends(shared_sources, switch, 
     assert (switch.source_request, set(shared_sources.open)) == (LOW, {LOW})
     shared_sources.give(LOW, 0.726)
     assert [quality for _, quality in got] == [80] * 11 + [40]
-    moments = [moment for moment, _ in got]
-    assert moments == sorted(set(moments))
+    timestamps = [timestamp for timestamp, _ in got]
+    assert timestamps == sorted(set(timestamps))
 
 
 def test_an_older_frame_does_not_go_on(shared_sources, switch, got):

@@ -43,7 +43,7 @@ from robotether_agent.video.timestamps import (
 from robotether_common.codecs import H264
 
 ARRIVED = ClockReadings(robot_s=1000.0, wall_s=1_800_000_000.0, steady_s=900.0)
-WISH = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
+REQUEST = SourceRequest("/camera/image_raw", 70, None, None, 15.0)
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
 
@@ -109,7 +109,7 @@ def run(http, make_graph, spawn) -> Callable[..., tuple[asyncio.Future[None], Ta
     made: dict[str, Sources] = {}
 
     def start(
-        source_settings: SourceSettings, source_request: SourceRequest = WISH
+        source_settings: SourceSettings, source_request: SourceRequest = REQUEST
     ) -> tuple[asyncio.Future[None], Taken]:
         taken = Taken()
         if (key := repr(source_settings)) not in made:
@@ -160,7 +160,7 @@ async def test_frames_of_web_video_server(run, names_length):
 
 
 def test_quality_and_size_stand_in_the_url():
-    assert stream_url("http://h:1", WISH) == (
+    assert stream_url("http://h:1", REQUEST) == (
         "http://h:1/stream?topic=/camera/image_raw&type=mjpeg&quality=70&qos_profile=sensor_data"
     )
     assert stream_url("http://h:1", SourceRequest("/a&b", 20, 320, 240, 1)).endswith(
@@ -181,11 +181,11 @@ def test_quality_and_size_stand_in_the_url():
         (
             "ends",
             "auto",
-            {WISH.topic: "theora_image_transport/Packet"},
+            {REQUEST.topic: "theora_image_transport/Packet"},
             "messages of theora_image_",
         ),
         ("ends", "rosbridge", {"/odom": "nav_msgs/Odometry"}, "has no images of /camera/image_raw"),
-        ("ends", "rosbridge", {WISH.topic: "sensor_msgs/Image"}, "cannot be read: PyAV is not "),
+        ("ends", "rosbridge", {REQUEST.topic: "sensor_msgs/Image"}, "cannot be read: PyAV is not "),
     ],
 )
 async def test_what_cannot_be_shown_is_named(run, mode, source, topics, why):
@@ -291,7 +291,7 @@ def early_stall(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sources_module, "SERVER_STALL_S", 0.2)
 
 
-RAW = {WISH.topic: "sensor_msgs/Image"}
+RAW = {REQUEST.topic: "sensor_msgs/Image"}
 
 
 def raw_image(**changes: object) -> dict[str, object]:
@@ -313,7 +313,7 @@ async def shows_raw(rosbridge: TopicRosbridge, taken: Taken) -> None:
         while not taken.pictures:
             # A subscription before may just end.
             with suppress(ConnectionError):
-                await rosbridge.publish(WISH.topic, raw_image(header={"stamp": stamp}))
+                await rosbridge.publish(REQUEST.topic, raw_image(header={"stamp": stamp}))
             await asyncio.sleep(0.05)
     picture = taken.pictures[0]
     assert Image.open(io.BytesIO(picture.data)).convert("L").getpixel((2, 1)) == 143
@@ -342,14 +342,14 @@ async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbrid
         await shows_raw(rosbridge, taken)
         assert taken.kinds == ["web_video_server", "rosbridge"]
         # Another quality or size would only start another process.
-        assert not taken.sources.steps_quality(WISH.topic)
+        assert not taken.sources.steps_quality(REQUEST.topic)
 
 
 async def test_raw_images_that_cannot_be_shown_name_their_encoding(run):
     async with TopicRosbridge(RAW) as rosbridge:
         running, _ = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
         while not running.done():
-            await rosbridge.publish(WISH.topic, raw_image(encoding="bayer_rggb8"))
+            await rosbridge.publish(REQUEST.topic, raw_image(encoding="bayer_rggb8"))
             await asyncio.sleep(0.05)
         await fails(running, "encoding bayer_rggb8, which is not shown")
 
@@ -364,9 +364,9 @@ def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("topics", "wanted", "follows"),
     [
-        (IMAGES, WISH.topic, "/camera/image_raw/compressed"),
+        (IMAGES, REQUEST.topic, "/camera/image_raw/compressed"),
         # Somebody waits for raw images, so that the topic is there.
-        ({WISH.topic: "sensor_msgs/Image", **IMAGES}, WISH.topic, f"{WISH.topic}/compressed"),
+        ({REQUEST.topic: "sensor_msgs/Image", **IMAGES}, REQUEST.topic, f"{REQUEST.topic}/compressed"),
         ({"/c": "sensor_msgs/CompressedImage"}, "c", "/c"),
     ],
 )
@@ -397,16 +397,16 @@ async def test_a_camera_whose_compressed_images_are_no_jpeg_names_their_format(r
 async def test_images_that_web_video_server_cannot_convert_are_named_by_their_encoding(run, source):
     """Depth is no missing topic; rosbridge sends one such image, however often the camera is opened."""
     async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
-        rosbridge.topics = {WISH.topic: "sensor_msgs/msg/Image"}
+        rosbridge.topics = {REQUEST.topic: "sensor_msgs/msg/Image"}
         rosbridge.publishers = ["/depth"]
-        why = f"no images of {WISH.topic}, which have the encoding 16UC1"
+        why = f"no images of {REQUEST.topic}, which have the encoding 16UC1"
         for _ in range(2):
             running, _ = run(source_settings(server.url, rosbridge.url, source))
-            if not rosbridge.subscribed(WISH.topic):
-                await rosbridge.subscription(WISH.topic)
-                await rosbridge.publish(WISH.topic, {"encoding": "16UC1", "data": ""})
+            if not rosbridge.subscribed(REQUEST.topic):
+                await rosbridge.subscription(REQUEST.topic)
+                await rosbridge.publish(REQUEST.topic, {"encoding": "16UC1", "data": ""})
             await fails(running, why)
-        assert len(rosbridge.subscribed(WISH.topic)) == 1
+        assert len(rosbridge.subscribed(REQUEST.topic)) == 1
 
 
 VIDEO = {

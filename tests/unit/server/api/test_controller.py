@@ -65,11 +65,11 @@ def test_driver_holds_control_from_start_to_end(at, write, first_line):
     write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
     write(line("drive_started", minutes(20), "ben", fence=2))
     write(line("drive_ended", minutes(10), "ben", fence=2, lasted_s=600.0))
-    moment = dt.timedelta(microseconds=1)
+    instant = dt.timedelta(microseconds=1)
     for time, expected in (
-        (minutes(30) - moment, ("nobody", None, None)),
+        (minutes(30) - instant, ("nobody", None, None)),
         (minutes(30), ("driver", "ann", None)),
-        (minutes(20) - moment, ("driver", "ann", None)),
+        (minutes(20) - instant, ("driver", "ann", None)),
         (minutes(20), ("driver", "ben", None)),
         (minutes(10), ("nobody", None, None)),
         (minutes(70), ("unknown", None, "before_log")),

@@ -17,8 +17,8 @@ class Answer(Struct):
 
 
 def test_moments_are_texts_of_whole_seconds():
-    moment = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
-    assert plain([Answer(moment, {"a": [None, 1.5]})]) == [
+    timestamp = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
+    assert plain([Answer(timestamp, {"a": [None, 1.5]})]) == [
         {"at": "2026-01-01T12:03:00Z", "settings": {"a": [None, 1.5]}}
     ]
 
