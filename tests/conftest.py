@@ -39,12 +39,12 @@ LONGEST_FIRST = (
     "e2e/test_client.py",
     "images/test_secrets.py",
     "e2e/test_page_settings.py",
-    "e2e/test_sight.py",
+    "e2e/test_video.py",
     "images/test_key_lookup.py",
     "images/test_certificate.py",
     "e2e/test_admin_actions.py",
     "e2e/test_recovery.py",
-    "e2e/test_truth.py",
+    "e2e/test_safety.py",
     "images/test_acme.py",
 )
 
