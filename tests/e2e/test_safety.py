@@ -1,6 +1,6 @@
 """What the page says is true: how old the video is, and which state keeps the robot from driving, and what to do.
 
-Which state comes before which, and its words, are unit tests of statusSelector.js and states.js.
+Which state comes before which, and its words, are unit tests of controlPanel.js.
 """
 
 from __future__ import annotations

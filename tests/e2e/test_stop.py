@@ -1,7 +1,7 @@
 """Anybody who sees a robot stops it, everybody sees that at once, and only a deliberate release ends it.
 
 What a page says of a stop in which state, its two ways to the server and how long a release is held are unit tests of
-stopping.js, stopBar.js and hold.js; which stop a release ends is a rule of the relay.
+stopping.js and stopBar.js; which stop a release ends is a rule of the relay.
 """
 
 from __future__ import annotations

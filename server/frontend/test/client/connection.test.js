@@ -6,7 +6,7 @@ import { Connection, GIVE_UP } from "../../src/client/connection.js";
 
 let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 
-// A link as link.js makes it, that notes what it is told and lets the test play the server.
+// A link as rosbridge.js makes it, that notes what it is told and lets the test play the server.
 function fakeLink(url, handlers) {
   const link = {
     url,

@@ -7,7 +7,7 @@ const SPEC = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 };
 
 let links, urls, states, observerConnection;
 
-// A link as link.js makes it, that lets the test play the server.
+// A link as rosbridge.js makes it, that lets the test play the server.
 function fakeLink(url, handlers) {
   const link = { ...handlers, url, subscribed: [], closed: false, close: () => (link.closed = true) };
   link.subscribe = ({ name }, onMessage) => {
