@@ -268,7 +268,9 @@ def _check_names(raw: Mapping[str, object], fields: list[str], of: str) -> None:
             name = repr(str(key)[:40])
             names = ", ".join(fields)
             if of:
-                raise FieldInvalidError(f"cannot use {of}: {name} is not a setting; there is {names}")
+                raise FieldInvalidError(
+                    f"cannot use {of}: {name} is not a setting; there is {names}"
+                )
             raise FieldInvalidError(f"cannot use {name}: there is no such field; known are {names}")
 
 

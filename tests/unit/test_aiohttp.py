@@ -159,9 +159,12 @@ asyncio.run(ask())
 
 
 @pytest.mark.parametrize(
-    ("trusted", "expected"), [(True, "200\n200\n"), (False, "certificate verify failed: self-signed")]
+    ("trusted", "expected"),
+    [(True, "200\n200\n"), (False, "certificate verify failed: self-signed")],
 )
-async def test_the_agent_reads_the_systems_certificates_with_the_first_connection(trusted, expected):
+async def test_the_agent_reads_the_systems_certificates_with_the_first_connection(
+    trusted, expected
+):
     """Then it trusts them, and nobody else."""
 
     async def answer(_):

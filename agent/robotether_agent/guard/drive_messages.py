@@ -331,7 +331,9 @@ def _number(members: Mapping[str, Any], name: str) -> float:
         raise DriveMessageRefusedError("shape", f"its {name} is not a number")
     # An integer may be too large for a float, so it is compared first.
     if not -MAX_NUMBER <= value <= MAX_NUMBER or not math.isfinite(value):
-        raise DriveMessageRefusedError("shape", f"its {name} is not a number that a robot can execute")
+        raise DriveMessageRefusedError(
+            "shape", f"its {name} is not a number that a robot can execute"
+        )
     return float(value)
 
 

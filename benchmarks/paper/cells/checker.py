@@ -456,7 +456,9 @@ def _returns_of(
     for event in [*events, Event(at_s=end_s, kind="late")]:
         since_s, waits = request.since_s, request.waits
         request.follow(event)
-        ends = event.kind in ("moved", "late") or (event.kind == "leaves" and request.since_s is None)
+        ends = event.kind in ("moved", "late") or (
+            event.kind == "leaves" and request.since_s is None
+        )
         if not (ends and waits and faults.any_live(cells, whereabouts.source, event.at_s)):
             continue
         begin_s, after = faults.last_change(cells, whereabouts, since_s or event.at_s, event.at_s)

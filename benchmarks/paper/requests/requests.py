@@ -118,7 +118,9 @@ def run_queue(load: float, requests: int, _: object = None) -> Values:
     """Measure a queue of one pool, planned at once and as often as the product plans."""
     jobs = poisson_jobs(Random(load), requests, load * OPERATORS / JOB_S, JOB_S)
     operators = [NOBODYS] * OPERATORS
-    at_once, planned = (sorted(simulate(jobs, operators, every_s)) for every_s in (0.0, PLAN_EVERY_S))
+    at_once, planned = (
+        sorted(simulate(jobs, operators, every_s)) for every_s in (0.0, PLAN_EVERY_S)
+    )
     return {
         "load": load,
         "requests": requests,

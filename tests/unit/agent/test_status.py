@@ -114,7 +114,9 @@ def test_a_new_problem_is_not_over(place):
     writer = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
     writer.report_problem(KeyRefusedError("cannot log in"), "waiting")
     writer.set(state="connected", video_tunnel="open")
-    writer.report_problem(LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed")
+    writer.report_problem(
+        LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed"
+    )
     assert has_problem(writer.status)
     assert "problem       lost the video tunnel [link_lost]" in render(writer.status, NOW)
 

@@ -151,9 +151,7 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
             if header[0] == 0x81:
                 transcript.add("  text:", json.loads(data))
             else:
-                transcript.add(
-                    "  header except its timestamp:", data[:8].hex(" "), header_of(data)
-                )
+                transcript.add("  header except its timestamp:", data[:8].hex(" "), header_of(data))
                 transcript.add("  frame:", {"size": len(data) - HEADER.size, "sum": digest(data)})
 
         viewer.send(op="stream_request", fps=5, quality_max=60)

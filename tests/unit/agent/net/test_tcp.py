@@ -143,7 +143,9 @@ async def test_an_address_that_refuses_is_passed_over():
 
 async def test_all_addresses_refuse():
     """A refusal is an answer: the name and each address are told, and the reason once."""
-    words = r"cannot reach it: Connection refused \(127.0.0.1, 127.0.0.2\); see that the server runs"
+    words = (
+        r"cannot reach it: Connection refused \(127.0.0.1, 127.0.0.2\); see that the server runs"
+    )
     with pytest.raises(ServerUnreachableError, match=words):
         await connect("h", free_port(), at("127.0.0.1", "127.0.0.2"), "it")
 

@@ -366,7 +366,11 @@ def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (IMAGES, REQUEST.topic, "/camera/image_raw/compressed"),
         # Somebody waits for raw images, so that the topic is there.
-        ({REQUEST.topic: "sensor_msgs/Image", **IMAGES}, REQUEST.topic, f"{REQUEST.topic}/compressed"),
+        (
+            {REQUEST.topic: "sensor_msgs/Image", **IMAGES},
+            REQUEST.topic,
+            f"{REQUEST.topic}/compressed",
+        ),
         ({"/c": "sensor_msgs/CompressedImage"}, "c", "/c"),
     ],
 )

@@ -221,7 +221,9 @@ def stamp(value: Any) -> DriveStamp:
 
 def _seen(value: Any) -> tuple[NamedFrame, ...]:
     if not isinstance(value, list) or len(value) > MAX_SEEN_FRAMES:
-        raise FieldRefusedError(f"has a seen that is not an array of up to {MAX_SEEN_FRAMES} frames")
+        raise FieldRefusedError(
+            f"has a seen that is not an array of up to {MAX_SEEN_FRAMES} frames"
+        )
     return tuple(map(_named_frame, value))
 
 

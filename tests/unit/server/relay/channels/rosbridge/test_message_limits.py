@@ -134,7 +134,7 @@ def test_answers_have_a_limit():
 
 
 def test_one_is_given_up_by_its_id_and_without_one_all_of_the_topic():
-    """rosbridge does the same; giving up a subscription that is not there changes nothing."""
+    """The bridge of ROS does the same; giving up a subscription that is not there changes nothing."""
     mine = Subscriptions(3)
     mine.remove("/a", None)
     for subscription in (("/a", 1), ("/a", 2), ("/b", 1)):
