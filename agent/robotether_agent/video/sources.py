@@ -554,7 +554,7 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
     compressed, kind = _compressed_of(name, topics), topics.get(name, RAW_IMAGE_TYPE)
     if compressed is not None:
         return NotByServerError(
-            f"{printable(compressed, 100)} has compressed images alone, which web_video_server "
+            f"{printable(compressed, 100)} has only compressed images, which web_video_server "
             "does not show; set video_source to auto in the agent's settings",
             is_raw=False,
         )

@@ -34,7 +34,7 @@ COMPARE = "compare it with the one that robotether-agent status shows on the rob
 @click.option(
     "--fingerprint",
     metavar="SHA256:...",
-    help="Approve this key alone, without asking; `robotether-agent status` on the robot shows it.",
+    help="Approve only this key, without asking; `robotether-agent status` on the robot shows it.",
 )
 @click.option(
     "--yes", is_flag=True, help="Approve the key that waits, whichever it is, without asking."

@@ -49,7 +49,7 @@ def token() -> None:
 @click.option(
     "--only",
     type=click.Choice(get_args(TokenUse)),
-    help="What alone it is for.  [default: all that the user may do]",
+    help="The only purpose of the token.  [default: all that the user may do]",
 )
 def create(user_name: str, name: str, days: int, only: TokenUse | None) -> None:
     """Create a token and print it once, as the last word."""

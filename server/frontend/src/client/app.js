@@ -62,7 +62,7 @@ export class App {
 
   // "state" with {name, reason} at each change of the connection. Gives the function that ends it.
   on(event, handler) {
-    if (event !== "state") throw new TypeError(`cannot report ${event}: an app has "state" alone`);
+    if (event !== "state") throw new TypeError(`cannot report ${event}: an app has only "state"`);
     this.handlers.add(handler);
     return () => this.handlers.delete(handler);
   }

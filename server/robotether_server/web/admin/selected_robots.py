@@ -96,7 +96,7 @@ confirmation.register(
         title="Let {who} {level} {count}{end}?",
         effects=(
             "{names}",
-            "A grant that {who} has for one of these robots alone is replaced.",
+            "A grant that {who} has for only one of these robots is replaced.",
         ),
         undo="Remove each grant on the page of {who}.",
         button="Give",

@@ -111,7 +111,7 @@ confirmation.register(
     ConfirmedAction(
         path="/grant",
         title="Let {count} {level} {what}{end}?",
-        effects=("{names}", "A grant that one of them has alone for {what} is replaced."),
+        effects=("{names}", "A grant that only one of them has for {what} is replaced."),
         undo="Remove each grant on the page of its user.",
         button="Give",
         done="May {level} {what}{end}: {names}.",

@@ -177,7 +177,7 @@ def test_quality_and_size_stand_in_the_url():
         ("lists", "auto", {}, "cannot be shown: it sends text/html"),
         # A server that answers badly is not left for rosbridge.
         ("refuses", "auto", IMAGES, "HTTP status 500"),
-        ("ends", "web_video_server", IMAGES, "/compressed has compressed images alone"),
+        ("ends", "web_video_server", IMAGES, "/compressed has only compressed images"),
         (
             "ends",
             "auto",
