@@ -219,7 +219,7 @@ async def _problem_at(target: SshAddress, store: EnrolmentStore) -> AgentError:
         try:
             status, words = await within(TIMEOUT_S, _ask_client(target, store, connection))
         except FileNotFoundError:
-            return SshMissingError("cannot look at the SSH ports: there is no OpenSSH client (ssh)")
+            return SshMissingError("cannot check the SSH ports: there is no OpenSSH client (ssh)")
         except asyncio.TimeoutError:
             why = f"cannot reach SSH at {target}: {SILENT}"
             return ServerUnreachableError(why, advice=SILENT_ADVICE)

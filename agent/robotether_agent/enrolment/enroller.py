@@ -389,7 +389,7 @@ def enrolment_files(state_dir: Path) -> list[Path]:
         return [path for path in (state_dir / name for name in FILES) if path.exists()]
     except OSError as error:
         raise StateUnusableError(
-            f"cannot look into {state_dir}: {error.strerror}", advice="run this with sudo"
+            f"cannot read {state_dir}: {error.strerror}", advice="run this with sudo"
         ) from error
 
 
