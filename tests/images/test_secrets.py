@@ -299,7 +299,7 @@ def test_wrong_secrets_of_ones_own_stop_the_start(site: Site, pair: tuple[str, s
         ({"ticket_key": "t" * 31}, "ticket_key: it must have at least 32 characters"),
         ({"session_key": "t" * 40 + " t"}, "session_key: it must have no space"),
         ({"mysql_web_password": "p$ssword-of-web"}, "mysql_web_password: it must have only letters"),
-        ({"ssh_host_ed25519_key": "half"}, "ssh_host_ed25519_key: it is no private key"),
+        ({"ssh_host_ed25519_key": "half"}, "ssh_host_ed25519_key: it is not a private key"),
         ({"database_ca.pem": "half"}, "database_ca.pem: it is no certificate in PEM"),
         ({"database_ca_key.pem": key}, "database_ca_key.pem: database_ca.pem is missing"),
         (authority | {"database_ca_key.pem": weak_key.read_text()}, "it is not the key of database_ca.pem"),

@@ -270,7 +270,7 @@ class RouteDriver(OperatorConnection):
         """Return whether a command of an app moves nothing, because none before it said to stand still."""
         if source.route.source_app is None or command.stands or now_s <= source.moves_until_s:
             return False
-        source.problem = "it moves nothing until a command of the app says to stand still"
+        source.problem = "the app must send a zero before it can move the robot"
         return True
 
     async def _submit(self, drive: DrivePath, source: RouteSource, command: DriveCommand) -> None:

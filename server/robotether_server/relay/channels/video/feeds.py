@@ -233,10 +233,10 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         requests = _requests_of(operators)
         if not requests:
             return None
-        # Who only watches takes nothing from who drives.
+        # An observer takes nothing from a driver.
         is_driven = self._driver_id() in self.user_ids()
         leading = _requests_of(each for each in operators if each.may_drive or not is_driven)
-        # Who does not decode H.264 is here as long as the robot has none.
+        # Viewers that do not decode H.264 are here while the robot has no encoder.
         choosing = [each for each in requests if H264.name in each.codecs] or requests
         return replace(reduce(combined, leading), codecs=reduce(combined, choosing).codecs)
 
