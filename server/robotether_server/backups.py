@@ -10,8 +10,6 @@ from pathlib import Path
 
 # In compose.yaml's volume backup_record.
 RECORD = Path("/var/lib/robotether/backups")
-# Time in s by which a backup may be of the future, as after a small step of the clock.
-MAX_AHEAD_S = 300
 
 
 @dataclass(frozen=True)
@@ -41,10 +39,6 @@ def age_s(timestamp: dt.datetime | None) -> float:
 
 def _read(file: Path) -> dt.datetime | None:
     try:
-        timestamp = dt.datetime.fromtimestamp(int(file.read_text(encoding="ascii")), dt.UTC)
+        return dt.datetime.fromtimestamp(int(file.read_text(encoding="ascii")), dt.UTC)
     except FileNotFoundError:
         return None
-    if age_s(timestamp) < -MAX_AHEAD_S:
-        # The clock was wrong then or is now; else it would be the newest one until that day.
-        raise ValueError(timestamp)
-    return timestamp
