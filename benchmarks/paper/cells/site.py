@@ -234,7 +234,7 @@ def offset_bytes(seconds: float) -> bytes:
 def _add_clock(stack: Stack) -> None:
     """Give web and relay a clock that can be stepped, before they start."""
     folder = stack.folder / "clock"
-    folder.mkdir(parents=True)
+    folder.mkdir(parents=True, exist_ok=True)
     here = {str(folder): {"bind": "/out"}}
     stack.engine.containers.run(CLOCK_IMAGE, remove=True, volumes=here)
     (folder / OFFSET).write_bytes(offset_bytes(0.0))

@@ -44,7 +44,7 @@ async def guard(
         "rosbridge.FULL_AFTER_S",
         "rosbridge.STALLED_AFTER_S",
     ):
-        monkeypatch.setattr(f"robotether_agent.guard.{name}", PATIENCE_S)
+        monkeypatch.setattr(f"robotether_agent.guard.{name}", LONG_S)
     monkeypatch.setattr(agent_messages, "TIMES_MS", (200, PATIENCE_MS))
     times = {"max_age_ms": PATIENCE_MS, "deadman_ms": PATIENCE_MS}
     async with GuardHere(tmp_path, rosbridge.port, **times) as running:
