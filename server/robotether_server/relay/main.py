@@ -42,13 +42,8 @@ async def run(settings: RelaySettings, listen: Listen, journal: Journal | None =
     stopped = asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         asyncio.get_running_loop().add_signal_handler(number, stopped.set)
-    relay = Relay(
-        settings,
-        open_database(settings),
-        listen=listen,
-        peer_keys=read_peer_keys(),
-        journal=journal,
-    )
+    database, peer_keys = open_database(settings), read_peer_keys()
+    relay = Relay(settings, database, listen=listen, peer_keys=peer_keys, journal=journal)
     await relay.start()
     await stopped.wait()
     log.info("stopping")
