@@ -153,7 +153,7 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "cell_drained": ("Machine out of service", "took cell {cell} out of service"),
     "cell_resumed": ("Machine in service again", "put cell {cell} back into service"),
     "cell_removed": ("Machine removed", "removed cell {cell}"),
-    "records_restored": ("Backup put back", "put back a backup with the records of {records_of}"),
+    "records_restored": ("Backup restored", "restored a backup with the records of {records_of}"),
     "lines_lost": ("Lines lost", "could not write {count} lines from {since} to {until}"),
     "token_created": ("API token created", "created API token {token}"),
     "token_deleted": ("API token deleted", "deleted API token {token}"),
