@@ -221,7 +221,7 @@ async def test_a_camera_redirects_to_its_own_host_alone(run, host, is_followed):
         given = source_settings(rear=f"{camera.url}/stream")
         running, taken = run(given, SourceRequest("rear", 0, None, None, 15))
         if is_followed:
-            await eventually(taken.some(), taken.told)
+            await eventually(taken.some(), taken.describe)
         else:
             await fails(running, "camera rear cannot be shown: it redirects to another host")
         assert bool(other.asked) == is_followed

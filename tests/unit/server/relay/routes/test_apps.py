@@ -18,6 +18,7 @@ from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.routes import apps, driver
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
+from stopwatch import Stopwatch
 
 TWIST, ODOMETRY = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry"
 SIM1 = 7
@@ -143,13 +144,13 @@ async def test_an_app_moves_nothing_before_it_stood_still(world, connect, monkey
     for _ in range(2):
         world.robot.received.clear()
         socket = await connect(OFFER)
-        await publish_until(socket, lambda: "stand still" in world.live()[1], MOVE)
+        await publish_until(socket, lambda: "send a zero" in world.live()[1], MOVE)
         assert world.published() == []
         assert world.driver() is None
         await publish_until(socket, moves, HALT, MOVE)
         await asyncio.sleep(0.4)
         before = len(moves())
-        await publish_until(socket, lambda: "stand still" in world.live()[1], MOVE)
+        await publish_until(socket, lambda: "send a zero" in world.live()[1], MOVE)
         assert len(moves()) == before
         await socket.close()
         await until(lambda: world.driver() is None, "the robot is free")
@@ -354,12 +355,14 @@ async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, e
             await asyncio.sleep(every_s)
 
     flooding = asyncio.create_task(flood())
-    code, answers = await closed_with(socket)
+    with Stopwatch() as stopwatch:
+        code, answers = await closed_with(socket)
     flooding.cancel()
     await asyncio.gather(flooding, return_exceptions=True)
     assert code == 1008
     assert all("too many" in answer for answer in answers)
-    assert len(answers) <= 20
+    # A busy machine takes longer to be flooded.
+    assert len(answers) <= apps.ANSWERS_PER_S * (1 + stopwatch.clock_s)
 
 
 async def test_all_apps_of_a_user_may_send_as_much_as_one(connect, monkeypatch):
