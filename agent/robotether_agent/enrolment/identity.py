@@ -131,7 +131,9 @@ class IdentityStore:
             return None
 
 
-def find_interface(interface: str | None, *, allow_local: bool, root: Path) -> Interface:
+def find_interface(
+    interface: str | None, *, allow_local: bool, root: Path = Path("/")
+) -> Interface:
     """Return `interface`, or the primary physical interface when None; raise InterfaceMissingError."""
     if interface is not None:
         return _named(interface, allow_local=allow_local, root=root)
