@@ -103,8 +103,8 @@ def _were_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
         (chain, LINES_LOST),
     )
     for details in map(_details, rows):
-        times = (dt.datetime.fromisoformat(str(details[name])) for name in ("since", "until"))
-        since, until = times
+        since = dt.datetime.fromisoformat(str(details["since"]))
+        until = dt.datetime.fromisoformat(str(details["until"]))
         condition = "kind IN %s AND at > %s AND at <= %s"
         if at >= since and _line(tx, chain, condition, (CONTROL, until, at), "at") is None:
             return True

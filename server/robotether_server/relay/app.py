@@ -186,26 +186,24 @@ def inside_app(
         # A database that is away is no reason to restart the relay: what is open goes on.
         return web.json_response({"status": "ok", "store": "up" if fleet.store_up else "down"})
 
-    async def show_metrics(request: web.Request) -> web.Response:
+    @web.middleware
+    async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
         try:
-            return metrics_answer(await metrics.read(request.query.get("cell")))
-        except HttpError as problem:
-            return problem_answer(problem)
-
-    async def follow_robots(request: web.Request) -> web.StreamResponse:
-        try:
-            return await recorder_handler.handle(request)
+            return await handler(request)
         except RobotetherError as problem:
             return problem_answer(problem)
+
+    async def show_metrics(request: web.Request) -> web.Response:
+        return metrics_answer(await metrics.read(request.query.get("cell")))
 
     async def list_cells(_request: web.Request) -> web.Response:
         return web.Response(text="".join(f"{address}\n" for address in cells()))
 
-    app = web.Application()
+    app = web.Application(middlewares=[answer_problems])
     app.router.add_get("/healthz", healthz)
     app.router.add_get("/cells", list_cells)
     app.router.add_get("/metrics", show_metrics)
-    app.router.add_get(recorder.PATH, follow_robots, allow_head=False)
+    app.router.add_get(recorder.PATH, recorder_handler.handle, allow_head=False)
     return app
 
 
