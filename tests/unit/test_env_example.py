@@ -108,7 +108,7 @@ def test_a_wrong_value_ends_the_start_before_anything_runs():
 
 
 def test_compose_sets_every_setting_and_nothing_else():
-    """Only fixed places inside the image are not in it."""
+    """It leaves out only fixed places inside the image."""
     inside = {
         f"{name}_DIR" for name in ("AGENT_FILES", "SSH_HOST_KEYS", "MIGRATIONS", "RECORDINGS")
     }

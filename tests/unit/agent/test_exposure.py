@@ -85,7 +85,7 @@ def test_firewall_of_ros_1_closes_the_port_to_all_but_this_machine():
 @needs_root
 @pytest.mark.usefixtures("network")
 def test_a_port_that_answers_over_ipv6_alone_is_told():
-    """As behind a firewall that closes it over IPv4."""
+    """A firewall may close it only over IPv4."""
     namespaces.ip("link", "add", "robot", "type", "veth", "peer", "name", "others")
     namespaces.ip("link", "set", "robot", "addrgenmode", "none")
     namespaces.ip("address", "add", "192.0.2.1/24", "dev", "robot")

@@ -68,7 +68,7 @@ def test_every_request_counts_for_its_address():
 
 
 def test_files_for_slow_readers_fit_in_the_containers_memory():
-    """Each request holds its file and what compresses it: over HTTP/2 a few connections have hundreds."""
+    """A request holds its file and a compressor: a few connections of HTTP/2 have hundreds."""
     text = (IMAGES / "nginx" / "nginx.conf").read_text()
     most = {zone: int(number) for zone, number in re.findall(r"limit_conn (\w+) (\d+);", text)}
     assert most["files"] * SLOW_READER_KIB / 1024 < 0.6 * _memory_mib()

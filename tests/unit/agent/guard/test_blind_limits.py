@@ -40,7 +40,7 @@ def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
 
 
 def test_no_age_of_a_million_allows_more_than_may_be_driven_unseen() -> None:
-    """Nor does the speed come back faster than it may, whatever ages follow each other."""
+    """The speed also comes back no faster than it may, whatever ages follow each other."""
     chance, age, now, before = random.Random(1), LimitingAge(), 1000.0, 0.0
     for _ in range(10**6):
         step_s = chance.random() * 0.2

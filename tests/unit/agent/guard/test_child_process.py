@@ -179,7 +179,7 @@ async def test_a_stop_outlives_the_agent(cloud, start_agent):
 
 
 async def test_without_a_guard_the_forward_is_bare(cloud, start_agent, caplog):
-    """As in the paper, the port leads straight to rosbridge, and everybody is told."""
+    """The port leads straight to rosbridge, and log, status and server say so."""
     agent = start_agent(cloud, guard="off")
     status = await agent.until_connected()
     assert await echo(cloud.ports[0], "x", key="") == "x"

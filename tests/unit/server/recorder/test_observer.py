@@ -84,7 +84,7 @@ async def test_without_the_drive_topic_all_is_recorded():
 
 
 async def test_of_a_graph_with_many_robots_one_is_recorded():
-    """By type and name alone the others would take all places."""
+    """The other robots would take all places if only type and name decided."""
     topics = {}
     for number in range(9):
         topics |= {

@@ -221,7 +221,7 @@ async def test_an_app_that_comes_and_goes_begins_no_lease_after_the_other(
 
 
 async def test_an_app_and_what_it_drives_are_in_the_audit_log(world, connect):
-    """With its user and from where it connects."""
+    """The lines have the app's user and address."""
     address = "192.0.2.7"
     socket = await connect(OFFER, headers={"X-Forwarded-For": address})
     await publish_until(socket, world.published)

@@ -129,7 +129,7 @@ async def test_what_is_no_json_that_clients_read_is_no_answer(*, guarded, ask, s
 
 
 async def test_numbers_that_json_lacks_are_null_in_an_answer(*, guarded, ask, serving):
-    """As rosbridge writes them too, where they are no array's; what is text stays."""
+    """An answer has null for them, as rosbridge writes it outside arrays; text stays."""
     message = b'{"x": [NaN, 1.5, -Infinity], "name": "a \\" NaN"}'
     content = {"x": [None, 1.5, None], "name": 'a " NaN'}
     asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
