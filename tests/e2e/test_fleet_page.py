@@ -190,3 +190,19 @@ def test_the_fleet_fits_a_phone(fleet: Page) -> None:
     assert box is not None
     assert box["x"] + box["width"] <= 360
     assert box["height"] >= 44
+
+
+def test_other_machines_are_measured(page: Page, stack: Stack) -> None:
+    """The browser may ask them: here the same nginx, by its address, which counts as another machine."""
+    stack.sql(
+        "INSERT INTO cells (name, host, https_port, ssh_ports, version, heartbeat_at)"
+        f" VALUES ('other', '127.0.0.1', {stack.https_port}, '1', '0', NOW() + INTERVAL 1 HOUR)"
+    )
+    try:
+        there = f"https://127.0.0.1:{stack.https_port}/nginx-health"
+        with page.expect_response(there) as answer:
+            open_page(page, stack, "/")
+        assert answer.value.ok
+        expect(page.get_by_test_id("nearest")).to_contain_text("No machine that answers is clearly")
+    finally:
+        stack.sql("DELETE FROM cells WHERE name = 'other'")

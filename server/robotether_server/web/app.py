@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
-from flask import Flask, Response, request
+from flask import Flask, Response, g, request
 from prometheus_client import start_http_server
 from werkzeug.middleware.proxy_fix import ProxyFix
 
@@ -192,7 +192,8 @@ def _count_requests(app: Flask, request_log: logs.RequestLog) -> None:
 def _add_headers(response: Response) -> Response:
     """Add the security headers of every answer."""
     # The documents have a policy of their own.
-    response.headers.setdefault("Content-Security-Policy", content_security_policy(request.host))
+    policy = content_security_policy(request.host, g.get("other_machines", ()))
+    response.headers.setdefault("Content-Security-Policy", policy)
     response.headers["Cross-Origin-Opener-Policy"] = "same-origin"
     response.headers["Permissions-Policy"] = PERMISSIONS_POLICY
     response.headers["Referrer-Policy"] = "same-origin"
@@ -203,15 +204,16 @@ def _add_headers(response: Response) -> Response:
     return response
 
 
-def content_security_policy(host: str) -> str:
-    """Return the policy of a page of this host, `NAME[:PORT]`."""
+def content_security_policy(host: str, others: Iterable[str] = ()) -> str:
+    """Return the policy of a page of this host, `NAME[:PORT]`; it may ask `others`, written alike, too."""
     # Beside 'self', because some browsers do not count wss://same-host as 'self'.
     sockets = f" wss://{host}" if HOST.fullmatch(host) else ""
+    origins = "".join(f" https://{other}" for other in others if HOST.fullmatch(other))
     return "; ".join(
         (
             "default-src 'self'",
             "img-src 'self' blob: data:",
-            f"connect-src 'self'{sockets}",
+            f"connect-src 'self'{sockets}{origins}",
             "object-src 'none'",
             "base-uri 'none'",
             "form-action 'self'",

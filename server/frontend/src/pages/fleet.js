@@ -6,6 +6,7 @@ import { offerDrive } from "../fleet/cards.js";
 import { filterOf, inNameOrder, inOrder, inWindow, WINDOW } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { Batch, PointerPause, RobotList, throttled } from "../fleet/list.js";
+import { showNearest } from "../fleet/nearest.js";
 import { Thumbs } from "../fleet/thumbs.js";
 import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
@@ -158,5 +159,7 @@ const feed = new Feed({
 });
 
 feed.start();
+const nearest = part(main, "nearest"); // only where the site has other machines
+if (nearest) showNearest(nearest);
 new Presses().watch(window);
 new LoginUse().watch(window);

@@ -37,6 +37,16 @@ export const fleet = {
   noSite: "No site",
 };
 
+const ms = (value) => `${Math.max(1, Math.round(value))} ms`;
+
+export const nearest = {
+  measuring: "Measuring which machine is nearest to you.",
+  unknown: "It is not known which machine is nearest to you.",
+  here: (hereMs) => `No machine that answers is clearly nearer to you than this one (${ms(hereMs)}).`,
+  nearer: (name, thereMs, hereMs) => `Machine ${name} is nearer to you: ${ms(thereMs)}, this one ${ms(hereMs)}.`,
+  open: (name) => `Open ${name}`,
+};
+
 export const thumb = {
   empty: "",
   taken: (robot, time) => `Picture of ${robot}, taken at ${time}`,

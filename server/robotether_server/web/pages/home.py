@@ -3,7 +3,7 @@
 A person without a login is redirected to the log-in page and back.
 """
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from http import HTTPStatus
 from urllib.parse import urlsplit
 
@@ -11,6 +11,7 @@ from flask import (
     Blueprint,
     Response,
     current_app,
+    g,
     make_response,
     redirect,
     render_template,
@@ -21,9 +22,10 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import seen_robots
+from robotether_server.db import Transaction, cells, seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.db.seen_robots import SeenRobot
+from robotether_server.install_line import SiteAddress
 from robotether_server.problems import (
     FieldInvalidError,
     LoginFailedError,
@@ -124,13 +126,22 @@ def log_out() -> AnyResponse:
 @blueprint.get("/")
 def show_fleet() -> AnyResponse:
     """Show the robots that the user may see; /api/v1/events updates the page."""
-    return _page_of_robots("fleet.html", lambda seen: [_card(robot) for robot in seen])
+    return _page_of_robots(
+        "fleet.html",
+        lambda tx, seen: {
+            "robots": [_card(robot) for robot in seen],
+            "machines": _other_machines(tx),
+        },
+    )
 
 
 @blueprint.get("/wall")
 def show_wall() -> AnyResponse:
     """Show pictures of the robots that the user may see, those that ask for help first."""
-    return _page_of_robots("wall.html", _tiles, most=context().wall_robots)
+    return _page_of_robots(
+        "wall.html",
+        lambda _tx, seen: {"robots": _tiles(seen), "most": context().wall_robots},
+    )
 
 
 def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
@@ -139,17 +150,29 @@ def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
     }
 
 
+def _other_machines(tx: Transaction) -> list[dict[str, str]]:
+    """Return the machines of the site whose page this person could open instead, and let this page measure them."""
+    machines = [
+        {"name": cell.name, "authority": SiteAddress(cell.host, cell.https_port).authority}
+        for cell in cells.read(tx)
+        if cell.host is not None and cell.is_listed
+    ]
+    others = [item for item in machines if item["authority"] != request.host]
+    g.other_machines = [item["authority"] for item in others]
+    return others
+
+
 def _page_of_robots(
-    template: str, describe: Callable[[list[SeenRobot]], Collection[object]], **values: object
+    template: str, describe: Callable[[Transaction, list[SeenRobot]], dict[str, object]]
 ) -> AnyResponse:
-    """Show a page of all robots that the user may see, as `describe` says for its template, which has `values`, too."""
+    """Show a page of all robots that the user may see; `describe` gives its template's values."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
         if user is None:
             return current_user.to_login()
-        seen = seen_robots.list_seen(tx, user)
+        values = describe(tx, seen_robots.list_seen(tx, user))
         current_user.remember(tx, user)
-    return make_response(render_template(template, user=user, robots=describe(seen), **values))
+    return make_response(render_template(template, user=user, **values))
 
 
 @blueprint.get("/robots/<name>")

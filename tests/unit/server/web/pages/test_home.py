@@ -8,7 +8,10 @@ from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
+from relay_server import cell_settings
+from robotether_server.db import cells
 from robotether_server.settings.robot import parse
+from robotether_server.times import utc_now
 from web_visitor import PASSWORD, Browser, audit_kinds
 
 
@@ -165,6 +168,28 @@ def test_fleet_page_shows_what_the_user_may_see(browser):
         assert ("sim1" in page, "sim2" in page) == (True, manages)
         assert ('data-manages="yes"' in page) is manages
         browser.client.delete_cookie("__Host-robotether_login", domain="robots.example")
+
+
+def test_fleet_page_may_measure_the_sites_other_machines(browser, database, relay_database):
+    """Not its own, and none that is taken out of service or has no address; other pages may ask none."""
+    browser.log_in("ann")
+    with relay_database.transaction() as tx:
+        for name, host in (
+            ("a", "robots.example"),
+            ("b", "b.example"),
+            ("c", "c.example"),
+            ("d", None),
+        ):
+            cells.write_heartbeat(tx, cell_settings(name, host), cells.CellCounts(), utc_now())
+    with database.transaction() as tx:
+        cells.set_draining(tx, "c", on=True)
+    answer = browser.ask("GET", "/")
+    [machines] = re.findall(r'data-machines="([^"]*)"', answer.text)
+    assert json.loads(html.unescape(machines)) == [{"name": "b", "authority": "b.example"}]
+    policy = "connect-src 'self' wss://robots.example"
+    for path, own in (("/", f"{policy} https://b.example"), ("/wall", policy)):
+        headers = browser.ask("GET", path).headers
+        assert own in headers["Content-Security-Policy"].split("; "), path
 
 
 @pytest.mark.parametrize("name", ["sim2", "ghost"])
