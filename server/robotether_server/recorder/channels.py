@@ -109,12 +109,6 @@ OWN_TOPICS: Mapping[str, OwnTopic] = {
 }
 
 
-def stamp_of(time_ns: int) -> dict[str, int]:
-    """Return a time of Unix as ROS 2 has it."""
-    sec, nanosec = divmod(time_ns, NS_PER_S)
-    return {"sec": sec, "nanosec": nanosec}
-
-
 class CameraWriter:
     """Writes the frames of one camera of one codec as they came.
 

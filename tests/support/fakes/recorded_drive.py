@@ -19,7 +19,7 @@ import numpy as np
 from av.video.frame import PictureType
 from numpy.typing import NDArray
 from robotether_server.recorder.cdr import encoder_of
-from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
+from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
 from robotether_server.recorder.ros_types import RosType, type_of
 from sim_robot.graph import make_graph
@@ -231,7 +231,8 @@ def own_message(
 ) -> RecordedMessage:
     """A message of the relay's, recorded a little later."""
     own, at_ns = OWN_TOPICS[topic], BASE_NS + at_ms * MS
-    data = own.encode({"stamp": stamp_of(at_ns), **members})
+    stamp = dict(zip(("sec", "nanosec"), divmod(at_ns, 10**9), strict=True))
+    data = own.encode({"stamp": stamp, **members})
     return RecordedMessage(own.channel, at_ns + late_ms * MS, at_ns, 0, data)
 
 
@@ -250,7 +251,7 @@ def odometry(at_ms: int, x: float, y: float = 0.0, topic: str = "/odom") -> Reco
     """Where the robot is."""
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     message = {
-        "header": {"stamp": stamp_of(0), "frame_id": "odom"},
+        "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "odom"},
         "child_frame_id": "base",
         "pose": {
             "pose": {"position": {**zero, "x": x, "y": y}, "orientation": {**zero, "w": 1.0}},

@@ -6,7 +6,7 @@ import pytest
 from mcap.reader import make_reader
 from robotether_server.db.recordings import RecordableRobot
 from robotether_server.recorder.cdr import EncodingError, encoder_of
-from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of, stamp_of
+from robotether_server.recorder.channels import OWN_TOPICS, CameraWriter, channel_of
 from robotether_server.recorder.mcap_file import (
     MAX_CHANNELS,
     McapFile,
@@ -116,7 +116,7 @@ def test_topics_of_either_ros_are_read_by_rosbags(tmp_path, ros_version):
 def test_commands_are_read_by_rosbags(tmp_path):
     own = OWN_TOPICS["commands"]
     message = {
-        "stamp": stamp_of(7_000_000_008),
+        "stamp": {"sec": 7, "nanosec": 8},
         "topic": "/cmd_vel",
         "person": "ann",
         "fence": 3,
