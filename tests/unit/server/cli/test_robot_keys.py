@@ -128,19 +128,6 @@ def test_of_several_keys_one_is_named(run, database):
     assert robot(database).fingerprint == "SHA256:other"
 
 
-def test_rejected_key_is_gone(run, database):
-    run(*ADD)
-    show_key(database)
-    done = run("robot", "reject", "sim1")
-    assert "no terminal to ask on; say --fingerprint SHA256:abc" in done.err
-    assert run("robot", "reject", "sim1", terminal="n\n").status == 1
-    done = run("robot", "reject", "sim1", terminal="y\n")
-    assert done.out.endswith("rejected key SHA256:abc of robot sim1\n")
-    assert robot(database).fingerprint is None
-    assert "so there is no key to reject" in run("robot", "reject", "sim1").err
-    assert kinds(database)[-1] == "key_rejected"
-
-
 def test_rejected_key_may_ask_again(run, database):
     run(*ADD)
     show_key(database)

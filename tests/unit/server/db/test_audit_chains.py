@@ -89,20 +89,6 @@ def test_writers_at_once_make_one_chain_each(database, relay_database):
     }
 
 
-def test_line_that_is_rolled_back_leaves_no_gap(database):
-    record(database)
-
-    def record_in_vain():
-        with database.transaction() as tx:
-            audit.record(tx, Source("ann"), "login", "sim1")
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        record_in_vain()
-    record(database)
-    assert reports(database)["sim1"].lines == 2
-
-
 @pytest.mark.parametrize(
     "change",
     [

@@ -44,13 +44,6 @@ def insert_and_fail(database):
         raise LookupError
 
 
-def test_block_that_raises_leaves_nothing(database):
-    insert_and_fail(database)
-    with database.transaction() as tx:
-        assert tx.rows("SELECT * FROM users") == []
-        assert tx.row("SELECT * FROM users") is None
-
-
 def test_transactions_that_block_each_other_are_all_done(database):
     """The database undoes one of the two, which is done again."""
     with database.transaction() as tx:

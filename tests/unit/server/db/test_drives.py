@@ -76,16 +76,6 @@ def test_a_drive_that_never_moved_the_robot_is_found_by_its_number_alone(databas
         assert drives.get(tx, users.get(tx, "ann"), still).fence == 1
 
 
-def test_frame_rate_is_that_of_the_time_with_a_video(database, admin_database):
-    """A drive without a video has none, nor has one from before anybody counted."""
-    add_drive(admin_database, "a", "ben", fence=1, pictures=None, viewed_s=None)
-    add_drive(admin_database, "a", "ben", fence=2, pictures=0, viewed_s=0)
-    add_drive(admin_database, "a", "ben", fence=3, pictures=30, viewed_s=2)
-    with database.transaction() as tx:
-        found = drives.find(tx, users.get(tx, "root"), DriveSearch())
-    assert [item.frames_per_s for item in found] == [15, None, None]
-
-
 def test_a_drive_of_a_dead_cell_has_ended(database, admin_database, relay_database):
     with relay_database.transaction() as tx:
         cells.write_heartbeat(tx, cell_settings("x"), cells.CellCounts(), NOON)

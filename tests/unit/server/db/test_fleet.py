@@ -6,7 +6,7 @@ import json
 import pytest
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import audit, cells, credentials, fleet, robots, users
+from robotether_server.db import cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     FormerSessions,
@@ -33,24 +33,6 @@ def sim1(database):
         users.add(tx, "root", "x", "admin")
         give(tx, ann, robot_id, "drive")
     return robot_id
-
-
-def user_id(database, name):
-    with database.transaction() as tx:
-        return users.get(tx, name).id
-
-
-def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
-    with relay_database.transaction() as tx:
-        snapshot = fleet.load(tx)
-    robot = snapshot.by_name["sim1"]
-    assert (robot.id, robot.state) == (sim1, "active")
-    assert robot.video_port == robot.ros_port + 1
-    assert snapshot.level(user_id(database, "ann"), sim1) == "drive"
-    assert snapshot.level(user_id(database, "root"), sim1) == "manage"
-    assert snapshot.level(999, sim1) is None
-    assert snapshot.visible(user_id(database, "ann")) == [robot]
-    assert snapshot.visible(999) == []
 
 
 def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypatch):
@@ -216,16 +198,6 @@ def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, adm
         assert fleet.last_seen(tx) == [(sim1, NOON + HOUR, "cell_removed")]
 
 
-def test_new_rows_are_told_by_the_entrys_place(relay_database, sim1):
-    sessions = [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")]
-    entries = [FormerSessions(NOON - HOUR), sessions[0], AuditEntry(NOON, "ann", "x"), sessions[1]]
-    with relay_database.transaction() as tx:
-        places = fleet.write(tx, entries)
-        assert sorted(places) == [1, 3]
-        row = tx.row("SELECT started_at FROM robot_sessions WHERE id = %s", (places[3],))
-    assert row == {"started_at": NOON + HOUR}
-
-
 def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):
     with relay_database.transaction() as tx:
         fleet.write(tx, [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + 2 * HOUR, "")])
@@ -242,18 +214,6 @@ def test_sessions_of_other_cells_are_left_open(relay_database, sim1):
         fleet.write(tx, [FormerSessions(before=NOON + HOUR)], "a")
         rows = tx.rows("SELECT cell FROM robot_sessions WHERE ended_at IS NULL")
     assert [row["cell"] for row in rows] == ["b"]
-
-
-def test_an_audit_line_is_written_whole(database, relay_database, sim1):
-    """The moment is when it happened, and not when it could be written."""
-    entry = AuditEntry(
-        NOON, "ann", "drive_ended", "sim1", "203.0.113.9", {"end_code": "client_left"}
-    )
-    with relay_database.transaction() as tx:
-        fleet.write(tx, [entry])
-    with database.transaction() as tx:
-        (event,) = audit.find(tx)
-    assert vars(entry).items() <= vars(event).items()
 
 
 def test_call_for_help_is_an_open_request(database, relay_database, sim1):

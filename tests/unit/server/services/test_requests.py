@@ -85,20 +85,6 @@ def test_an_offer_is_accepted_by_its_operator_in_time_and_with_the_right(desk):
         desk.act("accept", "ben", request_id + 1)
 
 
-def test_a_declined_request_goes_to_the_next(desk):
-    desk.poll("ann")
-    desk.pass_time(1)
-    desk.poll("ben")
-    request_id = desk.ask()
-    desk.pass_time(1)
-    desk.poll("ann")
-    desk.act("decline", "ann", request_id)
-    desk.pass_time(1)
-    assert desk.poll("ann").offer is None
-    assert desk.request(request_id).offered_to == "ben"
-    assert [event.actor for event in desk.events("request_declined")] == ["ann"]
-
-
 def test_a_supervisor_assigns_by_hand(desk):
     """To who is available or wraps up, past the pool, and also what somebody has accepted."""
     request_id = desk.ask(pool="night")

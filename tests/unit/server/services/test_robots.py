@@ -192,24 +192,6 @@ def test_changes_keep_the_rest_and_are_logged_once(site):
     assert do(site, robot_service.set_settings, "turtle", {}).settings == {}
 
 
-def test_settings_are_changed_from_what_they_are(site):
-    do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
-    changed = do(
-        site,
-        robot_service.change_settings,
-        "sim1",
-        lambda present: present | {"guard": {"deadman_ms": 400}},
-    )
-    assert changed.settings == {"shell_user": "pi", "guard": {"deadman_ms": 400}}
-    with pytest.raises(FieldInvalidError, match=r"cannot use guard\.deadman_ms: "):
-        do(site, robot_service.change_settings, "sim1", lambda _: {"guard": {"deadman_ms": 1}})
-    assert site.robot("sim1").settings == changed.settings
-    assert [event.details for event in site.events("robot_settings_set")] == [
-        {"was": {}, "settings": {"shell_user": "pi"}},
-        {"was": {"shell_user": "pi"}, "settings": changed.settings},
-    ]
-
-
 def test_wrong_changes_are_refused(site):
     with pytest.raises(FieldInvalidError, match="locally administered"):
         do(site, robot_service.set_mac, "sim1", "02:00:00:00:00:01")
@@ -265,16 +247,6 @@ def test_new_robot_is_made_and_active(site, signer):
     assert site.used() == 1
     (event,) = site.events("robot_approved")
     assert (event.robot, event.actor, event.address) == ("turtle", "root", "192.0.2.9")
-
-
-def test_used_up_token_makes_no_robot(site, signer):
-    token = site.join_token(1)
-    register(site, signer, token=token)
-    with site.database.transaction() as tx:
-        robot_service.remove(tx, ADMIN, "turtle")
-    with pytest.raises(TokenUsedUpError, match="an admin has undone that"):
-        register(site, signer, token=token)
-    assert site.names() == ["sim1"]
 
 
 def test_announced_robot_takes_the_key(site, signer):
