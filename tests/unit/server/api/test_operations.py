@@ -48,14 +48,3 @@ def test_query_has_each_name_once(root):
     assert root.get("/audit?limit=1")["events"] == []
     for wrong in ("most=1", "limit=1&limit=2"):
         assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")
-
-
-def test_name_has_one_spelling(root):
-    """The database would overlook a space at the end."""
-    for path, code in (
-        ("/robots/sim1%20", "robot_unknown"),
-        ("/robots/%0Asim1", "robot_unknown"),
-        ("/users/ann%20", "record_missing"),
-    ):
-        assert root.refused("GET", path) == root.refused("DELETE", path) == (404, code)
-    assert root.refused("DELETE", "/grants/ann/sim1%20") == (404, "robot_unknown")

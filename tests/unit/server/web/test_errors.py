@@ -6,15 +6,6 @@ import pytest
 from robotether_server.api import auth
 
 
-def test_menu_stays_for_who_is_logged_in(browser, ann, admin):
-    for path in ("/nothing", "/robots/nosuch"):
-        assert "menu-profile" in ann.ask("GET", path).text
-        assert "menu-admin" in admin.ask("GET", path).text
-    nobodys = browser.ask("GET", "/nothing").text
-    assert "There is no page at this address." in nobodys
-    assert "menu-profile" not in nobodys
-
-
 def test_a_file_that_is_not_there_is_no_page(browser):
     """What nginx compresses must hold no secret of the visitor's, as each page's form token is."""
     answer = browser.ask("GET", "/static/nothing.js")

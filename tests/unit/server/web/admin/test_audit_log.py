@@ -40,12 +40,6 @@ def test_older_pages_go_on_where_the_newer_ended(admin):
     assert "Older" not in page
 
 
-def test_kinds_are_chosen_by_name(admin):
-    page = admin.ask("GET", "/admin/audit?kind=grant_given").text
-    assert '<option value="grant_given" selected>Grant given</option>' in page
-    assert "<option selected>counted</option>" in admin.ask("GET", "/admin/audit?kind=counted").text
-
-
 def test_nothing_fits(admin):
     """The page leads back to everything, and takes nonsense for no page at all; a wrong day is said."""
     page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text

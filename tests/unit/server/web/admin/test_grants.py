@@ -113,21 +113,6 @@ def test_an_end_comes_with_its_offset_or_in_utc(admin):
         assert f'value="{day}{shown}"' in admin.ask("GET", "/admin/users/ann").text
 
 
-def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
-    send(admin, "/admin/users/ann/grants", **FORM)
-    number = number_of(database, "user ann", "robot sim2")
-    form = FORM | {"grant": str(number), "ends_at": "2020-01-01T00:00:00.000Z"}
-    page = send(admin, "/admin/users/ann/grants", **form).text
-    field = page.split(f'id="grant-{number}-end"')[1].split(">")[0]
-    assert 'value="2020-01-01T00:00:00.000"' in field
-    assert "data-ends-at" not in field
-    assert f'aria-describedby="grant-{number}-end-problem"' in field
-    assert f'<a href="#grant-{number}-end">Until</a>: It has passed' in page
-    assert "It has passed" in page.split(f'id="grant-{number}-end-problem"')[1].split("<")[0]
-    assert page.count("aria-invalid") == 1
-    assert "selected" not in page.split('id="grant-name"')[1].split("</select>")[0]
-
-
 def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     before = all_grants(database)
     for wrong in (
@@ -163,20 +148,3 @@ def test_a_grant_is_taken_away_after_a_question(
     assert (who, what, level) in all_grants(database)
     assert send(admin, path).location == onward
     assert (who, what, level) not in all_grants(database)
-
-
-def test_the_question_names_the_end(admin, database, admin_database):
-    day = f"{dt.datetime.now(dt.UTC) + dt.timedelta(days=7):%Y-%m-%d}"
-    send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}T23:59"}))
-    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
-    page = admin.ask("GET", path).text
-    end = f"{day} 23:59:00 UTC"
-    time = f'<time datetime="{day}T23:59:00+00:00" title="{end}">{end}</time>'
-    for words in (f"may drive now until {time},", f"robot sim2 until {time} again"):
-        assert words in page
-    with admin_database.transaction() as tx:
-        tx.change("UPDATE grants SET expires_at = '2020-01-01' WHERE expires_at IS NOT NULL")
-    page = admin.ask("GET", path).text
-    assert 'It no longer allows anything: drive until <time datetime="2020-01-01' in page
-    assert "may drive now" not in page
-    assert "Give the user ann the grant" not in page

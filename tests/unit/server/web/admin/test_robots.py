@@ -60,14 +60,6 @@ def test_list_shows_what_the_search_finds(admin):
     assert 'href="/admin/robots" data-keeps-ticks>Show all' in page
 
 
-def test_an_empty_fleet_says_what_to_do_first(admin, database):
-    with database.transaction() as tx:
-        tx.change("DELETE FROM robots")
-    page = admin.ask("GET", "/admin/robots").text
-    assert "There is no robot yet" in page
-    assert page.count(">Add robot<") == 1
-
-
 def test_what_an_unknown_robot_calls_itself_is_text(admin, program):
     """A host name is anybody's; it becomes no markup, on no page."""
     assert join(program, "02:00:00:00:51:77", 7, "<script>alert(1)</script>").status_code == 202
@@ -84,15 +76,6 @@ def insert_sessions(database, count):
             "SELECT id, NOW(), 'link_lost', '203.0.113.5', '0.2.0' "
             f"FROM robots JOIN seq_1_to_{count} WHERE name = 'sim1'"
         )
-
-
-def test_overview_tells_what_is_known(admin, program, admin_database):
-    join(program, MAC, 1)
-    insert_sessions(admin_database, 1)
-    page = admin.ask("GET", "/admin/robots/sim1").text
-    for text in (MAC, "turtle", "20000", "203.0.113.5"):
-        assert text in page
-    assert fingerprint(1) in page.replace("</span><span>", "")
 
 
 def test_history_has_the_last_of_everything(admin, program, admin_database):

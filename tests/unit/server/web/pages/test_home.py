@@ -200,14 +200,6 @@ def test_robot_that_may_not_be_seen_is_not_there(browser, name):
     assert f"No robot &#39;{name}&#39;, or you have no access." in page.text
 
 
-def test_health_and_icon_need_no_login(browser):
-    for path in ("/healthz", "/healthz/database"):
-        assert browser.ask("GET", path).status_code == 200
-    icon = browser.ask("GET", "/favicon.ico")
-    assert (icon.status_code, icon.mimetype) == (200, "image/svg+xml")
-    icon.close()
-
-
 @pytest.mark.parametrize(
     ("origin", "status"),
     [
