@@ -17,9 +17,6 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
 from robotether_server.relay.robots.viewer_stats import CameraCounts
 
-# Maximum number of series of a machine with 1000 robots, and processor time of one answer.
-MAX_SERIES, MAX_RENDER_S = 15_000, 0.05
-
 
 @pytest.fixture
 def traffic():
@@ -151,8 +148,8 @@ def watch(robot, camera, encoder):
     robot.feeds[key] = feed
 
 
-async def test_a_thousand_robots_cost_little(metrics, record_property):
-    """Each robot reports every number, and an unknown encoder."""
+async def test_a_robot_has_so_many_series_whatever_it_reports(metrics):
+    """Each of a thousand reports every number, and an unknown encoder."""
     registry = SessionRegistry()
     rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(1000)}
     report = GuardReport(
@@ -171,13 +168,4 @@ async def test_a_thousand_robots_cost_little(metrics, record_property):
     samples = [sample for family in families for sample in family.samples]
     of_robots = [sample for sample in samples if "robot" in sample.labels]
     assert len(of_robots) == SERIES_OF_ROBOT * len(rows)
-    record_property("series", len(samples))
-    assert len(samples) < MAX_SERIES
     assert {sample.labels.get("encoder") for sample in of_robots} == {None, "other"}
-    took_s = []
-    for _ in range(5):
-        begin_s = time.process_time()
-        metrics.render()
-        took_s.append(time.process_time() - begin_s)
-    record_property("render_s", min(took_s))
-    assert min(took_s) < MAX_RENDER_S

@@ -1,19 +1,6 @@
 """The numbers of all cells, as a Prometheus that reaches one of them asks for them."""
 
-import pytest
 from relay_server import until
-
-
-@pytest.mark.parametrize(("cell", "name"), [(None, "a"), ("a", "a"), ("b", "b")])
-async def test_a_cell_has_the_numbers_of_each(cell_a, http, cell, name):
-    await until(lambda: cell_a.relay.peers.find("b"), "cell b is connected")
-    query = {} if cell is None else {"cell": cell}
-    async with http.get(f"{cell_a.server.inside_url}/metrics", params=query) as answer:
-        text = await answer.text()
-    assert (answer.status, answer.content_type) == (200, "text/plain")
-    assert f'cell="{name}"' in next(
-        line for line in text.splitlines() if line.startswith("robotether_build_info")
-    )
 
 
 async def test_what_a_cell_does_not_have_is_said_to_be_missing(cell_a, cell_b, http):

@@ -1,7 +1,6 @@
 """The two ends of a bridge, over real sockets with peers that behave badly."""
 
 import asyncio
-import struct
 from contextlib import asynccontextmanager
 from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
 from typing import cast
@@ -124,45 +123,6 @@ async def test_a_client_that_floods_until_its_end_holds_nobody_up(operator, monk
         sent.set()
         await until(lambda: len(seen) > 1000, "all are read")
     assert len(set(seen)) > 100
-
-
-async def test_what_the_client_has_not_taken_is_known(operator):
-    opened = []
-
-    async def talk(socket):
-        opened.append(socket)
-        while True:
-            await socket.send_frame(b"x" * 65536, WSMsgType.BINARY)
-
-    async with operator(talk) as client:
-        transport_of(client).pause_reading()
-        await until(lambda: opened and opened[0].waiting_bytes() > 0, "bytes wait")
-        transport_of(client).abort()
-        await until(lambda: opened[0].waiting_bytes() == 0, "nothing waits any more")
-
-
-@pytest.mark.parametrize("code", [1001, 4000, None])
-@pytest.mark.parametrize("reads", [True, False])
-async def test_a_connection_that_is_gone_tells_whether_by_intent(operator, code, reads):
-    """A close frame counts, whether it was read before the connection was cut or not."""
-    answer = asyncio.get_running_loop().create_future()
-
-    async def talk(socket):
-        try:
-            while reads:
-                await socket.receive()
-                await asyncio.sleep(0)
-            await asyncio.Event().wait()
-        except asyncio.CancelledError:
-            answer.set_result(await socket.goodbye_code())
-            raise
-
-    async with operator(talk) as client:
-        await client.send_str("{}")
-        if code is not None:
-            await client.send_frame(struct.pack("!H", code), WSMsgType.CLOSE)
-        transport_of(client).abort()
-        assert await asyncio.wait_for(answer, WAIT_S) == code
 
 
 async def test_a_connection_that_lives_has_not_said_goodbye(operator):

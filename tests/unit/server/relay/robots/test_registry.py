@@ -64,19 +64,6 @@ def test_a_newer_link_makes_the_older_leave_first(registry, changes):
     assert registry.presence(7).online
 
 
-def test_robots_that_are_online_are_counted(registry):
-    registry.remember([(8, NOW, "timeout")])
-    counts = [registry.online_count()]
-    for link in (online(registry), online(registry)):
-        registry.on_hello(link, "0.1.0", "on")
-        registry.on_heartbeat(link, 1.0)
-        counts.append(registry.online_count())
-    registry.disconnected(link, "timeout")
-    registry.seen_elsewhere(7)
-    registry.on_snapshot(Snapshot({}, {}))
-    assert [*counts, registry.online_count()] == [0, 1, 1, 0]
-
-
 def test_a_late_establishment_of_an_older_link_changes_nothing(registry, changes):
     older, newer = FakeLink(), FakeLink()
     registry.make_current(older)

@@ -2,16 +2,12 @@
 
 import asyncio
 import contextlib
-import io
-import json
-import logging
 from dataclasses import replace
 
 import pytest
 from fake_robot import HOST, WAIT_S, RobotSession
 from relay_clients import configured, ended
-from relay_server import SESSION_KEY, running_relay, until
-from robotether_server import logs
+from relay_server import SESSION_KEY, running_relay
 from robotether_server.relay.options import Timing
 
 KINDS = ("session", "media")
@@ -27,28 +23,6 @@ async def test_rubbish_instead_of_a_preface_gets_no_answer(relay, line):
     with contextlib.suppress(ConnectionError):
         assert await asyncio.wait_for(reader.read(), WAIT_S) == b""
     writer.close()
-
-
-async def test_log_lines_of_a_connection_name_it_as_sshd_does(relay, caplog):
-    """The robot is told the name, for its own log."""
-    stream = io.StringIO()
-    handler = logging.StreamHandler(stream)
-    logs.write_json(handler)
-    logging.getLogger().addHandler(handler)
-    try:
-        caplog.set_level("INFO")
-        session = RobotSession(7, kind="session", session_key=SESSION_KEY)
-        await session.connect(relay.relay.session_port)
-        await configured(session)
-        await session.close()
-        await until(lambda: "is offline" in stream.getvalue(), "its end is logged")
-    finally:
-        logging.getLogger().removeHandler(handler)
-    name = "198.51.100.7 port 51234"
-    assert session.configs[0]["connection_id"] == name
-    own = [json.loads(line) for line in stream.getvalue().splitlines() if "robot sim1" in line]
-    assert own
-    assert {line["connection_id"] for line in own} == {name}
 
 
 async def test_a_robot_newer_than_the_last_poll_is_admitted(memory_database):

@@ -160,16 +160,6 @@ async def test_a_robots_answer_is_never_a_part_of_a_page(robot, login, video):
         assert answer.status == 200
 
 
-async def test_an_answer_that_breaks_off_is_cut_and_logged(robot, sim1, caplog, video):
-    caplog.set_level("INFO")
-    head = b"HTTP/1.1 200 OK\r\nContent-Type: image/png\r\nContent-Length: 9\r\n\r\n"
-    robot.raw_answer = [head + b"half"]
-    async with video("raw") as answer:
-        await _read_until_cut(answer)
-    (line,) = [message for message in caplog.messages if "video ended" in message]
-    assert line.startswith("robot sim1: ")
-
-
 ENDS = {
     "tunnel": lambda robot, _: robot.session.close(),
     "right": lambda _, database: database.grants.clear(),

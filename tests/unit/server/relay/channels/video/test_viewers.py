@@ -46,15 +46,6 @@ async def feed(sim1):
     return Books(sim1)
 
 
-async def test_a_fresh_frame_is_shown_to_who_comes(feed):
-    frame = feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, EYE, 10.9)
-    assert cursor.next() is frame
-    cursor.sent(frame)
-    assert cursor.next() is None
-    assert (feed.was_taken, feed.skipped) == ([], 0)
-
-
 async def test_an_old_frame_is_given_back(feed):
     """Who comes waits for the next, which the robot can only send when it has credit."""
     feed.show(7, received_s=10.0)
