@@ -8,7 +8,6 @@ from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
 from robotether_server.relay.robots.connection import Connection, permits
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import NEVER_SEEN, Change
 from robotether_server.settings import robot as robot_settings
 
 USERS = {1: "ann", 2: "bob"}
@@ -67,13 +66,6 @@ def snapshot(memory_database):
 )
 def test_a_grant_permits_its_uses_and_no_more(level, uses):
     assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
-
-
-def test_a_lost_link_ends_what_goes_through_it(live, sim1, sim2):
-    through = [live.add(1, sim1, "drive", connected=False), live.add(2, sim1, "video")]
-    other = live.add(1, sim2, "drive")
-    live.connections.on_robot_change(Change("disconnected", sim1.id, NEVER_SEEN, "timeout"))
-    assert live.how(*through, other) == [["link_lost"], ["link_lost"], []]
 
 
 def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):

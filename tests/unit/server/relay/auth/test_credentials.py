@@ -210,18 +210,6 @@ async def test_who_is_live_is_known_while_the_database_is_away(
     assert await ask(login) == yes
 
 
-async def test_what_ended_before_the_database_went_does_not_come_back(credentials, memory_database):
-    """Though nothing hangs on it, the relay asks for it when credentials change."""
-    login, stays = of_ann(memory_database), of_ann(memory_database)
-    assert await credentials.holds(login)
-    assert await credentials.holds(stays)
-    del memory_database.credentials[login]
-    await credentials.recheck()
-    memory_database.down = True
-    assert await credentials.holds(stays)
-    await unanswered(credentials.holds(login))
-
-
 async def test_what_may_have_ended_when_the_database_went_does_not_count(
     credentials, memory_database, login
 ):
@@ -234,7 +222,7 @@ async def test_what_may_have_ended_when_the_database_went_does_not_count(
     await unanswered(credentials.holds(login))
 
 
-@pytest.mark.parametrize("asks", ["holds", "check_new"])
+@pytest.mark.parametrize("asks", ["holds", "check_new", "recheck"])
 async def test_what_ended_by_any_answer_does_not_come_back(
     credentials, memory_database, login, asks
 ):
@@ -246,7 +234,7 @@ async def test_what_ended_by_any_answer_does_not_come_back(
             if asks == "holds":
                 assert not await credentials.holds(login)
             else:
-                await credentials.check_new()
+                await getattr(credentials, asks)()
         memory_database.down = True
         await unanswered(credentials.holds(login))
 
@@ -352,17 +340,6 @@ class SlowDatabase(MemoryDatabase):
         if self.is_slow:
             await self.go_on.wait()
         return answer
-
-
-async def test_what_ended_is_known_no_more_though_somebody_holds_it(
-    credentials, memory_database, login
-):
-    with credentials.held(login, lambda: None):
-        await credentials.check_new()
-        del memory_database.credentials[login]
-        await credentials.recheck()
-        assert await credentials.user_of(login) is None
-    assert credentials._live == {}
 
 
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():

@@ -1,8 +1,7 @@
 """Polling for changes, with records that come and go."""
 
 import pytest
-from relay_server import ANN, utc
-from robotether_server.db.fleet import RelayRequest
+from relay_server import ANN
 from robotether_server.relay.records.fleet import Fleet
 
 
@@ -11,8 +10,6 @@ class Heard:
         self.snapshots = []
         self.rechecks = 0
         self.checks_of_new = 0
-        self.last_seen = []
-        self.kept = []
 
     async def recheck(self, *, changed):
         self.rechecks += changed
@@ -30,7 +27,6 @@ def heard():
 def fleet(memory_database, heard):
     fleet = Fleet(memory_database, heard)
     fleet.listen(heard.snapshots.append)
-    fleet.restore_into(heard.last_seen.append, heard.kept.append)
     return fleet
 
 
@@ -42,27 +38,6 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
     await fleet.poll()
     assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
     assert fleet.snapshot() is heard.snapshots[1]
-
-
-async def test_the_past_is_read_once(fleet, memory_database, heard):
-    memory_database.seen = [(7, utc(2026, 1, 1), None)]
-    await fleet.poll()
-    memory_database.add_robot(8, "sim2")
-    await fleet.poll()
-    assert heard.last_seen == [[(7, utc(2026, 1, 1), None)]]
-
-
-async def test_requests_for_help_are_read_each_time_and_unknown_without_a_database(
-    fleet, memory_database
-):
-    read = []
-    fleet.listen_to_help_requests(read.append)
-    memory_database.requests = [RelayRequest(7, "waiting", 1.0, None, None)]
-    await fleet.poll()
-    assert [fleet.known_help_requests()] == read == [memory_database.requests]
-    memory_database.down = True
-    await fleet.poll()
-    assert fleet.known_help_requests() is None
 
 
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):

@@ -24,12 +24,6 @@ def folder(web_settings):
     return made
 
 
-def test_script_is_text_for_curl(program, folder):
-    answer = program.ask("GET", "/join.sh")
-    assert (answer.status_code, answer.data) == (200, (folder / "join.sh").read_bytes())
-    assert answer.content_type == "text/x-shellscript; charset=utf-8"
-
-
 def test_package_is_for_the_asked_architecture(program, folder):
     for query, architecture in (("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")):
         with program.ask("GET", f"/agent.deb{query}") as answer:

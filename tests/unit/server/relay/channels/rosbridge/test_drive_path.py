@@ -266,16 +266,6 @@ def test_how_far_a_steered_robot_turned_is_unknown_from_its_first_motion_on(log)
     assert entry.distance_m == pytest.approx(0.2)
 
 
-def test_refusals_messages_and_stops_are_in_the_entry(log, refused):
-    refused["topic"] += 2
-    log.message()
-    log.dropped()
-    assert log.written().refused == {"topic": 2}
-    entry = log.end(1.0, NOON, "robot_stopped")
-    assert (entry.messages, entry.dropped_old, entry.stops) == (1, 1, 1)
-    assert (entry.ended_at, entry.end_code) == (NOON, "robot_stopped")
-
-
 class Counts:
     def __init__(self):
         self.bytes = 0
