@@ -1,26 +1,6 @@
 """What is the same for all operations of the API."""
 
-from __future__ import annotations
-
-import datetime as dt
-from typing import Any
-
 import pytest
-from msgspec import UNSET, Struct, UnsetType
-from robotether_server.api.operations import plain
-
-
-class Answer(Struct):
-    at: dt.datetime
-    settings: dict[str, Any]
-    more: int | UnsetType = UNSET
-
-
-def test_moments_are_texts_of_whole_seconds():
-    timestamp = dt.datetime(2026, 1, 1, 12, 3, 0, 900000, dt.UTC)
-    assert plain([Answer(timestamp, {"a": [None, 1.5]})]) == [
-        {"at": "2026-01-01T12:03:00Z", "settings": {"a": [None, 1.5]}}
-    ]
 
 
 def sent(root, path, body, kind):

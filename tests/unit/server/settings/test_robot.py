@@ -146,18 +146,6 @@ def test_settings_are_an_object(given_value):
         parse(given_value)
 
 
-def test_page_and_buttons_are_kept_as_what_differs():
-    given_members = {
-        "policy": BUTTONS_POLICY,
-        "page": {"hold_after_ms": None, "kind": "holonomic"},
-        "buttons": [LIGHTS, DOCK],
-    }
-    settings = parse(given_members)
-    assert settings.as_given() == given_members
-    assert parse(json.loads(json.dumps(settings.as_given()))) == settings
-    assert settings.as_dict()["page"]["quality_max"] == 80
-
-
 @pytest.mark.parametrize(
     ("button", "missing"),
     [(LIGHTS, "publish /lights; an admin adds it to policy.drive.publish"), (DOCK, "call /dock")],

@@ -214,17 +214,6 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     assert len(numbers) < count
 
 
-async def test_an_agent_without_the_service_is_told(robot, observe):
-    robot.has_topics = False
-    socket = await observe(ODOM)
-    answer = await socket.receive_json(timeout=5)
-    assert (
-        answer["msg"] == "cannot subscribe to /odom: sim1 has no topics service; upgrade its agent"
-    )
-    await socket.send_json({"op": "call_service", "service": "/rosapi/topics"})
-    assert (await socket.receive_json(timeout=5))["op"] == "call_service"
-
-
 async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, sim1, observe, ros):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_OBSERVED_TOPICS):

@@ -61,16 +61,6 @@ async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, re
     assert delivered.robots(BOB.id, NamedFrame("/a", first)).frame is None
 
 
-async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, watch):
-    await watch(BOB, prefers="sharp")
-    await camera.wait_for("stream_request")
-    assert camera.of("stream_request")[-1]["prefers"] is None
-    driver = await watch(prefers="sharp")
-    await camera.wait_for("stream_request", prefers="sharp")
-    await driver.ask(prefers="smooth")
-    await camera.wait_for("stream_request", prefers="smooth")
-
-
 async def test_an_observer_takes_nothing_from_who_drives(camera, watch, ros):
     observer = {"quality_min": 1, "quality_max": 100, "fps": 60, "latency_ms": 50, "width": None}
     await watch(BOB, **observer)
@@ -80,20 +70,6 @@ async def test_an_observer_takes_nothing_from_who_drives(camera, watch, ros):
     async with ros():
         await camera.wait_for("stream_request", quality_max=80, **driver)
     await until(lambda: camera.of("stream_request")[-1]["fps"] == 60, "both count again")
-
-
-async def test_the_robot_hears_what_all_want_together(camera, watch):
-    first = await watch(quality_max=50, fps=5, width=320, height=240)
-    await camera.wait_for("stream_request", quality_max=50, fps=5, width=320, latency_ms=300)
-    second = await watch(
-        quality_min=30, quality_max=70, fps=10, latency_ms=150, width=640, height=480
-    )
-    both = {"quality_min": 20, "quality_max": 70, "fps": 10, "latency_ms": 150, "width": 640}
-    await camera.wait_for("stream_request", **both)
-    await second.socket.close()
-    await until(lambda: camera.of("stream_request")[-1]["quality_max"] == 50, "it hears of it")
-    await first.ask(fps=1)
-    await camera.wait_for("stream_request", fps=1, quality_max=80, width=None)
 
 
 async def test_a_viewer_that_decodes_only_jpeg_costs_the_others_no_h264(camera, watch):
