@@ -2,6 +2,7 @@
 
 import asyncio
 import warnings
+from contextlib import AsyncExitStack
 from dataclasses import replace
 from urllib.parse import urlencode
 
@@ -92,17 +93,21 @@ async def relay(memory_database, timing):
 
 
 @pytest_asyncio.fixture
-async def start_robot(sim1):
-    robots = []
+async def opened(http):
+    """What a test opens, and its end closes."""
+    async with AsyncExitStack() as stack:
+        yield stack
 
+
+@pytest.fixture
+def start_robot(sim1, opened):
     async def start(relay, mode="guard_off", robot_id=sim1.id):
-        robots.append(FakeRobot(robot_id, SESSION_KEY, mode))
-        await robots[-1].start(relay.relay.session_port)
-        return robots[-1]
+        robot = FakeRobot(robot_id, SESSION_KEY, mode)
+        opened.push_async_callback(robot.stop)
+        await robot.start(relay.relay.session_port)
+        return robot
 
-    yield start
-    for robot in robots:
-        await robot.stop()
+    return start
 
 
 @pytest_asyncio.fixture
@@ -151,21 +156,17 @@ async def camera(robot):
     return robot.frames
 
 
-@pytest_asyncio.fixture
-async def watch(relay, sim1, http):
-    opened = []
-
+@pytest.fixture
+def watch(relay, sim1, http, opened):
     async def open_viewer(user=None, topic="/a", **wanted):
         query = urlencode({"topic": topic, "ticket": relay.ticket(sim1, "observe", user)})
         url = f"{relay.url}/robots/{sim1.name}/video/frames?{query}"
-        viewer = FramesViewer(await http.ws_connect(url, autoping=wanted.pop("autoping", True)))
-        opened.append(viewer)
+        connecting = http.ws_connect(url, autoping=wanted.pop("autoping", True))
+        viewer = FramesViewer(await opened.enter_async_context(connecting))
         await viewer.ask(**wanted)
         return viewer
 
-    yield open_viewer
-    for viewer in opened:
-        await viewer.socket.close()
+    return open_viewer
 
 
 @pytest_asyncio.fixture
@@ -182,20 +183,16 @@ async def guarded(relay, sim1, start_robot):
     return robot
 
 
-@pytest_asyncio.fixture
-async def connect(relay, sim1):
-    opened = []
-
+@pytest.fixture
+def connect(relay, sim1, opened):
     async def open_session(kind="session", **changes):
         fields = {"robot_id": sim1.id, "session_key": SESSION_KEY} | changes
         session = RobotSession(fields.pop("robot_id"), kind=kind, **fields)
+        opened.push_async_callback(session.close)
         await session.connect(relay.relay.session_port)
-        opened.append(session)
         return session
 
-    yield open_session
-    for session in opened:
-        await session.close()
+    return open_session
 
 
 @pytest_asyncio.fixture

@@ -12,20 +12,13 @@ from robotether_server.relay.cells.messages import PeerRobot
 
 
 @pytest.fixture
-async def follow(http, cell_a, peer_keys):
-    opened = []
-
+def follow(http, cell_a, peer_keys, opened):
     async def connect(**changes):
         url = f"http://{HOST}:{cell_a.relay.peer_port}/cell/v1/fleet?cell=c"
-        connection = await http.ws_connect(
-            url, headers={PROOF_HEADER: peer_keys.proof}, **{"autoping": True, **changes}
-        )
-        opened.append(connection)
-        return connection
+        headers = {PROOF_HEADER: peer_keys.proof}
+        return await opened.enter_async_context(http.ws_connect(url, headers=headers, **changes))
 
-    yield connect
-    for each in opened:
-        await each.close()
+    return connect
 
 
 async def read(connection, kind):

@@ -34,22 +34,16 @@ async def at_b(cell_a, cell_b, sim1):
     await robot.stop()
 
 
-@pytest_asyncio.fixture
-async def observe(at_b, cell_a, sim1, http):
-    opened = []
-
+@pytest.fixture
+def observe(at_b, cell_a, sim1, http, opened):
     async def open_one(*messages):
-        socket = await http.ws_connect(
-            cell_a.server.ros_url(sim1, "observe", BOB), max_msg_size=0, autoping=True
-        )
-        opened.append(socket)
+        url = cell_a.server.ros_url(sim1, "observe", BOB)
+        socket = await opened.enter_async_context(http.ws_connect(url, max_msg_size=0))
         for message in messages:
             await socket.send_json(message)
         return socket
 
-    yield open_one
-    for socket in opened:
-        await socket.close()
+    return open_one
 
 
 def topics_of(cell):

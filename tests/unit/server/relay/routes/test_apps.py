@@ -9,7 +9,6 @@ from itertools import cycle
 
 import aiohttp
 import pytest
-import pytest_asyncio
 from aiohttp import WSMsgType
 from relay_clients import audit_lines
 from relay_server import BEN, EVE, until
@@ -74,20 +73,16 @@ def world(relay, memory_database, guarded):
     return World(relay, memory_database, guarded)
 
 
-@pytest_asyncio.fixture
-async def connect(world, http):
-    opened = []
-
+@pytest.fixture
+def connect(world, http, opened):
     async def connect_app(*messages, user=EVE, name="joy", url=None, **options):
-        socket = await http.ws_connect(url or world.relay.app_url(name, user), **options)
-        opened.append(socket)
+        url = url or world.relay.app_url(name, user)
+        socket = await opened.enter_async_context(http.ws_connect(url, **options))
         for message in messages:
             await socket.send_json(message)
         return socket
 
-    yield connect_app
-    for socket in opened:
-        await socket.close()
+    return connect_app
 
 
 async def publish_until(socket, condition, *commands):

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import aiohttp
 import pytest
-import pytest_asyncio
 from relay_clients import closing
 from relay_server import MESSAGE_LIMIT, until
 from robotether_common.topics import MAX_TOPICS
@@ -30,20 +29,15 @@ from robotether_server.relay.channels.rosbridge.topic_link import (
 ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
-@pytest_asyncio.fixture
-async def observe(robot, ros):
-    opened = []
-
+@pytest.fixture
+def observe(robot, ros, opened):
     async def open_one(*messages):
-        socket = await ros("observe", max_msg_size=0)
-        opened.append(socket)
+        socket = await opened.enter_async_context(ros("observe", max_msg_size=0))
         for message in messages:
             await socket.send_json(message)
         return socket
 
-    yield open_one
-    for socket in opened:
-        await socket.close()
+    return open_one
 
 
 def subscribed(robot):
