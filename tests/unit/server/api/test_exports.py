@@ -43,10 +43,6 @@ def test_csv_has_no_cell_that_a_spreadsheet_runs(text):
     assert row == ["-5", "'" + text + '",=2', json.dumps({"a": text})]
 
 
-def test_empty_csv_has_its_heads():
-    assert exports.answer([], COLUMNS, "csv", "x").get_data(as_text=True) == "id,actor,details\r\n"
-
-
 def test_failure_at_the_first_record_is_no_file():
     """It is told before anything was sent."""
 

@@ -242,14 +242,6 @@ async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, cha
     await until(lambda: store.code() == code, "it ended", within_s=2)
 
 
-async def test_a_deleted_recording_leaves_no_file(recorder, store, settings):
-    store.ask()
-    await until(file_of(settings).exists, "it began")
-    store.change(1, is_delete_requested=True)
-    await until(lambda: 1 not in store.rows, "it is deleted")
-    assert not file_of(settings).exists()
-
-
 async def test_a_number_that_comes_again_has_a_file_of_its_own(recorder, relay, store, settings):
     """The database was replaced by an older one, which knows neither what goes on nor its file."""
     store.ask()

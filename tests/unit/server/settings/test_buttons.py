@@ -13,11 +13,6 @@ def nested(depth):
     return {"a": nested(depth - 1)} if depth > 1 else {}
 
 
-def test_a_button_sends_nothing_in_particular_unless_told():
-    [dock] = parse([{"name": "Dock", "kind": "call", "service": "/dock"}])
-    assert dock.as_dict() == {**DOCK, "confirm": False}
-
-
 def test_buttons_can_be_compared_and_be_keys():
     """True is no 1, and the order of members means nothing."""
     first, same = ({**LIGHTS, "msg": msg} for msg in ({"a": 1, "b": 2}, {"b": 2, "a": 1}))

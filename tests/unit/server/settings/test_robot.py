@@ -60,10 +60,6 @@ def test_settings_name_only_what_differs():
     assert settings.policy.limits.messages_per_s == 2000
 
 
-def test_what_equals_the_default_is_not_kept():
-    assert parse(DEFAULTS.as_dict()).as_given() == {}
-
-
 def test_settings_can_be_compared_and_be_keys():
     first, other = parse({"guard": {"deadman_ms": 400}}), parse({"guard": {"deadman_ms": 400.0}})
     assert first == other

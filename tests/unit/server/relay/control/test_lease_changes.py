@@ -124,12 +124,6 @@ async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
     assert set(bare.changed) == {sim1.id}
 
 
-async def test_a_second_driver_is_told_who_drives(bare):
-    await bare.drives(ANN)
-    with pytest.raises(ConnectionClosedError, match="ann has been driving sim1 since "):
-        await bare.drives(BEN)
-
-
 async def test_robot_hears_of_a_lease_and_of_its_end(bare, sim1):
     connection = await bare.drives(ANN)
     assert bare.lines[-1] == {"type": "lease", "fence": 1, "held": True}

@@ -24,11 +24,6 @@ def test_a_robots_parts_are_no_documents(destination, kind):
     assert headers_for_viewer({"Content-Type": kind}, destination="image")
 
 
-def test_a_program_says_no_destination():
-    """Only browsers know the header, and all of those that run the pages do."""
-    check_destination({})
-
-
 @pytest.mark.parametrize(
     "destination",
     ["script", "worker", "sharedworker", "serviceworker", "style", "object", "embed", "json", "xslt",
