@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import cells, robots
+from robotether_server.db import cells
 from robotether_server.db.cells import (
     Cell,
     CellCounts,
