@@ -1,6 +1,6 @@
 // A press counts only on the control on which it began: one that appears, or comes to lie, under a finger that is down takes
 // nothing from it, nor does one that gets the focus while a key is held. A double press is one: where a press removes a row, the
-// second one must not remove what has moved up. Stop is left out: it acts on the press itself.
+// second one must not remove what has moved up. What is aria-disabled takes none. Stop is left out: it acts on the press itself.
 
 import { matches } from "./page.js";
 
@@ -39,7 +39,7 @@ export class Presses {
     if (detail === 0 || !isTrusted || matches(target, STOP)) return true;
     const control = controlOf(target);
     const began = this.began.has(pointerId) ? this.began.get(pointerId) : this.newest; // older browsers do not say which
-    return control === null || control === began || isLabelOf(began, control);
+    return control === null || (!isNew(control) && (control === began || isLabelOf(began, control)));
   }
 }
 
@@ -54,12 +54,16 @@ function ignore(event) {
   event.stopImmediatePropagation();
 }
 
-// Marks a control that replaced another one: a press this soon meant the other one. A test and assistive
-// technology see that it does not act yet.
+// Marks a control that is new: a press this soon meant what was there before. A test and assistive technology see that it does not
+// act yet. What must not act by a key either asks `isNew` itself.
 export const NEW_MS = 1200; // time for which a control is new
 const ends = new WeakMap();
 
+// Of one that replaced another.
 export const markNew = (control) => mark(control, NEW_MS);
+
+// Of a page that the first press of a double one led to.
+export const markOpened = (control) => mark(control, DOUBLE_MS);
 
 function mark(control, ms) {
   clearTimeout(ends.get(control));
@@ -71,12 +75,6 @@ function mark(control, ms) {
 }
 
 export const isNew = (control) => control.getAttribute("aria-disabled") === "true";
-
-// Keeps a button of a page that was just opened from the second press of a double one, of which the first led to the page.
-export function shieldAtFirst(button) {
-  mark(button, DOUBLE_MS);
-  button.addEventListener("click", (event) => event.detail && isNew(button) && event.preventDefault());
-}
 
 // Asks for something once, unless it fails: of the second press of a double one the answer would be that it is done already.
 export class AskedOnce {
@@ -92,4 +90,17 @@ export class AskedOnce {
     if (!answer.ok) this.keys.delete(key);
     return answer;
   }
+}
+
+const SENT_MS = 3000; // time for which a form that was sent is not sent again
+
+// The same of a form; its answer is another page.
+export function sendOnce(page) {
+  const sentAt = new WeakMap();
+  page.addEventListener("submit", (event) => {
+    const { target: form, timeStamp: at } = event;
+    if (event.defaultPrevented || form.getAttribute("method") !== "post") return;
+    if (at - (sentAt.get(form) ?? -Infinity) < SENT_MS) event.preventDefault();
+    else sentAt.set(form, at);
+  });
 }

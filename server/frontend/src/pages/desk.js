@@ -4,7 +4,7 @@ import { offerDrive } from "../fleet/cards.js";
 import { inWindow, WINDOW } from "../fleet/filters.js";
 import { api } from "../dom/calls.js";
 import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/page.js";
-import { Presses, shieldAtFirst } from "../dom/presses.js";
+import { Presses, markOpened, sendOnce } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { Uplink } from "../topics/uplink.js";
 import { Ticks } from "./ticks.js";
@@ -122,19 +122,6 @@ function wireList(table) {
   list.after(make("p", { class: "actions" }, more));
 }
 
-const SENT_MS = 3000; // time for which a form that was sent is not sent again
-
-// Of the second press of a double one the answer would be that it is done already.
-export function sendOnce(page, now = () => performance.now()) {
-  const sentAt = new WeakMap();
-  page.addEventListener("submit", (event) => {
-    const form = event.target;
-    if (event.defaultPrevented || form.getAttribute("method") !== "post") return;
-    if (now() - (sentAt.get(form) ?? -Infinity) < SENT_MS) event.preventDefault();
-    else sentAt.set(form, now());
-  });
-}
-
 // Drive on the pages of one robot.
 function wireDrive(page) {
   for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
@@ -149,7 +136,7 @@ function wireUplink(page) {
 
 if (typeof document !== "undefined") {
   new Presses().watch(window);
-  document.querySelectorAll("[data-settles]").forEach(shieldAtFirst);
+  document.querySelectorAll("[data-settles]").forEach(markOpened);
   sendOnce(document);
   wireCopyButtons(document, navigator.clipboard);
   showLocalTimes(document);

@@ -73,17 +73,10 @@ function show(searched = false) {
 
 const presentNames = () => [...list.container.children].map(({ dataset }) => dataset.robot);
 
+// A hand that rests does not see a tile come under it; a key is for the robot that has it.
 function markHeirs({ places, keys: withKeys }) {
   for (const name of places) markNew(part(list.elements.get(name), "drive"));
   for (const name of withKeys) markNew(part(list.elements.get(name), "key"));
-}
-
-// A hand that rests does not see a tile come under it.
-function sift(event) {
-  const link = event.target.closest("a");
-  if (!event.detail || !link || !isNew(link)) return; // a click of a key is for the robot that has it
-  event.preventDefault();
-  event.stopPropagation();
 }
 
 // While a hand moves over the wall, each robot keeps its place.
@@ -160,7 +153,6 @@ keysBox.addEventListener("change", () => setKeys(keysBox.checked));
 window.addEventListener("keydown", takeByKey);
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 hand.listen(part(main, "wall"));
-part(main, "wall").addEventListener("click", sift, { capture: true });
 new Presses().watch(window);
 new LoginUse().watch(window);
 feed.start();

@@ -1,12 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { AskedOnce, Presses, shieldAtFirst } from "../../src/dom/presses.js";
+import { AskedOnce, Presses, markOpened, sendOnce } from "../../src/dom/presses.js";
 import { FakeElement } from "../control/fakes.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
 const element = (control, selectors = []) => {
-  const made = { closest: (selector) => (selectors.some((one) => selector.includes(one)) ? (control ?? made) : null) };
+  const closest = (selector) => (selectors.some((one) => selector.includes(one)) ? (control ?? made) : null);
+  const made = Object.assign(new FakeElement(), { closest });
   return made;
 };
 const button = () => element(undefined, ["button"]);
@@ -84,9 +85,10 @@ test("a key that is held presses nothing that gets the focus meanwhile", () => {
 
 test("a page that was just opened takes no second press of a double one, and what a key does", (context) => {
   context.mock.timers.enable({ apis: ["setTimeout"] });
-  const asks = new FakeElement();
-  shieldAtFirst(asks);
-  const acts = (detail) => asks.dispatchEvent(Object.assign(new Event("click", { cancelable: true }), { detail }));
+  const { down, click } = page();
+  const asks = button();
+  markOpened(asks);
+  const acts = (detail) => (down(asks), click(asks, { detail }));
   assert.deepEqual([acts(1), acts(0)], [false, true]);
   context.mock.timers.tick(500);
   assert.equal(acts(1), true);
@@ -97,4 +99,19 @@ test("what is under way or done is not asked for again, and what failed is", asy
   const ask = (ok) => once.run("a", async () => (asked.push(ok), { ok }));
   assert.deepEqual(await Promise.all([ask(false), ask(true)]), [{ ok: false }, null]);
   assert.deepEqual([await ask(true), await ask(true), asked], [{ ok: true }, null, [false, true]]);
+});
+
+test("a form that changes something is not sent twice by a double press", () => {
+  let submit = /** @type {(event: object) => void} */ (() => {});
+  sendOnce({ addEventListener: (_, listener) => (submit = listener) });
+  const sends = (form, timeStamp, defaultPrevented = false) => {
+    const event = { target: form, timeStamp, defaultPrevented, isSent: true, preventDefault: () => (event.isSent = false) };
+    submit(event);
+    return event.isSent;
+  };
+  const formOf = (method) => ({ getAttribute: () => method });
+  const [post, get] = [formOf("post"), formOf("get")];
+  assert.deepEqual([sends(post, 0, true), sends(post, 0), sends(post, 100), sends(formOf("post"), 100)], [true, true, false, true]);
+  assert.deepEqual([sends(get, 0), sends(get, 100)], [true, true]);
+  assert.equal(sends(post, 3000), true, "its answer did not come");
 });

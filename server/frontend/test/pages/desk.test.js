@@ -1,12 +1,11 @@
 import assert from "node:assert/strict";
-import { mock, test } from "node:test";
+import { test } from "node:test";
 
 import {
   dayOf,
   isFiltered,
   offerSearch,
   offerWindow,
-  sendOnce,
   startOrEnd,
   showLocalTimes,
   wireCopyButtons,
@@ -45,38 +44,6 @@ test("times are the reader's own, with seconds, and with a year that is not this
   assert.deepEqual(
     times.map(({ textContent }) => textContent),
     ["30 Jan 23:03:59", "1 Jul 2025 12:00:00", "today 00:00:00", "yesterday 23:59:59"],
-  );
-});
-
-test("a form that changes something is not sent twice by a double press", () => {
-  let now = 0;
-  let submit = /** @type {(event: object) => void} */ (() => {});
-  sendOnce({ addEventListener: (_, listener) => (submit = listener) }, () => now);
-  const sends = (form, defaultPrevented = false) => {
-    const event = { target: form, defaultPrevented, preventDefault: mock.fn() };
-    submit(event);
-    return event.preventDefault.mock.callCount() === 0;
-  };
-  const formOf = (method) => ({ getAttribute: () => method });
-  const [post, get] = [formOf("post"), formOf("get")];
-  assert.deepEqual([sends(post, true), sends(post), sends(post), sends(formOf("post"))], [true, true, false, true]);
-  assert.deepEqual([sends(get), sends(get)], [true, true]);
-  now = 3000;
-  assert.equal(sends(post), true, "its answer did not come");
-});
-
-test("a press counts on the control on which it began, as on the pages of robots", async () => {
-  const wired = [];
-  const quiet = { querySelectorAll: () => [], addEventListener() {} };
-  Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true }); // older Nodes have none
-  Object.assign(globalThis, { document: quiet, window: { addEventListener: (name, _, options) => wired.push([name, options.capture]) } });
-  const every = mock.method(globalThis, "setInterval", () => 0);
-  await import("../../src/pages/desk.js?page");
-  every.mock.restore();
-  for (const name of ["document", "window"]) delete globalThis[name];
-  assert.deepEqual(
-    wired,
-    ["pointerdown", "click", "keydown"].map((name) => [name, true]),
   );
 });
 
