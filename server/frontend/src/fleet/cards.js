@@ -2,6 +2,7 @@
 // the table; here it is only filled in.
 
 import { ReloadStore } from "../control/driveMode.js";
+import { cloned } from "../dom/keyedRows.js";
 import { part, setText, localTime, utcTimestamp } from "../dom/page.js";
 import { batteryText, isLow } from "../overlays/battery.js";
 import { stop as stopTexts } from "../texts/common.js";
@@ -51,7 +52,7 @@ const isDriven = ({ control }) => Boolean(control?.driver);
 
 // Makes a card or row out of the page's template for a robot that has none.
 export function newCard(template, { name }) {
-  const card = template.content.firstElementChild.cloneNode(true);
+  const card = cloned(template);
   card.dataset.robot = name;
   card.dataset.testid = `robot-${card.dataset.kind}-${name}`;
   const link = part(card, "name");

@@ -1,6 +1,7 @@
 // The wall of robots' pictures: which robots it shows, in which order, and by which key each is taken. Pure except for the markup,
 // which is the server's (wall.html).
 
+import { cloned } from "../dom/keyedRows.js";
 import { part, setText } from "../dom/page.js";
 import { ageText, reasonText } from "../queue/requestRows.js";
 import { fleet as fleetTexts } from "../texts/fleet.js";
@@ -66,7 +67,7 @@ export function askingText(request) {
 
 // Makes the tile of a robot.
 export function newTile(template, { name }) {
-  const tile = template.content.firstElementChild.cloneNode(true);
+  const tile = cloned(template);
   tile.dataset.robot = name;
   tile.dataset.testid = `wall-${name}`;
   part(tile, "drive").href = `/robots/${encodeURIComponent(name)}`;

@@ -1,10 +1,11 @@
 // The page Health: each part now, and charts of the last hour, day or week. Loaded by admin/health.html.
 
 import { api, LoginUse } from "../dom/calls.js";
+import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, part, setText } from "../dom/page.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
-import { KeyedRows, showDataState } from "../queue/requestRows.js";
+import { showDataState } from "../queue/requestRows.js";
 import { health as texts, history as historyTexts } from "../texts/health.js";
 
 // Intervals between two questions for what is now, and for the history.
@@ -15,15 +16,14 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const charts = part(main, "charts");
 const robot = byTestId(main, "health-robot");
 const rangeButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-range]")]);
-const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getElementById(id));
 let endCharts = () => {};
 let range = "hour";
 let round = 0;
 
 const parts = new KeyedRows({
   container: byTestId(main, "health-parts").tBodies[0],
-  template: templateOf("part-row"),
   keyOf: ({ name }) => name,
+  make: madeBy("part-row"),
   fill: (row, { name, state, words, advice }) => {
     const facts = { name, state: texts.states[state], words, advice: advice || texts.nothingToDo };
     for (const [place, text] of Object.entries(facts)) setText(part(row, place), text);
@@ -32,8 +32,8 @@ const parts = new KeyedRows({
 });
 const alerts = new KeyedRows({
   container: part(main, "alerts"),
-  template: templateOf("alert-row"),
   keyOf: ({ name, summary }) => `${name} ${summary}`,
+  make: madeBy("alert-row"),
   fill: (row, { name, summary }) => {
     setText(part(row, "alert"), name);
     setText(part(row, "summary"), summary);

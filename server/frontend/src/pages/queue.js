@@ -2,13 +2,14 @@
 // Loaded by queue.html. Each second it asks PUT /api/v1/queue/me, which is also how the server knows that the page is there.
 
 import { api, LoginUse } from "../dom/calls.js";
+import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
 import { AskedOnce, isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
 import { Poller, startTicking } from "../queue/poller.js";
-import { fillRequest, KeyedRows, keyOfRequest, reasonText, secondsText, showDataState, stateText } from "../queue/requestRows.js";
+import { fillRequest, keyOfRequest, reasonText, secondsText, showDataState, stateText } from "../queue/requestRows.js";
 import { queue as texts } from "../texts/queue.js";
 
 const MAX_ROWS = 50; // Number of requests that wait and are listed
@@ -22,8 +23,8 @@ const answers = new AskedOnce(); // to offers
 const alerts = new Alerts({ onChange: showAlerts });
 const waiting = new KeyedRows({
   container: part(main, "waiting"),
-  template: /** @type {HTMLTemplateElement} */ (document.getElementById("waiting-row")),
   keyOf: keyOfRequest,
+  make: madeBy("waiting-row"),
   fill: fillRequest,
 });
 const poller = new Poller({ ask: sendHeartbeat, onAnswer: (view) => show(view), onState: showState });

@@ -2,11 +2,12 @@
 // supervise.html.
 
 import { api, LoginUse } from "../dom/calls.js";
+import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, part, setText } from "../dom/page.js";
 import { AskedOnce, Presses } from "../dom/presses.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
-import { fillRequest, KeyedRows, keyOfRequest, showDataState } from "../queue/requestRows.js";
+import { fillRequest, keyOfRequest, showDataState } from "../queue/requestRows.js";
 import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../queue/supervision.js";
 import { supervise as texts } from "../texts/queue.js";
 
@@ -17,7 +18,7 @@ const PERIODS_EVERY_MS = 60_000;
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const feedState = byTestId(main, "supervise-feed");
 const outcome = byTestId(main, "assign-outcome");
-const templateOf = (id) => /** @type {HTMLTemplateElement} */ (document.getElementById(id));
+const newRow = madeBy("open-row");
 const bodyOf = (testId) => byTestId(main, testId).tBodies[0];
 const charts = part(main, "charts");
 const periodButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-by]")]);
@@ -29,21 +30,22 @@ let endCharts = () => {};
 
 const requests = new KeyedRows({
   container: bodyOf("open-requests"),
-  template: templateOf("open-row"),
   keyOf: keyOfRequest,
   fill: fillRow,
-  onNew: (row, { id, robot }) => {
+  make: ({ id, robot }) => {
+    const row = newRow();
     part(row, "operator").setAttribute("aria-label", texts.operatorFor(robot));
     part(row, "assign").setAttribute("aria-label", texts.assign(robot));
     part(row, "assign").addEventListener("click", () => assign(id, robot, part(row, "operator")));
     part(row, "close").setAttribute("aria-label", texts.close(robot));
     part(row, "close").addEventListener("click", () => close(id, robot, row.dataset.state));
+    return row;
   },
 });
 const people = new KeyedRows({
   container: bodyOf("operators"),
-  template: templateOf("operator-row"),
   keyOf: ({ user }) => user,
+  make: madeBy("operator-row"),
   fill: (row, operator) => {
     for (const [name, words] of Object.entries(operatorFacts(operator))) setText(part(row, name), words);
   },

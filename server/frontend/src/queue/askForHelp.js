@@ -1,9 +1,10 @@
 // Asking for help on the drive page, in its drawer, and what is asked for now. It must never touch what drives.
 
+import { KeyedRows } from "../dom/keyedRows.js";
 import { make, makeButton, part, setText } from "../dom/page.js";
 import { AskedOnce } from "../dom/presses.js";
 import { help as texts } from "../texts/queue.js";
-import { requestFacts } from "./requestRows.js";
+import { keyOfRequest, requestFacts } from "./requestRows.js";
 
 const NORMAL = 2;
 const URGENT = 1;
@@ -20,7 +21,8 @@ export class AskForHelp {
     this.mayWithdraw = ({ source, asked_by: asker }) => level === "manage" || (asker === me && BY_PEOPLE.includes(source));
     this.panel = part(root, "help");
     this.form = part(root, "help-form"); // who only watches has none
-    this.items = new Map();
+    this.list = part(this.panel, "help-list");
+    this.rows = new KeyedRows({ container: this.list, keyOf: keyOfRequest, make: (request) => this.make(request), fill: fillItem });
     this.withdrawals = new AskedOnce();
     this.form?.addEventListener("submit", (event) => this.ask(event));
   }
@@ -44,34 +46,16 @@ export class AskForHelp {
     setText(part(this.root, "help-badge"), open.length ? texts.open : "");
     part(this.root, "help-badge").hidden = open.length === 0;
     setText(part(this.panel, "help-state"), requests ? "" : texts.unknown);
-    const ids = new Set(open.map(({ id }) => id));
-    for (const [id, item] of this.items) if (!ids.has(id)) this.remove(id, item);
-    for (const request of open) this.show(request);
+    const hadFocus = this.list.contains(document.activeElement);
+    this.rows.show(open);
+    if (hadFocus && !this.list.contains(document.activeElement)) part(this.root, "drawer").focus({ preventScroll: true });
   }
 
-  show(request) {
-    const item = this.items.get(request.id) ?? this.add(request);
-    const { reason, priority, state, age } = requestFacts(request);
-    setText(item.words, reason);
-    setText(item.facts, [priority, state, age].join(" · "));
-  }
-
-  add(request) {
-    const { id } = request;
-    const [words, facts] = [make("span"), make("small")];
-    const withdraw = makeButton("help-withdraw", texts.withdraw, () => this.withdraw(id));
+  make(request) {
+    const withdraw = makeButton("help-withdraw", texts.withdraw, () => this.withdraw(request.id));
     withdraw.hidden = !this.mayWithdraw(request);
-    const element = make("li", {}, make("p", {}, words, facts), withdraw);
-    part(this.panel, "help-list").append(element);
-    const item = { element, words, facts };
-    this.items.set(id, item);
-    return item;
-  }
-
-  remove(id, { element }) {
-    if (element.contains(document.activeElement)) part(this.root, "drawer").focus({ preventScroll: true });
-    element.remove();
-    this.items.delete(id);
+    const words = [make("span", { "data-part": "reason" }), make("small", { "data-part": "facts" })];
+    return make("li", {}, make("p", {}, ...words), withdraw);
   }
 
   async withdraw(id) {
@@ -84,6 +68,12 @@ export class AskForHelp {
   say(words) {
     setText(part(this.panel, "help-outcome"), words);
   }
+}
+
+function fillItem(element, request) {
+  const { reason, priority, state, age } = requestFacts(request);
+  setText(part(element, "reason"), reason);
+  setText(part(element, "facts"), [priority, state, age].join(" · "));
 }
 
 // The server keeps the request that is open, and its reason.

@@ -3,44 +3,6 @@
 import { durationText, localTimestamp, part, setText } from "../dom/page.js";
 import { data as dataTexts, queue as queueTexts, requests as texts } from "../texts/queue.js";
 
-// Keeps one element for each item: what stays is only filled in, so that focus, choices and presses keep their place.
-export class KeyedRows {
-  // `template` makes an element, `fill(element, item)` writes into it; `keyOf(item)` is the item's own.
-  /** @param {{container: HTMLElement, template: HTMLTemplateElement, keyOf: (item: any) => string, fill: Function, onNew?: Function}} options */
-  constructor({ container, template, keyOf, fill, onNew = () => {} }) {
-    this.container = container;
-    this.template = template;
-    this.keyOf = keyOf;
-    this.fill = fill;
-    this.onNew = onNew;
-    this.elements = new Map();
-  }
-
-  show(items) {
-    const keys = new Set(items.map(this.keyOf));
-    for (const [key, element] of this.elements) if (!keys.has(key)) this.remove(key, element);
-    let place = this.container.firstElementChild;
-    for (const item of items) {
-      const element = this.elements.get(this.keyOf(item)) ?? this.make(item);
-      if (element === place) place = element.nextElementSibling;
-      else this.container.insertBefore(element, place);
-      this.fill(element, item);
-    }
-  }
-
-  make(item) {
-    const element = /** @type {HTMLElement} */ (this.template.content.firstElementChild?.cloneNode(true));
-    this.elements.set(this.keyOf(item), element);
-    this.onNew(element, item);
-    return element;
-  }
-
-  remove(key, element) {
-    element.remove();
-    this.elements.delete(key);
-  }
-}
-
 export const keyOfRequest = ({ id }) => String(id);
 
 // What is written of a request, by the part that it goes into. Pure. Unknown is "-".

@@ -1,5 +1,6 @@
 // Robots and web apps in two columns with their topics, and lines between them: the routes, which people draw and remove.
 
+import { KeyedRows } from "../dom/keyedRows.js";
 import { make, makeButton, part, setText } from "../dom/page.js";
 import { routes as texts } from "../texts/routes.js";
 
@@ -25,7 +26,12 @@ export class RouteDiagram {
     this.root = root;
     this.area = part(root, "diagram");
     this.lines = part(root, "lines");
-    this.knots = part(root, "knots");
+    this.knots = new KeyedRows({
+      container: part(root, "knots"),
+      keyOf: ({ row }) => row.dataset.route,
+      make: ({ row }) => this.knot(row),
+      fill: (button, { from, to }) => place(button, from, to),
+    });
     this.connect = connect;
     this.remove = remove;
     this.armed = /** @type {HTMLElement | null} */ (null);
@@ -165,19 +171,7 @@ export class RouteDiagram {
       ...ends.map(({ row, from, to }) => rateText(row.dataset.rate, middle(from, to))),
       ...(this.drag?.path ? [this.drag.path] : []),
     );
-    this.drawKnots(ends);
-  }
-
-  // Buttons stay as long as their routes: one may have the focus.
-  drawKnots(ends) {
-    const present = new Map([...this.knots.children].map((button) => [button.dataset.route, button]));
-    const buttons = ends.map((end) => {
-      const button = present.get(end.row.dataset.route) ?? this.knot(end.row);
-      place(button, end.from, end.to);
-      return button;
-    });
-    for (const button of present.values()) if (!buttons.includes(button)) button.remove();
-    this.knots.append(...buttons.filter((button) => !button.isConnected));
+    this.knots.show(ends);
   }
 
   knot(row) {

@@ -1,6 +1,7 @@
 // What fills the robot's uplink, as the server measures it, and switches for what this page requests of it.
 
-import { make, makeButton, part, setText, sizeText } from "../dom/page.js";
+import { KeyedRows } from "../dom/keyedRows.js";
+import { byTestId, make, makeButton, part, setText, sizeText } from "../dom/page.js";
 import { uplink as texts } from "../texts/panels.js";
 
 const EVERY_MS = 2000; // interval between two requests; the server measures over up to 5 s
@@ -55,7 +56,12 @@ export class Uplink {
     this.get = get;
     this.switches = switches;
     this.streams = [];
-    this.rows = new Map();
+    this.rows = new KeyedRows({
+      container: part(root, "uplink-list"),
+      keyOf: ({ kind, name }) => `${kind} ${name}`,
+      make: (row) => this.build(row),
+      fill: fillRow,
+    });
     setText(part(root, "uplink-total"), texts.measuring);
     root.addEventListener("toggle", () => this.renew());
     document.addEventListener("visibilitychange", () => this.renew());
@@ -84,35 +90,17 @@ export class Uplink {
 
   // Rows keep their places while the list is open: a button must not move away from under a finger.
   show() {
-    const rows = new Map(uplinkRows(this.streams, this.switches).map((row) => [`${row.kind} ${row.name}`, row]));
-    for (const [key, { element }] of this.rows) if (!rows.has(key)) this.remove(key, element);
-    for (const [key, row] of rows) {
-      if (!this.rows.has(key)) this.rows.set(key, this.build(row));
-      this.update(this.rows.get(key), row);
-    }
-  }
-
-  remove(key, element) {
-    element.remove();
-    this.rows.delete(key);
+    const { elements, keyOf } = this.rows;
+    const shown = [...elements.keys()];
+    const place = (row) => (elements.has(keyOf(row)) ? shown.indexOf(keyOf(row)) : shown.length);
+    this.rows.show(uplinkRows(this.streams, this.switches).sort((one, other) => place(one) - place(other)));
   }
 
   build({ kind, name }) {
-    const facts = make("small", {});
     const button = makeButton("uplink-switch", "", () => this.press(kind, name));
     const title = make("span", {}, name || texts.kinds[kind] || kind);
-    const element = make("li", { "data-kind": kind, "data-name": name }, make("p", {}, title, facts), button);
-    part(this.root, "uplink-list").append(element);
-    return { element, facts, button };
-  }
-
-  update({ facts, button }, row) {
-    const { name, offers } = row;
-    setText(facts, factsOf(row).filter(Boolean).join(" · "));
-    button.hidden = !offers;
-    if (!offers) return;
-    setText(button, texts.offers[offers]);
-    button.setAttribute("aria-label", texts.offer(offers, name));
+    const words = make("p", {}, title, make("small", { "data-part": "facts" }));
+    return make("li", { "data-kind": kind, "data-name": name }, words, button);
   }
 
   press(kind, name) {
@@ -120,6 +108,16 @@ export class Uplink {
     control.switchTo(name, control.off.has(name));
     this.show();
   }
+}
+
+function fillRow(element, row) {
+  const { name, offers } = row;
+  const button = byTestId(element, "uplink-switch");
+  setText(part(element, "facts"), factsOf(row).filter(Boolean).join(" · "));
+  button.hidden = !offers;
+  if (!offers) return;
+  setText(button, texts.offers[offers]);
+  button.setAttribute("aria-label", texts.offer(offers, name));
 }
 
 // Ends what this page subscribes to of a topic, and begins it again; what reads the topic does not notice.

@@ -1,6 +1,7 @@
 // The buttons over the video's upper edge: one for each source, camera or map, that may be the main one.
 // A button stays the same one as long as its source does, and none is moved for another: a finger or the focus may be on it.
 
+import { KeyedRows } from "../dom/keyedRows.js";
 import { make, onPress, part, setText } from "../dom/page.js";
 
 export const NUMBER_KEYS = 4; // of the sources, as of viewActionOf in view.js
@@ -9,6 +10,7 @@ export class SourceButtons {
   // `onChoose(id)` makes a source the main one.
   constructor(group, { onChoose }) {
     this.group = group;
+    this.rows = new KeyedRows({ container: group, keyOf: ({ id }) => id, make: makeButton, fill: label });
     onPress(group, ({ target }) => {
       const button = target.closest("button");
       if (button) onChoose(button.value); // else it was beside the buttons
@@ -17,17 +19,8 @@ export class SourceButtons {
 
   // `sources` are {id, name}, in their order.
   offer(sources) {
-    const { group } = this;
-    const present = new Map([...group.children].map((button) => [button.value, button]));
-    const ids = sources.map(({ id }) => id);
-    for (const [id, button] of present) if (!ids.includes(id)) button.remove();
-    sources.forEach(({ id, name }, place) => {
-      const button = present.get(id) ?? makeButton(id);
-      const here = group.children[place] ?? null;
-      if (button !== here) group.insertBefore(button, here);
-      label(button, name, place + 1);
-    });
-    group.hidden = sources.length < 2;
+    this.rows.show(sources);
+    this.group.hidden = sources.length < 2;
   }
 
   // `main` is the id of the main source. One that a key chose may be where the buttons have to be scrolled to.
@@ -41,12 +34,13 @@ export class SourceButtons {
   }
 }
 
-function makeButton(id) {
+function makeButton({ id }) {
   const parts = [make("small", { "data-part": "key", "aria-hidden": "true" }), make("span", { "data-part": "name" })];
   return make("button", { type: "button", value: id, "aria-pressed": "false" }, ...parts);
 }
 
-function label(button, name, number) {
+function label(button, { name }, place) {
+  const number = place + 1;
   const key = number <= NUMBER_KEYS ? String(number) : "";
   button.dataset.testid = `view-${number}`;
   button.title = name; // may be cut

@@ -2,6 +2,7 @@
 // What is not seen has no stream.
 
 import { DecoderChoice } from "../decoders/frameDecoder.js";
+import { cloned } from "../dom/keyedRows.js";
 import { onPress, part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
 import { MapTile } from "../overlays/mapTile.js";
@@ -102,7 +103,7 @@ export class Tiles {
   make(source) {
     const isMap = source.topic === MAP;
     const template = part(this.stage, isMap ? "map-tile" : "camera-tile");
-    const element = template.content.firstElementChild.cloneNode(true);
+    const element = cloned(template);
     this.stage.append(element);
     onPress(part(element, "enlarge"), () => this.options.onChoose(source.topic));
     return isMap ? new MapTile(element, this.options) : new CameraTile(element, { ...this.options, choice: this.choice, camera: source });

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { KeyedRows, requestFacts, stateText } from "../../src/queue/requestRows.js";
+import { KeyedRows } from "../../src/dom/keyedRows.js";
+import { requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../../src/queue/supervision.js";
 import { FakeElement } from "../control/fakes.js";
 
@@ -80,8 +81,7 @@ test("a request can be assigned to who is available, then to who wraps up", () =
 test("rows that stay are not moved, so that focus and choices stay with them", () => {
   const container = new FakeElement();
   mock.method(container, "insertBefore");
-  const template = { content: { firstElementChild: { cloneNode: () => new FakeElement() } } };
-  const rows = new KeyedRows({ container, template, keyOf: String, fill: (element, item) => (element.text = item) });
+  const rows = new KeyedRows({ container, keyOf: String, make: () => new FakeElement(), fill: (element, item) => (element.text = item) });
   const show = (...items) => {
     container.insertBefore.mock.resetCalls();
     rows.show(items);

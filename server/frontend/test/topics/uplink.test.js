@@ -25,7 +25,7 @@ beforeEach(() => {
 });
 
 // What each row says of its stream.
-const facts = () => parts["uplink-list"].children.map(({ children: [words] }) => words.children[1].textContent);
+const facts = () => parts["uplink-list"].children.map((row) => row.querySelector('[data-part="facts"]').textContent);
 
 test("without an answer no number stays on the page", async () => {
   await list.renew();

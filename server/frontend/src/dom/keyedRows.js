@@ -1,0 +1,41 @@
+// Keeps one element for each item of a list: what stays is only filled in, so that focus, choices and presses keep their place.
+export class KeyedRows {
+  // `make(item)` gives an element, `fill(element, item, place)` writes into it; `keyOf(item)` is the item's own.
+  /** @param {{container: HTMLElement, keyOf: (item: any) => string, make: (item: any) => any, fill: Function}} options */
+  constructor({ container, keyOf, make, fill }) {
+    this.container = container;
+    this.keyOf = keyOf;
+    this.make = make;
+    this.fill = fill;
+    this.elements = new Map();
+  }
+
+  show(items) {
+    const keys = new Set(items.map(this.keyOf));
+    for (const [key, element] of this.elements) if (!keys.has(key)) this.remove(key, element);
+    let next = this.container.firstElementChild;
+    items.forEach((item, place) => {
+      const element = this.elements.get(this.keyOf(item)) ?? this.add(item);
+      if (element === next) next = element.nextElementSibling;
+      else this.container.insertBefore(element, next);
+      this.fill(element, item, place);
+    });
+  }
+
+  add(item) {
+    const element = this.make(item);
+    this.elements.set(this.keyOf(item), element);
+    return element;
+  }
+
+  remove(key, element) {
+    element.remove();
+    this.elements.delete(key);
+  }
+}
+
+// Gives the function that makes an element as the template with this id has it.
+export const madeBy = (id) => () => cloned(/** @type {HTMLTemplateElement} */ (document.getElementById(id)));
+
+/** @returns {any} */
+export const cloned = (/** @type {HTMLTemplateElement} */ template) => template.content.firstElementChild?.cloneNode(true);
