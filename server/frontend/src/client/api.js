@@ -114,16 +114,12 @@ export class TicketRefused extends Error {
   }
 }
 
-// `api` is an Api. Throws TicketRefused.
-export async function requestTicket(api, robot, mode) {
-  const { ok, status, code, detail, body } = await api.post("/api/v1/tickets", { robot, mode });
-  if (!ok) throw new TicketRefused(status, code, detail);
-  return body.ticket;
-}
+// `api` is an Api. Both throw TicketRefused.
+export const requestTicket = (api, robot, mode) => askForTicket(api, "/api/v1/tickets", { robot, mode });
+export const appTicket = (api, app) => askForTicket(api, "/api/v1/tickets/app", { app });
 
-// As requestTicket, for a web app.
-export async function appTicket(api, app) {
-  const { ok, status, code, detail, body } = await api.post("/api/v1/tickets/app", { app });
+async function askForTicket(api, path, wish) {
+  const { ok, status, code, detail, body } = await api.post(path, wish);
   if (!ok) throw new TicketRefused(status, code, detail);
   return body.ticket;
 }
@@ -143,23 +139,22 @@ export async function ticketBy(getTicket, wish) {
 const plainQuery = (words) => new URLSearchParams(words).toString().replaceAll("%2F", "/");
 
 // `server` is https://HOST[:PORT]; `ticket` may be missing where a login does.
-export const rosUrl = (server, robot, ticket) => address(server, robot, "ros", { ticket }, true);
+export const rosUrl = (server, robot, ticket) => address(server, of(robot, "ros"), { ticket }, true);
 
-export function appUrl(server, app, ticket) {
-  const url = new URL(`/apps/${app}/ros?${plainQuery({ ticket })}`, server);
-  url.protocol = url.protocol.replace("http", "ws");
-  return url.href;
-}
+export const appUrl = (server, app, ticket) => address(server, `apps/${app}/ros`, { ticket }, true);
 
-export const framesUrl = (server, robot, topic, ticket) => address(server, robot, "video/frames", { topic, ticket }, true);
+export const framesUrl = (server, robot, topic, ticket) => address(server, of(robot, "video/frames"), { topic, ticket }, true);
 
-export const streamUrl = (server, robot, topic, ticket, more = {}) => address(server, robot, "video/stream", { topic, ...more, ticket });
+export const streamUrl = (server, robot, topic, ticket, more = {}) =>
+  address(server, of(robot, "video/stream"), { topic, ...more, ticket });
 
 // A still of a camera; with no topic among `words` of the robot's first. Its agent makes it of any source.
-export const snapshotUrl = (robot, words) => `/robots/${encodeURIComponent(robot)}/video/robotether/snapshot?${plainQuery(words)}`;
+export const snapshotUrl = (robot, words) => `/${of(robot, "video/robotether/snapshot")}?${plainQuery(words)}`;
 
-function address(server, robot, path, query, socket = false) {
-  const url = new URL(`/robots/${encodeURIComponent(robot)}/${path}`, server);
+const of = (robot, path) => `robots/${encodeURIComponent(robot)}/${path}`;
+
+function address(server, path, query, socket = false) {
+  const url = new URL(`/${path}`, server);
   url.search = plainQuery(Object.entries(query).filter(([, value]) => value !== undefined));
   if (socket) url.protocol = url.protocol.replace("http", "ws");
   return url.href;

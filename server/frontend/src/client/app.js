@@ -1,7 +1,7 @@
 // A page as a web app: an end of its user's routes (docs/howto/routes.md). It reaches no robot but by them.
 
 import { Api, appTicket, appUrl, credentials, ticketBy } from "./api.js";
-import { Connection } from "./connection.js";
+import { Connection, whenLive } from "./connection.js";
 import { fullName, openLink } from "./rosbridge.js";
 import { ClockSync } from "./session.js";
 
@@ -33,14 +33,7 @@ export class App {
 
   // Resolves when it is connected, and rejects when it never will be. It connects again by itself after each cut.
   connect() {
-    const settled = new Promise((resolve, reject) => {
-      const end = this.on("state", ({ name, retry, reason }) => {
-        if (name !== "live" && retry) return;
-        end();
-        if (name === "live") resolve(this);
-        else reject(new Error(`cannot connect app ${this.name}: ${reason || name}`));
-      });
-    });
+    const settled = whenLive(this, `app ${this.name}`);
     if (this.listening) this.connection.reopen();
     else this.begin();
     return settled;

@@ -257,6 +257,18 @@ export class Connection {
   }
 }
 
+// Resolves with `owner` when its connection stands, and rejects when it never will; `what` names it.
+export function whenLive(owner, what) {
+  return new Promise((resolve, reject) => {
+    const end = owner.on("state", ({ name, retry, reason }) => {
+      if (name !== "live" && retry) return;
+      end();
+      if (name === "live") resolve(owner);
+      else reject(new Error(`cannot connect ${what}: ${reason || name}`));
+    });
+  });
+}
+
 // What a closed connection or a refused ticket means: the state to show, whether to try again, and in `lost`
 // why this page may no longer drive.
 // Pure. Close codes are those of docs/reference/protocols.md.

@@ -339,10 +339,9 @@ function parse(text) {
 // Takes a frame of the frames protocol (docs/reference/media.md) apart. Pure.
 const LENGTH = 16; // Python's struct: !BBHId
 const CODECS = { 1: "jpeg", 2: "h264", 3: "vp8" };
-const CAMERA_STAMP = 1;
 const KEY = 2;
 
-// Gives {codec, isKey, sequence, quality, byCamera, timestampMs, data}, the timestamp by the sender's clock; null for what this
+// Gives {codec, isKey, sequence, quality, timestampMs, data}, the timestamp by the sender's clock; null for what this
 // page cannot show, such as a codec of a newer server. Nothing is copied: its `data` is a view of the message.
 export function readFrame(data) {
   if (data.byteLength <= LENGTH) return null;
@@ -350,13 +349,11 @@ export function readFrame(data) {
   const timestampMs = view.getFloat64(8);
   const codec = CODECS[view.getUint8(0)];
   if (!codec || !Number.isFinite(timestampMs)) return null;
-  const flags = view.getUint8(1);
   return {
     codec,
-    isKey: Boolean(flags & KEY),
+    isKey: Boolean(view.getUint8(1) & KEY),
     sequence: view.getUint32(4),
     quality: view.getUint16(2),
-    byCamera: Boolean(flags & CAMERA_STAMP),
     timestampMs,
     data: new Uint8Array(data, LENGTH),
   };

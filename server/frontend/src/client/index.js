@@ -6,7 +6,7 @@ import { jpegBlob } from "../decoders/jpeg.js";
 import { reasons } from "../texts/common.js";
 import { Api, TicketRefused, credentials, framesUrl, requestTicket, rosUrl, streamUrl, ticketBy } from "./api.js";
 import { App } from "./app.js";
-import { GIVE_UP } from "./connection.js";
+import { GIVE_UP, whenLive } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
@@ -76,14 +76,7 @@ export class Robot {
     const gaveUp = this.driving && mode === "observe";
     this.mode = mode;
     const { connection } = this.session;
-    const settled = new Promise((resolve, reject) => {
-      const end = this.on("state", (state) => {
-        if (state.name !== "live" && state.retry) return;
-        end();
-        if (state.name === "live") resolve(this);
-        else reject(new Error(`cannot connect to ${this.name}: ${state.reason || state.name}`));
-      });
-    });
+    const settled = whenLive(this, `to ${this.name}`);
     if (this.begun) connection.reopen(gaveUp ? GIVE_UP : undefined);
     else this.begin();
     return settled;

@@ -203,7 +203,7 @@ function carMessage(speed, turn, wheelbase) {
 }
 
 // What a robot does not know is missing, null, NaN or infinite in its messages: null here.
-const finite = (value) => (Number.isFinite(value) ? value : null);
+export const finite = (value) => (Number.isFinite(value) ? value : null);
 
 // The member at a path such as "twist.linear.x"; undefined where one of its steps is missing.
 const member = (message, path) => path.split(".").reduce((value, step) => value?.[step], message);

@@ -3,7 +3,7 @@
 // It must never believe what a robot says in the relay's name.
 
 import { Connection } from "./connection.js";
-import { driveMessage, openLink } from "./rosbridge.js";
+import { driveMessage, finite, openLink } from "./rosbridge.js";
 import { RttProbe, median } from "./rtt.js";
 
 /**
@@ -153,13 +153,11 @@ export class Session {
   }
 }
 
-const numberOrNull = (value) => (Number.isFinite(value) ? value : null);
-
 /** @type {(operation: any) => Seen} */
 const seenOf = ({ age_ms, max_speed_m_s, max_turn_rad_s }) => ({
-  ageMs: numberOrNull(age_ms),
-  maxSpeed: numberOrNull(max_speed_m_s),
-  maxTurn: numberOrNull(max_turn_rad_s),
+  ageMs: finite(age_ms),
+  maxSpeed: finite(max_speed_m_s),
+  maxTurn: finite(max_turn_rad_s),
 });
 
 // What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own

@@ -2,7 +2,7 @@
 // The markup is the server's (drive.html); what can be done is driveMode.js's to say.
 
 import { api, serverClock } from "../dom/calls.js";
-import { byTestId, keepFocus, localTime, part, setText } from "../dom/page.js";
+import { byTestId, keepFocus, localTime, part, setIfOther, setText } from "../dom/page.js";
 import { NEW_MS, isNew, markNew } from "../dom/presses.js";
 import { connection, control as texts, driveMode as notes, logIn, states } from "../texts/common.js";
 
@@ -347,7 +347,6 @@ export class Question {
   }
 
   mark() {
-    const deaf = String(this.shown && this.deaf);
-    if (this.element.dataset.deaf !== deaf) this.element.dataset.deaf = deaf;
+    setIfOther(this.element.dataset, "deaf", String(this.shown && this.deaf));
   }
 }

@@ -10,13 +10,13 @@ const ENDS = [0xd8, 0xd9, 0xda]; // before which a frame would have begun
 // The blob of a JPEG; throws for what is none, or what nobody should decode.
 export function jpegBlob(data) {
   const size = jpegSize(data);
-  if (!size) throw new Error("cannot show a frame: it is no JPEG");
+  if (!size) throw new Error("cannot show a frame: it is not a JPEG");
   const { width, height } = size;
   if (width * height > MAX_PIXELS) throw new Error(`cannot show a frame of ${width}x${height}: it has too many pixels`);
   return new Blob([data], { type: "image/jpeg" });
 }
 
-// {width, height} as browsers find them; null for what is no JPEG.
+// {width, height} as browsers find them; null for what is not a JPEG.
 export function jpegSize(data) {
   const number = (at) => (data[at] << 8) | data[at + 1];
   if (number(0) !== START) return null;

@@ -20,6 +20,11 @@ export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;
 }
 
+// The same of any member.
+export function setIfOther(target, name, value) {
+  if (target[name] !== value) target[name] = value;
+}
+
 const clock = (time, seconds) => time.toLocaleTimeString("en-GB", { hour: "2-digit", minute: "2-digit", second: seconds });
 
 // The time of day, with the date before it when that is not today. Empty for no time.

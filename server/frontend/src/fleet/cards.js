@@ -3,7 +3,7 @@
 
 import { ReloadStore } from "../control/driveMode.js";
 import { cloned } from "../dom/keyedRows.js";
-import { part, setText, localTime, utcTimestamp } from "../dom/page.js";
+import { part, setIfOther, setText, localTime, utcTimestamp } from "../dom/page.js";
 import { batteryText, isLow } from "../overlays/battery.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
@@ -75,7 +75,7 @@ export function offerDrive(card, name) {
 export function fillCard(card, robot) {
   fillData(card, robot);
   setText(part(card, "presence"), presenceText(robot));
-  for (const name of HOVERED[card.dataset.kind]) setTitle(part(card, name), utcText(robot));
+  for (const name of HOVERED[card.dataset.kind]) setIfOther(part(card, name), "title", utcText(robot));
   const rtt = robot.online && Number.isFinite(robot.rtt_ms) ? texts.rtt(Math.round(robot.rtt_ms)) : "";
   fillRow(card, "rtt", rtt);
   fillRow(card, "battery", batteryText(robot));
@@ -88,26 +88,18 @@ export function fillCard(card, robot) {
 }
 
 function titleWhatIsCut(card) {
-  for (const element of MAY_BE_CUT[card.dataset.kind].map((name) => part(card, name))) setTitle(element, element.textContent);
-}
-
-function fillData(card, robot) {
-  const { state, online, video = "" } = robot;
-  const data = { state, video, online: String(online), driven: String(isDriven(robot)) };
-  for (const [name, value] of Object.entries(data)) setData(card, name, value);
+  for (const element of MAY_BE_CUT[card.dataset.kind].map((name) => part(card, name))) setIfOther(element, "title", element.textContent);
 }
 
 // Writes only what changed: what does not is 500 robots' worth of work for the browser.
-function setData(card, name, value) {
-  if (card.dataset[name] !== value) card.dataset[name] = value;
-}
-
-function setTitle(element, text) {
-  if (element.title !== text) element.title = text;
+function fillData(card, robot) {
+  const { state, online, video = "" } = robot;
+  const data = { state, video, online: String(online), driven: String(isDriven(robot)) };
+  for (const [name, value] of Object.entries(data)) setIfOther(card.dataset, name, value);
 }
 
 function fillRow(card, name, text) {
   setText(part(card, name), text);
   const row = part(card, `${name}-row`);
-  if (row && row.hidden !== (text === "")) row.hidden = text === "";
+  if (row) setIfOther(row, "hidden", text === "");
 }

@@ -2,7 +2,7 @@
 
 import { AGAIN_MS, Stopping, TRIES, refusal } from "../control/stopping.js";
 import { api, stopAll } from "../dom/calls.js";
-import { localTime, make, makeButton, part, setText } from "../dom/page.js";
+import { localTime, make, makeButton, part, setIfOther, setText } from "../dom/page.js";
 import { stop as stopTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 
@@ -127,12 +127,10 @@ export class CardStop {
     const { kind, by, at, detail } = this.stopping.shown;
     const words = stopTexts[kind]({ by, at: localTime(at), detail, guard: this.guard });
     for (const card of this.cards) {
-      const button = part(card, "stop");
-      if (button.hidden !== (this.state !== "active")) button.hidden = this.state !== "active";
-      if (card.dataset.stop !== kind) card.dataset.stop = kind;
+      setIfOther(part(card, "stop"), "hidden", this.state !== "active");
+      setIfOther(card.dataset, "stop", kind);
       setText(part(card, "stopped"), words);
-      const row = part(card, "stopped-row");
-      if (row.hidden !== (kind === "none")) row.hidden = kind === "none";
+      setIfOther(part(card, "stopped-row"), "hidden", kind === "none");
     }
   }
 }

@@ -1,7 +1,7 @@
 // The numbers of the drive page: speed as asked for and as measured, the age of the video, the round trip and its parts.
 
 import { poseReader, speedReader } from "../client/rosbridge.js";
-import { byTestId, part, setText } from "../dom/page.js";
+import { byTestId, part, setIfOther, setText } from "../dom/page.js";
 import { readings as texts, latency } from "../texts/common.js";
 import { Subscriptions } from "./subscriptions.js";
 
@@ -11,15 +11,14 @@ const MIN_MS_IN_SECONDS = 10_000;
 // The greatest values, in ms, that are good and that are fair.
 const LINK_MS = [100, 300];
 const GOOD_FRAME_MS = 250;
-const OLD_FRAME_MS = 1000;
 
 export class Readings {
-  // `frameAge()` gives the age of the main frame in ms, null for none; `limits` and `holdAfterMs` as of settings.js.
-  constructor(root, { frameAge, limits, holdAfterMs }) {
+  // `frameAge()` gives the age of the main frame in ms, null for none; `limits` and `oldMs` as of settings.js.
+  constructor(root, { frameAge, limits, oldMs }) {
     this.root = root;
     this.frameAge = frameAge;
     this.limits = { linear: limits.maxLinear, angular: limits.maxAngular };
-    this.frameMs = [GOOD_FRAME_MS, holdAfterMs ?? OLD_FRAME_MS];
+    this.frameMs = [GOOD_FRAME_MS, oldMs];
     setInterval(() => this.tick(), TICK_MS);
   }
 
@@ -75,7 +74,7 @@ export class Readings {
   value(testId, text, health = "") {
     const element = byTestId(this.root, testId);
     setText(part(element, "value"), text);
-    if (element.dataset.health !== health) element.dataset.health = health;
+    setIfOther(element.dataset, "health", health);
   }
 }
 

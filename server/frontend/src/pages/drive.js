@@ -37,7 +37,7 @@ const main = /** @type {HTMLElement} */ (document.querySelector("main.drive"));
 const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
-const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
+const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
 const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false };
 
 const loginUse = new LoginUse();
@@ -71,13 +71,13 @@ const topicSwitch = new TopicSwitch({
 const subscribe = (spec, handler) => topicSwitch.subscribe(spec, handler);
 
 const banner = new Banner(root, { onRetry: () => connection.retryNow({ asked: true }), onBlind: () => interlock.allow() });
-const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, holdAfterMs });
+const readings = new Readings(root, { frameAge: () => interlock.ageMs, limits, oldMs });
 const seenAge = new SeenAge(root);
 const view = new View(root, {
   robot,
   settings,
   driveTopic,
-  holdAfterMs,
+  oldMs,
   openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
   subscribe,
   onMain: (reading) => interlock.receive(reading),

@@ -2,17 +2,18 @@
 
 const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000, maxAgeMs: 500 };
 
-// Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs, maxAgeMs, isLimitedByAge}, in m, m/s,
-// rad/s and ms; the limits are never more than the robot's guard allows. `driveTopic` "": the guard has patterns alone, and no name
-// that the page knows fits. `holdAfterMs` null: old video does not pause driving, `driveType` null: it follows the robot. The guard
-// drops commands that are older than `maxAgeMs`. `isLimitedByAge`: the robot drives slower when the driver sees late.
+// Gives {driveTopic, driveType, kind, wheelbase, limits: {maxLinear, maxAngular}, holdAfterMs, oldMs, maxAgeMs, isLimitedByAge}, in m,
+// m/s, rad/s and ms; the limits are never more than the robot's guard allows. `driveTopic` "": the guard has patterns alone, and no
+// name that the page knows fits. `holdAfterMs` null: old video does not pause driving; it is shown to be old after `oldMs`.
+// `driveType` null: it follows the robot. The guard drops commands that are older than `maxAgeMs`. `isLimitedByAge`: the robot
+// drives slower when the driver sees late.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
   const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;
   const { drive_type: driveType = null } = page;
   const { max_age_ms: maxAgeMs = USUAL.maxAgeMs } = guard;
   const isLimitedByAge = [guard.blind_m, guard.blind_deg].some(Number.isFinite);
-  const times = { holdAfterMs, maxAgeMs, isLimitedByAge };
+  const times = { holdAfterMs, oldMs: holdAfterMs ?? USUAL.holdAfterMs, maxAgeMs, isLimitedByAge };
   return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), ...times };
 }
 

@@ -16,7 +16,6 @@ export const requests = {
   },
   noReason: "No reason given",
   anyPool: "Any",
-  asked: (name, duration) => `${name} asked ${duration} ago`,
   states: {
     waiting: () => "Waiting",
     offered: ({ offered_to: name }) => `Offered to ${name ?? UNKNOWN}`,

@@ -1,7 +1,7 @@
 // The list of the robot's topics, and probes of one or two of them. Nothing is asked of the robot while the list is
 // closed or the page is hidden.
 
-import { make, part, setText } from "../dom/page.js";
+import { hasWords, make, part, setText } from "../dom/page.js";
 import { topics as texts } from "../texts/panels.js";
 import { Inspector } from "./inspector.js";
 
@@ -10,8 +10,7 @@ const MAX_PROBES = 2;
 
 // The topics whose name or type has all words, by name. Pure.
 export function matching(topics, query) {
-  const words = query.toLowerCase().split(/\s+/).filter(Boolean);
-  const fits = ({ name, type }) => words.every((word) => `${name} ${type}`.toLowerCase().includes(word));
+  const fits = ({ name, type }) => hasWords(`${name} ${type}`, query);
   return topics.filter(fits).sort((a, b) => (a.name < b.name ? -1 : Number(a.name > b.name)));
 }
 

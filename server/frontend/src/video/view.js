@@ -16,7 +16,6 @@ import { Layout, MAP } from "./layout.js";
 import { NUMBER_KEYS, SourceButtons } from "./sourceButtons.js";
 import { Tiles } from "./tiles.js";
 
-const OLD_MS = 1000; // where old video does not pause driving
 const CHECK_MS = 100;
 const SHOW_EVERY = 2; // of these
 const NOTE_MS = 6000;
@@ -24,10 +23,10 @@ const SETTLE_MS = 300;
 const ROOM_FOR_MAP = "(min-width: 600px) and (min-height: 700px), (max-width: 599px) and (min-height: 800px)"; // as of drive-deck.css
 
 export class View {
-  // `driveTopic` and `holdAfterMs` as of settings.js; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of
+  // `driveTopic` and `oldMs` as of settings.js; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of
   // client/frames.js; `subscribe` as of connection.js; `onMain({offered, at})` reports the main frame as of VideoInterlock,
   // ten times a second and at each frame.
-  constructor(root, { robot, settings, driveTopic, holdAfterMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
+  constructor(root, { robot, settings, driveTopic, oldMs, openFrames, subscribe, onMain, now = () => performance.now() }) {
     this.root = root;
     this.robot = robot;
     this.now = now;
@@ -56,7 +55,7 @@ export class View {
     this.overlays = new Overlays(root, { subscribe, now });
     const ring = part(root, "laser-ring"); // drivers have one
     this.ring = ring && new LaserRing(ring, this.world);
-    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames, holdAfterMs ?? OLD_MS));
+    this.tiles = new Tiles(part(this.element, "stage"), this.tileOptions(openFrames, oldMs));
     this.setUpTools();
     this.listen();
   }

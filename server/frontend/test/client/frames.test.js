@@ -278,7 +278,7 @@ test("after a frame that was left out, and on another link, the next one does no
 test("a frame is taken out with its codec, flags, sequence, quality and timestamp, without a copy", () => {
   const message = framed({ codec: 2, sequence: 4_000_000_000, quality: 70, flags: 3, timestampMs: 5123456.75, data: [1, 2, 3] });
   const { data, ...frame } = readFrame(message);
-  const header = { sequence: 4_000_000_000, quality: 70, byCamera: true, timestampMs: 5123456.75 };
+  const header = { sequence: 4_000_000_000, quality: 70, timestampMs: 5123456.75 };
   assert.deepEqual(frame, { ...header, codec: "h264", isKey: true });
   assert.deepEqual([...data], [1, 2, 3]);
   assert.equal(data.buffer, message);

@@ -40,10 +40,10 @@ for (const [name, data, expected] of [
   test(`a JPEG says its size: ${name}`, () => assert.deepEqual(jpegSize(data), expected));
 }
 
-test("what would decode to gigabytes, or is no JPEG, is refused before", () => {
+test("what would decode to gigabytes, or is not a JPEG, is refused before", () => {
   assert.equal(jpegBlob(JPEG).type, "image/jpeg");
   assert.throws(() => jpegBlob(bytes("ffd8ffc0000b084e204e20")), /20000x20000/);
-  assert.throws(() => jpegBlob(bytes("89504e470d0a1a0a0000000d49484452")), /no JPEG/);
+  assert.throws(() => jpegBlob(bytes("89504e470d0a1a0a0000000d49484452")), /not a JPEG/);
 });
 
 const BOTH = ["h264", "vp8", "jpeg"];

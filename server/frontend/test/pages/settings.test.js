@@ -17,7 +17,7 @@ for (const [what, settings, expected] of [
   ["of another end", fits("*cmd_vel_safe"), { driveTopic: "" }],
   ["the type of drive commands may be set", { page: { drive_type: "geometry_msgs/Twist" } }, { driveType: "geometry_msgs/Twist" }],
   ["old video pauses driving after a time that is set", { page: { hold_after_ms: 2500 } }, { holdAfterMs: 2500 }],
-  ["or never", { page: { hold_after_ms: null } }, { holdAfterMs: null }],
+  ["or never", { page: { hold_after_ms: null } }, { holdAfterMs: null, oldMs: 1000 }],
   ["who sees late is slowed", { guard: { blind_m: null, blind_deg: 30 } }, { isLimitedByAge: true }],
   ["unless both limits are off", { guard: { blind_m: null, blind_deg: null } }, { isLimitedByAge: false }],
   ["a robot that steers has a wheelbase", { page: { kind: "ackermann", wheelbase_m: 0.5 } }, { kind: "ackermann", wheelbase: 0.5 }],
