@@ -38,7 +38,6 @@ LONGEST_FIRST = (
     "images/test_sshd.py",
     "e2e/test_client.py",
     "images/test_secrets.py",
-    "e2e/test_page_settings.py",
     "e2e/test_video.py",
     "images/test_key_lookup.py",
     "images/test_certificate.py",

@@ -445,28 +445,6 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         release_all(stack, [ROBOT])
 
 
-def test_keys_go_sideways_on_a_robot_that_can(page: Page, stack: Stack, watch: SimWatch) -> None:
-    """Q is left, with two sticks at hand from the beginning."""
-    stack.admin.set_robot(ROBOT, {"page.kind": "holonomic"})
-    try:
-        drive_live(page, stack, ROBOT)
-        expect(page.get_by_test_id("joystick-turn")).to_be_visible()
-        page_holds.hold(
-            page,
-            lambda: page.keyboard.down("q"),
-            lambda: page.keyboard.up("q"),
-            # As seen from outside, this robot stands all the time.
-            lambda: watch.wait_pose(
-                "told to go left",
-                lambda _: any(seen.msg["linear"]["y"] > 0 for seen in watch.commands()),
-            ),
-        )
-        page.keyboard.up("q")
-        _falls_silent(watch)
-    finally:
-        stack.admin.set_robot(ROBOT, {"page.kind": None})
-
-
 def test_a_driver_without_network_reads_that_and_nothing_drives_on(
     page: Page, stack: Stack, watch: SimWatch
 ) -> None:

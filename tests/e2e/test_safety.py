@@ -85,20 +85,6 @@ def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(
         page_users.close()
 
 
-def test_the_numbers_tell_how_good_they_are_and_where_the_round_trip_goes(
-    page: Page, stack: Stack
-) -> None:
-    """The picture has its age, each number says how good it is, and the parts of the round trip are told."""
-    stack.wait_until_drivable(ROBOT)
-    drive_live(page, stack, ROBOT)
-    for name, unit in (("picture-age", "ms"), ("rtt", "ms"), ("battery", "%")):
-        number = page.get_by_test_id(name)
-        expect(number).to_contain_text(re.compile(rf"\d+ {unit}"))
-        expect(number).to_have_attribute("data-health", re.compile("good|fair|poor"))
-    words = re.compile(r"\d+ ms to the server, \d+ ms on to the robot, \d+ ms in its rosbridge")
-    expect(page.get_by_test_id("rtt-parts")).to_have_text(words, timeout=15_000)
-
-
 def test_who_is_logged_out_or_whose_robot_is_disabled_reads_that_and_nothing_else(
     page: Page, stack: Stack
 ) -> None:

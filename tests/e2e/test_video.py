@@ -72,7 +72,7 @@ def _wait_size(canvas: Locator, width: int, height: int) -> None:
 
 
 def test_the_picture_says_how_old_it_is(robot: Page) -> None:
-    """The one age that the page shows is that of the stamp in the picture, and the rate is the camera's."""
+    """The age is that of the stamp in the picture, the rate the camera's; the parts of the round trip are told."""
     facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
     expect(facts).to_contain_text(re.compile("640.480"))
     expect(facts).to_contain_text("/s")
@@ -86,6 +86,8 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
         looks.append(robot.evaluate(look))
         robot.wait_for_timeout(100)
     assert 0 <= median(age for age, _ in looks) < 1000
+    parts = re.compile(r"\d+ ms to the server, \d+ ms on to the robot, \d+ ms in its rosbridge")
+    expect(robot.get_by_test_id("rtt-parts")).to_have_text(parts, timeout=15_000)
     # The text may be a quarter of a second older than the picture, or newer; of a picture that was late, more.
     assert median(abs(age - real) for age, real in looks) < 500
 

@@ -63,6 +63,7 @@ for (const [name, act, expected] of [
   ["letters drive from a checkbox", () => down("KeyW", { target: element("input[type=checkbox]") }), [FORWARD]],
   ["a key let go in a field is let go", () => [down("KeyW"), up("KeyW", TYPED)], [FORWARD, "released"]],
   ["Q and E do nothing on a robot that goes no way sideways", () => [down("KeyQ"), down("KeyE")], []],
+  ["and drive so on one that does", () => [make("holonomic"), down("KeyQ"), up("KeyQ")], [{ forward: 0, left: 1, turn: 0 }, "released"]],
   ["Ctrl with W, which closes the page, is no step", () => [down("ControlLeft", CTRL), down("KeyW", CTRL)], ["let go", "let go"]],
   ["Ctrl, which may swallow the keyup, lets go", () => [down("KeyW"), down("KeyD", CTRL)], [FORWARD, "let go"]],
   ["Meta does so, too", () => [down("KeyW"), down("KeyD", { metaKey: true })], [FORWARD, "let go"]],
