@@ -2,17 +2,13 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { App } from "../../src/client/index.js";
+import { settle } from "../fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
 const TWIST = "geometry_msgs/msg/Twist";
 let sockets, asked, app, answers;
 
 class FakeServer extends FakeWebSocket {
-  constructor(url) {
-    super(url);
-    sockets.push(this);
-  }
-
   send(text) {
     super.send(text);
     const message = this.sent.at(-1);
@@ -26,7 +22,8 @@ class FakeServer extends FakeWebSocket {
 
 beforeEach(() => {
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
-  [sockets, asked, answers] = [[], [], true];
+  sockets = FakeWebSocket.opened = [];
+  [asked, answers] = [[], true];
   Object.assign(globalThis, { window: new EventTarget(), location: { origin: "https://lab.example" }, WebSocket: FakeServer });
   globalThis.fetch = async (url, { headers, body }) => {
     asked.push([url, headers.Authorization, JSON.parse(body)]);
@@ -39,11 +36,6 @@ afterEach(() => {
   app.close();
   mock.timers.reset();
 });
-
-async function settle() {
-  for (let i = 0; i < 50; i++) await Promise.resolve();
-  await new Promise((resolve) => setImmediate(resolve));
-}
 
 async function goLive() {
   const connected = app.connect();

@@ -3,6 +3,7 @@ import { beforeEach, mock, test } from "node:test";
 
 import { TicketRefused } from "../../src/client/api.js";
 import { Connection, GIVE_UP } from "../../src/client/connection.js";
+import { settle } from "../fakes.js";
 
 let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 
@@ -55,10 +56,6 @@ beforeEach(() => {
     now: () => clock,
   });
 });
-
-async function settle() {
-  for (let i = 0; i < 10; i++) await Promise.resolve();
-}
 
 async function pass(ms) {
   clock += ms;

@@ -14,6 +14,8 @@ export function framed({ codec = 1, flags = 0, quality = 70, sequence = 1, times
 }
 
 export class FakeWebSocket {
+  /** @type {any[]} */
+  static opened = []; // those of a test, which begins it anew
   static CONNECTING = 0;
   static OPEN = 1;
   static CLOSING = 2;
@@ -25,6 +27,7 @@ export class FakeWebSocket {
 
   constructor(url) {
     this.url = url;
+    FakeWebSocket.opened.push(this);
   }
 
   send(text) {

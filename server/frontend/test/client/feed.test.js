@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Feed, EventReader } from "../../src/client/feed.js";
+import { settle } from "../fakes.js";
 
 let streams, answers, states, heard, feed;
 
@@ -40,11 +41,6 @@ afterEach(() => {
   feed.close();
   mock.restoreAll();
 });
-
-// The streams of the platform hand data on by real tasks, which no mocked timer moves.
-async function settle() {
-  for (let i = 0; i < 5; i++) await new Promise((resolve) => setImmediate(resolve));
-}
 
 async function pass(ms) {
   mock.timers.tick(ms);

@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { FrameStream, readFrame, SenderClock } from "../../src/client/frames.js";
+import { settle } from "../fakes.js";
 import { FakeWebSocket, framed } from "./fakes.js";
 
 const AHEAD = 50_000;
@@ -12,7 +13,7 @@ beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   clock = 1000;
-  sockets = [];
+  sockets = FakeWebSocket.opened = [];
   frames = [];
   gaps = 0;
   statuses = [];
@@ -32,10 +33,7 @@ beforeEach(() => {
     onStatus: (status) => statuses.push(status),
     now: () => clock,
     wall: () => clock,
-    openSocket: (url) => {
-      sockets.push(new FakeWebSocket(url));
-      return sockets.at(-1);
-    },
+    openSocket: (url) => new FakeWebSocket(url),
   });
 });
 
@@ -43,10 +41,6 @@ afterEach(() => {
   stream.stop();
   mock.restoreAll();
 });
-
-async function settle() {
-  for (let i = 0; i < 20; i++) await Promise.resolve();
-}
 
 async function pass(ms) {
   for (let left = ms; left > 0; left -= 100) {

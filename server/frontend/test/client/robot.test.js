@@ -3,17 +3,13 @@ import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
+import { settle } from "../fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
 let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 
 // A double of the server and a robot behind it, as far as one connection shows them.
 class FakeServer extends FakeWebSocket {
-  constructor(url) {
-    super(url);
-    sockets.push(this);
-  }
-
   send(text) {
     super.send(text);
     const message = this.sent.at(-1);
@@ -43,7 +39,7 @@ beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   robots = [];
-  sockets = [];
+  sockets = FakeWebSocket.opened = [];
   asked = [];
   answers = { "/api/v1/tickets": [201, { ticket: "t1" }] };
   ticketsGiven = [];
@@ -59,11 +55,6 @@ beforeEach(() => {
 });
 
 afterEach(() => robots.forEach((robot) => robot.close()));
-
-async function settle() {
-  for (let i = 0; i < 50; i++) await Promise.resolve();
-  await new Promise((resolve) => setImmediate(resolve));
-}
 
 function make(options = {}) {
   robots.push(new Robot({ server: "https://robots.example", robot: "sim 1", token: "rt_x", ...options }));

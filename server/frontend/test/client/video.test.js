@@ -3,6 +3,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
 import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
+import { settle } from "../fakes.js";
 import { FakeVideoDecoder, H264_KEY, JPEG } from "../decoders/fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
@@ -10,15 +11,9 @@ let sockets;
 
 beforeEach(() => {
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
-  sockets = [];
-  class FakeServer extends FakeWebSocket {
-    constructor(url) {
-      super(url);
-      sockets.push(this);
-    }
-  }
+  sockets = FakeWebSocket.opened = [];
   const requestAnimationFrame = (act) => act();
-  Object.assign(globalThis, { location: { origin: "https://lab.example" }, WebSocket: FakeServer, requestAnimationFrame });
+  Object.assign(globalThis, { location: { origin: "https://lab.example" }, WebSocket: FakeWebSocket, requestAnimationFrame });
 });
 
 afterEach(() => {
@@ -27,11 +22,6 @@ afterEach(() => {
 });
 
 const make = () => new Robot({ server: "https://robots.example", robot: "sim 1", getTicket: async () => "t1" });
-
-async function settle() {
-  for (let i = 0; i < 50; i++) await Promise.resolve();
-  await new Promise((resolve) => setImmediate(resolve));
-}
 
 test("video is shown on a canvas or in an <img>, and nowhere else", async () => {
   globalThis.createImageBitmap = async () => ({ width: 64, height: 48, close() {} });

@@ -5,7 +5,7 @@ import { afterTicketRefusal, LINK_LOST, LIVE } from "../../src/client/connection
 import { Banner, ControlPanel, isSlow, Question, selectStatus, silenceOf } from "../../src/control/controlPanel.js";
 import { DriveMode } from "../../src/control/driveMode.js";
 import { connection, states } from "../../src/texts/common.js";
-import { FakeElement } from "./fakes.js";
+import { FakeElement } from "../fakes.js";
 
 const CONNECTED = { live: true, waits: false };
 const AWAY = { live: false, waits: true };

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { RecordButton, recordingUnderWay } from "../../src/control/recordButton.js";
-import { FakeElement } from "./fakes.js";
+import { FakeElement } from "../fakes.js";
 
 const NOW = Date.parse("2026-11-28T12:00:00Z");
 const asked = (more) => ({

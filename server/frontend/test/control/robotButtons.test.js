@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { RobotButtons, answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
+import { settle } from "../fakes.js";
 
 const LIGHTS = { name: "Lights on", kind: "publish", topic: "/lights", type: "std_msgs/Bool", msg: { data: true }, confirm: false };
 const DOCK = { name: "Dock", kind: "call", service: "/dock", type: "std_srvs/Trigger", args: {}, confirm: true };
@@ -36,7 +37,6 @@ const watch = () => robotButtons.use({ live: true, driving: false });
 const press = (action) => robotButtons.press(action);
 const confirm = () => robotButtons.confirm(dock);
 const tick = (ms) => mock.timers.tick(ms);
-const settle = () => new Promise((resolve) => setImmediate(resolve));
 const answer = (nth, values = {}) => [calls[nth].resolve({ ok: true, values }), settle()].at(-1);
 
 test("nothing is sent unless the page drives", () => {

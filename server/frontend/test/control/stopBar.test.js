@@ -4,7 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { Hold, StopBar, stopOnSpace } from "../../src/control/stopBar.js";
 import { api } from "../../src/dom/calls.js";
 import { stop } from "../../src/texts/common.js";
-import { FakeElement } from "./fakes.js";
+import { FakeElement } from "../fakes.js";
 
 let stops, clicks, window;
 

@@ -4,6 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { DecoderChoice, FrameDecoder, afterFailure } from "../../src/decoders/frameDecoder.js";
 import { jpegBlob, jpegSize } from "../../src/decoders/jpeg.js";
 import { formatOf } from "../../src/decoders/keyFrames.js";
+import { settle } from "../fakes.js";
 import { FakeVideoDecoder, H264_KEY, HUGE_KEY, JPEG, bytes } from "./fakes.js";
 
 // As libx264 and libvpx begin their key frames.
@@ -63,7 +64,6 @@ for (const [name, times, working, codecs] of [
 
 let clock, choice, decoder, asked;
 
-const settle = () => new Promise((resolve) => setImmediate(resolve));
 const newest = () => FakeVideoDecoder.made.at(-1);
 const decode = (isKey, data = H264_KEY) => decoder.decode({ codec: "h264", isKey, data });
 

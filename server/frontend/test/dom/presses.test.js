@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { AskedOnce, Presses, markOpened, sendOnce } from "../../src/dom/presses.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
 const element = (control, selectors = []) => {

@@ -3,10 +3,9 @@ import { mock, test } from "node:test";
 
 import { JPEG } from "../decoders/fakes.js";
 import { Queue, fetchSnapshot, lackOf } from "../../src/fleet/thumbs.js";
+import { settle } from "../fakes.js";
 
 mock.timers.enable({ apis: ["setTimeout"] });
-
-const settle = () => new Promise((resolve) => setImmediate(resolve));
 
 test("so many pictures are got at once, the others wait their turn", async () => {
   const queue = new Queue(2);

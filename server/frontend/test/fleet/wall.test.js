@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
 import { MovingHand, askingText, fillTile, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 const robot = (name, online = true) => ({ name, online });
 const asks = (name, more = {}) => ({ robot: name, reason: "stuck", source: "page", age_s: 125, priority: 2, state: "waiting", ...more });

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { GamepadPanel } from "../../src/input/gamepadPanel.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
 

@@ -4,7 +4,7 @@ import { mock, test } from "node:test";
 import { KeyedRows } from "../../src/dom/keyedRows.js";
 import { requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../../src/queue/supervision.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 const REQUEST = {
   id: 7,

@@ -3,6 +3,7 @@ import { beforeEach, test } from "node:test";
 import { setImmediate as turn } from "node:timers/promises";
 
 import { Player } from "../../src/replay/player.js";
+import { settle } from "../fakes.js";
 
 const TOPICS = { recent: ["/state"], newest: ["/map"], fixed: ["/static"], frames: ["/video"], isKey: ({ data }) => data[0] === 1 };
 const DURATION_MS = 20_000;
@@ -41,10 +42,6 @@ function make(messages = MESSAGES) {
   });
 }
 
-async function settle() {
-  for (let i = 0; i < 50; i++) await turn();
-}
-
 async function run(ms) {
   for (let passed = 0; passed < ms; passed += 50) {
     clock += 50;
@@ -63,7 +60,7 @@ beforeEach(() => {
 
 test("nothing is handed over before its time, at any speed, and nothing is left out", async () => {
   await player.seek(0);
-  await settle();
+  await settle(50);
   player.play();
   for (const speed of [1, 4]) {
     player.speed = speed;
@@ -93,7 +90,7 @@ test("a seek gives what was the case there: the newest map, and the video from i
 test("of many seeks in a row the last counts", async () => {
   await player.seek(0);
   for (let atMs = 1000; atMs <= 9000; atMs += 1000) player.seek(atMs);
-  await settle();
+  await settle(50);
   assert.equal(reset.at(-1).atMs, 9000);
   assert.ok(reset.length <= 3);
 });
@@ -107,7 +104,7 @@ test("the clock waits for what is not read yet, and stops at the end", async () 
   await run(1000);
   assert.deepEqual([player.atMs, player.loading], [DURATION_MS - 900, true]);
   open();
-  await settle();
+  await settle(50);
   await run(2000);
   assert.deepEqual([player.atMs, player.playing], [DURATION_MS, false]);
 });
@@ -115,7 +112,7 @@ test("the clock waits for what is not read yet, and stops at the end", async () 
 test("a bomb of messages is read in pieces and holds no more than its bounds", async () => {
   make(Array.from({ length: 200_000 }, (_, i) => message("/state", i / 10)));
   await player.seek(0);
-  await settle();
+  await settle(50);
   let most = 0;
   player.play();
   for (let i = 0; i < 20; i++) {

@@ -1,10 +1,9 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { setImmediate as turn } from "node:timers/promises";
 
 import { KeyFrameMissingError } from "../../src/decoders/streamDecoder.js";
 import { ReplayVideo, camerasOf, frameOf } from "../../src/replay/replayVideo.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement, settle } from "../fakes.js";
 
 let shown, decoded, element, video, fails;
 
@@ -13,10 +12,6 @@ const words = (atMs, loading = false) => {
   video.show(atMs, { isRecorded: true, loading });
   return element.querySelector('[data-part="words"]').textContent;
 };
-
-async function settle() {
-  for (let i = 0; i < 20; i++) await turn();
-}
 
 beforeEach(() => {
   shown = [];

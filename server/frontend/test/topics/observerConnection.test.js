@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { ObserverConnection } from "../../src/topics/topicProbe.js";
+import { settle } from "../fakes.js";
 
 const SPEC = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500 };
 
@@ -28,8 +29,6 @@ beforeEach(() => {
 });
 
 afterEach(() => mock.timers.reset());
-
-const settle = () => new Promise((resolve) => setImmediate(resolve));
 
 async function watch() {
   const end = observerConnection.watch(SPEC, Object, (state) => states.push(state));

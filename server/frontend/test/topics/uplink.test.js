@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { TopicSwitch, Uplink, totalText, uplinkRows } from "../../src/topics/uplink.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 globalThis.document = { createElement: () => new FakeElement(), addEventListener() {}, hidden: false };
 

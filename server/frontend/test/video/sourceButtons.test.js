@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { SourceButtons } from "../../src/video/sourceButtons.js";
-import { FakeElement } from "../control/fakes.js";
+import { FakeElement } from "../fakes.js";
 
 // A group, or a button with its parts.
 class FakeButton extends FakeElement {

@@ -1,3 +1,10 @@
+// Test doubles of a page, and what tests of the scripts wait with.
+
+// Lets all go on that waits for an answer which has come; no mocked timer moves.
+export async function settle(turns = 5) {
+  for (let i = 0; i < turns; i++) await new Promise((resolve) => setImmediate(resolve));
+}
+
 // As much of an element as the pages need; each of its parts is made when it is asked for.
 export class FakeElement extends EventTarget {
   hidden = true;
