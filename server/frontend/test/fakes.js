@@ -51,7 +51,10 @@ export class FakeElement extends EventTarget {
     this.parent?.children.splice(this.parent.children.indexOf(this), 1);
     this.parent = null;
   }
-  replaceChildren() {}
+  replaceChildren(...children) {
+    for (const child of [...this.children]) child.remove();
+    this.append(...children);
+  }
   contains() {
     return false;
   }

@@ -179,28 +179,22 @@ test("unknown operations and broken texts are skipped", async () => {
   assert.equal(frames.length, 1);
 });
 
-test("after a cut there is no frame, and a new link after a while", async () => {
-  const socket = await goOpen();
-  await receive({ timestampMs: AHEAD + 1000 });
-  socket.end(1006);
-  assert.deepEqual(why(), ["none", "cut"]);
-  assert.equal(stream.ageMs, null);
-  await pass(500);
-  assert.equal(sockets.length, 2);
-});
-
-test("a link that brings nothing, no clock sync either, is a cut", async () => {
-  const socket = await goOpen();
-  await pass(4600);
-  assert.equal(socket.closed, true);
-  assert.equal(last().why, "cut");
-});
-
-test("the close code says why", async () => {
-  const socket = await goOpen();
-  socket.end(4503, "robot sim1 has been offline since 12:03 UTC");
-  assert.deepEqual([last().why, last().detail], ["robot_offline", "robot sim1 has been offline since 12:03 UTC"]);
-});
+// Why there is no frame any more, in whose words.
+for (const [name, act, why, detail = ""] of [
+  ["after a cut", () => sockets[0].end(1006), "cut"],
+  ["on a link that brings nothing, no clock sync either", () => pass(4600), "cut"],
+  ["as the close code says", () => sockets[0].end(4503, "offline since 12:03 UTC"), "robot_offline", "offline since 12:03 UTC"],
+  ["of a stream that was ended", () => stream.stop(), "paused"],
+]) {
+  test(`there is no frame any more ${name}`, async () => {
+    await goOpen();
+    await receive({ timestampMs: AHEAD + 1000 });
+    await act();
+    assert.deepEqual([last().frame, last().why, last().detail, stream.ageMs, sockets[0].closed], ["none", why, detail, null, true]);
+    await pass(500);
+    assert.equal(sockets.length, why === "paused" ? 1 : 2);
+  });
+}
 
 test("news that the robot is back brings the next attempt at once, but not a second one beside a link", async () => {
   const socket = await goOpen();
@@ -223,15 +217,11 @@ test("a refused ticket says why and is asked for again", async () => {
   assert.equal(sockets.length, 1);
 });
 
-test("an ended stream closes its link and asks for nothing more", async () => {
+test("what a link brings after its end is no frame", async () => {
   const socket = await goOpen();
   stream.stop();
-  assert.equal(socket.closed, true);
-  assert.deepEqual(why(), ["none", "paused"]);
-  socket.frame({ timestampMs: AHEAD });
-  await pass(20_000);
+  await receive({ timestampMs: AHEAD }, socket);
   assert.equal(frames.length, 0);
-  assert.equal(sockets.length, 1);
 });
 
 test("another request goes out on the open link and on the next ones", async () => {

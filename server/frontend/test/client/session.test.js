@@ -83,34 +83,26 @@ beforeEach(() => {
   state = new ControlState({ onControl: (control) => heard.push(control) });
 });
 
-test("the events count while the connection has reported nothing", () => {
-  state.fromFeed("a");
-  state.fromLink("b");
-  assert.deepEqual(heard, ["a", "b"]);
-});
-
-test("while the connection tells, older news of the events change nothing", () => {
-  state.fromLink("stopped");
-  state.fromFeed("not yet stopped");
-  assert.deepEqual(heard, ["stopped"]);
-});
-
-test("what the events reported last counts when the connection has ended", () => {
-  state.fromLink("driven");
-  state.fromFeed("stopped");
-  state.linkEnded();
-  assert.deepEqual(heard, ["driven", "stopped"]);
-  state.fromFeed("released");
-  assert.equal(heard.at(-1), "released");
-});
-
-test("the connection's own last word stands when the events reported nothing after it", () => {
-  state.fromLink("a");
-  state.fromFeed("a, late");
-  state.fromLink("b");
-  state.linkEnded();
-  assert.deepEqual(heard, ["a", "b"]);
-});
+// What is heard of the control, by what connection and events report.
+for (const [name, act, expected] of [
+  ["the events count while the connection has reported nothing", () => [state.fromFeed("a"), state.fromLink("b")], ["a", "b"]],
+  ["while the connection tells, older news of the events change nothing", () => [state.fromLink("a"), state.fromFeed("late")], ["a"]],
+  [
+    "what the events reported last counts when the connection has ended",
+    () => [state.fromLink("driven"), state.fromFeed("stopped"), state.linkEnded(), state.fromFeed("released")],
+    ["driven", "stopped", "released"],
+  ],
+  [
+    "the connection's own last word stands when the events reported nothing after it",
+    () => [state.fromLink("a"), state.fromFeed("a, late"), state.fromLink("b"), state.linkEnded()],
+    ["a", "b"],
+  ],
+]) {
+  test(name, () => {
+    act();
+    assert.deepEqual(heard, expected);
+  });
+}
 
 const AHEAD_MS = 5000; // of the relay's clock before this page's
 

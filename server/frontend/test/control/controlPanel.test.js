@@ -4,6 +4,7 @@ import { beforeEach, mock, test } from "node:test";
 import { afterTicketRefusal, LINK_LOST, LIVE } from "../../src/client/connection.js";
 import { Banner, ControlPanel, isSlow, Question, selectStatus, silenceOf } from "../../src/control/controlPanel.js";
 import { DriveMode } from "../../src/control/driveMode.js";
+import { byTestId, part } from "../../src/dom/page.js";
 import { connection, states } from "../../src/texts/common.js";
 import { FakeElement } from "../fakes.js";
 
@@ -22,8 +23,7 @@ beforeEach(() => {
 
 let panel;
 const open = (options) => (panel = new ControlPanel(root, { robot: "sim1", driveMode, driveTopic: "/cmd_vel", ...options }));
-const byTestId = (name) => root.querySelector(`[data-testid="${name}"]`);
-const note = () => byTestId("control-note");
+const note = () => byTestId(root, "control-note");
 
 test("a robot without a drive topic is said to have none, for as long as the page is open", () => {
   open({ driveTopic: "" });
@@ -48,7 +48,7 @@ test("a guard that is too old for a limit of the settings is said to be, and one
 
 test("who drives is left out while it is not known", () => {
   open();
-  const driver = () => byTestId("control").querySelector('[data-part="driver"]').textContent;
+  const driver = () => part(byTestId(root, "control"), "driver").textContent;
   panel.show(CONNECTED);
   assert.equal(driver(), "");
   driveMode.receive({ driver: null });
@@ -77,7 +77,7 @@ test("who asks for control in another's place gets no answer that was meant for 
   const asks = (user) => {
     const driver = { user: "ann", since: "2026-01-01T12:03:00Z", fence: 1 };
     driveMode.receive({ driver, waiting: { user, passes_at: "2026-01-01T12:04:00Z" } });
-    return byTestId("question").dispatchEvent(new Event("click", { cancelable: true }));
+    return byTestId(root, "question").dispatchEvent(new Event("click", { cancelable: true }));
   };
   assert.equal(asks("ben"), false);
   clock += 1300;
@@ -92,9 +92,9 @@ test("whether to take control is asked of one driver, and not answered for the n
   driver("ben");
   panel.button("take").dispatchEvent(new Event("click"));
   driver("ben");
-  assert.equal(byTestId("take-sure").hidden, false);
+  assert.equal(byTestId(root, "take-sure").hidden, false);
   driver("cleo");
-  assert.equal(byTestId("take-sure").hidden, true);
+  assert.equal(byTestId(root, "take-sure").hidden, true);
 });
 
 test("a page that is older than rights or settings says so, once it is connected again", () => {
@@ -112,7 +112,7 @@ test("what takes the place of another button acts on no second press, by pointer
   driveMode = new DriveMode({ me: "ann", level: "drive", drove: { armed: false }, onMove() {} });
   open();
   const buttons = ["arm", "leave"].map((name) => panel.button(name));
-  root.querySelector('[data-part="actions"]').querySelectorAll = () => buttons;
+  part(root, "actions").querySelectorAll = () => buttons;
   buttons.forEach((button, at) => (button.dataset.action = ["arm", "leave"][at]));
   const press = (name) => panel.button(name).dispatchEvent(new Event("click"));
   panel.showActions(["arm"]);
@@ -128,22 +128,17 @@ test("what takes the place of another button acts on no second press, by pointer
   assert.equal(driveMode.mode, "observe");
 });
 
-let clock, actions, parts, banner;
+let clock, actions, button, banner;
 
 beforeEach(() => {
   clock = 1000;
   actions = [];
-  const button = Object.assign(new EventTarget(), { hidden: true, textContent: "" });
-  parts = { "state-title": {}, "state-detail": {}, "state-action": button };
-  const element = { dataset: {}, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
-  banner = new Banner(
-    { querySelector: () => element },
-    { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind"), now: () => clock },
-  );
+  button = part(byTestId(root, "state"), "state-action");
+  banner = new Banner(root, { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind"), now: () => clock });
 });
 
 const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
-const press = () => parts["state-action"].dispatchEvent(new Event("click"));
+const press = () => button.dispatchEvent(new Event("click"));
 
 test("a press that was meant for what the button was before lets nobody drive without video", () => {
   banner.show(LINK_LOST, {});
@@ -154,7 +149,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   held();
   press();
   assert.deepEqual(actions, ["retry"]);
-  assert.equal(parts["state-action"].textContent, "Drive without video");
+  assert.equal(button.textContent, "Drive without video");
 });
 
 test("who has had the time to read it, or saw no button before, may drive without video", () => {
@@ -173,23 +168,15 @@ let busy, element, question;
 
 beforeEach(() => {
   busy = false;
-  element = new EventTarget();
-  Object.assign(element, { hidden: true, dataset: {} });
+  element = new FakeElement();
   question = new Question(element, { busy: () => busy, now: () => clock });
 });
 
 // Whether a click gets through to a button.
 function click() {
-  let heard = false;
-  const hear = () => (heard = true);
-  element.addEventListener("click", hear);
   const event = new Event("click", { cancelable: true });
-  const stop = event.stopPropagation.bind(event);
-  let stopped = false;
-  event.stopPropagation = () => ((stopped = true), stop());
-  element.dispatchEvent(event);
-  element.removeEventListener("click", hear);
-  return heard && !stopped;
+  event.stopPropagation = mock.fn();
+  return element.dispatchEvent(event) && event.stopPropagation.mock.callCount() === 0;
 }
 
 test("a question is deaf for its first 1.2 s", () => {

@@ -48,33 +48,27 @@ test("a drive's record is written in words", () => {
   });
 });
 
-test("how old was what the driver saw is unknown for the commands of which nobody knows", () => {
-  const { seen, slowed } = words({ ...DRIVE, seen_unknown: 4, slowed_s: 0 });
-  assert.equal(slowed, "None");
-  assert.equal(seen, "140 ms ago; 95 % within 211 ms; unknown for 4 commands");
-});
+const NONE = {
+  ...{ latency_p50_ms: null, latency_p95_ms: null, seen_p50_ms: null, slowed_s: null, bytes: null, frames: 0, viewed_s: null },
+  ...{ stops: 0, refused: {}, dropped_old: 0, end_code: "newly_made" },
+};
+const UNKNOWN = "Not measured";
 
-test("what was not measured is not written as nothing", () => {
-  const { latency, seen, slowed, pictures, bytes, stops, refused, ended } = words({
-    ...DRIVE,
-    latency_p50_ms: null,
-    latency_p95_ms: null,
-    seen_p50_ms: null,
-    slowed_s: null,
-    frames: 0,
-    viewed_s: null,
-    bytes: null,
-    stops: 0,
-    refused: {},
-    dropped_old: 0,
-    end_code: "newly_made",
+for (const [what, facts, expected] of [
+  [
+    "ages of some commands",
+    { seen_unknown: 4, slowed_s: 0 },
+    { seen: "140 ms ago; 95 % within 211 ms; unknown for 4 commands", slowed: "None" },
+  ],
+  ["times", NONE, { latency: UNKNOWN, seen: UNKNOWN, slowed: UNKNOWN }],
+  ["amounts", NONE, { pictures: "No video", bytes: UNKNOWN, stops: "None", refused: "None", ended: "newly_made" }],
+  ["frames", { frames: null }, { pictures: UNKNOWN }],
+]) {
+  test(`what was not measured is not written as nothing: ${what}`, () => {
+    const written = words({ ...DRIVE, ...facts });
+    for (const [name, text] of Object.entries(expected)) assert.equal(written[name], text, name);
   });
-  assert.deepEqual(
-    [latency, seen, slowed, pictures, bytes, stops, refused, ended],
-    ["Not measured", "Not measured", "Not measured", "No video", "Not measured", "None", "None", "newly_made"],
-  );
-  assert.equal(words({ ...DRIVE, frames: null }).pictures, "Not measured");
-});
+}
 
 test("a record is asked for until it is there, for 10 s", async () => {
   const waits = [];

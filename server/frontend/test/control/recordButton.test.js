@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { RecordButton, recordingUnderWay } from "../../src/control/recordButton.js";
 import { FakeElement } from "../fakes.js";
 
@@ -44,12 +45,12 @@ for (const [me, level, underWay, words, disabled] of [
     };
     const button = new RecordButton(root, { robot: "sim1", me, level, api, now: () => NOW });
     await button.refresh();
-    const element = root.querySelector('[data-part="record"]');
+    const element = part(root, "record");
     assert.deepEqual([element.textContent, element.disabled], [words, disabled]);
     if (disabled) return;
     await button.press();
     assert.deepEqual(calls, [underWay ? "/api/v1/recordings/7/stop" : "/api/v1/robots/sim1/recordings"]);
-    assert.match(root.querySelector('[data-part="record-state"]').textContent, /^Not (recorded|stopped)\. It is disabled\.$/);
+    assert.match(part(root, "record-state").textContent, /^Not (recorded|stopped)\. It is disabled\.$/);
   });
 }
 
@@ -82,5 +83,5 @@ test("a late answer of before a press changes nothing", async () => {
   answers[1]({ ok: true, body: { recordings: [asked({})] } });
   answers[0]({ ok: true, body: { recordings: [] } });
   await Promise.all(refreshes);
-  assert.equal(root.querySelector('[data-part="record"]').textContent, "Stop recording");
+  assert.equal(part(root, "record").textContent, "Stop recording");
 });

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { FleetStops, managedSites, outcome } from "../../src/fleet/fleetStops.js";
+import { FakeElement, settle } from "../fakes.js";
 
 test("only sites with a robot that is managed can be stopped, each once and in order", () => {
   const robots = [
@@ -23,11 +25,11 @@ test("what became of a stop follows the robot's own news", () => {
   assert.match(outcome({ ...answer, stopped: false }, { stopped: null }), /not stopped/);
 });
 
-globalThis.document = { createElement: () => ({ setAttribute() {}, append() {} }), querySelector: () => ({ content: "" }) };
+globalThis.document = { createElement: () => new FakeElement(), querySelector: () => ({ content: "" }) };
 
 test("a robot that was released is no longer among those that a stop has stopped", () => {
-  const result = { querySelector: () => null, replaceChildren: (...children) => (result.children = children) };
-  const stops = new FleetStops({ querySelector: () => result }, { manages: true });
+  const root = new FakeElement();
+  const stops = new FleetStops(root, { manages: true });
   const robot = (name, stopped) => ({ name, control: { stopped } });
   stops.results = ["sim1", "sim2"].map((name) => ({ name, stopped: true, confirmed: false }));
   const names = () => stops.results.map(({ name }) => name);
@@ -36,7 +38,7 @@ test("a robot that was released is no longer among those that a stop has stopped
   stops.receive([robot("sim1", { confirmed: true }), robot("sim2", null)]);
   assert.deepEqual(names(), ["sim1"]);
   stops.receive([robot("sim1", null)]);
-  assert.deepEqual([names(), result.children], [[], []]);
+  assert.deepEqual([names(), part(root, "stop-result").children], [[], []]);
 });
 
 // Press Stop all, with the answers of the server; give what was said after each of them.
@@ -47,14 +49,14 @@ async function pressed(...answers) {
     if (!status) throw new TypeError("no network");
     return new Response(JSON.stringify({ robots: [] }), { status });
   });
-  const result = { textContent: "" };
-  const stops = new FleetStops({ querySelector: () => result }, { manages: true });
+  const root = new FakeElement();
+  const stops = new FleetStops(root, { manages: true });
   const said = [];
   await stops.stop();
   for (let seconds = 0; seconds < 20; seconds += 1) {
-    said.push(result.textContent);
+    said.push(part(root, "stop-result").textContent);
     mock.timers.tick(1000);
-    for (let turn = 0; turn < 5; turn += 1) await new Promise((resolve) => setImmediate(resolve));
+    await settle();
   }
   const times = asked.mock.callCount();
   mock.timers.reset();

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { MovingHand, askingText, fillTile, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
 import { FakeElement } from "../fakes.js";
 
@@ -54,7 +55,7 @@ test("a tile says why its robot is offline", () => {
   const tile = new FakeElement();
   const offline = { ...robot("a", false), since: "", offline_reason: "no answer for 10 s" };
   fillTile(tile, offline, { request: undefined, key: "1", mayDrive: true });
-  assert.equal(tile.querySelector('[data-part="health"]').textContent, "no answer for 10 s");
+  assert.equal(part(tile, "health").textContent, "no answer for 10 s");
 });
 
 test("a hand that moves keeps the robots where they are, and one that rests does not", (t) => {

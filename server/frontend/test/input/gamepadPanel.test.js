@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { byTestId, part } from "../../src/dom/page.js";
 import { GamepadPanel } from "../../src/input/gamepadPanel.js";
 import { FakeElement } from "../fakes.js";
 
@@ -27,7 +28,8 @@ function openPanel() {
   return panel;
 }
 
-const turbo = () => root.querySelector('[data-testid="gamepad"]').querySelector('[data-part="pad-turbo"]');
+const control = (name) => part(byTestId(root, "gamepad"), name);
+const turbo = () => control("pad-turbo");
 
 test("the limit of turbo that a person set holds when the page is opened again", () => {
   openPanel();
@@ -49,8 +51,7 @@ test("a device that can drive comes first, and of those the one that a person ch
   assert.ok(panel.rank(DEVICE) > panel.rank(ghost));
   assert.equal(panel.rank(DEVICE), panel.rank(other));
   panel.loop.choose = () => panel.found(other);
-  const choice = root.querySelector('[data-testid="gamepad"]').querySelector('[data-part="pad-choice"]');
-  Object.assign(choice, { value: "1", blur() {} });
+  const choice = Object.assign(control("pad-choice"), { value: "1", blur() {} });
   choice.dispatchEvent(new Event("change"));
   const later = openPanel();
   assert.ok(later.rank(other) > later.rank(DEVICE));

@@ -1,28 +1,25 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { Diagnostics, Overlays, readLevel } from "../../src/overlays/overlays.js";
+import { FakeElement } from "../fakes.js";
 
 const DIAGNOSTICS = { name: "/diagnostics", type: "diagnostic_msgs/DiagnosticArray" };
 
-let clock, parts, specs, handlers, overlays;
-
-// Elements as far as the readouts use them.
-const element = () => ({ dataset: {}, hidden: true, textContent: "", open: false, addEventListener() {} });
+let clock, root, specs, handlers, overlays;
 
 beforeEach(() => {
   clock = 0;
   specs = [];
   handlers = {};
-  parts = { battery: element(), diagnostics: element() };
-  const query = { querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] };
-  Object.assign(parts.diagnostics, query);
+  root = new FakeElement();
   const subscribe = (spec, handler) => {
     specs.push(spec);
     handlers[spec.name] = handler;
     return () => delete handlers[spec.name];
   };
-  overlays = new Overlays(query, { subscribe, now: () => clock });
+  overlays = new Overlays(root, { subscribe, now: () => clock });
 });
 
 for (const [online, battery, ...expected] of [
@@ -34,7 +31,8 @@ for (const [online, battery, ...expected] of [
 ]) {
   test(`the battery of a robot that is ${online ? "online" : "offline"} and says ${JSON.stringify(battery)}: ${expected}`, () => {
     overlays.showBattery({ online, battery });
-    assert.deepEqual([parts.battery.textContent, parts.battery.dataset.health], expected);
+    const { textContent, dataset } = part(root, "battery");
+    assert.deepEqual([textContent, dataset.health], expected);
   });
 }
 

@@ -1,20 +1,18 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
+import { byTestId, part } from "../../src/dom/page.js";
 import { SeenAge } from "../../src/overlays/seenAge.js";
+import { FakeElement } from "../fakes.js";
 
-let clock, value, parts, element, seenAge;
-
-const place = () => ({ textContent: "", hidden: true, title: "", dataset: {} });
+let clock, parts, element, seenAge;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setInterval"] });
   clock = 10_000;
-  [value, parts] = [place(), place()];
-  element = { ...place(), querySelector: () => value };
-  const byId = { "seen-age": element, "seen-parts": parts };
-  const root = { querySelector: (selector) => byId[/"(.+)"/.exec(selector)[1]] };
+  const root = new FakeElement();
+  [element, parts] = ["seen-age", "seen-parts"].map((name) => byTestId(root, name));
   seenAge = new SeenAge(root, { now: () => clock });
 });
 
@@ -27,7 +25,7 @@ function pass(ms) {
 
 const receive = (ageMs, maxSpeed = null, maxTurn = null) => seenAge.receive({ ageMs, maxSpeed, maxTurn });
 
-const words = () => (element.hidden ? "" : value.textContent);
+const words = () => (element.hidden ? "" : part(element, "value").textContent);
 
 const frame = (at, shownAt) => ({ topic: "/a", sequence: 1, at, shownAt });
 

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { KeyFrameMissingError } from "../../src/decoders/streamDecoder.js";
 import { ReplayVideo, camerasOf, frameOf } from "../../src/replay/replayVideo.js";
 import { FakeElement, settle } from "../fakes.js";
@@ -10,7 +11,7 @@ let shown, decoded, element, video, fails;
 const frame = (atMs, codec = "h264", isKey = false) => ({ codec, isKey, data: Uint8Array.from([1]), atMs });
 const words = (atMs, loading = false) => {
   video.show(atMs, { isRecorded: true, loading });
-  return element.querySelector('[data-part="words"]').textContent;
+  return part(element, "words").textContent;
 };
 
 beforeEach(() => {

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { TopicSwitch, Uplink, totalText, uplinkRows } from "../../src/topics/uplink.js";
 import { FakeElement } from "../fakes.js";
 
@@ -10,14 +11,12 @@ const MAP = { kind: "topic", name: "/map", bytes_per_s: 118_000, people: 2, your
 const CAMERA = { kind: "camera", name: "/a", bytes_per_s: 64_000, people: 1, yours: false };
 const REST = { kind: "rosbridge", name: "", bytes_per_s: 300, people: 3, yours: true };
 
-let parts, root, answer, probes, topicSwitch, list;
+let root, answer, probes, topicSwitch, list;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout"] });
-  parts = { "uplink-total": new FakeElement(), "uplink-list": new FakeElement() };
-  root = new FakeElement();
-  Object.assign(root, { open: true, querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]] });
+  root = Object.assign(new FakeElement(), { open: true });
   answer = { ok: true, body: { streams: [MAP, CAMERA, REST], line_bytes_per_s: null } };
   probes = { has: () => false, close: mock.fn() };
   topicSwitch = new TopicSwitch({ subscribe: () => {}, probes });
@@ -25,13 +24,13 @@ beforeEach(() => {
 });
 
 // What each row says of its stream.
-const facts = () => parts["uplink-list"].children.map((row) => row.querySelector('[data-part="facts"]').textContent);
+const facts = () => part(root, "uplink-list").children.map((row) => part(row, "facts").textContent);
 
 test("without an answer no number stays on the page", async () => {
   await list.renew();
   answer = { ok: false, detail: "robot sim1 is offline", body: {} };
   await list.renew();
-  assert.equal(parts["uplink-total"].textContent, "Not measured now. Robot sim1 is offline.");
+  assert.equal(part(root, "uplink-total").textContent, "Not measured now. Robot sim1 is offline.");
   assert.deepEqual(facts(), ["Topic · ? B/s", "Camera · ? B/s", "? B/s"]);
 });
 

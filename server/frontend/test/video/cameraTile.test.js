@@ -2,11 +2,13 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { CameraTile, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
+import { part } from "../../src/dom/page.js";
 import { frame } from "../../src/texts/video.js";
+import { FakeElement } from "../fakes.js";
 
-let clock, streams, parts, element, tile, choice, paintings, downs;
+let clock, streams, element, tile, choice, paintings, downs;
 
-const part = () => ({ textContent: "", setAttribute() {} });
+const textOf = (name) => part(element, name).textContent;
 
 // A stream that does what the test says, in place of client/frames.js.
 function openFrames(topic, options) {
@@ -27,14 +29,7 @@ beforeEach(() => {
   streams = [];
   paintings = [];
   downs = [];
-  parts = { canvas: part(), words: part(), facts: part() };
-  element = {
-    dataset: { main: "true" },
-    clientWidth: 800,
-    clientHeight: 600,
-    querySelector: (selector) => parts[/"(.+)"/.exec(selector)[1]],
-    remove() {},
-  };
+  element = Object.assign(new FakeElement(), { dataset: { main: "true" }, clientWidth: 800, clientHeight: 600 });
   choice = { codecs: ["h264", "jpeg"], ready: Promise.resolve() };
   tile = new CameraTile(element, {
     camera: { topic: "/front", name: "front" },
@@ -52,16 +47,18 @@ beforeEach(() => {
   tile.start();
 });
 
-test("the frame that a driver saw is the one that stood on the page then", async () => {
+test("a frame counts and is seen from when it stands on the page, until the machine sleeps", async () => {
   const shown = streams[0].onFrame({ codec: "h264", at: 900, sequence: 41 });
-  assert.equal(tile.shownFrames.seenAt(clock), null);
+  assert.deepEqual([tile.shownFrames.seenAt(clock), tile.at, tile.state], [null, null, "none"]);
   clock = 1020;
   paintings[0].done({ width: 640, height: 480 });
   await shown;
-  assert.equal(tile.shownFrames.seenAt(1019), null);
+  assert.deepEqual([tile.shownFrames.seenAt(1019), tile.at, tile.state, element.dataset.frame], [null, 900, "live", "live"]);
   assert.deepEqual(tile.shownFrames.seenAt(1020), { sequence: 41, at: 900, shownAt: 1020 });
   tile.forget();
-  assert.equal(tile.shownFrames.seenAt(1020), null);
+  assert.deepEqual([tile.shownFrames.seenAt(1020), tile.state], [null, "none"]);
+  await paint(990);
+  assert.equal(tile.state, "live");
 });
 
 async function paint(at, size = { width: 640, height: 480 }) {
@@ -69,14 +66,6 @@ async function paint(at, size = { width: 640, height: 480 }) {
   paintings.at(-1).done(size);
   await shown;
 }
-
-test("a frame counts from when it stands on the page, with the timestamp at which it was taken", async () => {
-  const shown = streams[0].onFrame({ codec: "h264", at: 900 });
-  assert.deepEqual([tile.at, tile.state], [null, "none"]);
-  paintings[0].done({ width: 640, height: 480 });
-  await shown;
-  assert.deepEqual([tile.at, tile.state, element.dataset.frame], [900, "live", "live"]);
-});
 
 test("a frame that cannot be decoded is none", async () => {
   const shown = streams[0].onFrame({ codec: "h264", at: 900 });
@@ -91,18 +80,18 @@ test("an old frame stays with words, and with its age where the page has none fo
   clock = 13_900;
   tile.showState();
   assert.equal(element.dataset.frame, "old");
-  assert.match(parts.words.textContent, /^This video is old. The link to the robot was lost/);
-  assert.doesNotMatch(parts.facts.textContent, /13 s/);
+  assert.match(textOf("words"), /^This video is old. The link to the robot was lost/);
+  assert.doesNotMatch(textOf("facts"), /13 s/);
   element.dataset.main = "false";
   tile.showState();
-  assert.equal(parts.facts.textContent, "13 s old");
+  assert.equal(textOf("facts"), "13 s old");
 });
 
 test("why a tile was stopped is said, also of one that played nothing", async () => {
   tile.stop("login_missing");
-  assert.equal(parts.words.textContent, "Your login has ended.");
+  assert.equal(textOf("words"), "Your login has ended.");
   tile.stop("rights_ended");
-  assert.equal(parts.words.textContent, "Your rights have changed.");
+  assert.equal(textOf("words"), "Your rights have changed.");
 });
 
 test("the reason that the server or the robot gave is never replaced", () => {
@@ -155,26 +144,18 @@ for (const [name, codec, codecs, status, note] of [
     paintings[0].done({ width: 640, height: 480 });
     await shown;
     assert.equal(tile.encoding, note);
-    assert.match(parts.facts.textContent, new RegExp(`^${codec === "h264" ? "H.264" : "JPEG"} · .*640×480$`));
+    assert.match(textOf("facts"), new RegExp(`^${codec === "h264" ? "H.264" : "JPEG"} · .*640×480$`));
   });
 }
 
-test("after a sleep of the machine the frame is not trusted, and the next one is", async () => {
-  await paint(900);
-  tile.forget();
-  assert.equal(tile.state, "none");
-  await paint(990);
-  assert.equal(tile.state, "live");
-});
-
 test("before the first frame the reason is written in words", async () => {
   streams[0].onStatus({ frame: "none", why: "down", detail: "no such topic" });
-  assert.equal(parts.words.textContent, "No such topic.");
+  assert.equal(textOf("words"), "No such topic.");
   streams[0].onStatus({ frame: "none", why: "down", detail: "web_video_server at http://h:1 does not answer" });
-  assert.equal(parts.words.textContent, "web_video_server at http://h:1 does not answer.");
+  assert.equal(textOf("words"), "web_video_server at http://h:1 does not answer.");
   assert.deepEqual(downs, ["/front", "/front"]);
   streams[0].onStatus({ frame: "none", why: "a word of a newer client", detail: "" });
-  assert.equal(parts.words.textContent, "The camera sends no video.");
+  assert.equal(textOf("words"), "The camera sends no video.");
 });
 
 test("the rate is that of the last two seconds and falls when nothing comes; one frame has none", () => {
