@@ -34,7 +34,7 @@ export class FrameStream {
   // `onFrame({data, codec, isKey, sequence, at})`: `at` on the clock of `now()`, never later than it was; a promise that it gives is
   // waited for before the next frame is asked for. `onGap()`: the next frame does not continue those before it, so that what
   // depends on them waits for a key frame. `onStatus({frame, why, detail, bytes, quality ..})` at each change, with what is in
-  // NO_DETAILS: `frame` is live, old (over `oldMs`) or none. `why` then is starting, paused, waiting, down
+  // NO_DETAILS: `frame` is live, old (over OLD_MS) or none. `why` then is starting, paused, waiting, down
   // (the camera's source, with `detail`), old, cut, unreachable, login_missing, refused (`detail`: the server's reason) or of BY_CODE.
   /**
    * @param {{
@@ -43,16 +43,14 @@ export class FrameStream {
    *   onFrame: (frame: {data: Uint8Array, codec: string, isKey: boolean, sequence: number, at: number}) => void | Promise<void>,
    *   onGap?: () => void,
    *   onStatus?: (status: any) => void,
-   *   oldMs?: number,
    * } & Partial<typeof BROWSER>} options
    */
-  constructor({ url, request = {}, onFrame, onGap = () => {}, onStatus = () => {}, oldMs = OLD_MS, ...browser }) {
+  constructor({ url, request = {}, onFrame, onGap = () => {}, onStatus = () => {}, ...browser }) {
     this.url = url;
     this.request = request;
     this.onFrame = onFrame;
     this.onGap = onGap;
     this.onStatus = onStatus;
-    this.oldMs = oldMs;
     this.browser = { ...BROWSER, ...browser };
     this.round = 0;
     this.running = false;
@@ -190,7 +188,7 @@ export class FrameStream {
 
   checkAge() {
     const { ageMs } = this;
-    const age = ageMs === null ? "none" : ageMs > this.oldMs ? "old" : "live";
+    const age = ageMs === null ? "none" : ageMs > OLD_MS ? "old" : "live";
     this.report({ frame: age, ...this.reason(age), ...this.details });
   }
 

@@ -8,8 +8,7 @@ const KEPT_MS = 2000; // a command is never of an input that is longer ago
 const afterDisplay = (act) => void requestAnimationFrame(() => requestAnimationFrame(act));
 
 export class ShownFrames {
-  constructor({ onScreen = afterDisplay, now = () => performance.now() } = {}) {
-    this.onScreen = onScreen;
+  constructor({ now = () => performance.now() } = {}) {
     this.now = now;
     this.round = 0;
     this.frames = /** @type {ShownFrame[]} */ ([]);
@@ -19,7 +18,7 @@ export class ShownFrames {
   /** @type {(frame: {sequence: number, at: number}) => void} */
   draw({ sequence, at }) {
     const { round } = this;
-    this.onScreen(() => round === this.round && this.note({ sequence, at, shownAt: this.now() }));
+    afterDisplay(() => round === this.round && this.note({ sequence, at, shownAt: this.now() }));
   }
 
   // The one before those of the last seconds is kept, too: it was seen until the first of them came.

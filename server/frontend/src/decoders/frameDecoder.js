@@ -27,10 +27,9 @@ export function afterFailure({ codecs, failures, working }, codec, now) {
 
 // What this page asks for and decodes with, as long as it is open: another page may have another decoder.
 export class DecoderChoice {
-  constructor({ supported = supportedCodecs(), now = () => performance.now() } = {}) {
+  constructor({ supported = supportedCodecs() } = {}) {
     /** @type {Choice} */
     this.choice = { codecs: [JPEG], failures: {}, working: [] };
-    this.now = now;
     this.ready = supported.then((codecs) => (this.choice = { ...this.choice, codecs }));
   }
 
@@ -50,7 +49,7 @@ export class DecoderChoice {
   }
 
   fail(codec) {
-    this.choice = afterFailure(this.choice, codec, this.now());
+    this.choice = afterFailure(this.choice, codec, performance.now());
   }
 }
 

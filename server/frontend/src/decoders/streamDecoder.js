@@ -17,10 +17,9 @@ export class KeyFrameMissingError extends Error {
 
 export class StreamDecoder {
   // `codec` is h264 or vp8; `hardwareAcceleration` as of VideoDecoderConfig.
-  constructor({ codec, hardwareAcceleration, now = () => performance.now() }) {
+  constructor({ codec, hardwareAcceleration }) {
     this.codec = codec;
     this.hardwareAcceleration = hardwareAcceleration;
-    this.now = now;
     /** @type {ReturnType<typeof formatOf>} */
     this.format = null; // of the newest key frame
     this.started = false;
@@ -61,9 +60,9 @@ export class StreamDecoder {
 
   // Chromium has decoders that give no frame and no error. A page that is hidden or busy gets none in time either.
   watch(timestamp, limitMs) {
-    const due = this.now() + limitMs;
+    const due = performance.now() + limitMs;
     this.pending.get(timestamp).timer = setTimeout(() => {
-      if (globalThis.document?.hidden || this.now() - due > BUSY_MS) this.watch(timestamp, limitMs);
+      if (globalThis.document?.hidden || performance.now() - due > BUSY_MS) this.watch(timestamp, limitMs);
       else this.fail(new Error(`cannot decode a frame: nothing came out within ${limitMs} ms`));
     }, limitMs);
   }

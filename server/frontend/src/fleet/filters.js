@@ -65,7 +65,7 @@ const textOf = ({ name, site, control }) => `${name} ${site ?? ""} ${control?.dr
 export const inNameOrder = (names) => [...names].sort(collator.compare);
 
 // Robots that come in the order of their names, in another order: equals stay as they came.
-export function inOrder(robots, { sort = "state", down = false } = {}) {
+export function inOrder(robots, { sort, down }) {
   return [...robots].sort(comparison(sort, down ? -1 : 1));
 }
 

@@ -10,8 +10,8 @@ const EVERY_MS = 5000; // interval between snapshots, each some 10 KB of the rob
 const AGAIN_MS = 30_000; // interval after a failure
 
 export class Thumbs {
-  constructor(queue = new Queue()) {
-    this.queue = queue;
+  constructor() {
+    this.queue = new Queue();
     this.byElement = new WeakMap();
     this.seen = new Set();
     this.watcher = new IntersectionObserver((entries) => this.see(entries));

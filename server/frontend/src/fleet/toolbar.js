@@ -9,13 +9,13 @@ const ANY_SITE = "any";
 
 export class Toolbar {
   // `onFilter()` and `onView(view)` when the person chose; `filter` and `view` say what.
-  constructor(root, { onFilter, onView, store = new LocalStore() }) {
+  constructor(root, { onFilter, onView }) {
     this.root = root;
     this.onFilter = onFilter;
     this.onView = onView;
-    this.store = store;
+    this.store = new LocalStore();
     this.filter = fromQuery(location.search);
-    this.view = store.read(VIEW) === "table" ? "table" : "cards";
+    this.view = this.store.read(VIEW) === "table" ? "table" : "cards";
     this.search = part(root, "search");
     this.site = part(root, "site");
     this.sort = part(root, "sort");

@@ -76,11 +76,8 @@ export class Alerts {
 
 // Two short notes, made here: no file to load.
 class Sound {
-  constructor(makeContext = () => new AudioContext()) {
-    this.makeContext = makeContext;
-    /** @type {AudioContext | null} */
-    this.context = null;
-  }
+  /** @type {AudioContext | null} */
+  context = null;
 
   get isSilent() {
     return this.context?.state !== "running";
@@ -88,7 +85,7 @@ class Sound {
 
   async unlock() {
     try {
-      this.context ??= this.makeContext();
+      this.context ??= new AudioContext();
       await this.context.resume();
     } catch {
       // No sound on this device: the page keeps saying that it plays none.

@@ -13,9 +13,9 @@ const SEARCH_MS = 20_000; // time limit for the search
 const { Opcode } = McapConstants;
 
 // `file` as of rangeFile.js. Gives {readable, isCut}: what McapIndexedReader reads, and whether the search ended for its time.
-export async function readableOf(file, now = () => performance.now()) {
+export async function readableOf(file) {
   const search = new Search(file);
-  const isCut = await search.run(now);
+  const isCut = await search.run();
   const tail = search.tail();
   const end = BigInt(search.end);
   const readable = {
@@ -37,11 +37,11 @@ class Search {
   }
 
   // Says whether it took too long.
-  async run(now) {
-    const begun = now();
+  async run() {
+    const begun = performance.now();
     this.end += await this.recordBytes(this.end);
     while (await this.chunk()) {
-      if (this.chunks.length >= MAX_CHUNKS || now() - begun > SEARCH_MS) return true;
+      if (this.chunks.length >= MAX_CHUNKS || performance.now() - begun > SEARCH_MS) return true;
     }
     return false;
   }

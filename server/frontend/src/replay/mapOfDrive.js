@@ -21,11 +21,10 @@ export function drawnTopics(topics, driveTopic, named = {}) {
 
 export class MapOfDrive {
   // `topics` [{name, type}] of the recording; `driveTopic` says which of several are the robot's own, unless `named` does.
-  constructor(element, { topics, driveTopic, named, onMeasured, makeBitmap = undefined }) {
+  constructor(element, { topics, driveTopic, named, onMeasured }) {
     this.topics = drawnTopics(topics, driveTopic, named);
     this.speed = this.topics.speed;
     this.onMeasured = onMeasured;
-    this.makeBitmap = makeBitmap;
     this.clockMs = 0;
     this.handlers = new Map();
     this.world = this.newWorld();
@@ -57,7 +56,7 @@ export class MapOfDrive {
       return () => handlers.delete(name);
     };
     this.handlers = handlers;
-    const world = new World({ subscribe, makeBitmap: this.makeBitmap, onChange: () => this.tile?.draw(), now: () => this.clockMs });
+    const world = new World({ subscribe, onChange: () => this.tile?.draw(), now: () => this.clockMs });
     world.follow(this.topics);
     return world;
   }
