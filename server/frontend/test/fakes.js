@@ -5,6 +5,9 @@ export async function settle(turns = 5) {
   for (let i = 0; i < turns; i++) await new Promise((resolve) => setImmediate(resolve));
 }
 
+// An element that stands inside exactly the given kind of element.
+export const inside = (kind, more = {}) => ({ closest: (selector) => selector.split(", ").includes(kind) || null, ...more });
+
 // As much of an element as the pages need; each of its parts is made when it is asked for.
 export class FakeElement extends EventTarget {
   hidden = true;

@@ -4,16 +4,13 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { Hold, StopBar, stopOnSpace } from "../../src/control/stopBar.js";
 import { api } from "../../src/dom/calls.js";
 import { stop } from "../../src/texts/common.js";
-import { FakeElement } from "../fakes.js";
+import { FakeElement, inside } from "../fakes.js";
 
 let stops, clicks, window;
 
-// An element that stands inside exactly the given kind of element.
-const inside = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null, click: () => (clicks += 1) });
-
 function press(kind, more = {}, name = "keydown") {
   const event = new Event(name, { cancelable: true });
-  Object.defineProperty(event, "target", { value: inside(kind) });
+  Object.defineProperty(event, "target", { value: inside(kind, { click: () => (clicks += 1) }) });
   window.dispatchEvent(Object.assign(event, { code: "Space", ...more }));
   return event.defaultPrevented;
 }

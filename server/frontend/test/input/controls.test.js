@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { Limits, releaseOnFocusLoss, setUpLimits } from "../../src/input/controls.js";
+import { FakeElement, inside } from "../fakes.js";
 
 const HIGHEST = { maxLinear: 1, maxAngular: 2 };
 const NORMAL = { linear: 0.6, angular: 0.6 };
@@ -30,20 +31,10 @@ test("turbo is a share of the robot's own limits, and never slower than without"
   assert.deepEqual(limits.turbo, { linear: 0.5, angular: 1.5 });
 });
 
-// As much of the page as the speeds need.
-function speedsOnPage() {
-  const element = (dataset) => Object.assign(new EventTarget(), { dataset, setAttribute() {} });
-  const buttons = ["0.3", "0.6", "1"].map((step) => element({ step }));
-  const others = new Map();
-  const root = {
-    querySelectorAll: () => buttons,
-    querySelector: (selector) => others.get(selector) ?? others.set(selector, element({})).get(selector),
-  };
-  return { slow: buttons[0], limits: setUpLimits(root, { maxLinear: 1, maxAngular: 2 }, { all: {}, keep() {} }) };
-}
-
 test("a finger beside the one on the stick, which makes no click, chooses a speed as well", () => {
-  const { slow, limits } = speedsOnPage();
+  const slow = Object.assign(new FakeElement(), { dataset: { step: "0.3" } });
+  const root = Object.assign(new FakeElement(), { querySelectorAll: () => [slow] });
+  const limits = setUpLimits(root, HIGHEST, { all: {}, keep() {} });
   slow.dispatchEvent(Object.assign(new Event("pointerup"), { isPrimary: false, pointerType: "touch" }));
   assert.deepEqual([limits.linear, limits.angular], [0.3, 0.6]);
 });
@@ -63,8 +54,6 @@ function dispatch(target, name, more = {}) {
   target.dispatchEvent(event);
   return event;
 }
-
-const inside = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null });
 
 test("a context menu that the joystick has refused changes nothing, as none opens", () => {
   window = new EventTarget();

@@ -2,23 +2,22 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { direction, FieldFocus, Keyboard } from "../../src/input/keyboard.js";
+import { inside } from "../fakes.js";
 
 const FORWARD = { forward: 1, left: 0, turn: 0 };
 const LEFT = { forward: 0, left: 0, turn: 1 };
 
 let told, timestamps, steps, stale, lit, teleop, keyboard;
 
-// An element that stands inside exactly the given kind of element.
-const element = (kind) => ({ closest: (selector) => selector.split(", ").includes(kind) || null });
-const TEXT_FIELD = element("input:not([type=range]):not([type=checkbox])");
-const SLIDER = element("input[type=range]");
+const TEXT_FIELD = inside("input:not([type=range]):not([type=checkbox])");
+const SLIDER = inside("input[type=range]");
 
 const down = (code, more = {}) => press("down", code, more);
 const up = (code, more = {}) => press("up", code, more);
 
 // Gives whether the usual effect of the key was prevented.
 function press(name, code, more) {
-  const event = { code, target: element(), timeStamp: 1000, prevented: false, ...more };
+  const event = { code, target: inside(), timeStamp: 1000, prevented: false, ...more };
   event.preventDefault = () => (event.prevented = true);
   keyboard[name](event);
   return event.prevented;
@@ -60,7 +59,7 @@ for (const [name, act, expected] of [
   ["a held key counts once, whatever its repeats", () => [down("KeyW"), down("KeyW", REPEAT), up("KeyW")], [FORWARD, "released"]],
   ["after a halt its repeats drive no more", () => [down("KeyW"), keyboard.drop(), down("KeyW", REPEAT), up("KeyW")], [FORWARD]],
   ["keys typed into a field do nothing", () => [down("KeyW", TYPED), down("Space", TYPED)], []],
-  ["letters drive from a checkbox", () => down("KeyW", { target: element("input[type=checkbox]") }), [FORWARD]],
+  ["letters drive from a checkbox", () => down("KeyW", { target: inside("input[type=checkbox]") }), [FORWARD]],
   ["a key let go in a field is let go", () => [down("KeyW"), up("KeyW", TYPED)], [FORWARD, "released"]],
   ["Q and E do nothing on a robot that goes no way sideways", () => [down("KeyQ"), down("KeyE")], []],
   ["and drive so on one that does", () => [make("holonomic"), down("KeyQ"), up("KeyQ")], [{ forward: 0, left: 1, turn: 0 }, "released"]],

@@ -2,23 +2,19 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { Joystick, stick } from "../../src/input/sticks.js";
+import { FakeElement } from "../fakes.js";
 
 let told, timestamps, armed, element, joystick;
 
 beforeEach(() => {
   [told, timestamps, armed] = [[], [], true];
   const captured = new Set();
-  element = {
-    dataset: {},
-    handlers: {},
-    addEventListener(name, handler) {
-      this.handlers[name] = handler;
-    },
+  element = Object.assign(new FakeElement(), {
     setPointerCapture: (id) => captured.add(id),
     hasPointerCapture: (id) => captured.has(id),
     releasePointerCapture: (id) => captured.delete(id),
     getBoundingClientRect: () => ({ left: 0, top: 0, width: 240, height: 240 }),
-  };
+  });
   joystick = new Joystick({
     element,
     knob: { offsetWidth: 40, style: {} },
@@ -28,8 +24,13 @@ beforeEach(() => {
   });
 });
 
+function send(name, more) {
+  const event = Object.defineProperty(new Event(name), "timeStamp", { value: 77.5 });
+  element.dispatchEvent(Object.assign(event, more));
+}
+
 function pointer(name, pointerId, clientX, clientY, buttons = 1) {
-  element.handlers[`pointer${name}`]({ pointerId, clientX, clientY, button: 0, buttons, timeStamp: 77.5, preventDefault() {} });
+  send(`pointer${name}`, { pointerId, clientX, clientY, button: 0, buttons });
 }
 
 const down = (y = 20, id = 1) => pointer("down", id, 120, y);
@@ -52,7 +53,7 @@ test("a resting thumb near the centre moves nothing, and strength grows from the
 for (const [name, act, ...expected] of [
   [
     "dragging is reported, and letting go once",
-    () => [down(120), move(), up(), element.handlers.lostpointercapture({ pointerId: 1 })],
+    () => [down(120), move(), up(), send("lostpointercapture", { pointerId: 1 })],
     { up: 0, left: 0 },
     UP,
     "released",

@@ -1,15 +1,11 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
+import { part } from "../../src/dom/page.js";
 import { Ticks } from "../../src/pages/ticks.js";
+import { FakeElement } from "../fakes.js";
 
-class Place extends EventTarget {
-  hidden = true;
-  textContent = "";
-  press() {
-    this.dispatchEvent(new Event("click", { cancelable: true }));
-  }
-}
+const press = (element) => element.dispatchEvent(new Event("click", { cancelable: true }));
 
 let view, page, bar, rows, others, links, form, all;
 
@@ -22,9 +18,8 @@ function open(names, elsewhere = []) {
   });
   others = elsewhere.map((value) => ({ value, remove: () => (others = others.filter((other) => other.value !== value)) }));
   links = [{ href: "https://a.example/admin/robots?q=lab&page=2" }];
-  [form, all] = [new Place(), new Place()];
-  const parts = { count: new Place(), clear: new Place() };
-  bar = Object.assign(new Place(), { dataset: { one: "robot" }, querySelector: (query) => parts[/ticks-(\w+)/.exec(query)[1]], ...parts });
+  [form, all] = [new FakeElement(), new FakeElement()];
+  bar = Object.assign(new FakeElement(), { dataset: { one: "robot" } });
   const found = {
     'input[type="checkbox"][name="robot"]': () => rows.map(({ box }) => box),
     'input[type="hidden"][name="robot"]': () => others,
@@ -32,12 +27,14 @@ function open(names, elsewhere = []) {
     "form[data-keeps-ticks]": () => [form],
     "a[data-keeps-ticks]": () => links,
   };
-  page = Object.assign(new Place(), { querySelectorAll: (query) => found[query]() });
-  view = new Place();
+  page = Object.assign(new FakeElement(), { querySelectorAll: (query) => found[query]() });
+  view = new EventTarget();
   view.location = { href: "https://a.example/admin/robots?q=lab" };
   view.history = { state: null, replaceState: (_state, _title, href) => (view.location.href = href) };
   new Ticks(page, bar, view).wire();
 }
+
+const count = () => part(bar, "ticks-count").textContent;
 
 function tick(name, checked = true) {
   const { box } = rows.find((row) => row.box.value === name);
@@ -48,12 +45,12 @@ function tick(name, checked = true) {
 beforeEach(() => open(["sim1", "sim2"], ["sim8", "sim9"]));
 
 test("what is ticked is counted, with what is on other pages or hidden by a search", () => {
-  assert.deepEqual([bar.hidden, bar.count.textContent], [false, "2 robots ticked, 2 not shown here"]);
+  assert.deepEqual([bar.hidden, count()], [false, "2 robots ticked, 2 not shown here"]);
   tick("sim1");
-  assert.equal(bar.count.textContent, "3 robots ticked, 2 not shown here");
+  assert.equal(count(), "3 robots ticked, 2 not shown here");
   rows[0].hidden = true;
   page.dispatchEvent(new Event("input"));
-  assert.equal(bar.count.textContent, "3 robots ticked, 3 not shown here");
+  assert.equal(count(), "3 robots ticked, 3 not shown here");
 });
 
 test("other pages and searches of the list keep it, and so does a reload", () => {
@@ -70,7 +67,7 @@ test("other pages and searches of the list keep it, and so does a reload", () =>
 
 test("it is cleared everywhere at once", () => {
   tick("sim1");
-  bar.clear.press();
+  press(part(bar, "ticks-clear"));
   assert.deepEqual([bar.hidden, rows[0].box.checked, others], [true, false, []]);
   assert.equal(links[0].href, "https://a.example/admin/robots?q=lab&page=2");
 });
@@ -79,22 +76,22 @@ test("one press ticks all that is shown, and the next none of it", () => {
   rows[1].hidden = true;
   assert.equal(all.hidden, false);
   for (const expected of [true, false]) {
-    all.press();
+    press(all);
     assert.deepEqual(
       rows.map(({ box }) => box.checked),
       [expected, false],
     );
   }
-  assert.equal(bar.count.textContent, "2 robots ticked, 2 not shown here");
+  assert.equal(count(), "2 robots ticked, 2 not shown here");
 });
 
 test("no more is ticked than an address holds", () => {
   const names = Array.from({ length: 120 }, (_, at) => `sim${at}`);
   open(names, ["last"]);
-  all.press();
+  press(all);
   const ticked = () => rows.filter(({ box }) => box.checked).length;
   assert.equal(ticked(), 99);
-  assert.equal(bar.count.textContent, "100 robots ticked, 1 not shown here. At most 100 robots at once.");
+  assert.equal(count(), "100 robots ticked, 1 not shown here. At most 100 robots at once.");
   tick("sim119");
   assert.equal(ticked(), 99);
 });
