@@ -13,13 +13,9 @@ export class KeyedRows {
   show(items) {
     const keys = new Set(items.map(this.keyOf));
     for (const [key, element] of this.elements) if (!keys.has(key)) this.remove(key, element);
-    let next = this.container.firstElementChild;
-    items.forEach((item, place) => {
-      const element = this.elements.get(this.keyOf(item)) ?? this.add(item);
-      if (element === next) next = element.nextElementSibling;
-      else this.container.insertBefore(element, next);
-      this.fill(element, item, place);
-    });
+    const elements = items.map((item) => this.elements.get(this.keyOf(item)) ?? this.add(item));
+    arrange(this.container, elements);
+    items.forEach((item, place) => this.fill(elements[place], item, place));
   }
 
   add(item) {
@@ -31,6 +27,16 @@ export class KeyedRows {
   remove(key, element) {
     element.remove();
     this.elements.delete(key);
+  }
+}
+
+// Brings elements into this order. One that goes further back or to the front moves alone.
+export function arrange(container, elements) {
+  let next = container.firstElementChild;
+  for (const element of elements) {
+    if (next !== element && next?.nextElementSibling === element) next = element; // the one before it goes further back
+    if (next === element) next = element.nextElementSibling;
+    else container.insertBefore(element, next);
   }
 }
 

@@ -1,6 +1,8 @@
 // The robots as elements, cards or rows of a table: one list, in order, with what is filtered out hidden.
 // The markup is the server's; cards.js fills it in. What changes is gathered, and nothing moves under a person's hand.
 
+import { arrange } from "../dom/keyedRows.js";
+import { setIfOther } from "../dom/page.js";
 import { fillCard, newCard } from "./cards.js";
 
 export class RobotList {
@@ -41,16 +43,12 @@ export class RobotList {
   // `names` in order, each with an element; `shown` says which of them are.
   arrange(names, shown) {
     for (const left of this.container.querySelectorAll("[data-left]")) left.remove();
-    const present = [...this.container.children].map(({ dataset }) => dataset.robot);
-    const moving = itemsToMove(present, names);
     const focused = /** @type {HTMLElement | null} */ (document.activeElement);
-    let next = null;
-    for (const name of [...names].reverse()) {
-      const element = this.elements.get(name);
-      if (moving.has(name)) this.container.insertBefore(element, next);
-      if (element.hidden === shown.has(name)) element.hidden = !shown.has(name);
-      next = element;
-    }
+    arrange(
+      this.container,
+      names.map((name) => this.elements.get(name)),
+    );
+    for (const name of names) setIfOther(this.elements.get(name), "hidden", !shown.has(name));
     // An element that moves loses the keyboard focus.
     if (focused !== document.activeElement && this.container.contains(focused)) focused?.focus({ preventScroll: true });
   }
@@ -61,41 +59,6 @@ function vacate(element) {
   for (const name of ["robot", "testid"]) delete element.dataset[name];
   element.setAttribute("aria-hidden", "true");
   element.inert = true;
-}
-
-// Which of a list's items have to move so that it gets into another order: as few as can be. Pure.
-
-// `present` and `wanted` are names, each once. Those of `wanted` that are not present are among them.
-export function itemsToMove(present, wanted) {
-  const place = new Map(present.map((name, i) => [name, i]));
-  const places = wanted.map((name) => place.get(name) ?? -1);
-  const staying = longestRise(places);
-  return new Set(wanted.filter((_, i) => !staying.has(i)));
-}
-
-// The indices of the longest rising subsequence of what is not negative.
-function longestRise(values) {
-  const ends = []; // index of the least end of a rise of each length
-  const before = new Array(values.length).fill(-1);
-  values.forEach((value, i) => {
-    if (value < 0) return;
-    const length = firstNotBelow(ends, values, value);
-    before[i] = length > 0 ? ends[length - 1] : -1;
-    ends[length] = i;
-  });
-  const rise = new Set();
-  for (let i = ends.at(-1) ?? -1; i >= 0; i = before[i]) rise.add(i);
-  return rise;
-}
-
-function firstNotBelow(ends, values, value) {
-  let [low, high] = [0, ends.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (values[ends[middle]] < value) low = middle + 1;
-    else high = middle;
-  }
-  return low;
 }
 
 // Gathers changes until the next frame, and calls for what is costly seldom. Pure except for its timers.

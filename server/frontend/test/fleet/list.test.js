@@ -1,33 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Batch, itemsToMove, PointerPause, throttled } from "../../src/fleet/list.js";
-
-const moves = (present, wanted) => [...itemsToMove([...present], [...wanted])].join("");
-
-for (const [name, present, wanted, moved] of [
-  ["what is in order stays", "abcd", "abcd", ""],
-  ["nothing stays as it is", "", "", ""],
-  ["what goes to the end moves alone", "abcd", "bcda", "a"],
-  ["what goes to the front moves alone", "abcd", "dabc", "d"],
-  ["what is new moves in", "abd", "abcd", "c"],
-  ["what is gone moves nobody", "abcd", "abd", ""],
-  ["of a list that is turned around all but one move", "abcd", "dcba", "dcb"],
-]) {
-  test(name, () => assert.equal(moves(present, wanted), moved));
-}
-
-test("what moves brings the list into order, wherever it was", () => {
-  const wanted = Array.from({ length: 60 }, (_, i) => `r${i}`);
-  const shuffled = [...wanted].sort((a, b) => ((a.length * 7 + a.charCodeAt(1) * 31) % 17) - ((b.length * 7 + b.charCodeAt(1) * 31) % 17));
-  const moving = itemsToMove(shuffled, wanted);
-  const staying = shuffled.filter((name) => !moving.has(name));
-  assert.deepEqual(
-    staying,
-    wanted.filter((name) => !moving.has(name)),
-  );
-  assert.ok(moving.size < wanted.length);
-});
+import { Batch, PointerPause, throttled } from "../../src/fleet/list.js";
 
 test("what changes within a frame is applied once", () => {
   const frames = [];

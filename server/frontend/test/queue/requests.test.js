@@ -1,10 +1,8 @@
 import assert from "node:assert/strict";
-import { mock, test } from "node:test";
+import { test } from "node:test";
 
-import { KeyedRows } from "../../src/dom/keyedRows.js";
 import { requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { chartsOf, figureTexts, offeredOperators, operatorFacts, periodWords } from "../../src/queue/supervision.js";
-import { FakeElement } from "../fakes.js";
 
 const REQUEST = {
   id: 7,
@@ -76,24 +74,4 @@ test("a request can be assigned to who is available, then to who wraps up", () =
     offeredOperators(operators).map(({ words }) => words),
     ["is-available", "is-wrap_up (Wrap-up)"],
   );
-});
-
-test("rows that stay are not moved, so that focus and choices stay with them", () => {
-  const container = new FakeElement();
-  mock.method(container, "insertBefore");
-  const rows = new KeyedRows({ container, keyOf: String, make: () => new FakeElement(), fill: (element, item) => (element.text = item) });
-  const show = (...items) => {
-    container.insertBefore.mock.resetCalls();
-    rows.show(items);
-    assert.deepEqual(
-      container.children.map(({ text }) => text),
-      items,
-    );
-    return container.insertBefore.mock.callCount();
-  };
-  assert.equal(show("a", "b", "c"), 3);
-  const [, b] = container.children;
-  assert.equal(show("b", "c"), 0);
-  assert.equal(show("urgent", "b", "c", "d"), 2);
-  assert.equal(container.children[1], b);
 });
