@@ -274,7 +274,7 @@ const cellsOf = (data) => (typeof data === "string" ? signedBytes(data) : (data 
 const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
 
 // Where `pose`, which is given in the frame of `frame`, is in the frame that `frame` is given in.
-export function compose(frame, { x, y, theta }) {
+function compose(frame, { x, y, theta }) {
   const [cos, sin] = [Math.cos(frame.theta), Math.sin(frame.theta)];
   return { x: frame.x + x * cos - y * sin, y: frame.y + x * sin + y * cos, theta: frame.theta + theta };
 }

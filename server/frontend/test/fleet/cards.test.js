@@ -15,23 +15,20 @@ for (const [robot, words] of [
   test(`a card says since when: ${words}`, () => assert.match(presenceText(robot), words));
 }
 
-test("the times of a card are in UTC on hover", () => {
-  const since = "2026-01-01T12:03:00+02:00";
-  const stopped = { by: "zoe", at: "2026-01-01T12:04:05.123456Z", confirmed: true };
-  assert.equal(utcText({ state: "active", online: true, since }), "Online since 2026-01-01 10:03:00 UTC");
-  assert.equal(
-    utcText({ state: "active", online: false, since, control: { stopped } }),
-    "Offline since 2026-01-01 10:03:00 UTC\nStopped by zoe at 2026-01-01 12:04:05 UTC",
-  );
-  assert.equal(utcText({ state: "active", online: false, since: null }), "");
-});
+const AWAY = { state: "active", online: false, since: null, ros: "down", video: "down" };
 
-test("an offline robot calls for attention, and says why it is offline if that is known", () => {
-  const away = { online: false, since: null, ros: "down", video: "down" };
-  assert.equal(healthText({ ...away, offline_reason: "The robot went silent." }), "The robot went silent.");
-  assert.equal(utcText({ ...away, offline_reason: "The robot went silent." }), "The robot went silent.");
-  assert.equal(healthText(away), "It is not known why.");
-});
+// What is hovered: times in UTC, and why it is offline.
+for (const [robot, words] of [
+  [{ state: "active", online: true, since: "2026-01-01T12:03:00+02:00" }, "Online since 2026-01-01 10:03:00 UTC"],
+  [
+    { ...AWAY, since: SINCE, control: { stopped: { by: "zoe", at: "2026-01-01T12:04:05.123456Z", confirmed: true } } },
+    "Offline since 2026-01-01 12:03:00 UTC\nStopped by zoe at 2026-01-01 12:04:05 UTC",
+  ],
+  [{ ...AWAY, offline_reason: "The robot went silent." }, "The robot went silent."],
+  [AWAY, ""],
+]) {
+  test(`a card says on hover: ${words}`, () => assert.equal(utcText(robot), words));
+}
 
 const battery = (percent, charging = false) => ({ online: true, battery: { percent, charging } });
 
@@ -47,6 +44,7 @@ for (const [robot, health, charge = ""] of [
   [battery(12), "battery low", "12 %, low"],
   [{ online: true, battery: null }, ""],
   [{ ...battery(12), online: false }, "It is not known why."],
+  [{ ...AWAY, offline_reason: "The robot went silent." }, "The robot went silent."],
 ]) {
   test(`a card says of ${JSON.stringify(robot)}: ${health}, ${charge}`, () => {
     assert.deepEqual([healthText(robot), batteryText(robot)], [health, charge]);

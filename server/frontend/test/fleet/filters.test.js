@@ -10,7 +10,6 @@ const FLEET = [
   { name: "sim30", online: true, site: null, battery: { percent: 15, charging: false }, rtt_ms: 9, control: { stopped: { by: "ben" } } },
 ];
 const names = (filter) => FLEET.filter(filterOf({ ...USUAL, ...filter })).map(({ name }) => name);
-const order = (sort, down = false) => inOrder(FLEET, { sort, down }).map(({ name }) => name);
 
 test("an address without a query shows all, as one with nonsense does", () => {
   assert.deepEqual(fromQuery(""), USUAL);
@@ -55,19 +54,22 @@ test("names are in the order in which a person counts", () => {
   assert.deepEqual(inNameOrder(["sim10", "zoe", "sim2"]), ["sim2", "sim10", "zoe"]);
 });
 
-test("online robots come first, and equals by name", () => {
-  assert.deepEqual(order("state"), ["sim10", "sim30", "sim2"]);
-  assert.deepEqual(order("state", true), ["sim2", "sim10", "sim30"]);
-});
-
-test("who has no value comes last, whichever way it is sorted", () => {
-  assert.deepEqual(order("battery"), ["sim30", "sim10", "sim2"]);
-  assert.deepEqual(order("battery", true), ["sim10", "sim30", "sim2"]);
-  assert.deepEqual(order("rtt"), ["sim30", "sim10", "sim2"]);
-  assert.deepEqual(order("site"), ["sim2", "sim10", "sim30"]);
-  assert.deepEqual(order("driver"), ["sim10", "sim2", "sim30"]);
-  assert.deepEqual(order("name", true), ["sim30", "sim10", "sim2"]);
-});
+// Who has no value comes last, whichever way it is sorted, and equals by name.
+for (const [sort, down, expected] of [
+  ["state", false, ["sim10", "sim30", "sim2"]],
+  ["state", true, ["sim2", "sim10", "sim30"]],
+  ["battery", false, ["sim30", "sim10", "sim2"]],
+  ["battery", true, ["sim10", "sim30", "sim2"]],
+  ["rtt", false, ["sim30", "sim10", "sim2"]],
+  ["site", false, ["sim2", "sim10", "sim30"]],
+  ["driver", false, ["sim10", "sim2", "sim30"]],
+  ["name", true, ["sim30", "sim10", "sim2"]],
+]) {
+  test(`sorted by ${sort}${down ? ", turned around" : ""}`, () => {
+    const found = inOrder(FLEET, { sort, down }).map(({ name }) => name);
+    assert.deepEqual(found, expected);
+  });
+}
 
 test("sites are told once, none of them last", () => {
   assert.deepEqual(sitesOf([...FLEET, { site: "lab" }, { site: undefined }]), ["lab", "yard", ""]);
