@@ -9,13 +9,15 @@ const USUAL = { topic: "/cmd_vel", linear: 1.0, angular: 1.5, holdAfterMs: 1000,
 // drives slower when the driver sees late.
 /** @param {{guard?: Record<string, any>, page?: Record<string, any>}} settings */
 export function driveSettings({ guard = {}, page = {} }) {
-  const { kind = "differential", wheelbase_m: wheelbase = null, hold_after_ms: holdAfterMs = USUAL.holdAfterMs } = page;
+  const { kind = "differential", wheelbase_m: wheelbase = null } = page;
   const { drive_type: driveType = null } = page;
   const { max_age_ms: maxAgeMs = USUAL.maxAgeMs } = guard;
   const isLimitedByAge = [guard.blind_m, guard.blind_deg].some(Number.isFinite);
-  const times = { holdAfterMs, oldMs: holdAfterMs ?? USUAL.holdAfterMs, maxAgeMs, isLimitedByAge };
+  const times = { ...videoTimes(page), maxAgeMs, isLimitedByAge };
   return { driveTopic: topic(page, guard), driveType, kind, wheelbase, limits: limits(page, guard), ...times };
 }
+
+const videoTimes = ({ hold_after_ms: holdAfterMs = USUAL.holdAfterMs }) => ({ holdAfterMs, oldMs: holdAfterMs ?? USUAL.holdAfterMs });
 
 // Another topic is none of a drive: no guard would watch it.
 function topic({ drive_topic = "" }, { drive_topics = [USUAL.topic] }) {
