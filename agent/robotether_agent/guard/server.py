@@ -178,6 +178,9 @@ class ClientProxy:
         client = self._client
         while True:
             message = await client.receive()
+            if self._over.is_set():
+                # The robot may be stopped: what still waits in the socket must not reach it.
+                return
             kind = message.type
             if kind is WSMsgType.TEXT or kind is WSMsgType.BINARY:
                 if await self._passes(message.data):

@@ -52,6 +52,17 @@ async def test_why_rosbridge_closes_is_passed_on(guard, rosbridge, message, reas
         await closing
 
 
+async def test_nothing_passes_once_the_lease_is_over(guard, rosbridge):
+    """Neither what came with the end, nor what waits in the socket: a call could move the robot after a stop."""
+    async with GuardClient(guard.port, 13) as client:
+        await until("it is joined", lambda: len(rosbridge.sockets) == 2)
+        for _ in range(20):
+            await client.send(op="call_service", service="/dock")
+        guard.tell(type="stop", id="5f", by="ben")
+        await client.closed()
+    assert [operation["op"] for _, operation in rosbridge.got] == []
+
+
 async def test_a_client_that_reads_nothing_stops_the_reading_of_its_robot(guard, rosbridge):
     """No more than the buffers between them is held, and others are not held up."""
     async with GuardClient(guard.port, 0) as client, GuardClient(guard.port, 0) as other:

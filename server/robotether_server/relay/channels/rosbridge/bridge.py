@@ -208,6 +208,9 @@ class Bridge(OperatorConnection):
             message = self._next_ahead() if self._ahead else await self._receive()
             if message.type not in PASSED_ON:
                 return self._close_reason_by_operator(message.type, message.data)
+            if self._ended.done() and not is_stop(message.data):
+                # The robot may be stopped, also by the message before: what waits must not reach it.
+                continue
             work = self._handle(robot, message)
             if self._may_wait(robot, message):
                 work = self._reading_ahead(work)

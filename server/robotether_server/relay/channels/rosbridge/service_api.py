@@ -30,7 +30,7 @@ from robotether_server.relay.channels.rosbridge.http_calls import (
 from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
-from robotether_server.relay.http.close_reasons import ConnectionClosedError
+from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, why_closed
 from robotether_server.relay.robots.connection import Connection, Use
 from robotether_server.relay.robots.robot_dialer import RobotDialer
@@ -102,23 +102,32 @@ class ServiceApi:
             ) from exc
 
     async def _call_as_driver(self, call: ServiceCall, connection: Connection) -> ServiceAnswer:
-        leasing, robot = self._control.leasing, connection.robot
+        leasing = self._control.leasing
         async with leasing.shared(connection) as fence:
 
             def end_without_lease() -> None:
-                driver = leasing.of(robot.id).driver
-                if driver is None or driver.fence != fence:
-                    connection.end(leasing.why_lost(connection))
+                if (why := self._why_lost(connection, fence)) is not None:
+                    connection.end(why)
 
-            with self._control.watched(robot.id, end_without_lease):
+            with self._control.watched(connection.robot.id, end_without_lease):
                 leasing.audit_call(connection, call.service, call.address)
                 return await self._ask(call, connection, fence)
+
+    def _why_lost(self, connection: Connection, fence: int) -> CloseReason | None:
+        """Return why a call may not drive any more; None: its lease lasts."""
+        leasing = self._control.leasing
+        driver = leasing.of(connection.robot.id).driver
+        is_held = driver is not None and driver.fence == fence
+        return None if is_held else leasing.why_lost(connection)
 
     async def _ask(
         self, call: ServiceCall, connection: Connection, fence: int | None
     ) -> ServiceAnswer:
         socket = await self._dialer.open(connection.robot, fence)
         try:
+            if fence is not None and (why_lost := self._why_lost(connection, fence)) is not None:
+                # A stop came just when the robot was reached: the call's end waits for its turn.
+                raise ConnectionClosedError(why_lost)
             with self._calls.context.counted_uplink(connection, socket.received_bytes):
                 await socket.send_frame(call.message, WSMsgType.TEXT)
                 return await self._response(socket, connection.robot.name)

@@ -10,7 +10,7 @@ from relay_clients import PUBLISH, audit_lines, closing, counted_turns
 from relay_server import BOB, MESSAGE_LIMIT, until
 from robotether_server.relay.channels.rosbridge import bridge
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
-from robotether_server.relay.http import event_loop
+from robotether_server.relay.http import close_reasons, event_loop
 from robotether_server.relay.http.sockets import RobotSocket
 from stopwatch import Stopwatch
 
@@ -103,6 +103,28 @@ async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1
             await until(lambda: stopped(sim1.id).stopped, "the robot is stopped")
         assert stopwatch.s < 2
         transport.abort()
+
+
+async def test_nothing_passes_behind_a_stop(relay, robot, sim1, ros):
+    """A stop ends the connection: what its sender sent behind it, in one piece, goes nowhere."""
+    async with ros() as socket:
+        await robot.connections(1)
+        await socket.send_str('{"op": "robotether.stop"}')
+        for _ in range(3):
+            await socket.send_str('{"op": "call_service", "service": "/dock", "args": {}}')
+            await socket.send_str(PUBLISH)
+        assert (await closing(socket))[0] == 4003
+    assert relay.relay.control.describe(sim1.id).stopped
+    assert robot.received == []
+
+
+async def test_a_stop_counts_as_its_connection_ends(relay, robot, sim1, ros):
+    async with ros() as socket:
+        await robot.connections(1)
+        await socket.send_str('{"op": "robotether.stop"}')
+        relay.relay.control.leasing.revoke(sim1.id, close_reasons.lease_lost("sim1", "ben"))
+        assert (await closing(socket))[0] == 4010
+    assert relay.relay.control.describe(sim1.id).stopped
 
 
 async def test_what_overtakes_is_a_stop_alone(wide, relay, start_robot, ros):

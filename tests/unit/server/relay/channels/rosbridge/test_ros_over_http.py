@@ -19,6 +19,7 @@ from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
 from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
 from robotether_server.relay.http.sockets import RobotSocket
+from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.settings.robot import LevelPolicy, Policy
 from stopwatch import Stopwatch
 from yarl import URL
@@ -306,6 +307,22 @@ async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, 
     if what == "stop":
         status, body = await ask("POST", f"{SERVICES}/a", "ann")
         assert (status, body["code"]) == (409, "robot_stopped")
+
+
+async def test_a_stop_that_comes_as_the_robot_is_reached_keeps_the_call(
+    *, relay, guarded, sim1, ask, monkeypatch
+):
+    opened = RobotDialer.open
+
+    async def open_and_stop(dialer, *args):
+        socket = await opened(dialer, *args)
+        relay.relay.control.stops.stop(sim1, "ben")
+        return socket
+
+    monkeypatch.setattr(RobotDialer, "open", open_and_stop)
+    status, body = await ask("POST", f"{SERVICES}/a", "ann")
+    assert (status, body["code"]) == (409, "robot_stopped")
+    assert of_operation(guarded, "call_service") == []
 
 
 async def test_a_call_takes_no_lease_from_a_page_that_opens(relay, guarded, sim1, ask, monkeypatch):
