@@ -88,9 +88,6 @@ async def run_connection(target: SshAddress, files: SshFiles, role: Role) -> NoR
         await first_of(*_work(tunnel, session, role, target))
         raise await tunnel.why_ended(was_connected=session.config is not None)
     finally:
-        if role.guard is not None:
-            # Before the client ends, which may take seconds.
-            role.guard.on_session_lost()
         if role.video_proxy is not None:
             role.video_proxy.hold()
         await tunnel.close()
@@ -100,7 +97,7 @@ def _work(
     tunnel: Tunnel, session: Session, role: Role, target: SshAddress
 ) -> list[Coroutine[Any, Any, None]]:
     work = [
-        session.run(),
+        _run_session(session, role.guard),
         _keep_forward(tunnel, session, role, target),
         liveness.watch(session, tunnel, target, role.elsewhere),
         _leave_silent_relay(tunnel, session, role, target),
@@ -109,6 +106,15 @@ def _work(
     if role.recheck is not None:
         work.append(_ask_for_checks(session, role.recheck))
     return work
+
+
+async def _run_session(session: Session, guard: DriveMessageHandler | None) -> None:
+    try:
+        await session.run()
+    finally:
+        if guard is not None:
+            # At once: the other work and the client may take seconds to end.
+            guard.on_session_lost()
 
 
 async def _leave_silent_relay(

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from fake_cloud import FakeCloud, eventually
@@ -29,6 +30,7 @@ from robotether_agent.settings import MAX_RUN_DIR_LENGTH
 from robotether_agent.tunnel.connection import Report, Role, run_connection
 from robotether_agent.tunnel.openssh import ServiceAddress, SshFiles
 from robotether_agent.tunnel.session import Session, SessionConfig
+from robotether_agent.tunnel.tunnel import Tunnel
 from robotether_agent.video.sources import SourceSettings
 
 
@@ -185,6 +187,22 @@ async def test_the_session_joins_the_guard(cloud, robot, place):
     assert kinds[:3] == ["born", "config", "session"]
     assert kinds[-4:] == ["session", "lease", "stop", "session"]
     assert {"type": "lease", "fence": 13, "held": True} in heard(place)
+
+
+async def test_the_guard_learns_of_a_lost_session_before_the_client_ends(cloud, robot, monkeypatch):
+    """OpenSSH's client stays as long as connections through it do; a driver's is one."""
+
+    async def never(*_: object, **__: object) -> AgentError:
+        await asyncio.Event().wait()
+        raise AssertionError
+
+    monkeypatch.setattr(Tunnel, "why_ended", never)
+    guard = Mock(spec=GuardSupervisor)
+    robot.connect(robot.trust(cloud.ssh), Up(), no_services(), reports=[], guard=guard)
+    link = await cloud.link("session")
+    await eventually(lambda: guard.on_config.called, lambda: "the session is up")
+    link.drop()
+    await eventually(lambda: guard.on_session_lost.called, lambda: "the guard was told")
 
 
 async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
