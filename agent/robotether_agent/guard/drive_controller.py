@@ -289,14 +289,15 @@ class DriveController:
         command = read_command(message.fields.get("msg", {}), topic.declared if topic else None)
         try:
             old_at = self._old_at(source, stamp.get("t_ms"), now)
+            if topic is not None:
+                self._check_shape(topic, command.shape)
         except DriveMessageRefusedError:
             if topic is not None and not command.moves:
-                # However late it comes, the driver wants to stop.
+                # However late it comes, and as what, the driver wants to stop.
                 topic.waiting = None
                 self._begin_zeros([topic.name])
             raise
         topic = self._topic_for(source, message.topic)
-        self._check_shape(topic, command.shape)
         if now < topic.withheld_until or (command.moves and topic.name in (self.unheard or ())):
             raise DriveMessageRefusedError("held", f"nothing on the robot listens to {topic.name}")
         before = topic.sent if self._deadman.is_moving(topic.name) else None

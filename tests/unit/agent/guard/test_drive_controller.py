@@ -256,6 +256,16 @@ async def test_a_stop_of_the_driver_that_is_refused_is_the_guards(world, reason)
     assert world.publisher.speeds == [0.5] + [0.0] * 10
 
 
+async def test_a_stop_of_the_driver_as_another_type_is_the_guards(world: World) -> None:
+    """The robot may not take that type: it would drive on for the deadman's time."""
+    world.controller.use(GuardConfig("ws://x", deadman_s=10))
+    await world.drive(0.5)
+    await world.drive(0.0, msg={"header": {}, "twist": {}})
+    assert world.source.kinds == ["shape"]
+    await world.pass_time(1)
+    assert world.publisher.speeds == [0.5] + [0.0] * 10
+
+
 async def test_a_late_zero_of_another_moves_nothing_and_stops_nothing(world: World) -> None:
     await world.drive(0.5)
     await world.drive(0.0, FakeSource(Authorization("drive", 12)), age_ms=600)
