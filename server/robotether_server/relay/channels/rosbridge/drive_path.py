@@ -23,6 +23,7 @@ from typing import Any, NamedTuple, NoReturn
 import msgspec
 from aiohttp import WSMsgType
 from robotether_common.guard import STAMP
+from robotether_common.ros import ACKERMANN_RATES
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.relay.http.sockets import RobotSocket
@@ -72,8 +73,9 @@ class DriveCommand(NamedTuple):
 
     @property
     def stands(self) -> bool:
-        """Whether the robot is to stand still."""
-        return not (self.speed_m_s or self.turn_rad_s)
+        """Whether the robot is to stand still; some that steer like cars follow the rates alone."""
+        drive = self.message.get("msg", {}).get("drive", {})
+        return not (self.speed_m_s or self.turn_rad_s or any(map(drive.get, ACKERMANN_RATES)))
 
 
 def stamped(
@@ -186,10 +188,10 @@ class DrivePath:
         return None
 
     def _is_too_old(self, command: DriveCommand, timestamp: float, now: float) -> bool:
-        if command.stands and self._lease.clock is not None:
-            # The guard stops the robot by it, and sends on nothing that is old.
+        if now - timestamp <= self._lease.max_age_s:
             return False
-        return now - timestamp > self._lease.max_age_s
+        # By a zero the guard stops the robot, and sends on nothing that is old.
+        return self._lease.clock is None or not command.stands
 
     async def run(self) -> NoReturn:
         """Send what waits, as soon as there is room."""

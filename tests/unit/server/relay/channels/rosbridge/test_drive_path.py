@@ -127,10 +127,10 @@ class FullSocket:
         self.sent.append(data)
 
 
-def command(speed, topic="/cmd_vel"):
+def command(speed, topic="/cmd_vel", msg=None):
     policy = DEFAULTS.policy
     validator = MessageValidator(policy.drive, DEFAULTS.guard.drive_topics, policy.limits)
-    message = {"op": "publish", "topic": topic, "msg": {"linear": {"x": speed}}}
+    message = {"op": "publish", "topic": topic, "msg": msg or {"linear": {"x": speed}}}
     return validator.check(json.dumps(message).encode()).drive
 
 
@@ -187,6 +187,13 @@ async def test_only_the_newest_command_of_a_topic_waits(path, socket, log, repor
     assert [report.size for report in reports[2:]] == [len(data) for data in socket.sent]
     assert [json.loads(data)["msg"]["linear"]["x"] for data in socket.sent] == [0.3, 1.0]
     assert log.entry.dropped_old == 2
+
+
+@pytest.mark.parametrize(
+    ("drive", "stands"), [({"steering_angle": 0.3}, True), ({"acceleration": 1.0}, False)]
+)
+def test_a_car_that_follows_the_rates_alone_does_not_stand(drive, stands):
+    assert command(0.0, msg={"drive": drive}).stands is stands
 
 
 @pytest.mark.parametrize("max_age_s", [0.1])
