@@ -121,6 +121,8 @@ class DriveController:
         self._motion.adopt(left)
         self.stops["fault"] += 1
         self._deadman.force(names, self._clock())
+        # rosbridge may have forgotten the last guard's publisher.
+        self._deadman.restart_zeros()
         self._wake.set()
 
     def stop(self) -> None:

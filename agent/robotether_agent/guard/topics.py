@@ -46,8 +46,8 @@ MAX_TOPICS = 16
 MAX_TYPES = 64
 ZERO_EVERY_S = 0.05
 ZEROS = 10
-# Number of zeros at a new rosbridge: its publisher and the base need seconds to find each other on
-# a slow robot.
+# Number of zeros at a new rosbridge, or of a new guard: its publisher and the base need seconds to
+# find each other on a slow robot.
 ZEROS_AFTER_RECONNECT = 60
 MOTION_FILE = "motion.json"
 # Delay before the motion file is removed: the next motion often follows soon, and need not write it
@@ -248,7 +248,8 @@ class Deadman:
     """The phases of all drive topics that somebody has driven.
 
     A topic is idle (nothing to do), moving (a command that moves was sent last) or zeroing (ten zeros at 20 Hz, counted
-    when they were sent, then idle; 60 at a new rosbridge). One that never moved gets none, unless `force` says so.
+    when they were sent, then idle; 60 on a new connection to rosbridge). One that never moved gets none, unless `force`
+    says so.
     """
 
     def __init__(self, timeout_s: float) -> None:
@@ -328,7 +329,7 @@ class Deadman:
                 topic.due = min(topic.due, now)
 
     def restart_zeros(self) -> None:
-        """Forget the zeros of a connection that is lost, as nobody knows which arrived; the next one gets more."""
+        """Begin the zeros anew, as nobody knows which arrived on a connection that is lost; the next one gets more."""
         for topic in self._topics.values():
             topic.left, topic.has_begun = ZEROS_AFTER_RECONNECT, False
 
