@@ -77,6 +77,8 @@ def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(
                 _expect_shown(page, "blind", "You cannot see")
                 expect(page.get_by_test_id("state")).to_be_focused()
                 page_holds.drive(page, watch)
+                # What is unknown has the slowest speed.
+                expect(page.get_by_test_id("seen-age")).to_contain_text("seen ? ms ago")
                 page.keyboard.up("w")
             _expect_shown(page, "live", "Ready to drive.")
             with frozen_cameras(stack, ROBOT):

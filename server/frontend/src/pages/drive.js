@@ -138,9 +138,11 @@ function controlOptions() {
   };
 }
 
-// What the server reads of the frames that the driver saw.
+// What the server reads of the frames that the driver saw: none while a person drives without the main one, whatever
+// the others show, so that the robot is at its slowest. One without cameras has nothing to name.
 function seenAt(timestamp) {
-  const frames = view.hasCamera ? view.tiles.seenAt(timestamp) : null; // one without cameras has nothing to name
+  const seen = () => (interlock.kind === "blind" ? [] : view.tiles.seenAt(timestamp));
+  const frames = view.hasCamera ? seen() : null;
   seenAge.command(frames, timestamp);
   return frames?.map(({ topic: camera, sequence: frame }) => ({ camera, frame }));
 }
