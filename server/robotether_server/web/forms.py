@@ -16,6 +16,7 @@ from robotether_server.api.context import context
 from robotether_server.problems import FieldInvalidError, RecordExistsError, RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH, ROBOT_NAME_PATTERN
 from robotether_server.web import current_user
+from robotether_server.web.page_texts import whole_sentence
 
 # As people write it in any language: 0.5 or 0,5.
 NUMBER = re.compile(r"-?\d{1,12}([.,]\d{1,12})?", re.ASCII)
@@ -75,7 +76,10 @@ def wrong_at(problem: RobotetherError | None, name: str, id_: str, label: str) -
 def wrong_fields(problem: RobotetherError) -> list[WrongField]:
     """Return the lines of the summary; the page's fields must have been drawn."""
     marked: dict[str, WrongField] = g.get("marked", {})
-    return [marked.get(cause.field) or WrongField(cause.detail) for cause in problem.each]
+    return [
+        marked.get(cause.field) or WrongField(whole_sentence(cause.detail))
+        for cause in problem.each
+    ]
 
 
 @contextmanager

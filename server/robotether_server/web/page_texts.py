@@ -30,6 +30,14 @@ def register(app: Flask) -> None:
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
     app.add_template_filter(size_words, "size")
+    app.add_template_filter(whole_sentence)
+
+
+def whole_sentence(words: str) -> str:
+    """Return what a problem says as a sentence; a program's name, such as web_video_server, keeps its small letter."""
+    begins_with_name = "_" in words.partition(" ")[0]
+    begun = words if begins_with_name else words[:1].upper() + words[1:]
+    return begun if begun.endswith((".", "!", "?")) else f"{begun}."
 
 
 def timestamp_words(timestamp: dt.datetime) -> str:

@@ -75,7 +75,7 @@ export const control = {
   passes: (user, seconds) => `If you neither reply nor drive, control passes to ${user} in ${seconds} s.`,
   arrives: (user, seconds) => `You asked ${user}. If ${user} neither replies nor drives, you get control in ${seconds} s.`,
   takeSure: (user) => `Take control from ${user}? The robot stops, and ${user} can only watch.`,
-  failed: (detail) => detail || "The server does not answer. Try again.",
+  failed: (detail) => (detail ? sentence(detail) : "The server does not answer. Try again."),
 };
 
 // By why the drive mode changed, as in driveMode.js.
@@ -106,7 +106,7 @@ export const stop = {
   // `guard` of the control object.
   unheard: (/** @type {{guard?: string}} */ { guard } = {}) => `No answer yet, trying again. ${halts(guard)}`,
   failed: () => "Stop not confirmed. Press Stop again.",
-  refused: ({ detail }) => `Not stopped: ${detail || "the server refused it"}.`,
+  refused: ({ detail }) => `Not stopped. ${detail ? because(detail) : "The server refused it."}`,
   stopping: ({ by, at }) => `Stopping (${by}, ${at}), not confirmed yet.`,
   stopped: ({ by, at }) => `Stopped by ${by} at ${at}`,
 };
@@ -116,7 +116,7 @@ export const release = {
   again: "Hold to drive again",
   held: "Keep holding",
   once: "Press again to release",
-  failed: (detail) => `Not released: ${detail || "no answer from the server"}.`,
+  failed: (detail) => `Not released. ${detail ? because(detail) : "The server does not answer."}`,
 };
 
 export const reasons = {

@@ -1,5 +1,7 @@
 // Sentences of the pages: the fleet page. No logic beyond filling in.
 
+import { because } from "./common.js";
+
 export const fleet = {
   online: (since) => (since ? `Online since ${since}` : "Online"),
   offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
@@ -25,7 +27,7 @@ export const fleet = {
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
   },
   stopNone: "No robot to stop.",
-  stopFailed: (detail) => `Not stopped: ${detail || "no answer from the server. Press again"}.`,
+  stopFailed: (detail) => `Not stopped. ${detail ? because(detail) : "The server does not answer. Press again."}`,
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
   shown: (count, listed) => `${count}, ${listed} shown`,

@@ -1,5 +1,7 @@
 // Sentences of the page Health. No logic beyond filling in.
 
+import { sentence } from "./common.js";
+
 const UNKNOWN = "unknown";
 
 export const health = {
@@ -16,7 +18,7 @@ export const health = {
 export const history = {
   loading: "Reading the history",
   needsProfile: "History needs the profile metrics: set COMPOSE_PROFILES=metrics, or wait until Prometheus answers.",
-  failed: (detail) => detail || "No answer from the server.",
+  failed: (detail) => (detail ? sentence(detail) : "The server does not answer."),
   of: (robot, range) => `${robot || "All robots"}, ${range}.`,
   ranges: { hour: "the last hour", day: "the last day", week: "the last week" },
   noData: "Unknown for all of this time.",

@@ -37,7 +37,7 @@ def test_no_form_works_without_the_pages_token(app, browser):
     browser.log_in("root")
     for path in paths(app, "/admin", "POST") + paths(app, "/profile", "POST"):
         answer = browser.ask("POST", path)
-        assert (answer.status_code, "cannot accept the form" in answer.text) == (403, True), path
+        assert (answer.status_code, "Cannot accept the form" in answer.text) == (403, True), path
 
 
 def test_every_form_has_a_page_at_its_path(web_settings):

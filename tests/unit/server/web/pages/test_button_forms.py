@@ -121,7 +121,7 @@ def test_admin_lets_drivers_send_it_in_the_same_step(*, admin, manager, database
 def test_no_button_before_broken_settings_are_corrected(manager, database):
     with database.transaction() as tx:
         tx.change("""UPDATE robots SET settings = '{"guard": {"deadman_ms": 1}}'""")
-    assert "cannot use guard.deadman_ms" in problem_of(manager.ask("GET", BUTTONS).text)
+    assert "Cannot use guard.deadman_ms" in problem_of(manager.ask("GET", BUTTONS).text)
     for answer in (manager.ask("GET", NEW), send(manager, NEW, **LIGHTS_FORM)):
         assert answer.status_code == 409
         assert "until an admin has corrected its settings: cannot use guard" in answer.text
