@@ -71,7 +71,7 @@ def check_universal_mac(mac: str) -> None:
     if _first_byte(mac) & LOCAL:
         raise FieldInvalidError(
             f"cannot use mac {mac}: it is locally administered, as those of virtual machines and containers "
-            "are; give that of a network card, or let an admin announce this one: "
+            "are; give that of a network card, or let an admin allow it: with the box in the page's form, or "
             "robotether robot add NAME --mac MAC --allow-local-mac",
             "mac",
         )
@@ -105,6 +105,12 @@ def key_comment(text: str) -> str:
 
 
 def _parse_key(text: str, types: tuple[str, ...]) -> PublicKey:
+    if "PRIVATE KEY-----" in text:
+        raise FieldInvalidError(
+            "cannot use public_key: this is a private key, which must never leave its machine; give the line of "
+            "the file that ends in .pub",
+            "public_key",
+        )
     words = text.strip().split(" ")
     if len(text) > MAX_KEY_LENGTH or not text.strip().isprintable() or len(words) < 2:  # noqa: PLR2004 - type and key
         raise _invalid("it must be one line: type, key and perhaps a comment")

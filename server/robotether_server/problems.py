@@ -64,6 +64,7 @@ _ASKS = (
     (re.compile(r"^it must be null or (.*)$"), r"enter \1, or leave it empty"),
     (re.compile(r"^it must be one of "), "choose one of "),
     (re.compile(r"^it must be "), "enter "),
+    (re.compile(r"^fill in .*$"), "fill this in"),
 )
 
 

@@ -13,7 +13,6 @@ from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import TokenUse
 from robotether_server.db.users import is_unchanged, list_ssh_keys
-from robotether_server.identity import MAX_KEY_LENGTH
 from robotether_server.install_line import site_of
 from robotether_server.problems import (
     FieldInvalidError,
@@ -60,7 +59,8 @@ def show(problem: RobotetherError | None = None, part: str = "") -> str:
 def add_key(tx: Transaction, source: Source) -> Saved:
     """Add a key."""
     name = forms.optional_text("name", "Name", MAX_NAME_LENGTH)
-    line = forms.text("public_key", "Public key", MAX_KEY_LENGTH)
+    # As it is: the text of a private key has many lines, and its refusal says what to give.
+    line = request.form.get("public_key", "")
     key = ssh_keys.add(tx, source, current_user.get(), name, line)
     return f"{PAGE}#ssh-keys", f"SSH key {key.name} is added."
 

@@ -87,6 +87,13 @@ def test_a_key_is_added_and_deleted(ann):
     assert "You have none here yet" in ann.ask("GET", "/profile").text
 
 
+def test_private_key_is_named_as_one(ann):
+    """Nobody should guess from "one line" that the other file was meant."""
+    text = "-----BEGIN OPENSSH PRIVATE KEY-----\nb3BlbnNzaA==\n-----END OPENSSH PRIVATE KEY-----"
+    answer = send(ann, "/profile/ssh-keys", name="laptop", public_key=text)
+    assert (answer.status_code, "This is a private key" in answer.text) == (422, True)
+
+
 def test_another_users_key_and_token_are_out_of_reach(ann, admin):
     send(ann, "/profile/ssh-keys", name="laptop", public_key=public_key(1))
     send(ann, "/profile/tokens", name="notebook", days="30")
