@@ -222,7 +222,7 @@ export class Banner {
     this.pill.dataset.shown = this.shown;
     setText(part(this.pill, "pill-state"), text.title);
     setText(part(this.element, "state-title"), text.headline?.(facts) ?? text.title);
-    setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason }));
+    setText(part(this.element, "state-detail"), text.detail({ ...facts, reason: state.reason, answered: state.code !== undefined }));
     this.offer(state.login ? logIn : text.action);
   }
 

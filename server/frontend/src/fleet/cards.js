@@ -27,6 +27,16 @@ export function utcText(robot) {
   return [robot.since && presenceText(robot, utcTimestamp), stopped, !robot.online && robot.offline_reason].filter(Boolean).join("\n");
 }
 
+// A robot as the server wrote it into its card, until the events come.
+export const robotOf = ({ robot, state, online, since, site, offlineReason }) => ({
+  name: robot,
+  state,
+  online: online === "true",
+  since,
+  site: site || null,
+  offline_reason: offlineReason,
+});
+
 // What keeps a robot from being used, or soon will.
 export function attention({ online, offline_reason: reason, ros, video, battery, control }) {
   if (!online) return [reason || texts.offlineUnknown];

@@ -2,7 +2,7 @@
 // What changes is gathered for a frame and touches only what shows it; nothing moves under a pointer.
 
 import { Feed } from "../client/feed.js";
-import { offerDrive } from "../fleet/cards.js";
+import { offerDrive, robotOf } from "../fleet/cards.js";
 import { filterOf, inNameOrder, inOrder, inWindow, WINDOW } from "../fleet/filters.js";
 import { CardStop, FleetStops } from "../fleet/fleetStops.js";
 import { Batch, PointerPause, RobotList, throttled } from "../fleet/list.js";
@@ -24,7 +24,7 @@ const stops = new Map();
 const thumbs = new Thumbs();
 
 const containers = { cards: part(main, "cards"), table: part(main, "rows") };
-const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, atFirst(dataset)]));
+const robots = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, robotOf(dataset)]));
 // What the server wrote into the page and the events do not have; "" for a robot that came since.
 const datasets = new Map([...containers.cards.children].map(({ dataset }) => [dataset.robot, { ...dataset }]));
 const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
@@ -46,10 +46,6 @@ more.addEventListener("click", () => {
 });
 for (const listed of [...Object.values(containers), part(main, "stops")]) pause.listen(listed);
 showView();
-
-function atFirst({ robot, state, online, since, site }) {
-  return { name: robot, state, online: online === "true", since, site: site || null };
-}
 
 function listIn(container, template) {
   return new RobotList({ container, template: document.getElementById(template), onNew: prepare });

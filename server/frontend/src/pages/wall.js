@@ -67,7 +67,8 @@ function show(searched = false) {
   markHeirs(searched ? { places: [], keys: [] } : heirs(names, keys, before));
   const asking = [...byRobot.keys()].filter((name) => robots.has(name));
   setText(byTestId(main, "wall-asking"), texts.asking(asking));
-  setText(byTestId(main, "wall-count"), texts.count(names.length, all.length, most));
+  const isKnown = robots.size > 0 || feedState.dataset.feed === "live";
+  setText(byTestId(main, "wall-count"), isKnown ? texts.count(names.length, all.length, most) : "");
   byTestId(main, "wall-empty").hidden = names.length > 0 || feedState.dataset.feed !== "live";
 }
 

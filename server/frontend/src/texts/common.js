@@ -10,6 +10,9 @@ export const because = (detail) => sentence(detail.replace(/^cannot .*?: /, ""))
 // The reason as it was written where it is known best, then what to do.
 export const explained = (reason, advice) => (reason ? `${sentence(reason)} ${advice}` : advice);
 
+const unopened =
+  "The server answers, but opens no connection to the robot. Perhaps it restarts, or a proxy in front of it passes no WebSockets;";
+
 export const connection = {
   connecting: {
     title: "Connecting",
@@ -43,7 +46,8 @@ export const connection = {
   },
   server_unreachable: {
     title: "Server unreachable",
-    detail: ({ reason }) => reason || "Check this device's network; this page keeps trying.",
+    // `answered`: the server gave this page a ticket.
+    detail: ({ reason, answered }) => reason || `${answered ? unopened : "Check this device's network;"} this page keeps trying.`,
     action: "Try now",
   },
   not_allowed: { title: "Not allowed", detail: ({ reason }) => reason || "Your account may not open this robot.", action: "Reload" },

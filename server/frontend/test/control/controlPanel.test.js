@@ -152,6 +152,15 @@ test("a press that was meant for what the button was before lets nobody drive wi
   assert.equal(button.textContent, "Drive without video");
 });
 
+test("a server that gives a ticket and opens no connection is no fault of this device's network", () => {
+  const detail = (more) => {
+    banner.show({ name: "server_unreachable", reason: "", retry: true, ...more }, {});
+    return part(byTestId(root, "state"), "state-detail").textContent;
+  };
+  assert.match(detail({}), /this device's network/);
+  assert.match(detail({ code: 1006 }), /opens no connection/);
+});
+
 test("who has had the time to read it, or saw no button before, may drive without video", () => {
   banner.show(LINK_LOST, {});
   held();

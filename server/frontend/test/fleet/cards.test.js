@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driverText, healthText, presenceText, utcText } from "../../src/fleet/cards.js";
+import { driverText, healthText, presenceText, robotOf, utcText } from "../../src/fleet/cards.js";
 import { batteryText } from "../../src/overlays/battery.js";
 
 const SINCE = "2026-01-01T12:03:00Z";
@@ -45,6 +45,7 @@ for (const [robot, health, charge = ""] of [
   [{ online: true, battery: null }, ""],
   [{ ...battery(12), online: false }, "It is not known why."],
   [{ ...AWAY, offline_reason: "The robot went silent." }, "The robot went silent."],
+  [robotOf({ online: "false", offlineReason: "The server stopped." }), "The server stopped."],
 ]) {
   test(`a card says of ${JSON.stringify(robot)}: ${health}, ${charge}`, () => {
     assert.deepEqual([healthText(robot), batteryText(robot)], [health, charge]);
