@@ -108,9 +108,8 @@ export class MapTile {
     const { clientWidth, clientHeight } = this.element;
     fitCanvas(this.canvas, Math.round(clientWidth * ratio), Math.round(clientHeight * ratio));
     const { world, parts } = this;
-    const empty = isEmpty(world, parts);
-    drawWorld(this.canvas, world, { zoom: ZOOMS[this.zoom] * ratio, parts, empty });
-    setText(part(this.element, "words"), empty ? texts.nothing : isLost(world, parts) ? texts.lost : "");
+    drawWorld(this.canvas, world, { zoom: ZOOMS[this.zoom] * ratio, parts, empty: isEmpty(world, parts) });
+    setText(part(this.element, "words"), wordsOf(world, parts));
   }
 }
 
@@ -128,6 +127,13 @@ export const isEmpty = ({ robot, map, points }, parts) => Boolean(robot.unknown)
 
 // Whether a map is drawn, and nobody knows where in it the robot is.
 export const isLost = ({ robot, map }, parts) => Boolean(parts.map && map && (robot.unknown || robot.unplaced));
+
+// What is said over the drawing.
+export function wordsOf(world, parts) {
+  if (parts.map && world.mapUnread) return texts.unread;
+  if (isEmpty(world, parts)) return texts.nothing;
+  return isLost(world, parts) ? texts.lost : "";
+}
 
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.
 function drawWorld(canvas, world, { zoom, parts, empty }) {
@@ -163,15 +169,21 @@ function drawGrid(context, canvas, { x, y }, zoom) {
   const step = stepOf(MIN_GRID_PX, zoom);
   const [across, up] = [canvas.width / zoom / 2, canvas.height / zoom / 2];
   context.beginPath();
-  for (let at = Math.ceil((x - across) / step) * step; at <= x + across; at += step) {
+  for (const at of multiples(step, x - across, x + across)) {
     context.moveTo(at, y - up);
     context.lineTo(at, y + up);
   }
-  for (let at = Math.ceil((y - up) / step) * step; at <= y + up; at += step) {
+  for (const at of multiples(step, y - up, y + up)) {
     context.moveTo(x - across, at);
     context.lineTo(x + across, at);
   }
   stroke(context, COLOURS.grid, 1 / zoom);
+}
+
+// The multiples of `step` between two numbers. They are counted: at a place of 17 digits, one step more is the same number.
+export function multiples(step, least, most) {
+  const first = Math.ceil(least / step);
+  return Array.from({ length: Math.floor(most / step) - first + 1 }, (_, i) => (first + i) * step);
 }
 
 // The first row of the image is the map's lowest, and y goes up here: so it stands right.

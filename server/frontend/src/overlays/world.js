@@ -27,7 +27,7 @@ export class World {
   constructor({ subscribe, onChange, onMapRefused = ignore, makeBitmap = bitmapOf, now = () => performance.now() }) {
     this.subscriptions = new Subscriptions(subscribe);
     this.onChange = onChange;
-    this.mapLimits = { ...LIMITS.map, onRefused: onMapRefused };
+    this.mapLimits = { ...LIMITS.map, onRefused: onMapRefused, onUnread: () => this.receiveMap({}) };
     this.makeBitmap = makeBitmap;
     this.now = now;
     this.path = new Path();
@@ -35,6 +35,7 @@ export class World {
     this.shown = null;
     this.ringShown = false;
     this.odometry = this.scan = this.map = this.located = null;
+    this.mapUnread = false; // whether the robot's newest map could not be read
     this.offset = ORIGIN; // of the odometry's frame in the map's
     this.placed = false; // whether that is known
     this.transforms = new Transforms();
@@ -130,16 +131,30 @@ export class World {
     return this.map?.frame || MAP_FRAME;
   }
 
+  // One that cannot be read leaves the one before, and says so.
   async receiveMap(message) {
     const grid = gridPixels(message);
-    if (!grid) return;
     this.newestGrid = grid;
-    const bitmap = await this.makeBitmap(grid);
-    if (grid !== this.newestGrid) return bitmap.close?.();
-    this.map?.bitmap.close?.();
-    this.map = { ...grid, frame: plainFrame(message.header?.frame_id), pixels: null, bitmap };
-    this.locate();
+    const bitmap = grid && (await this.bitmapOf(grid));
+    if (grid !== this.newestGrid) return bitmap?.close?.();
+    this.mapUnread = !bitmap && !isEmptyMap(message);
+    if (bitmap) this.useMap({ ...grid, frame: plainFrame(message.header?.frame_id), pixels: null, bitmap });
     this.onChange();
+  }
+
+  useMap(map) {
+    this.map?.bitmap.close?.();
+    this.map = map;
+    this.locate();
+  }
+
+  // Null where the browser makes none, as of one with too long a side.
+  async bitmapOf(grid) {
+    try {
+      return await this.makeBitmap(grid);
+    } catch {
+      return null;
+    }
   }
 
   // Where the localization says that the robot is tells where the odometry began, unless the frames do, which are newer.
@@ -244,6 +259,7 @@ const FREE = [58, 70, 86];
 const OCCUPIED = [236, 240, 246];
 
 // One colour for each value of a signed byte, as it lies in memory: 0 free to 100 occupied, anything else unknown.
+const UNKNOWN = 255;
 const COLOURS = new Uint32Array(256);
 const bytes = new Uint8Array(COLOURS.buffer);
 for (let value = 0; value <= 100; value++) {
@@ -259,19 +275,29 @@ export function gridPixels({ info, data }) {
   const place = planar({ position: origin?.position, orientation: turnOf(origin) });
   if (!place || !fits(width, height, resolution) || cells.length !== width * height) return null;
   const pixels = new Uint32Array(cells.length);
-  for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[cells[i] & 255];
+  for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[Number.isInteger(cells[i]) ? cells[i] & 255 : UNKNOWN];
   return { width, height, resolution, pixels: new Uint8ClampedArray(pixels.buffer), origin: place };
 }
 
+// Of a robot that has begun to map, and has seen nothing yet.
+const isEmptyMap = ({ info }) => info?.width === 0 || info?.height === 0;
+
 // Map servers leave the orientation of a map that is not turned as it is: all zeros.
-const turnOf = ({ orientation = UNSET } = {}) => (Object.values(orientation).some(Boolean) ? orientation : { ...UNSET, w: 1 });
+const turnOf = ({ orientation = UNSET } = {}) => (Object.values(orientation).every((part) => part === 0) ? { ...UNSET, w: 1 } : orientation);
 const UNSET = { x: 0, y: 0, z: 0, w: 0 };
 
-const fits = (width, height, resolution) => width > 0 && height > 0 && width * height <= MAX_CELLS && resolution > 0;
+const fits = (width, height, resolution) =>
+  [width, height].every((side) => Number.isInteger(side) && side > 0) && width * height <= MAX_CELLS && resolution > 0 && resolution < Infinity;
 
 const cellsOf = (data) => (typeof data === "string" ? signedBytes(data) : (data ?? []));
 
-const signedBytes = (base64) => Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
+function signedBytes(base64) {
+  try {
+    return Int8Array.from(atob(base64), (char) => char.charCodeAt(0));
+  } catch {
+    return [];
+  }
+}
 
 // Where `pose`, which is given in the frame of `frame`, is in the frame that `frame` is given in.
 function compose(frame, { x, y, theta }) {

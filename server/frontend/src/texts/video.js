@@ -64,6 +64,7 @@ export const video = {
 export const map = {
   label: "The robot from above",
   nothing: "Nothing to draw yet.",
+  unread: "The robot's newest map cannot be read.",
   lost: "Where the robot is in the map is unknown.",
   pose: ({ x, y, theta }) => `x ${x.toFixed(1)} y ${y.toFixed(1)} ${Math.round((theta * 180) / Math.PI)}°`,
   scale: (metres) => `${metres} m`,

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { ringPoints } from "../../src/overlays/laserRing.js";
-import { isEmpty, isLost, MapTile } from "../../src/overlays/mapTile.js";
+import { isEmpty, isLost, MapTile, multiples, wordsOf } from "../../src/overlays/mapTile.js";
 
 let shown, tile;
 
@@ -52,6 +52,20 @@ test("a robot is not drawn in a map in which its place is unknown", () => {
   assert.equal(isLost({ robot: { unknown: true }, map: {} }, { map: true }), true);
   assert.equal(isLost({ robot: { unplaced: true }, map: {} }, { map: false }), false);
   assert.equal(isLost({ robot: { x: 1, y: 0 }, map: {} }, { map: true }), false);
+});
+
+test("the grid of a robot at a place without sense has few lines, and an end", () => {
+  assert.deepEqual(multiples(5, -6, 11), [-5, 0, 5, 10]);
+  for (const place of [1e17, -1e300, Number.MAX_VALUE, Infinity, NaN]) {
+    const lines = multiples(1, place - 10, place + 10);
+    assert.ok(lines.length <= 100, `${place}`);
+  }
+});
+
+test("a map that cannot be read is said to whoever wants to see the map", () => {
+  const world = { robot: { x: 1, y: 0 }, map: {}, mapUnread: true };
+  assert.equal(wordsOf(world, { map: true }), "The robot's newest map cannot be read.");
+  assert.equal(wordsOf(world, { map: false }), "");
 });
 
 test("what is ahead is up and what is at the left is left, as far as three metres, and what is near is said", () => {

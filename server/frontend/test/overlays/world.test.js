@@ -132,6 +132,18 @@ test("a newer map takes the place of the one before, whose bitmap is closed", as
   assert.equal(world.map.bitmap.of.width, 1);
 });
 
+test("a map that cannot be read is said, until one can", async () => {
+  world.follow({ map: MAP });
+  world.show({ map: true });
+  const unread = [];
+  for (const message of [{ info: { width: 0, height: 0 }, data: [] }, grid(0), { ...grid(0), data: "***" }, grid(100), "too long"]) {
+    world.makeBitmap = message === "too long" ? () => Promise.reject(new Error("no memory")) : async () => ({});
+    await say("/map", message === "too long" ? grid(0) : message);
+    unread.push(world.mapUnread);
+  }
+  assert.deepEqual(unread, [false, false, true, false, true]);
+});
+
 test("a scan is where the laser is on the robot, which the odometry names or is called as usual", () => {
   for (const base of [undefined, "rover/base"]) {
     world.receivePose({ x: 0, y: 0, theta: 0, frame: "odom", base });
@@ -177,6 +189,11 @@ test("free is dark, occupied is light, unknown is nothing", () => {
   assert.ok(pixels[0] < pixels[12] && pixels[12] < pixels[4]);
 });
 
+test("what is no whole number is no free cell", () => {
+  const { pixels } = gridPixels({ info, data: [null, NaN, "0", Infinity] });
+  assert.ok(pixels.every((value) => value === 0));
+});
+
 test("bytes in base64 are the same map", () => {
   const data = btoa(String.fromCharCode(0, 100, 255, 50));
   assert.deepEqual(gridPixels({ info, data }).pixels, gridPixels({ info, data: [0, 100, -1, 50] }).pixels);
@@ -185,6 +202,9 @@ test("bytes in base64 are the same map", () => {
 test("what does not fit together is no map", () => {
   assert.equal(gridPixels({ info, data: [0] }), null);
   assert.equal(gridPixels({ info: { ...info, resolution: 0 }, data: [0, 0, 0, 0] }), null);
+  assert.equal(gridPixels({ info: { ...info, resolution: Infinity }, data: [0, 0, 0, 0] }), null);
+  assert.equal(gridPixels({ info: { ...info, width: 1.6, height: 2.5 }, data: [0, 0, 0, 0] }), null);
+  assert.equal(gridPixels({ info, data: "***" }), null);
   assert.equal(gridPixels({ info: { ...info, width: 1e6, height: 1e6 }, data: [] }), null);
   assert.equal(gridPixels({}), null);
 });
@@ -194,6 +214,7 @@ test("a map that is not turned may leave its orientation unset, but not its plac
   const { position } = info.origin;
   assert.deepEqual(originOf({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), { x: -1, y: 2, theta: 0 });
   assert.deepEqual(originOf({ position: { ...position, x: null } }), undefined);
+  assert.deepEqual(originOf({ position, orientation: { x: null, y: null, z: null, w: null } }), undefined);
 });
 
 test("a pose without place or heading is unknown", () => {
