@@ -15,8 +15,8 @@ export class DriveTypeQuery {
   // What the robot reported once holds while it reports nothing: another type in mid-drive would stop it.
   // Both are asked at once: a rosapi that hangs must not take twice its time (connection.js).
   async find(call) {
-    const [{ type = "" }] = await Promise.all([ask(call, "/rosapi/topic_type", { topic: this.topic }), this.findRos(call)]);
-    if (isDriveType(type)) this.reported = type;
+    const [{ type }] = await Promise.all([ask(call, "/rosapi/topic_type", { topic: this.topic }), this.findRos(call)]);
+    if (typeof type === "string" && isDriveType(type)) this.reported = type;
     return this.reported || this.set || usualType(this.ros);
   }
 

@@ -53,10 +53,14 @@ export class Discovery {
   }
 }
 
+// Whatever a robot answers: what is no name is left out, and a type that is none is not known.
 async function allTopics(call) {
-  const { topics = [], types = [] } = await ask(call, "/rosapi/topics", {});
-  return topics.map((name, i) => ({ name, type: types[i] || "" }));
+  const { topics, types } = await ask(call, "/rosapi/topics", {});
+  const named = Array.isArray(topics) ? topics.map((name, i) => ({ name, type: textOf(types?.[i]) })) : [];
+  return named.filter(({ name }) => textOf(name));
 }
+
+const textOf = (value) => (typeof value === "string" ? value : "");
 
 // What the drive page can show, from the robot's settings or else from its topics. Pure.
 const USUAL_CAMERA = "/camera/image_raw";

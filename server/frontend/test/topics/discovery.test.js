@@ -45,6 +45,23 @@ test("a robot without rosapi gets the usual names", async () => {
   discovery.stop();
 });
 
+for (const [what, values] of [
+  ["nothing", { topics: null, types: null, type: null }],
+  ["numbers", { topics: [1, "/odom"], types: [2, 3], type: 4 }],
+  ["objects", { topics: {}, types: {}, type: {} }],
+]) {
+  test(`a robot that answers ${what} in place of names is asked again`, async () => {
+    let times = 0;
+    const call = async () => ({ ok: true, values: (times++, values) });
+    await discovery.run(call);
+    assert.deepEqual([found.length, found[0].speed, found[0].cameras, found[0].twistType], [1, undefined, [], "geometry_msgs/Twist"]);
+    const before = times;
+    mock.timers.tick(5000);
+    assert.ok(times > before);
+    discovery.stop();
+  });
+}
+
 test("a robot that is still starting is asked again, until the connection ends", async () => {
   const topics = { "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" };
   for (const [known, type] of [
