@@ -90,9 +90,10 @@ const BUTTONS = { enable: 4, turbo: 5, stop: 1 }; // of the standard mapping: LB
 const LEFT_STICK = [0, 1];
 const RIGHT_STICK = [2, 3];
 
-// Of a device that the browser knows ("standard" mapping); null for others, which must be learnt.
+// Of a device that the browser knows ("standard" mapping) and that has all that it takes; null for others, which must be learnt.
 export function usualProfile({ mapping, axes, buttons }, kind) {
   if (mapping !== "standard" || axes < RIGHT_STICK[1] + 1) return null;
+  if (buttons <= Math.max(...Object.values(BUTTONS))) return null;
   const [across, along] = LEFT_STICK;
   const sideways = kind === "holonomic";
   const learnt = {

@@ -8,6 +8,7 @@ const PUSHED = 0.6;
 const BACK = 0.3;
 const OFF_CENTRE = 0.35; // greatest rest position of a stick: triggers rest at an end, some crosses beyond it
 const MARGIN = 0.05; // width of the dead zone beyond the rest position of a worn stick
+const END = 0.95; // least position of what rests at an end of its way
 const CLEAR = 0.6; // share of the strongest push that no other axis may reach
 
 const STICKS = ["forward", "left", "turn"];
@@ -41,7 +42,7 @@ export class Learner {
     if (!this.step) return;
     if (this.phase === "rest") this.rest(sample, at);
     else if (this.phase === "move") this.move(sample, at);
-    else if (this.isBack(sample)) this.next();
+    else this.back(sample, at);
   }
 
   // Leaves out what a gamepad need not have.
@@ -49,14 +50,19 @@ export class Learner {
     if (this.mayPass) this.next();
   }
 
-  rest({ axes, buttons }, at) {
-    const moved = !this.quiet || axes.some((value, i) => Math.abs(value - this.quiet[i]) > STILL);
+  rest(sample, at) {
+    if (!this.isAtRest(sample, at)) return;
+    this.quiet = this.still;
+    this.ask("move");
+  }
+
+  isAtRest({ axes, buttons }, at) {
+    const moved = !this.still || axes.some((value, i) => Math.abs(value - this.still[i]) > STILL);
     if (moved || buttons.includes(true)) {
-      this.quiet = axes;
+      this.still = axes;
       this.since = at;
-    } else if (at - this.since >= REST_MS) {
-      this.ask("move");
     }
+    return at - this.since >= REST_MS;
   }
 
   move(sample, at) {
@@ -99,8 +105,14 @@ export class Learner {
     return down.length === 1 && !this.used.buttons.has(down[0]) ? down[0] : null;
   }
 
-  isBack({ axes, buttons }) {
-    return !buttons.includes(true) && axes.every((value, i) => Math.abs(this.away(value, i)) < BACK);
+  // A device may say 0 of a trigger until it is touched, and from then on the end at which it rests.
+  back(sample, at) {
+    const { axes, buttons } = sample;
+    const rests = this.isAtRest(sample, at);
+    const away = [...axes.keys()].filter((i) => Math.abs(this.away(axes[i], i)) >= BACK);
+    if (buttons.includes(true) || !away.every((i) => rests && !this.used.axes.has(i) && Math.abs(axes[i]) >= END)) return;
+    this.quiet = this.quiet.map((rest, i) => (away.includes(i) ? axes[i] : rest));
+    this.next();
   }
 
   next() {
@@ -111,7 +123,7 @@ export class Learner {
 
   ask(phase) {
     this.phase = phase;
-    this.candidate = null;
+    this.candidate = this.still = null;
     this.onAsk(this.step, phase);
   }
 }

@@ -60,6 +60,13 @@ for (const [name, moves, next] of [
   });
 }
 
+test("a trigger that says 0 until it is touched is learnt as a button, and is no stick", () => {
+  for (const untouched of [{}, { 1: -1 }, {}, { 0: -1 }, {}]) hold({ 2: 0, ...untouched });
+  hold({ 2: 1 }, [6]);
+  hold({ 2: -1 });
+  assert.deepEqual([learner.learnt.enable, asked.at(-1)], [6, "turbo move"]);
+});
+
 test("turbo and stop may be left out", () => {
   learnSticks();
   act({}, [0]);
