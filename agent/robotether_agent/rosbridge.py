@@ -45,13 +45,16 @@ class Rosbridge:
         self._socket = socket
         # What a message is of that cannot be read; None: that was logged.
         self._what: str | None = "rosapi"
+        self._ids = itertools.count()
 
     async def call(self, service: str, args: Mapping[str, object]) -> JsonObject:
         """Return what a service answers, nothing if it refuses. On a connection without subscriptions only."""
-        await self.send_call(CALL_ID, service, args)
+        # One that is answered twice must not answer the next call, too.
+        sent_id = f"{CALL_ID}:{next(self._ids)}"
+        await self.send_call(sent_id, service, args)
         while True:
             call_id, values = await self.answer()
-            if call_id == CALL_ID:
+            if call_id == sent_id:
                 return values
 
     async def send_call(self, call_id: str, service: str, args: Mapping[str, object]) -> None:
@@ -59,15 +62,13 @@ class Rosbridge:
         call = {"op": "call_service", "id": call_id, "service": service, "args": args}
         await self._socket.send_json(call)
 
-    async def answer(self) -> tuple[object, JsonObject]:
+    async def answer(self) -> tuple[str, JsonObject]:
         """Return the id of the next call that is answered, and the answer, which is empty if the service refused."""
         while True:
             operation = await self._operation()
-            if operation.get("op") == "service_response":
-                values = operation.get("values")
-                return operation.get("id"), cast(
-                    "JsonObject", values if isinstance(values, dict) else {}
-                )
+            call_id, values = operation.get("id"), operation.get("values")
+            if operation.get("op") == "service_response" and isinstance(call_id, str):
+                return call_id, cast("JsonObject", values if isinstance(values, dict) else {})
 
     async def subscribe(
         self, topic: str, kind: str, *, throttle_ms: int, queue_length: int = 1
@@ -128,7 +129,7 @@ class RosGraph:
         self._opened: asyncio.Future[Rosbridge]
         self._reader: asyncio.Future[None] | None = None
         self._ids = itertools.count()
-        self._answers: dict[object, asyncio.Future[JsonObject]] = {}
+        self._answers: dict[str, asyncio.Future[JsonObject]] = {}
         # When an answer was late first, of those that have not come yet.
         self._silent_since_s: float | None = None
 

@@ -138,6 +138,8 @@ class TopicRosbridge(WebService):
         # What rosapi says of who publishes and who subscribes; None: rosbridge finds no such service.
         self.publishers: list[str] | None = None
         self.subscribers: list[str] | None = None
+        # The ids with which a call is answered, one answer each.
+        self.answer_ids: Callable[[str], list[Any]] = lambda call_id: [call_id]
         self.got: list[dict[str, Any]] = []
         self._sockets: set[web.WebSocketResponse] = set()
         self._stopped = asyncio.Event()
@@ -192,9 +194,10 @@ class TopicRosbridge(WebService):
     async def _take(self, socket: web.WebSocketResponse, operation: dict[str, Any]) -> None:
         self.got.append(operation)
         if operation["op"] == "call_service":
-            answer = {"op": "service_response", "id": operation["id"], "result": True}
+            answer = {"op": "service_response", "result": True}
             answer |= {"service": operation["service"], "values": self._look_up(operation)}
-            await socket.send_json(answer)
+            for answer_id in self.answer_ids(operation["id"]):
+                await socket.send_json({**answer, "id": answer_id})
 
     def _look_up(self, operation: dict[str, Any]) -> dict[str, Any]:
         if operation["service"] == TOPICS_SERVICE:

@@ -81,6 +81,17 @@ async def test_a_rosapi_that_rosbridge_does_not_find_has_no_empty_list_of_topics
         await graph.topics()
 
 
+async def test_what_is_answered_twice_or_to_no_call_is_no_other_calls_answer(asking):
+    robot, graph = asking
+    robot.publishers, robot.subscribers = ["/rosbridge"], ["/base"]
+    robot.answer_ids = lambda call_id: [{}, 7, call_id, call_id]
+    assert await graph.topics() == {"/a": "a/A"}
+    async with connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge:
+        for kind in ("publishers", "subscribers", "publishers"):
+            call = rosbridge.call(f"/rosapi/{kind}", {"topic": "/a"})
+            assert list(await asyncio.wait_for(call, 5)) == [kind]
+
+
 async def test_a_silent_rosapi_holds_up_the_first_question_alone(asking, monkeypatch):
     """Who asks again is answered at once, without another connection, until it may be asked anew."""
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.2)
