@@ -224,10 +224,12 @@ def battery_in(message: JsonObject, unit: Unit | None) -> Battery | None:
 def _percent(message: JsonObject, unit: Unit | None) -> int | None:
     level = number_in(message, "percentage")
     if level is None:
-        level, unit = _charged(message), "fraction"
+        level = _charged(message)
+        # 0 is what a driver sends that does not measure the charge.
+        unit = "fraction" if level else None
     if level is None or not 0 <= level <= 100:  # noqa: PLR2004
         return None
-    if level == 0 or unit == "percent":
+    if unit == "percent":
         return round(level)
     if unit is None and _is_doubtful(level, message):
         return None
@@ -235,8 +237,11 @@ def _percent(message: JsonObject, unit: Unit | None) -> int | None:
 
 
 def _is_doubtful(level: float, message: JsonObject) -> bool:
-    """Whether a level of which the unit is unknown may as well be percent: 1 is full, or nearly empty."""
-    return level >= NEARLY_ONE or not _fits_voltage(level, message)
+    """Whether a level of which the unit is unknown may as well be percent: 1 is full, or nearly empty.
+
+    0 of a topic that has never shown another level is what a driver sends that does not know it.
+    """
+    return level == 0 or level >= NEARLY_ONE or not _fits_voltage(level, message)
 
 
 def unit_shown(message: JsonObject) -> Unit | None:

@@ -118,7 +118,11 @@ async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
 @pytest.mark.parametrize(
     ("message", "unit", "percent"),
     [
-        (state(0.0), None, 0),
+        (state(0.0), "fraction", 0),
+        (state(0.0), "percent", 0),
+        # Drivers that do not know the level leave it at 0, ROS's default.
+        ({"percentage": 0.0, "voltage": 12.4}, None, None),
+        ({"percentage": None, "charge": 0.0, "capacity": 8.0}, "percent", None),
         (state(0.5), None, 50),
         (state(1), "fraction", 100),
         (state(1.05), "fraction", 100),
