@@ -77,6 +77,9 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
     made.self_signed("ed25519", *NAMED, key=("-newkey", "ed25519"))
     made.self_signed("small", *NAMED, key=("-newkey", "rsa:1024"))
     made.self_signed("client", *NAMED, "-addext", "extendedKeyUsage=clientAuth")
+    encipherment = ("-addext", "keyUsage=critical,keyEncipherment,dataEncipherment")
+    made.self_signed("encipherment", *NAMED, *encipherment, key=RSA)
+    made.self_signed("numbers", *NAMED, "-pkeyopt", "ec_param_enc:explicit")
     for name, year in (("ended", 2020), ("later", 2090)):
         begin = datetime(year, 1, 1, tzinfo=UTC)
         both = make_certificate(made.folder, begin, begin + timedelta(days=365))
@@ -148,6 +151,8 @@ REFUSED = [
     ("ed25519.pem", "ed25519.key", HOST, "no browser opens a site with this kind of key: ED25519"),
     ("small.pem", "small.key", HOST, "nginx cannot load it: ee key too small"),
     ("client.pem", "client.key", HOST, "is not for servers"),
+    ("encipherment.pem", "encipherment.key", HOST, "keyUsage has no digitalSignature"),
+    ("numbers.pem", "numbers.key", HOST, "numbers of its curve"),
     ("ended.pem", "ended.pem", "localhost", "has ended"),
     ("later.pem", "later.pem", "localhost", "is not valid yet"),
 ]  # fmt: skip
