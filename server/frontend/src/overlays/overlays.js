@@ -69,7 +69,8 @@ export class Diagnostics {
 
   // `message` is a diagnostic_msgs/DiagnosticArray.
   receive({ status }, now) {
-    for (const { name, level, message } of status ?? []) {
+    for (const entry of Array.isArray(status) ? status : []) {
+      const { name, level, message } = entry ?? {};
       if (typeof name !== "string") continue;
       if (!this.byName.has(name) && this.byName.size >= MAX_NAMES) continue;
       this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });

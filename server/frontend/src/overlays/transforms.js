@@ -25,7 +25,8 @@ export class Transforms {
     for (const transform of transforms.slice(0, MAX_FRAMES)) this.add(transform, { fixed, at });
   }
 
-  add({ header, child_frame_id, transform }, source) {
+  add(stamped, source) {
+    const { header, child_frame_id, transform } = stamped ?? {};
     const [parent, child] = [plainFrame(header?.frame_id), plainFrame(child_frame_id)];
     const read = readTransform(transform);
     if (!parent || !child || !read) return;

@@ -67,6 +67,12 @@ test("the newest of each name counts, and the worst comes first", () => {
   );
 });
 
+test("what is no status is left out, and the others count", () => {
+  const diagnostics = new Diagnostics();
+  for (const status of [null, 5, [null, { name: 3 }, { name: "motor", level: 2 }]]) diagnostics.receive({ status }, 0);
+  assert.deepEqual(diagnostics.list(0), [{ name: "motor", level: "error", message: "" }]);
+});
+
 test("a part that says nothing for ten seconds is silent, however well it was", () => {
   const diagnostics = new Diagnostics();
   diagnostics.receive(status("motor", 0), 0);

@@ -73,7 +73,7 @@ test("frames that nothing connects, or that go in a circle, are found nowhere", 
 test("what is not a transform is left out, and the frames are bounded", () => {
   const nan = link("a", "nan", [NaN, 0, 0]);
   const zero = link("a", "zero", [0, 0, 0], { x: 0, y: 0, z: 0, w: 0 });
-  receive([nan, zero, {}, { child_frame_id: 3, header: { frame_id: "a" } }]);
+  receive([null, nan, zero, {}, { child_frame_id: 3, header: { frame_id: "a" } }]);
   transforms.receive({}, { fixed: true, at: 0 });
   assert.equal(transforms.frames.size, 0);
   const many = (from) => Array.from({ length: 1500 }, (_, i) => link("a", `frame${from + i}`));
