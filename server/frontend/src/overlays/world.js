@@ -142,10 +142,12 @@ export class World {
     this.onChange();
   }
 
+  // Where the robot was in another frame is no place in this map.
   useMap(map) {
+    const before = this.mapFrame;
     this.map?.bitmap.close?.();
     this.map = map;
-    this.locate();
+    if (!this.locate() && this.mapFrame !== before) this.placed = false;
   }
 
   // Null where the browser makes none, as of one with too long a side.

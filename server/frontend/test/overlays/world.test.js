@@ -111,6 +111,19 @@ test("odometry alone is no place in a map", async () => {
   assert.equal(world.robot.unplaced, undefined);
 });
 
+test("a place in one map is none in the next, which has another frame", async () => {
+  follow({ map: MAP, tf: TF });
+  show({ map: true });
+  world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
+  say("/tf", tf(link("floor1", "odom", 3)));
+  const unplaced = [];
+  for (const frame_id of ["floor1", "floor1", "floor2"]) {
+    await say("/map", { header: { frame_id }, ...grid(0) });
+    unplaced.push(Boolean(world.robot.unplaced));
+  }
+  assert.deepEqual(unplaced, [false, false, true]);
+});
+
 test("the localization moves the odometry's frame, and the way with it", () => {
   world.follow({ map: MAP, located: PLACE });
   world.show({ map: true });
