@@ -16,6 +16,10 @@ def jpeg_size(jpeg: bytes) -> tuple[int, int] | None:
     """Return width and height in pixels as the frame's own header says, or nothing if it has none."""
     at = len(JPEG_START)
     while at + 4 <= len(jpeg) and jpeg[at] == MARKER:
+        if jpeg[at + 1] == MARKER:
+            # A fill byte, any number of which may stand before a marker.
+            at += 1
+            continue
         if jpeg[at + 1] in FRAME_MARKERS:
             if at + 2 + _FRAME.size > len(jpeg):
                 return None
