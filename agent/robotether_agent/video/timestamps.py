@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 
 from robotether_agent.clock import robot_time
-from robotether_agent.fields import JsonObject
+from robotether_agent.fields import JsonObject, number_in
 from robotether_agent.problems import DetailError
 
 # Maximum age of a frame's timestamp; an older one is of another clock than this robot's.
@@ -54,8 +54,8 @@ def stamp_of(message: JsonObject) -> float | None:
     if not isinstance(stamp, dict):
         return None
     for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
-        seconds, nanoseconds = stamp.get(whole), stamp.get(part)
-        if isinstance(seconds, int) and isinstance(nanoseconds, int):
+        seconds, nanoseconds = number_in(stamp, whole), number_in(stamp, part)
+        if seconds is not None and nanoseconds is not None:
             return seconds + nanoseconds / 1e9 or None
     return None
 

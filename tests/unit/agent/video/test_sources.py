@@ -540,8 +540,9 @@ async def test_neither_source_is_told_with_both_reasons(run):
 def test_stamps_as_both_ros_write_them():
     for whole, part in (("sec", "nanosec"), ("secs", "nsecs")):
         assert stamp_of({"header": {"stamp": {whole: 5, part: 500_000_000}}}) == 5.5
-    for message in ({}, {"header": 1}, {"header": {"stamp": {"sec": 0, "nanosec": 0}}}):
-        assert stamp_of(message) is None
+    for stamp in ({"sec": 0, "nanosec": 0}, {"sec": 10**400, "nanosec": 0}, {"secs": "5"}, 5):
+        assert stamp_of({"header": {"stamp": stamp}}) is None
+    assert stamp_of({}) is stamp_of({"header": 1}) is None
 
 
 @pytest.mark.parametrize("progressive", [False, True])
