@@ -66,6 +66,9 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
     made.sign("middle", "root", "-subj", "/CN=middle", *MIDDLE)
     made.sign("good", "middle", *NAMED)
     made.join("chain", "good", "middle", "root")
+    made.sign("user", "root", "-subj", "/CN=user", "-addext", "basicConstraints=critical,CA:FALSE")
+    made.sign("by_user", "user", *NAMED)
+    made.join("unfit", "by_user", "user", "root")
     made.join("reversed", "root", "middle", "good")
     made.join("shuffled", "good", "root", "middle")
     made.self_signed("rsa", *NAMED, key=RSA)
@@ -144,6 +147,7 @@ REFUSED = [
     ("good.pem", "other.key", HOST, "the key is not the key of the certificate"),
     ("reversed.pem", "good.key", HOST, "own certificate is number 3 in the file, and must be the first"),
     ("shuffled.pem", "good.key", HOST, "certificate 2 of the file did not sign certificate 1"),
+    ("unfit.pem", "by_user.key", HOST, "2 of the file may not sign certificate 1: invalid CA certificate"),
     ("other.pem", "other.key", HOST, f"another name than PUBLIC_HOST, {HOST}: it is for DNS:other.example"),
     ("good.pem", "good.key", "192.0.2.7", "another name than PUBLIC_HOST, 192.0.2.7"),
     ("half_label.pem", "half_label.key", HOST, "another name than PUBLIC_HOST"),
