@@ -27,7 +27,7 @@ export class World {
   constructor({ subscribe, onChange, onMapRefused = ignore, makeBitmap = bitmapOf, now = () => performance.now() }) {
     this.subscriptions = new Subscriptions(subscribe);
     this.onChange = onChange;
-    this.mapLimits = { ...LIMITS.map, onRefused: onMapRefused, onUnread: () => this.receiveMap({}) };
+    this.mapLimits = { ...LIMITS.map, onRefused: onMapRefused };
     this.makeBitmap = makeBitmap;
     this.now = now;
     this.path = new Path();
