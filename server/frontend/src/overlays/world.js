@@ -285,7 +285,10 @@ export function gridPixels({ info, data }) {
 const isEmptyMap = ({ info }) => info?.width === 0 || info?.height === 0;
 
 // Map servers leave the orientation of a map that is not turned as it is: all zeros.
-const turnOf = ({ orientation = UNSET } = {}) => (Object.values(orientation).every((part) => part === 0) ? { ...UNSET, w: 1 } : orientation);
+function turnOf(origin) {
+  const orientation = origin?.orientation ?? UNSET;
+  return Object.values(orientation).every((part) => part === 0) ? { ...UNSET, w: 1 } : orientation;
+}
 const UNSET = { x: 0, y: 0, z: 0, w: 0 };
 
 const fits = (width, height, resolution) =>

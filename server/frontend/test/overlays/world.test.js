@@ -226,6 +226,7 @@ test("a map that is not turned may leave its orientation unset, but not its plac
   const originOf = (origin) => gridPixels({ info: { ...info, origin }, data: [0, 0, 0, 0] })?.origin;
   const { position } = info.origin;
   assert.deepEqual(originOf({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), { x: -1, y: 2, theta: 0 });
+  assert.deepEqual(originOf(null), undefined);
   assert.deepEqual(originOf({ position: { ...position, x: null } }), undefined);
   assert.deepEqual(originOf({ position, orientation: { x: null, y: null, z: null, w: null } }), undefined);
 });
