@@ -292,7 +292,10 @@ function turnOf(origin) {
 const UNSET = { x: 0, y: 0, z: 0, w: 0 };
 
 const fits = (width, height, resolution) =>
-  [width, height].every((side) => Number.isInteger(side) && side > 0) && width * height <= MAX_CELLS && resolution > 0 && resolution < Infinity;
+  [width, height].every((side) => Number.isInteger(side) && side > 0) &&
+  width * height <= MAX_CELLS &&
+  resolution > 0 &&
+  resolution < Infinity;
 
 const cellsOf = (data) => (typeof data === "string" ? signedBytes(data) : (data ?? []));
 

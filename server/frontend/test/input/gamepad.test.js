@@ -124,7 +124,8 @@ test("on a robot that goes sideways the left stick does that and the right one t
 });
 
 test("a device that the browser does not know, or with one stick, has no usual profile", () => {
-  for (const device of [{ mapping: "" }, { axes: 2 }, { buttons: 4 }]) assert.equal(usualProfile({ ...STANDARD, ...device }, "differential"), null);
+  for (const device of [{ mapping: "" }, { axes: 2 }, { buttons: 4 }])
+    assert.equal(usualProfile({ ...STANDARD, ...device }, "differential"), null);
 });
 
 test("the turbo button asks for the higher limits, if there is one", () => {
