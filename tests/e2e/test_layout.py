@@ -239,6 +239,9 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
                 assert not _overlap(box, _box(driven, name)), f"{size} it covers {name}"
         for name in ("joystick", "joystick-turn", "stop"):
             assert driven.evaluate(UNCOVERED, [name]) == [], f"{size} {name}, with the drawer open"
+    # A short phone has the least room for two sticks.
+    resize(driven, 360, 640)
+    assert driven.evaluate(UNCOVERED, ["joystick", "joystick-turn", "stop"]) == []
     driven.get_by_test_id("two-sticks").click()
     driven.get_by_test_id("drawer-open").click()
 
