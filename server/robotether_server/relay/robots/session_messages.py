@@ -1,6 +1,6 @@
-"""Parses and builds the lines between agent and relay.
+"""Parses and builds the lines between agent and relay: what each means, and when it comes.
 
-Pure. The contract is the section "The session" of docs/reference/protocols.md.
+Pure. The section "The session" of docs/reference/protocols.md says how they are sent.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Preface(Struct, frozen=True, tag="preface"):
 
 
 class PingLine(Struct, tag="ping"):
-    """The agent's heartbeat, with its clock."""
+    """The agent's heartbeat, with its CLOCK_BOOTTIME."""
 
     seq: int
     t_ms: UptimeMs
@@ -92,10 +92,10 @@ class PongLine(Struct, tag="pong"):
 
 
 class HelloLine(Struct, tag="hello"):
-    """What the robot is.
+    """What the robot is: the first line on `session`.
 
-    `epoch` is the Unix time of the session's start in ms by the robot's clock, and more than that of the session
-    before; 0: an older agent.
+    `epoch` orders a robot's sessions, at any cell. It is the Unix time of the session's start in ms by the robot's
+    clock, and more than that of the session before; 0: an older agent.
     """
 
     hostname: Annotated[str, Meta(max_length=253)]
@@ -108,9 +108,11 @@ class HelloLine(Struct, tag="hello"):
 
 
 class GuardLine(Struct, tag="guard"):
-    """What a guard reports of itself, and the id of the message that it answers.
+    """What a guard reports of itself, and the id of the message that it answers, `stop` or `release`.
 
-    `refused` and `stops` count since its start; an older guard does not count its stops.
+    It comes when the guard has read its latch, when a member changes (`refused` and `stops`: at most every second), and
+    as the answer. `stopped` is what the disk has. `refused` and `stops` count since the guard's start; an older guard
+    does not count its stops. `unheard`, the driven topics without a listener on the robot, is for the agent alone.
     """
 
     state: GuardState
@@ -144,7 +146,11 @@ def _counts_of(counts: Mapping[str, int], names: Iterable[str]) -> tuple[tuple[s
 
 
 class SeenLine(Struct, tag="seen"):
-    """How old was what the driver with this fence saw, and how slow that made the robot; see SeenReport."""
+    """How old was what the driver with this fence saw, and how slow that made the robot; see SeenReport.
+
+    At most every 0.5 s, of the commands that moved the robot since the last report; of over 64 ages only the greatest
+    remains.
+    """
 
     fence: Annotated[int, Meta(ge=1, le=MAX_FENCE)]
     ages_ms: Annotated[list[AgeMs | None], Meta(max_length=MAX_AGES)]
@@ -166,7 +172,10 @@ class SeenLine(Struct, tag="seen"):
 
 
 class HealthLine(Struct, tag="health"):
-    """Whether the robot's own services answer, and whether its rosbridge is open beyond loopback."""
+    """Whether the robot's own services answer, and whether its rosbridge is open beyond loopback; when that changes.
+
+    `video` is `ok` if any source of the robot's `video_source` answers.
+    """
 
     ros: ServiceState
     video: ServiceState
@@ -181,7 +190,7 @@ class BatteryState(Struct):
 
 
 class VitalsLine(Struct, tag="vitals"):
-    """What a robot reports of its battery; None: it has none, or the battery was silent for 60 s."""
+    """What a robot reports of its battery, at most every 5 s; None: it has none, or it was silent for 60 s."""
 
     battery: BatteryState | None = None
 
@@ -199,7 +208,10 @@ HELP_SOURCES = {source: source for source in get_args(HelpSource)}
 
 
 class HelpLine(Struct, tag="help"):
-    """The robot asks for a person. What a newer agent names is read as what is known here, and costs no session."""
+    """The robot asks for a person. What a newer agent names is read as what is known here, and costs no session.
+
+    The agent sends one of each source in 5 s, and again on the next session unless a later ping was answered.
+    """
 
     source: str
     reason: str
@@ -224,14 +236,14 @@ class NearerLine(Struct, tag="nearer"):
 
 
 class PositionLine(Struct, tag="position"):
-    """Where the robot is, in metres, by the pose topic of its geofence."""
+    """Where the robot is, in metres, by the pose topic of its geofence: each second while somebody uses the robot."""
 
     x: Coordinate
     y: Coordinate
 
 
 class SignedHeadLine(Struct, tag="signed_head"):
-    """The robot's signature of a line of its chain in the audit log."""
+    """The robot's signature of a line of its chain in the audit log: one line for each that `sign_head` asks for."""
 
     position: Annotated[int, Meta(ge=1, le=MAX_POSITION)]
     hash: Sha256
@@ -323,7 +335,13 @@ def config_line(
     cells: Iterable[SshAddresses],
     connection_id: str | None,
 ) -> bytes:
-    """Build the settings that the agent works with; `cells` are where it connects, the best first."""
+    """Build the settings that the agent works with: the first line, sent again when a member changes.
+
+    A `shell_port` of None: no shell. `rotate_key`: the agent joins with a new key and `previous_key`. `media`: it keeps
+    the media connection. `idle_heartbeat_s` is not None while nobody uses the robot. With `direct`, `media` is true and
+    `idle_heartbeat_s` None. `cells`, only on `session`, are where it connects next, the best first; none: no change.
+    `connection_id` is how the logs of sshd and relay name this connection.
+    """
     addresses = [{"host": cell.host, "ports": cell.ports, "rank": cell.rank} for cell in cells]
     return _line(
         "config",
@@ -344,12 +362,12 @@ def config_line(
 
 
 def lease_line(fence: int, *, held: bool) -> bytes:
-    """Write the newest number, and whether somebody drives with it."""
+    """Write the newest number, and whether somebody drives with it: after the first `config`, and at each change."""
     return _line("lease", fence=fence, held=held)
 
 
 def stop_line(message_id: str, by: str) -> bytes:
-    """Build the line that stops the robot."""
+    """Build the line that stops the robot: after `lease`, at each stop, and every second until the guard confirms."""
     return _line("stop", id=message_id, by=by)
 
 
@@ -359,12 +377,15 @@ def release_line(message_id: str, by: str) -> bytes:
 
 
 def sign_head_line(chain: str, position: int, line_hash: str, newest: str | None) -> bytes:
-    """Build the request to sign a line; `newest` is the SHA-256 of the robot's newest statement that the server has."""
+    """Build the request to sign a line; `newest` is the SHA-256 of the robot's newest statement that the server has.
+
+    The agent answers with all later statements, and stores them until then.
+    """
     return _line("sign_head", chain=chain, position=position, hash=line_hash, newest=newest)
 
 
 def checked_line(*, ros: ServiceState, video: ServiceState, shell: ServiceState) -> bytes:
-    """Build the answer to `check`."""
+    """Build the answer to `check`, at most every 5 s; `unknown`: no such forward, or video that nobody watches."""
     return _line("checked", ros=ros, video=video, shell=shell)
 
 
@@ -379,7 +400,7 @@ def pong_line(ping: PingLine) -> bytes:
 
 
 def bye_line(code: ByeCode, detail: str) -> bytes:
-    """Build the last line of a connection."""
+    """Build the last line of a connection; the session command sends `relay_lost` if there was none."""
     return _line("bye", code=code, detail=detail)
 
 
