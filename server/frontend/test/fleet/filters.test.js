@@ -37,9 +37,6 @@ test("each choice narrows what is shown", () => {
   assert.deepEqual(names({ states: ["stopped"] }), ["sim30"]);
   assert.deepEqual(names({ states: ["attention"] }), ["sim2", "sim30"]);
   assert.deepEqual(names({ words: "ann", site: "lab" }), []);
-});
-
-test("who waits for approval needs attention", () => {
   const waiting = { name: "new", online: false, state: "pending" };
   assert.equal(filterOf({ ...USUAL, states: ["attention"] })(waiting), true);
 });

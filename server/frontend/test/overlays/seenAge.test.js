@@ -29,16 +29,12 @@ const words = () => (element.hidden ? "" : part(element, "value").textContent);
 
 const frame = (at, shownAt) => ({ topic: "/a", sequence: 1, at, shownAt });
 
-test("the age that the robot measures is shown with about its parts", () => {
+test("the age that the robot measures is shown with about its parts, and what it does not know is unknown", () => {
   seenAge.command([frame(9910, 9960), frame(9900, 9970)], 10_000);
   receive(140.4);
   assert.equal(words(), "seen 140 ms ago");
   assert.match(element.title, /about 70 ms until it is shown, 30 ms until the command, 40 ms on to the robot/);
   assert.equal(parts.textContent, element.title);
-});
-
-test("what the robot does not know is unknown", () => {
-  seenAge.command([frame(9900, 9960)], 10_000);
   receive(null);
   assert.equal(words(), "seen ? ms ago");
   assert.match(element.title, /does not know/);
