@@ -67,9 +67,14 @@ function show(searched = false) {
   markHeirs(searched ? { places: [], keys: [] } : heirs(names, keys, before));
   const asking = [...byRobot.keys()].filter((name) => robots.has(name));
   setText(byTestId(main, "wall-asking"), texts.asking(asking));
-  const isKnown = robots.size > 0 || feedState.dataset.feed === "live";
-  setText(byTestId(main, "wall-count"), isKnown ? texts.count(names.length, all.length, most) : "");
-  byTestId(main, "wall-empty").hidden = names.length > 0 || feedState.dataset.feed !== "live";
+  count(names.length, all.length);
+}
+
+// Before the feed has come, nobody knows that there are none.
+function count(shown, all) {
+  const isLive = feedState.dataset.feed === "live";
+  setText(byTestId(main, "wall-count"), robots.size > 0 || isLive ? texts.count(shown, all, most) : "");
+  byTestId(main, "wall-empty").hidden = shown > 0 || !isLive;
 }
 
 const presentNames = () => [...list.container.children].map(({ dataset }) => dataset.robot);
