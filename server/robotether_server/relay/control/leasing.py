@@ -128,8 +128,9 @@ class Leasing:
             yield driver.fence
         finally:
             driver.calls -= 1
-            if driver.for_calls and not driver.calls and isinstance(driver.holder, Connection):
-                self.end(driver.holder)
+            holder = driver.holder
+            if holder.is_call and not driver.calls and isinstance(holder, Connection):
+                self.end(holder)
                 self._audit_calls("calls_ended", driver)
 
     async def _begin_for_calls(self, connection: Connection, claimant: Holder | None) -> Driver:
@@ -141,7 +142,6 @@ class Leasing:
         except BaseException:
             self.end(connection)
             raise
-        driver.for_calls = True
         self._audit_calls("calls_started", driver)
         return driver
 
@@ -254,6 +254,9 @@ class Leasing:
         try:
             older = lease.claim(connection, now())
         except HeldError as held:
+            if held.is_call and connection.is_route:
+                # A route ends for good when somebody else drives. A call is over in a moment.
+                raise ConnectionClosedError(close_reasons.called(robot.name, held.user)) from held
             since = None if held.since is None else held.since.utc
             raise ConnectionClosedError(
                 close_reasons.lease_held(robot.name, held.user, since)

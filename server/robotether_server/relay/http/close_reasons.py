@@ -132,6 +132,12 @@ def cell_draining(robot: str) -> CloseReason:
     return CloseReason("lease_unavailable", why)
 
 
+def called(robot: str, by: str) -> CloseReason:
+    """A route may not drive while a call over HTTP does."""
+    why = f"cannot let you drive {robot}: {by} calls a service of it; try again shortly"
+    return CloseReason("lease_unavailable", why)
+
+
 def client_silent(robot: str, limit_s: float) -> CloseReason:
     """No pong or message for 6 s (pings every 2 s); of a driver 2.5 s (every 0.2 s), of an app's routes 10 s."""
     why = f"you sent nothing for {limit_s:g} s; the connection to {robot} is closed"

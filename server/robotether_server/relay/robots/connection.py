@@ -38,6 +38,8 @@ class Connection:
     cell: str = ""
     # Of a user's routes: nobody is at it.
     is_route: bool = False
+    # Of a request over HTTP: it has the lease for a moment.
+    is_call: bool = False
 
     @property
     def is_recorder(self) -> bool:

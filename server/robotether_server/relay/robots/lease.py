@@ -49,6 +49,10 @@ class Holder(Protocol):
     def is_route(self) -> bool:
         """Whether it is a user's routes that drive, and not the user."""
 
+    @property
+    def is_call(self) -> bool:
+        """Whether it is a call over HTTP, whose lease ends with the last of its user's calls."""
+
 
 def _is_same(holder: Holder, other: Holder) -> bool:
     """Return whether one may drive in place of the other: a route and its maker are two."""
@@ -69,17 +73,13 @@ class Instant:
 
 @dataclass
 class Driver:
-    """Who holds the lease; `input` is when a command came last, `calls` the number of calls over HTTP that share it.
-
-    A lease `for_calls` ends with the last of them.
-    """
+    """Who holds the lease; `input` is when a command came last, `calls` the number of calls over HTTP that share it."""
 
     holder: Holder
     fence: int
     since: Instant
     input: Instant
     calls: int = 0
-    for_calls: bool = False
 
     def on_command(self, now: Instant) -> None:
         """The driver sent a command: it is there. A route is not, as it answers nobody who asks for control."""
@@ -120,10 +120,11 @@ class Handover:
 class HeldError(RobotetherError):
     """Somebody else drives, or the lease is kept for somebody else."""
 
-    def __init__(self, user: str, since: Instant | None) -> None:
+    def __init__(self, user: str, since: Instant | None, *, is_call: bool = False) -> None:
         super().__init__(user)
         self.user = user
         self.since = since
+        self.is_call = is_call
 
 
 class Lease:
@@ -171,7 +172,8 @@ class Lease:
         """
         present = self.driver.holder if self.driver is not None else self._claimant
         if present is not None and not _is_same(present, holder):
-            raise HeldError(present.user, self.driver.since if self.driver is not None else None)
+            since = self.driver.since if self.driver is not None else None
+            raise HeldError(present.user, since, is_call=present.is_call)
         reservation = self.reserved(now)
         if reservation is not None and (holder.is_route or reservation.user.id != holder.user_id):
             raise HeldError(reservation.user.name, None)

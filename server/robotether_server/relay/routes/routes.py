@@ -339,7 +339,7 @@ class RouteRunner:
             return "robot_stopped"
         driver = self._context.control.leasing.of(route.target_id).driver
         # A call over HTTP holds the lease for a moment.
-        is_free = driver is None or driver.for_calls or driver.holder.is_route
+        is_free = driver is None or driver.holder.is_call or driver.holder.is_route
         return None if is_free else "lease_held"
 
     def _where(self, route: RelayRoute) -> LiveRoute | None:

@@ -60,7 +60,7 @@ class HttpCalls:
         call = HttpCall(request, permit.robot.name, self.traffic)
         level: Level = permit.level if use == "drive" else "observe"
         connection = Connection(
-            permit.user.id, permit.user.name, permit.robot, use, call.end, level=level
+            permit.user.id, permit.user.name, permit.robot, use, call.end, level=level, is_call=True
         )
         if (why := self.context.connections.no_room(connection)) is not None:
             raise TooManyConnectionsError(f"cannot ask robot {permit.robot.name}: {why}")

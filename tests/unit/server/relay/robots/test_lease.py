@@ -26,6 +26,7 @@ NOON = utc(2026, 1, 1, 12, 0)
 class FakeHolder:
     of: RelayUser
     is_route: bool = False
+    is_call: bool = False
 
     @property
     def user_id(self):

@@ -15,6 +15,7 @@ from relay_server import BEN, CARL, EVE, MemoryDatabase, RelayServer, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.control.leasing import LeaseRequester, now
 from robotether_server.relay.robots import lease
+from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
 from robotether_server.times import utc_now
@@ -232,6 +233,22 @@ async def test_it_never_begins_beside_a_person_who_is_about_to_drive(world, monk
     await until(world.ends, "the route ended")
     assert world.ends() == ["lease_held"]
     assert target_lease.fence == 0
+
+
+@pytest.mark.parametrize("phase", ["claims", "holds"])
+async def test_it_waits_for_a_call_over_http(world, phase):
+    """A call has the lease for a moment, and nobody drives."""
+    robot, leasing = world.database.robots[TARGET], world.relay.relay.control.leasing
+    call = Connection(BEN.id, "ben", robot, "drive", lambda _reason: None, is_call=True)
+    if phase == "claims":
+        leasing._claim(leasing.of(TARGET), call)
+    else:
+        await leasing.begin(call)
+    world.database.routes = [FOLLOW]
+    await until(lambda: "ben calls a service" in world.why(), "it waits")
+    leasing.end(call)
+    await until(lambda: world.live()[1][0] == "runs", "the route runs")
+    assert world.ends() == []
 
 
 async def test_who_asks_for_control_gets_it_although_commands_come(world, monkeypatch):
