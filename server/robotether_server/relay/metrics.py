@@ -275,12 +275,12 @@ def _read_backups(folder: Path) -> Iterator[GaugeMetricFamily]:
     copied = GaugeMetricFamily(
         "robotether_relay_backup_copy_age_seconds", "Time since a backup was copied; +Inf: never"
     )
-    # What is not known has no value.
+    # What is not known has no value, nor has what is of the future by this machine's clock.
     if last := last_backup(folder):
-        age.add_metric([], age_s(last.made_at))
-        copied.add_metric([], age_s(last.copied_at))
-    yield age
-    yield copied
+        for family, timestamp in ((age, last.made_at), (copied, last.copied_at)):
+            if (value := age_s(timestamp)) >= 0:
+                family.add_metric([], value)
+    yield from (age, copied)
 
 
 def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:

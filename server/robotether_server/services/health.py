@@ -175,7 +175,12 @@ def _backups(record: Path) -> PartHealth:
         words = "None was made on this machine; they are made where the database is."
         return PartHealth("backups", "unknown", words, run_it)
     words = f"The last one on this machine is of {last.made_at:%Y-%m-%d %H:%M} UTC."
-    if utc_now() - last.made_at < BACKUP_AGE:
+    if (age := utc_now() - last.made_at) < dt.timedelta():
+        future = (
+            f"{words} That is in the future by this machine's clock, so how old it is is not known."
+        )
+        return PartHealth("backups", "unknown", future, "See date on this machine.")
+    if age < BACKUP_AGE:
         return PartHealth("backups", "good", words)
     return PartHealth("backups", "bad", words, run_it)
 

@@ -2,6 +2,7 @@
 
 import datetime as dt
 import socket
+import time
 from dataclasses import replace
 from threading import Thread
 
@@ -80,6 +81,15 @@ def test_disks_and_recorder_of_each_cell_are_judged(
     for name, state in expected.items():
         kinds = ("recorder", "disk", "recordings")
         assert {parts[f"{kind} of {name}"] for kind in kinds} == {state}, name
+
+
+@pytest.mark.parametrize(("age_s", "state"), [(3600, "good"), (200_000, "bad"), (-3600, "unknown")])
+def test_a_backup_is_good_for_a_day_and_never_with_a_date_in_the_future(
+    root, use, tmp_path, age_s, state
+):
+    (tmp_path / "made").write_text(f"{time.time() - age_s:.0f}")
+    use(backup_record=tmp_path)
+    assert states(root)[0]["backups"] == state
 
 
 @pytest.mark.parametrize(

@@ -56,6 +56,9 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
     [age] = [line for line in lines(metrics) if line.startswith("robotether_relay_backup_age")]
     assert float(age.split()[1]) >= 60
     assert "robotether_relay_backup_copy_age_seconds +Inf" in lines(metrics)
+    # By a clock that was set back, it would count as new for as long.
+    (folder / "made").write_text(f"{int(time.time()) + 60}\n")
+    assert not [line for line in lines(metrics) if line.startswith("robotether_relay_backup_age")]
 
 
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
