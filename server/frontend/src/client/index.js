@@ -13,14 +13,13 @@ import { FrameStream } from "./frames.js";
 import { Painter } from "./painter.js";
 import { fullName } from "./rosbridge.js";
 import { Session } from "./session.js";
-import { ShownFrames } from "./shownFrames.js";
+import { ShownFrames, oldestSeen } from "./shownFrames.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
 const MODULE = "/static/dist/robotether-client.js";
 const USUAL_CAMERA = "/camera/image_raw";
 const STOP_CONFIRM_MS = 3000;
 const CANVAS = "canvas"; // an <img> shows JPEG alone
-const MAX_SEEN = 8; // maximum number of frames that a command names
 const FRESH_MS = 2000; // time for which what was measured says how it is; both come at least each second
 
 export class Robot {
@@ -241,9 +240,7 @@ export class Robot {
     const running = [...this.shown].filter(({ stream }) => stream.running);
     if (running.length) this.shown = new Set(running);
     if (!this.shown.size) return undefined;
-    return [...this.shown]
-      .slice(0, MAX_SEEN)
-      .map(({ topic, frames }) => ({ camera: topic, frame: frames.seenAt(timestamp)?.sequence ?? null }));
+    return oldestSeen([...this.shown], timestamp);
   }
 
   // An address for <img src>, good for 30 s to begin with. Prefer showVideo: it comes back after a cut.

@@ -1,5 +1,6 @@
 // The frames that one place of a page has shown lately, and which of them a person saw at a given time.
 const KEPT_MS = 2000; // a command is never of an input that is longer ago
+const MAX_NAMED = 8; // maximum number of frames that a command names
 
 /** @typedef {{sequence: number, at: number, shownAt: number}} ShownFrame `at` is its timestamp; both times are on the page's clock */
 
@@ -40,4 +41,16 @@ export class ShownFrames {
   seenAt(timestamp) {
     return this.frames.filter(({ shownAt }) => shownAt <= timestamp).at(-1) ?? null;
   }
+}
+
+// Of the frames that were seen at this time the oldest, as the robot goes by the oldest: one that is unknown or of unknown age
+// may be older than all.
+/** @type {(views: {topic: string, frames: ShownFrames}[], timestamp: number) => {camera: string, frame: number | null}[]} */
+export function oldestSeen(views, timestamp) {
+  const seen = views.map(({ topic, frames }) => ({ topic, frame: frames.seenAt(timestamp) }));
+  const takenAt = ({ frame }) => frame?.at ?? -Infinity;
+  return seen
+    .sort((a, b) => takenAt(a) - takenAt(b) || 0)
+    .slice(0, MAX_NAMED)
+    .map(({ topic, frame }) => ({ camera: topic, frame: frame?.sequence ?? null }));
 }

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { ShownFrames } from "../../src/client/shownFrames.js";
+import { ShownFrames, oldestSeen } from "../../src/client/shownFrames.js";
 
 function shown(...times) {
   const frames = new ShownFrames();
@@ -46,4 +46,14 @@ test("what is kept is bounded, and can be forgotten", () => {
   assert.ok(frames.frames.length <= 202);
   frames.forget();
   assert.equal(frames.seenAt(1e6), null);
+});
+
+test("of more views than a command can name, the oldest are named, and first what may be older still", () => {
+  const views = Array.from({ length: 10 }, (_, place) => ({ topic: `/camera${place}`, frames: new ShownFrames() }));
+  views.forEach(({ frames }, place) => place && frames.note({ sequence: place, at: 1000 - place, shownAt: 1000 }));
+  views[5].frames.note({ sequence: 50, at: null, shownAt: 1001 });
+  assert.deepEqual(
+    oldestSeen(views, 1001).map(({ camera, frame }) => [camera, frame]),
+    [["/camera0", null], ["/camera5", 50], ...[9, 8, 7, 6, 4, 3].map((place) => [`/camera${place}`, place])],
+  );
 });
