@@ -28,7 +28,8 @@ class Recording:
 
     `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
     who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
-    interrupted: nothing is heard of the recorder. `cell`: whose machine has the file.
+    interrupted: nothing is heard of the recorder. `messages_left_out`: of topics for which the file had no room.
+    `cell`: whose machine has the file.
     """
 
     id: Count
@@ -43,6 +44,7 @@ class Recording:
     end_code: str | None
     bytes: Count
     messages: Count
+    messages_left_out: Count | None
     cell: str | None
 
     @property
@@ -83,11 +85,12 @@ class RecordableRobot:
 
 @dataclass(frozen=True)
 class Progress:
-    """What the recorder writes of a recording while it lasts."""
+    """What the recorder writes of a recording while it lasts; `messages_left_out` None: unknown."""
 
     bytes: int
     messages: int
     drivers: Sequence[str] = ()
+    messages_left_out: int | None = 0
 
 
 MAX_DRIVERS_LENGTH = 255
@@ -260,9 +263,15 @@ def add(
 def write_progress(tx: Transaction, recording_id: int, progress: Progress) -> None:
     """Write how far a recording is."""
     tx.change(
-        "UPDATE recordings SET bytes = %s, messages = %s, drivers = %s,"
+        "UPDATE recordings SET bytes = %s, messages = %s, messages_left_out = %s, drivers = %s,"
         " progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
-        (progress.bytes, progress.messages, _drivers(progress), recording_id),
+        (
+            progress.bytes,
+            progress.messages,
+            progress.messages_left_out,
+            _drivers(progress),
+            recording_id,
+        ),
     )
 
 

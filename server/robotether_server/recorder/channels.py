@@ -63,6 +63,10 @@ string stopped_by
 bool stop_confirmed  # by the robot's guard
 string guard
 """
+LEFT_OUT = """\
+builtin_interfaces/Time stamp  # from here on the file has no messages of topics that are new to it
+string topic  # the first of them
+"""
 TEXT = "string data  # JSON\n"
 COMPRESSED_IMAGE = "std_msgs/Header header\nstring format\nuint8[] data\n"
 COMPRESSED_VIDEO = (
@@ -107,6 +111,14 @@ OWN_TOPICS: Mapping[str, OwnTopic] = {
     "seen_ages": _own("seen_ages", "SeenAge", SEEN_AGE),
     "control": _own("control", "Control", CONTROL),
 }
+_LEFT_OUT = _own("left_out", "LeftOut", LEFT_OUT)
+
+
+def left_out_note(message: RecordedMessage) -> RecordedMessage:
+    """Return what a file says in place of the first message of a topic that finds no room."""
+    sec, nanosec = divmod(message.log_ns, NS_PER_S)
+    members = {"stamp": {"sec": sec, "nanosec": nanosec}, "topic": message.channel.topic}
+    return message._replace(channel=_LEFT_OUT.channel, sequence=0, data=_LEFT_OUT.encode(members))
 
 
 class CameraWriter:

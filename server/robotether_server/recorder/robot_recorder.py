@@ -18,7 +18,7 @@ from typing import Any
 
 from robotether_server.db.recordings import Progress, RecordableRobot
 from robotether_server.recorder.cdr import EncodingError
-from robotether_server.recorder.channels import OWN_TOPICS
+from robotether_server.recorder.channels import OWN_TOPICS, left_out_note
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
 from robotether_server.recorder.observer import RobotObserver
 from robotether_server.recorder.relay_client import RelayClient
@@ -60,10 +60,22 @@ class OpenRecording:
     began_at: float
     drivers: list[str] = field(default_factory=list)
     failure: str | None = None
+    messages_left_out: int = 0
 
     def progress(self) -> Progress:
         """Return how far it is."""
-        return Progress(self.file.size, self.file.messages, tuple(self.drivers))
+        drivers = tuple(self.drivers)
+        return Progress(self.file.size, self.file.messages, drivers, self.messages_left_out)
+
+    def add(self, message: RecordedMessage) -> None:
+        """Add a message; of a topic that finds no room the first one is noted in the file."""
+        # What a robot sends must not keep out what its driver did.
+        if message.channel in OWN_CHANNELS or self.file.has_room_for(message.channel):
+            self.file.add(message)
+            return
+        if not self.messages_left_out:
+            self.file.add(left_out_note(message))
+        self.messages_left_out += 1
 
     def note_driver(self, name: str) -> None:
         """Somebody drives the robot."""
@@ -235,10 +247,8 @@ class RobotRecorder:
             await end_tasks([observing])
 
     def _write_to(self, recording: OpenRecording, message: RecordedMessage) -> None:
-        # What a robot sends must not keep out what its driver did.
-        has_room = message.channel in OWN_CHANNELS or recording.file.has_room_for(message.channel)
-        if recording.failure is None and has_room:
-            recording.file.add(message)
+        if recording.failure is None:
+            recording.add(message)
             if recording.file.is_full:
                 self._flush(recording)
 

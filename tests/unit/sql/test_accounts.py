@@ -78,7 +78,8 @@ EXPECTED = {
         "recorder_robots": "SELECT",
         "relay_grants": "SELECT",
         "recordings": "SELECT, INSERT (cause, cell, progress_at, robot, robot_id, started_at), "
-        "UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, progress_at, started_at)",
+        "UPDATE (bytes, cell, deleted_at, drivers, end_code, ended_at, messages, messages_left_out, "
+        "progress_at, started_at)",
         "audit_events": f"INSERT {LINE}",
         "cells": "SELECT (name), UPDATE (recordings_counted_at, recordings_free)",
     },

@@ -155,6 +155,7 @@ def test_a_frame_of_any_time_is_recorded(tmp_path, taken_ns):
 
 
 def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
+    """What finds no room is counted, and the file says from when on."""
     robot = RobotRecorder(None, RecordableRobot(1, "sim1"), tmp_path)
     recording = OpenRecording(1, McapFile(tmp_path / "1.mcap"), 0)
     robot.recordings[1] = recording
@@ -165,8 +166,9 @@ def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
     recording.file.finish()
     with (tmp_path / "1.mcap").open("rb") as file:
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
-    assert len(topics) == MAX_CHANNELS + 1
-    assert command.topic in topics
+    assert len(topics) == MAX_CHANNELS + 2
+    assert topics[MAX_CHANNELS:] == ["/robotether/left_out", command.topic]
+    assert recording.progress().messages_left_out == MAX_CHANNELS
 
 
 def test_what_waits_for_a_stop_is_bounded():

@@ -21,7 +21,7 @@ def number(app, database, recorder_database):
         number = recordings.ask(tx, robot.id, robot.name, ann)
     with recorder_database.transaction() as tx:
         recordings.begin(tx, number, "main")
-        recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",)))
+        recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",), 12))
     return number
 
 
@@ -31,6 +31,7 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert f"recording-{number}" in page
     assert "asked by ann" in page
     assert "2.0 MB" in page
+    assert "12 messages: the file has no room for more topics" in page
     assert f'href="/recordings/{number}/file"' not in page
     assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
     assert send(browser, f"/recordings/{number}/delete").status_code == 404
