@@ -84,7 +84,8 @@ class EventWriter:
         if self._journal is not None and isinstance(entry, JournalEntry):
             self._journal.add(entry)
             if self._journal.needs_rewrite(len(self._waiting) + len(self._writing)):
-                entries = (*self._writing, *self._waiting.values())
+                # The new file lacks what was dropped before, and says so for the relay after one that is killed.
+                entries = (*self._writing, *self._waiting.values(), *self._lost_entries())
                 self._journal.rewrite(entry for entry in entries if isinstance(entry, JournalEntry))
 
     def waiting(self) -> int:
@@ -182,25 +183,45 @@ class EventWriter:
         if self.dropped == 0:
             log.error("too many entries wait for the database; from now on the oldest are dropped")
         # A stop must outlive the relay, and a route's end; there is at most one entry a robot or route. And nobody
-        # else ends what the relay before this one left open; that is the oldest entry.
+        # else ends what the relay before this one left open, which is the oldest entry, or says what that one lost.
         kinds = StopEntry | FormerSessions | RouteEnd
-        oldest = (key for key, entry in self._waiting.items() if not isinstance(entry, kinds))
+        oldest = (
+            key
+            for key, entry in self._waiting.items()
+            if not isinstance(entry, kinds) and not _is_lost_lines(entry)
+        )
         if (key := next(oldest, None)) is not None:
             self._note_dropped(self._waiting.pop(key))
 
     def _note_dropped(self, entry: Entry) -> None:
         self.dropped += 1
-        if isinstance(entry, AuditEntry) and entry.kind != LINES_LOST:
+        if isinstance(entry, AuditEntry) and not _is_lost_lines(entry):
             count, first, last = self._lost_lines.get(entry.robot, (0, entry.at, entry.at))
             times = (first, last, entry.at)
             self._lost_lines[entry.robot] = count + 1, min(times), max(times)
 
     def _add_lost_lines(self) -> None:
         """Let the audit log say which of its lines it lacks."""
-        lost_lines, self._lost_lines = self._lost_lines, {}
-        for robot, (count, first, last) in lost_lines.items():
-            details = {"count": count, "since": first.isoformat(), "until": last.isoformat()}
-            self.add(AuditEntry(utc_now(), RELAY, LINES_LOST, robot, details=details))
+        entries = self._lost_entries()
+        self._lost_lines = {}
+        for entry in entries:
+            self.add(entry)
+
+    def _lost_entries(self) -> list[AuditEntry]:
+        return [
+            AuditEntry(
+                utc_now(),
+                RELAY,
+                LINES_LOST,
+                robot,
+                details={"count": count, "since": first.isoformat(), "until": last.isoformat()},
+            )
+            for robot, (count, first, last) in self._lost_lines.items()
+        ]
+
+
+def _is_lost_lines(entry: Entry) -> bool:
+    return isinstance(entry, AuditEntry) and entry.kind == LINES_LOST
 
 
 def _set_row(entry: Entry, row_id: int) -> None:
