@@ -139,6 +139,12 @@ def _parse_networks(text: str) -> tuple[str, ...]:
     return tuple(map(str, networks))
 
 
+def _parse_frame_rate(text: str) -> float:
+    if not 1 <= (rate := float(text)) <= 30:  # noqa: PLR2004 - as its Kind says
+        raise ValueError(text)
+    return rate
+
+
 _ADDRESS = "[A-Za-z0-9.+_=-]+@[A-Za-z0-9.-]+"
 
 HOST = Kind("a host name or address, without a port", _parse_host)
@@ -149,10 +155,12 @@ GIGABYTES = Kind(
     "1 to 100000 (gigabytes)", lambda text: whole(1, 100_000).parse(text) * BYTES_PER_GB
 )
 HOURS = whole(1, 720, "hours")
+FRAMES_PER_S = Kind("1 to 30 (frames a second)", _parse_frame_rate)
 KEY = matching(rf"\S{{{MIN_KEY_LENGTH},}}", f"at least {MIN_KEY_LENGTH} characters without spaces")
 PATH = Kind("a path", Path)
 YES_OR_NO = Kind("no or yes", lambda text: matching("yes|no", "").parse(text) == "yes")
 PATH_OR_EMPTY = Kind("a path, or empty", lambda text: Path(text) if text else None)
+DRIVETRAIN = matching("differential|holonomic|ackermann", "differential, holonomic or ackermann")
 ENDPOINT = Kind("host:port", _parse_endpoint)
 ENDPOINT_OR_EMPTY = Kind("host:port, or empty", _parse_endpoint_or_empty)
 PORTS = Kind(
@@ -345,6 +353,30 @@ _TABLE = (
         matching("[A-Za-z0-9.@+_-]*", "letters, digits and .@+_-, or empty: none"),
         "",
     ),
+    Variable(
+        "DB_SERVER_ID",
+        "number of this machine's database among the two of a standby",
+        matching("[12]", "1 or 2"),
+        "1",
+    ),
+    Variable("DB_PARTNER", "the other one of these", ENDPOINT_OR_EMPTY, ""),
+    Variable(
+        "DB_READ_ONLY",
+        "whether this machine's is the standby",
+        matching("ON|OFF", "ON or OFF"),
+        "OFF",
+    ),
+    *(
+        Variable(
+            f"SIM{number}_KIND", f"how the simulated robot sim{number} moves", DRIVETRAIN, kind
+        )
+        for number, kind in enumerate(("differential", "holonomic", "ackermann"), start=1)
+    ),
+    *(
+        Variable(f"SIM{number}_CAMERAS", f"number of cameras of sim{number}", whole(0, 3), cameras)
+        for number, cameras in enumerate(("3", "1", "3"), start=1)
+    ),
+    Variable("SIM_CAMERA_FPS", "most frames a second of a simulated camera", FRAMES_PER_S, "15"),
     Variable("MIGRATIONS_DIR", "folder of the migrations", PATH, "/usr/share/robotether/sql"),
     Variable(
         "LOG_LEVEL",

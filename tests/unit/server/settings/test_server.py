@@ -87,6 +87,11 @@ def test_printing_settings_shows_no_secret():
 
 
 WRONG = {
+    "DB_SERVER_ID": ("0", "a"),
+    "DB_READ_ONLY": ("on",),
+    "SIM2_KIND": ("tracked",),
+    "SIM3_CAMERAS": ("4",),
+    "SIM_CAMERA_FPS": ("0.5", "nan", "fast"),
     "DB_HOST": ("my host", "db:3306"),
     "DB_NAME": ("a-b",),
     "DB_PORT": ("0", "mysql"),
