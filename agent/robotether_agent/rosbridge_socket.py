@@ -9,14 +9,24 @@ import asyncio
 from contextlib import suppress
 from typing import Any, Literal, cast
 
-from aiohttp import ClientResponse, ClientSession, ClientWebSocketResponse, TCPConnector
+from aiohttp import (
+    ClientResponse,
+    ClientSession,
+    ClientWebSocketResponse,
+    TCPConnector,
+    WebSocketError,
+    WSCloseCode,
+    WSMsgType,
+)
 from aiohttp import ClientWSTimeout as Timeouts
+from aiohttp.http_websocket import WSMessageNoDecodeText
 
 from robotether_agent.fields import printable
 from robotether_agent.tasks import within
 
 CONNECT_WITHIN_S = 3.0
 FAREWELL_S = 0.5
+# Maximum size of a message of rosbridge.
 FROM_ROBOT_BYTES = 64 * 1024 * 1024
 # Maximum unsent size before a socket counts as full and the other end is no longer read.
 SEND_BUFFER_BYTES = 64 * 1024
@@ -29,6 +39,21 @@ MAX_REASON_BYTES = 123
 def close_reason(words: str) -> bytes:
     """Return words as the reason in a close frame, cut between characters."""
     return printable(words).encode()[:MAX_REASON_BYTES].decode(errors="ignore").encode()
+
+
+def is_too_large(message: WSMessageNoDecodeText) -> bool:
+    """Return whether a connection ended with a message of rosbridge over the limit."""
+    error = message.data
+    return isinstance(error, WebSocketError) and error.code == WSCloseCode.MESSAGE_TOO_BIG
+
+
+def why_ended(message: WSMessageNoDecodeText) -> str:
+    """Say why rosbridge's connection is over, whose last message this is; empty: rosbridge did not say."""
+    if message.type is WSMsgType.CLOSE:
+        return message.extra or ""
+    if is_too_large(message):
+        return f"a message has over {FROM_ROBOT_BYTES >> 20} MB, the limit of the robot's agent"
+    return "the connection to rosbridge broke"
 
 
 class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):

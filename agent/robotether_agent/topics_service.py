@@ -42,8 +42,10 @@ from robotether_agent.rosbridge_socket import (
     FAREWELL_S,
     RosbridgeSocket,
     close_reason,
+    is_too_large,
     new_http,
     open_rosbridge,
+    why_ended,
 )
 from robotether_agent.tasks import first_of, within
 from robotether_agent.unsent import SEND_BYTES, keep_little_unsent
@@ -131,7 +133,7 @@ class TopicsService:
                 await first_of(stream.read(), stream.send(), stream.until_left())
             else:
                 await first_of(stream.name_repeated(frozenset(digests)), stream.until_left())
-            await relay.close(message=close_reason(stream.why))
+            await relay.close(code=stream.code, message=close_reason(stream.why))
 
 
 class TopicStream:
@@ -157,6 +159,7 @@ class TopicStream:
         self._has_room = asyncio.Event()
         # Why rosbridge ended it, for people; empty: it did not say.
         self.why = ""
+        self.code = WSCloseCode.OK
 
     async def read(self) -> None:
         """Take what rosbridge sends until it ends; parts wait in rosbridge while others wait here."""
@@ -206,8 +209,9 @@ class TopicStream:
                 self._pongs.append(message.data)
                 self._has_message.set()
             else:
-                is_closed = message.type is WSMsgType.CLOSE
-                self.why = message.extra or "" if is_closed else "the connection to rosbridge broke"
+                self.why = why_ended(message)
+                if is_too_large(message):
+                    self.code = WSCloseCode.MESSAGE_TOO_BIG
                 return None
 
 

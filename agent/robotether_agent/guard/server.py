@@ -47,6 +47,7 @@ from robotether_agent.rosbridge_socket import (
     RosbridgeSocket,
     close_reason,
     open_rosbridge,
+    why_ended,
 )
 from robotether_agent.tasks import first_of, within
 
@@ -208,9 +209,8 @@ class ClientProxy:
         while True:
             message = await rosbridge.receive()
             kind = message.type
-            if kind is WSMsgType.CLOSE:
-                self._why = message.extra or "rosbridge closed the connection"
             if kind not in (WSMsgType.TEXT, WSMsgType.BINARY, WSMsgType.PING, WSMsgType.PONG):
+                self._why = why_ended(message) or "rosbridge closed the connection"
                 return
             await client.send_frame(message.data, kind)
 

@@ -12,6 +12,7 @@ import pytest
 from aiohttp import web
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
+from robotether_agent import rosbridge_socket
 from robotether_agent.fields import FieldError
 from robotether_agent.rosbridge_socket import close_reason
 from robotether_agent.topics_service import TopicsService, parse_subscription
@@ -136,6 +137,16 @@ async def test_why_rosbridge_closes_is_passed_on(world):
     message = await relay.receive(timeout=5)
     assert (message.type, message.extra) == (aiohttp.WSMsgType.CLOSE, "too slow")
     await closing
+
+
+async def test_a_message_over_the_limit_ends_its_topic_and_the_limit_is_said(world, monkeypatch):
+    monkeypatch.setattr(rosbridge_socket, "FROM_ROBOT_BYTES", 1024 * 1024)
+    relay = await world.open()
+    publishing = asyncio.create_task(world.rosbridge.publish("/odom", {"x": "x" * 2 * 1024 * 1024}))
+    message = await relay.receive(timeout=5)
+    why = "a message has over 1 MB, the limit of the robot's agent"
+    assert (message.data, message.extra) == (aiohttp.WSCloseCode.MESSAGE_TOO_BIG, why)
+    await asyncio.gather(publishing, return_exceptions=True)
 
 
 def test_a_close_reason_is_cut_between_characters():

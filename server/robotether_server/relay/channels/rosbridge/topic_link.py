@@ -167,7 +167,10 @@ class TopicLinks:
             elif is_binary or message.type is WSMsgType.TEXT:
                 topic.on_message(message.data, message.type)
             elif message.type is WSMsgType.CLOSE:
-                return own_words(message.extra) or "rosbridge ended the subscription"
+                why = own_words(message.extra) or "rosbridge ended the subscription"
+                if message.data == WSCloseCode.MESSAGE_TOO_BIG:
+                    raise MessageTooLargeError(why)
+                return why
             else:
                 self._check_size(message.data)
                 return "the connection broke"
