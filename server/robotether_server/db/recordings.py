@@ -307,6 +307,16 @@ def read_older(tx: Transaction, cell: str, before: dt.datetime) -> list[int]:
     return [row["id"] for row in rows]
 
 
+def read_bytes_elsewhere(tx: Transaction, cell: str) -> int:
+    """Read how many bytes the recordings of a site's other cells take, as they last wrote."""
+    [row] = tx.rows(
+        "SELECT COALESCE(SUM(bytes), 0) AS size FROM recordings WHERE deleted_at IS NULL AND cell <> %s"
+        " AND cell IN (SELECT name FROM cells)",
+        (cell,),
+    )
+    return int(row["size"])
+
+
 def read_present(tx: Transaction, cell: str, recording_ids: Collection[int]) -> set[int]:
     """Read which of these recordings a cell has."""
     if not recording_ids:

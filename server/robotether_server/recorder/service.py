@@ -46,8 +46,10 @@ PROGRESS_EVERY_S = 5.0
 # Interval at which the size of all recordings is measured.
 MEASURE_EVERY_S = 2.0
 RETENTION_EVERY_S = 600.0
-# Interval at which the disk is asked how full it is.
+# Interval at which the disk is asked how full it is, and the database what the site's other machines have.
 DISK_EVERY_S = 10.0
+# Free space that recordings leave to relay and database: this part of the disk, at most this number of bytes.
+MIN_FREE_PART, MAX_MIN_FREE_BYTES = 0.05, 1000**3
 # Maximum age of a request: of one that nobody took in time, nobody knows any longer.
 MAX_REQUEST_AGE = dt.timedelta(seconds=60)
 # Maximum length of a recording that somebody asked for, and of each by the robot's settings, which goes on in another.
@@ -75,7 +77,10 @@ class RecorderService:
         self._open: dict[int, tuple[RobotRecorder, RecordingCause, str]] = {}
         # Those that ended here, whose row may still say otherwise.
         self._ended: set[int] = set()
-        self._is_full = False
+        # The code of why nothing more is recorded; None: it may be.
+        self._full: str | None = None
+        self._bytes_elsewhere = 0
+        self._is_disk_low = False
         self._measured_at = float("-inf")
         # Until when nothing is begun by robots' settings, after a file that could not be.
         self._paused_until = 0.0
@@ -139,14 +144,18 @@ class RecorderService:
             recorder.share_memory(len(keeping))
         await self._follow()
         await self._write_progress()
-        await self._write_disk()
+        await self._check_room()
         await self._delete_old()
 
     def _measure(self) -> None:
         now = time.monotonic()
         if now - self._measured_at >= MEASURE_EVERY_S:
             self._measured_at = now
-            self._is_full = used_bytes(self._folder) >= self._settings.max_bytes
+            used = used_bytes(self._folder) + self._bytes_elsewhere
+            if used >= self._settings.max_bytes:
+                self._full = "quota_reached"
+            else:
+                self._full = "disk_full" if self._is_disk_low else None
 
     def _leave_lost(self, rows: Sequence[RecordingRow]) -> None:
         """End what the database no longer knows: a standby without the newest records, whose numbers come again."""
@@ -195,7 +204,7 @@ class RecorderService:
             return "right_ended"
         if utc_now() - row.asked_at > MAX_REQUEST_AGE:
             return "robot_offline" if self.channel.is_open else "recorder_away"
-        return "quota_reached" if self._is_full else None
+        return self._full
 
     async def _by_settings(self, robot: RecordableRobot) -> None:
         when = robot.recording_when
@@ -222,7 +231,7 @@ class RecorderService:
         if number is not None:
             if code is not None:
                 self._end(number, code)
-        elif code is None and not self._is_full and time.monotonic() >= self._paused_until:
+        elif code is None and self._full is None and time.monotonic() >= self._paused_until:
             await self._begin_by_settings(robot, recorder, cause)
 
     async def _begin_by_settings(
@@ -298,7 +307,7 @@ class RecorderService:
         for number, (recorder, cause, _) in list(self._open.items()):
             recording = recorder.recordings[number]
             most_s = MAX_ASKED_S if cause == "asked" else MAX_PIECE_S
-            code = recording.failure or ("quota_reached" if self._is_full else None)
+            code = recording.failure or self._full
             if code is None and now - recording.began_at > most_s:
                 code = "too_long"
             if code is not None:
@@ -375,16 +384,19 @@ class RecorderService:
             }
         )
 
-    async def _write_disk(self) -> None:
+    async def _check_room(self) -> None:
         now = time.monotonic()
         if now - self._disk_at < DISK_EVERY_S:
             return
         self._disk_at = now
+        self._bytes_elsewhere = await self._store.read_bytes_elsewhere(self._bytes_elsewhere)
         try:
             space = await asyncio.to_thread(read_space, self._folder)
         except OSError as exc:
             log.warning("cannot see how full %s is: %s", self._folder, exc)
         else:
+            least = min(space.size * MIN_FREE_PART, MAX_MIN_FREE_BYTES)
+            self._is_disk_low = space.free < least
             await self._store.write_disk(space.free_part)
 
     async def _delete_old(self) -> None:

@@ -104,6 +104,11 @@ class RecorderStore:
         """Write which part of the disk with the recordings is free."""
         await self._ask(lambda tx: cells.write_recordings_free(tx, self._cell, free_part))
 
+    async def read_bytes_elsewhere(self, before: int) -> int:
+        """Read what the recordings of the site's other cells take; `before` while the database is away."""
+        size = await self._ask(lambda tx: recordings.read_bytes_elsewhere(tx, self._cell))
+        return before if size is None else size
+
     def end(self, recording_end: RecordingEnd) -> None:
         """Have the end of a recording written with the next reading."""
         self._ends.append(recording_end)

@@ -315,7 +315,7 @@ _TABLE = (
     Variable("RECORDINGS_DIR", "folder of the recordings", PATH, "/var/lib/robotether/recordings"),
     Variable(
         "RECORDINGS_MAX_GB",
-        "how much all recordings of this machine may take; beyond it nothing more is recorded",
+        "how much all recordings of the site may take; beyond it nothing more is recorded",
         GIGABYTES,
         "20",
     ),

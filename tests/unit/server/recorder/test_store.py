@@ -1,7 +1,8 @@
 """What the recorder writes into the real database, also when that is away at times."""
 
-from robotether_server.db import recordings
-from robotether_server.db.recordings import RecordableRobot
+from relay_server import cell_settings
+from robotether_server.db import cells, recordings
+from robotether_server.db.recordings import Progress, RecordableRobot
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.recorder.store import RecorderStore, RecordingEnd
 from robotether_server.times import utc_now
@@ -35,3 +36,21 @@ async def test_no_end_is_lost_while_the_database_is_away(
             " WHERE kind = 'recording_ended' ORDER BY id"
         )
     assert [line["recording"] for line in lines] == [str(number) for number in numbers]
+
+
+async def test_the_recordings_of_a_sites_other_machines_are_summed(
+    recorder_database, relay_database
+):
+    """A machine that was removed has none any more, nor has one whose file is deleted."""
+    with relay_database.transaction() as tx:
+        for name in ("here", "there"):
+            cells.write_heartbeat(tx, cell_settings(name), cells.CellCounts(), utc_now())
+    sizes = {"here": 1, "there": 20, "removed": 300}
+    for cell, size in sizes.items():
+        store = RecorderStore(recorder_database, cell)
+        number, deleted = [
+            await store.add(RecordableRobot(7, "sim1"), "always", utc_now()) for _ in range(2)
+        ]
+        await store.write_progress({number: Progress(size, 1), deleted: Progress(4000, 1)})
+        await store.note_deleted(deleted)
+    assert await RecorderStore(recorder_database, "here").read_bytes_elsewhere(0) == 20

@@ -16,6 +16,7 @@ from recorded_messages import read_messages
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
 from robotether_server.db.recordings import RecordableRobot, RecordingRow
+from robotether_server.disks import DiskSpace
 from robotether_server.recorder import observer, relay_client, service
 from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.service import RecorderService
@@ -42,6 +43,7 @@ class MemoryStore:
         self.endings = []
         self.down = False
         self.free_part = None
+        self.bytes_elsewhere = 0
 
     def ask(self, number=1):
         self.rows[number] = RecordingRow(
@@ -68,6 +70,9 @@ class MemoryStore:
 
     async def write_disk(self, free_part):
         self.free_part = free_part
+
+    async def read_bytes_elsewhere(self, _before):
+        return self.bytes_elsewhere
 
     def end(self, ending):
         self.endings.append(ending)
@@ -358,10 +363,19 @@ async def test_a_full_disk_ends_the_recording_and_not_the_drive(
     assert "/robotether/control" in topics
 
 
-async def test_a_quota_that_is_reached_ends_the_recording(recorder, store, settings):
+async def test_a_recording_leaves_some_of_the_disk_free(recorder, store, monkeypatch):
     store.ask()
     await until(lambda: store.rows[1].started_at, "it began")
-    object.__setattr__(settings, "max_bytes", 1)
+    monkeypatch.setattr(service, "read_space", lambda _folder: DiskSpace(4 * 10**9, 10**11))
+    await until(lambda: store.free_part == 0.04, "the disk is measured")
+    monkeypatch.setattr(service, "read_space", lambda _folder: DiskSpace(10**9 - 1, 10**11))
+    await until(lambda: store.code() == "disk_full", "it ended")
+
+
+async def test_a_quota_of_the_site_that_is_reached_ends_the_recording(recorder, store, settings):
+    store.ask()
+    await until(lambda: store.rows[1].started_at, "it began")
+    store.bytes_elsewhere = settings.max_bytes
     await until(lambda: store.code() == "quota_reached", "it ended")
     store.ask(2)
     await until(lambda: store.code(2) == "quota_reached", "no other begins")
