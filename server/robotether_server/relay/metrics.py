@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from copy import copy
 from functools import partial
 from itertools import accumulate
@@ -35,7 +34,12 @@ from prometheus_client.registry import Collector
 from robotether_server import __version__
 from robotether_server.backups import RECORD, age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
-from robotether_server.disks import read_space
+from robotether_server.disks import (
+    DATABASE_CURRENT_S,
+    DATABASE_RECORD,
+    read_space,
+    recorded_space,
+)
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.peers import Peers
@@ -147,7 +151,9 @@ class Metrics:
         self.collect_help_requests(fleet.known_help_requests)
         self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
         self._registry.register(_Collector(partial(_read_database, parts.database)))
-        self._registry.register(_Collector(partial(_read_disk, event_writer.folder)))
+        self.collect_disks(
+            event_writer.folder, lambda: parts.cells.recordings_free, DATABASE_RECORD, RECORD
+        )
         self.collect_backups(RECORD)
         self._collect_build(parts.cells.name)
 
@@ -158,6 +164,29 @@ class Metrics:
     def collect_backups(self, folder: Path) -> None:
         """Add the ages of the last backup and of its last copy, as they are recorded in the folder."""
         self._registry.register(_Collector(partial(_read_backups, folder)))
+
+    def collect_disks(
+        self,
+        folder: Path | None,
+        recordings_free: Callable[[], float | None],
+        database_record: Path,
+        backup_record: Path,
+    ) -> None:
+        """Add how full the disks are of the relay's folder, and of what other parts keep; None: unknown."""
+
+        def read() -> Iterator[GaugeMetricFamily]:
+            database = recorded_space(database_record, DATABASE_CURRENT_S)
+            backups = recorded_space(backup_record / "disk")
+            yield _disks(
+                {
+                    "relay": None if folder is None else _free_part(folder),
+                    "recordings": recordings_free(),
+                    "database": None if database is None else database.free_part,
+                    "backups": None if backups is None else backups.free_part,
+                }
+            )
+
+        self._registry.register(_Collector(read))
 
     def collect_help_requests(self, read: Callable[[], Sequence[RelayRequest] | None]) -> None:
         """Add the open requests for help, which are those of all cells; None: they are unknown."""
@@ -299,16 +328,20 @@ def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
     yield from (used, limit)
 
 
-def _read_disk(folder: Path | None) -> Iterator[GaugeMetricFamily]:
-    meaning = "Free space where the relay's volume is"
-    free = GaugeMetricFamily("robotether_relay_disk_free_bytes", meaning)
-    size = GaugeMetricFamily("robotether_relay_disk_size_bytes", "Size of that file system")
-    if folder is not None:
-        with suppress(OSError):
-            space = read_space(folder)
-            free.add_metric([], space.free)
-            size.add_metric([], space.size)
-    yield from (free, size)
+def _free_part(folder: Path) -> float | None:
+    try:
+        return read_space(folder).free_part
+    except OSError:
+        return None
+
+
+def _disks(free_parts: Mapping[str, float | None]) -> GaugeMetricFamily:
+    meaning = "Free part of the disk of a volume, from 0 to 1; of backups when the last was made"
+    family = GaugeMetricFamily("robotether_relay_disk_free_ratio", meaning, labels=["volume"])
+    for volume, free_part in free_parts.items():
+        if free_part is not None:
+            family.add_metric([volume], free_part)
+    return family
 
 
 def _read_help_requests(

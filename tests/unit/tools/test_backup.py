@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from robotether_server.disks import recorded_space
 
 ROOT = Path(__file__).resolve().parents[3]
 # What runs in the service backup runs here.
@@ -106,8 +107,11 @@ def names(folder):
 
 
 def recorded(checkout):
-    """What web and relay read, as seconds since 1970."""
-    return {path.name: int(path.read_text()) for path in (checkout / "record").iterdir()}
+    """What web and relay read: times as seconds since 1970, and the folder's disk."""
+    files = {path.name: path for path in (checkout / "record").iterdir()}
+    disk = recorded_space(files.pop("disk")) if "disk" in files else None
+    assert disk is None or 0 < disk.free < disk.size
+    return {name: int(path.read_text()) for name, path in files.items()}
 
 
 def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
@@ -125,6 +129,7 @@ def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
     assert names(folder) == {"robotether-29990101T000000Z.tar", newest.name, "notes.txt"}
     assert begun <= recorded(real)["made"] <= time.time()
     assert recorded(real).keys() == {"made"}
+    assert "disk" in names(real / "record")
     with tarfile.open(newest) as parts:
         assert parts.extractfile("./env").read() == b"PUBLIC_HOST=robots.test\n"
         with tarfile.open(fileobj=parts.extractfile("./volumes.tar")) as volumes:

@@ -88,6 +88,13 @@ class Cells:
         own_cell = self._cells.get(self.name)
         return own_cell is not None and own_cell.draining
 
+    @property
+    def recordings_free(self) -> float | None:
+        """Part of the disk with this cell's recordings that is free, as its recorder wrote; None: unknown."""
+        own_cell, now = self._cells.get(self.name), asyncio.get_running_loop().time()
+        is_current = now - self._read_at <= DISK_CURRENT_S
+        return own_cell.recordings_free if own_cell is not None and is_current else None
+
     def peers(self) -> list[Cell]:
         """The other cells that can be reached, alive or not."""
         cells_elsewhere = (cell for cell in self._cells.values() if cell.name != self.name)

@@ -1,5 +1,6 @@
 """The numbers in Prometheus' format, without a network."""
 
+import os
 import time
 from types import SimpleNamespace
 
@@ -59,6 +60,23 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
     # By a clock that was set back, it would count as new for as long.
     (folder / "made").write_text(f"{int(time.time()) + 60}\n")
     assert not [line for line in lines(metrics) if line.startswith("robotether_relay_backup_age")]
+
+
+def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
+    database, name = tmp_path / "database", "robotether_relay_disk_free_ratio"
+    database.write_text("1 3\n")
+    metrics.collect_disks(tmp_path, lambda: 0.5, database, tmp_path)
+    shown = {line.rpartition(" ")[0]: line for line in lines(metrics) if line.startswith(name)}
+    assert set(shown) == {
+        f'{name}{{volume="{each}"}}' for each in ("relay", "recordings", "database")
+    }
+    assert f'{name}{{volume="database"}} 0.25' in shown.values()
+    assert f'{name}{{volume="recordings"}} 0.5' in shown.values()
+    os.utime(database, (0, 0))
+    (tmp_path / "disk").write_text("     90      10\n")
+    shown = lines(metrics)
+    assert not [line for line in shown if "database" in line]
+    assert f'{name}{{volume="backups"}} 0.9' in shown
 
 
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
