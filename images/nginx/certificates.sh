@@ -100,6 +100,13 @@ serve() { # folder
   echo "nginx: serving the certificate in $1, $(openssl x509 -in "$SERVED/cert.pem" -noout -fingerprint -sha256)" >&2
 }
 
+# What serves was tried when it began to, maybe under another PUBLIC_HOST.
+report_served() {
+  if cmp -s "$SERVED/cert.pem" "$SELF_SIGNED/cert.pem"; then return; fi
+  if reason=$(/usr/lib/robotether/try-certificate "$SERVED/cert.pem" "$SERVED/key.pem" "${PUBLIC_HOST:-}"); then return; fi
+  echo "nginx: the certificate that serves would not be taken now: $reason. It stays in force until there is another one." >&2
+}
+
 # A reload lets open connections end by themselves on the certificate that they began with.
 watch_certificates() {
   while sleep "$LOOK_EVERY_S"; do

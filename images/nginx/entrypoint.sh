@@ -96,6 +96,7 @@ main() {
   ln -sfn "$KEPT" "$SERVED"
   serve_peers
   serve "$(chosen)"
+  report_served
   raise_open_files
   nginx -t -q
   # A socket of a former nginx that was killed would keep this one from listening.

@@ -1,4 +1,4 @@
-"""Where port 80 leads, with a program in the place of nginx; tests/images asks nginx itself."""
+"""What nginx's entrypoint does before nginx, with a program in its place; tests/images asks nginx itself."""
 
 import os
 import subprocess
@@ -41,3 +41,21 @@ def test_port_that_is_none_stops_the_start(tmp_path):
     done = start(tmp_path, '1";')
     assert done.returncode == 1
     assert "PUBLIC_PORT is '1\";'" in done.stderr
+
+
+def test_certificate_that_serves_under_a_new_name_is_reported(tmp_path):
+    """Swarm has no service that tries it beforehand."""
+    own, served = tmp_path / "etc/nginx/own", tmp_path / "etc/nginx/tls/served"
+    programs = tmp_path / "usr/lib/robotether"
+    for folder in (own, served, programs):
+        folder.mkdir(parents=True)
+    options = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 9 -subj /CN=a"
+    files = ["-keyout", own / "key.pem", "-out", own / "cert.pem"]
+    subprocess.run(["openssl", *options.split(), *files], check=True, capture_output=True)
+    for name in ("cert.pem", "key.pem"):
+        (served / name).write_bytes((own / name).read_bytes())
+    (programs / "try-certificate").write_text("#!/bin/sh\necho it is for another name\nexit 1\n")
+    (programs / "try-certificate").chmod(0o755)
+    done = start(tmp_path, "443")
+    assert done.returncode == 9
+    assert "would not be taken now: it is for another name." in done.stderr
