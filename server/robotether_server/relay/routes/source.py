@@ -20,11 +20,11 @@ from robotether_server.db.routes import RelayRoute
 from robotether_server.relay.channels.rosbridge.http_calls import check_message
 from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
 from robotether_server.relay.channels.rosbridge.shared_topics import (
+    MAX_STANDING_TOPICS,
     SharedTopic,
     SharedTopics,
     TopicRequest,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_STANDING_TOPICS
 from robotether_server.robot_json import without_nan
 
 # Minimum interval between looks for messages that wait.
@@ -70,7 +70,7 @@ class RouteSource:
         self._sent_at: deque[float] = deque(maxlen=MAX_TIMES)
 
     def open(self, robot: RelayRobot, shared_topics: SharedTopics) -> None:
-        """Share the topic; raise the problem when the robot's policy does not allow it.
+        """Share the topic; raise the problem when the robot's policy does not allow it, or it sends too many topics.
 
         The robot is here. A drive topic gets no message that rosbridge repeats to newcomers: that is an old command.
         Nor is anything throttled at its robot, where the last one, which stops, could be the one that is left out.
@@ -78,9 +78,7 @@ class RouteSource:
         request = self.request(robot)
         share = shared_topics.watch if self.is_drive else shared_topics.join
         self._shared = share(robot, request, self, MAX_STANDING_TOPICS)
-        if self._shared is None:
-            self.problem = f"{robot.name} sends {MAX_STANDING_TOPICS} topics already"
-        elif self.is_drive:
+        if self.is_drive:
             self._shared.date_for(self)
             self.problem = self._shared.failure or ""
 

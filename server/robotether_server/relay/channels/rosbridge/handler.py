@@ -36,10 +36,12 @@ from robotether_server.relay.channels.rosbridge.drive_path import (
 from robotether_server.relay.channels.rosbridge.forwarded_topics import ForwardedTopics, key_of
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
 from robotether_server.relay.channels.rosbridge.operations import write_json
-from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
-from robotether_server.relay.channels.rosbridge.subscriptions import (
+from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_OBSERVED_TOPICS,
     MAX_STANDING_TOPICS,
+    SharedTopics,
+)
+from robotether_server.relay.channels.rosbridge.subscriptions import (
     TopicCopies,
     TopicSharing,
     TopicSubscriptions,

@@ -22,6 +22,7 @@ from aiohttp import WSMsgType
 from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 
 from robotether_server.db.fleet import RelayRobot
+from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -34,6 +35,11 @@ from robotether_server.relay.robots.shared_copies import (
 
 log = logging.getLogger(__name__)
 
+# Maximum number of topics at which an observer may add one, and recorder and routes: observers who ask for everything
+# leave these their share, and all leave the driver's.
+MAX_OBSERVED_TOPICS, MAX_STANDING_TOPICS = MAX_TOPICS // 2, MAX_TOPICS * 3 // 4
+# Maximum number of topics that an observer alone has, for each one that is left for others: 22 of 32, then 7, then 2.
+OWN_FOR_EACH_LEFT = 2
 # Maximum size of the messages that newcomers may get, besides the newest.
 MAX_REMEMBERED_BYTES = 1024 * 1024
 # Maximum size of all messages of one robot that are larger than that, unless it is one.
@@ -240,6 +246,10 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         return others == 0 or others + size <= MAX_LARGE_BYTES
 
 
+class TopicRefusedError(RobotetherError):
+    """The robot sends as many topics as may be, or this person alone has as many as one may."""
+
+
 class TopicConnector(Protocol):
     """What brings topics their messages."""
 
@@ -259,11 +269,9 @@ class SharedTopics(SharedCopies[SharedTopic]):
 
     def join(
         self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
-    ) -> SharedTopic | None:
-        """Share a topic, with what a newcomer missed; None: it is a new one, and the robot sends `limit` already."""
+    ) -> SharedTopic:
+        """Share a topic, with what a newcomer missed; raise TopicRefusedError for a new one beyond the limit."""
         topic = self.watch(robot, subscription, subscriber, limit)
-        if topic is None:
-            return None
         if topic.failure is not None:
             subscriber.on_topic_failed(subscription.topic, topic.failure)
         elif topic.is_unkept:
@@ -277,13 +285,15 @@ class SharedTopics(SharedCopies[SharedTopic]):
 
     def watch(
         self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int
-    ) -> SharedTopic | None:
+    ) -> SharedTopic:
         """Share a topic as `join` does, without asking the robot what a newcomer missed."""
         topics = self._of(robot.id)
         topic = topics.get(subscription)
         if topic is None:
+            if limit == MAX_OBSERVED_TOPICS:
+                self._check_share(robot, subscriber)
             if len(topics) >= limit and not self._end_any_unused(robot.id):
-                return None
+                raise TopicRefusedError(f"{robot.name} sends {limit} topics already")
             all_of_robot = partial(self._topics_of, robot.id)
             topic = self._open(SharedTopic(robot, subscription, all_of_robot))
         topic.users.add(subscriber)
@@ -296,6 +306,17 @@ class SharedTopics(SharedCopies[SharedTopic]):
         topic.users.discard(subscriber)
         topic.on_left(subscriber)
         self._let_linger(topic, linger_s)
+
+    def _check_share(self, robot: RelayRobot, subscriber: TopicClient) -> None:
+        """Raise TopicRefusedError when a person would leave the other observers too few topics."""
+        user_ids = set(subscriber.user_ids())
+        users = [topic.user_ids() for topic in self._topics_of(robot.id) if topic.users]
+        own, left = sum(each <= user_ids for each in users), MAX_OBSERVED_TOPICS - len(users)
+        if 0 < left * OWN_FOR_EACH_LEFT <= own:
+            raise TopicRefusedError(
+                f"you alone have {own} of the {MAX_OBSERVED_TOPICS} topics that observers of {robot.name}"
+                " may have, and the rest is for others"
+            )
 
     def _topics_of(self, robot_id: int) -> list[SharedTopic]:
         return list(self._of(robot_id).values())

@@ -11,23 +11,22 @@ from collections.abc import Awaitable, Callable, Mapping
 from typing import Any, Protocol
 
 from aiohttp import WSMsgType
-from robotether_common.topics import MAX_TOPICS, MessageQueue
+from robotether_common.topics import MessageQueue
 
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.message_validator import status_error
 from robotether_server.relay.channels.rosbridge.shared_topics import (
+    MAX_OBSERVED_TOPICS,
     SharedTopic,
     SharedTopics,
+    TopicRefusedError,
     TopicRequest,
     combined,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.uplink import UserIds
 
-# Maximum number of topics at which an observer may add one, and recorder and routes: observers who ask for everything
-# leave these their share, and all leave the driver's.
-MAX_OBSERVED_TOPICS, MAX_STANDING_TOPICS = MAX_TOPICS // 2, MAX_TOPICS * 3 // 4
 # Maximum number of statuses that wait for a client.
 MAX_STATUSES = 100
 
@@ -157,13 +156,14 @@ class TopicCopies:
             return
         is_parts = subscription.fragment_size is not None
         self._queues[topic] = MessageQueue(subscription.queue_length, is_parts=is_parts)
-        shared = self._shared_topics.join(self._robot, subscription, self, self._limit)
-        if shared is None:
-            self.on_topic_failed(topic, f"{self._robot.name} sends {self._limit} topics already")
-        else:
-            self.joined[topic] = shared
-            if not shared.is_ready and shared.failure is None:
-                self.held.begin(topic)
+        try:
+            shared = self._shared_topics.join(self._robot, subscription, self, self._limit)
+        except TopicRefusedError as refused:
+            self.on_topic_failed(topic, refused.detail)
+            return
+        self.joined[topic] = shared
+        if not shared.is_ready and shared.failure is None:
+            self.held.begin(topic)
 
     def _add_status(self, status: bytes, kind: WSMsgType) -> None:
         self._statuses.append((status, kind))

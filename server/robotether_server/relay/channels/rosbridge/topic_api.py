@@ -25,13 +25,14 @@ from robotether_server.relay.channels.rosbridge.http_calls import (
     read_raw,
 )
 from robotether_server.relay.channels.rosbridge.shared_topics import (
+    MAX_OBSERVED_TOPICS,
     UNKEPT,
     ReceivedMessage,
     SharedTopic,
     SharedTopics,
+    TopicRefusedError,
     TopicRequest,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 
@@ -112,11 +113,12 @@ class TopicApi:
         self, topic_request: TopicRequest, query: TopicQuery, connection: Connection
     ) -> TopicAnswer | None:
         poll, robot = TopicPoll(connection.user_id), connection.robot
-        topic = self._shared_topics.watch(robot, topic_request, poll, MAX_OBSERVED_TOPICS)
-        if topic is None:
+        try:
+            topic = self._shared_topics.watch(robot, topic_request, poll, MAX_OBSERVED_TOPICS)
+        except TopicRefusedError as refused:
             raise TooManyConnectionsError(
-                f"cannot read {topic_request.topic}: {robot.name} sends {MAX_OBSERVED_TOPICS} topics already"
-            )
+                f"cannot read {topic_request.topic}: {refused.detail}"
+            ) from refused
         try:
             newest = await _within(query.wait_s, poll.message(topic, query.since))
         finally:

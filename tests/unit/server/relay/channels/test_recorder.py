@@ -8,7 +8,7 @@ from frames_viewer import FramesViewer
 from relay_server import TICKET_KEY, until
 from robotether_server.db.fleet import RECORDER, RelayUser
 from robotether_server.relay.auth.connections import Caps
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.channels.rosbridge.shared_topics import MAX_OBSERVED_TOPICS
 from robotether_server.tickets import RECORDER_SALT, Ticket, TicketSigner
 
 
@@ -63,7 +63,7 @@ async def test_an_observer_who_asks_for_everything_leaves_the_recorder_its_topic
     async with ros("observe") as observer, http.ws_connect(url) as recorder:
         for number in range(MAX_OBSERVED_TOPICS + 1):
             await observer.send_json({"op": "subscribe", "topic": f"/t{number}"})
-        while "topics already" not in (await observer.receive_json(timeout=5)).get("msg", ""):
+        while "you alone have" not in (await observer.receive_json(timeout=5)).get("msg", ""):
             pass
         odometry = {"op": "subscribe", "topic": "/odom"}
         await recorder.send_json(odometry)

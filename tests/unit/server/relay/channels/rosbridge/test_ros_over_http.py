@@ -11,13 +11,16 @@ import pytest_asyncio
 from fake_robot import WAIT_S
 from msgspec.structs import replace as replace_struct
 from relay_clients import SlowFences, audit_lines
-from relay_server import ANN, BEN, BOB, FAST, running_relay, until
+from relay_server import ANN, BEN, BOB, EVE, FAST, running_relay, until
 from robotether_common.ros import Globs
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.rosbridge import http_calls, topic_api
 from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
-from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopic, TopicRequest
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
+from robotether_server.relay.channels.rosbridge.shared_topics import (
+    MAX_OBSERVED_TOPICS,
+    SharedTopic,
+    TopicRequest,
+)
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.settings.robot import LevelPolicy, Policy
@@ -180,7 +183,7 @@ async def test_too_many_topics_or_calls_are_problems(relay, robot, sim1, ask):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_OBSERVED_TOPICS):
         topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
-        topic.users.add(topic_api.TopicPoll(BOB.id))
+        topic.users.add(topic_api.TopicPoll(EVE.id))
     status, body = await ask("GET", f"{TOPICS}/odom")
     assert (status, body["code"]) == (429, "too_many_connections")
     topic.users.clear()

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+from contextlib import suppress
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -14,13 +15,14 @@ from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_LARGE_BYTES,
+    MAX_OBSERVED_TOPICS,
     UNKEPT,
     SharedTopic,
     SharedTopics,
+    TopicRefusedError,
     TopicRequest,
     combined,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import MAX_OBSERVED_TOPICS
 from robotether_server.relay.channels.rosbridge.topic_link import (
     MessageTooLargeError,
     TopicLinks,
@@ -224,9 +226,39 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, 
         assert await driver.receive_json(timeout=5) == ODOM
 
 
+async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
+    """What others have, too, counts for nobody."""
+
+    class Connector:
+        async def run(self, _topic):
+            await asyncio.Event().wait()
+
+    topics = SharedTopics(relay.relay.registry, Connector())
+
+    def watch(name, user_id):
+        topics.watch(sim1, TopicRequest(name), Client(user_id), MAX_OBSERVED_TOPICS)
+
+    def fill(user_id):
+        count = 0
+        with suppress(TopicRefusedError):
+            while True:
+                watch(f"/of{user_id}/{count}", user_id)
+                count += 1
+        return count
+
+    for user_id in (1, 2):
+        watch("/both", user_id)
+    assert [fill(user_id) for user_id in (1, 2, 3)] == [21, 7, 2]
+    watch("/of1/0", 4)
+    await topics.close()
+
+
 class Client:
+    def __init__(self, user_id=1):
+        self._user_id = user_id
+
     def user_ids(self):
-        return (1,)
+        return (self._user_id,)
 
     def on_topic_ready(self, topic): ...
 
