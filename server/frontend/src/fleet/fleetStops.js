@@ -13,6 +13,10 @@ export function managedSites(robots) {
   return [...new Set(managed.map(({ site }) => site))].sort();
 }
 
+// Those of a site, of all without one, that this user sees and does not manage. Pure.
+export const unmanaged = (robots, site) =>
+  robots.filter((robot) => (!site || robot.site === site) && ["observe", "drive"].includes(robot.level)).map(({ name }) => name);
+
 // What is said of each robot: the answer, or what its control object has said since. Pure.
 export function outcome({ name, stopped, confirmed }, control) {
   if (!control?.stopped) return texts.stopResult({ name, stopped, confirmed });
@@ -32,6 +36,7 @@ export class FleetStops {
     this.bar = part(root, "stops");
     this.result = part(root, "stop-result");
     this.controls = new Map(); // of robots, by name
+    this.robots = []; // with their levels
     this.results = [];
     this.shown = null;
     this.round = 0;
@@ -40,6 +45,7 @@ export class FleetStops {
   // `robots` are {name, site, level, control}.
   show(robots) {
     this.receive(robots);
+    this.robots = robots;
     this.bar.hidden = !this.manages || robots.length === 0;
     this.offer(managedSites(robots));
   }
@@ -52,18 +58,21 @@ export class FleetStops {
     if (results.length) this.list();
   }
 
-  // New buttons only for other sites: one that is replaced loses the keyboard focus.
+  // New buttons only for other words: one that is replaced loses the keyboard focus.
   offer(sites) {
-    const wanted = sites.join("\n");
+    const has = (site) => unmanaged(this.robots, site).length > 0;
+    const words = [texts.stopAll(has()), ...sites.map((site) => texts.stopSite(site, has(site)))];
+    const wanted = words.join("\n");
     if (wanted === this.shown) return;
     this.shown = wanted;
-    const all = makeButton("stop-all", texts.stopAll, () => this.stop());
-    const each = sites.map((site) => makeButton(`stop-site-${site}`, texts.stopSite(site), () => this.stop(site)));
+    const all = makeButton("stop-all", words[0], () => this.stop());
+    const each = sites.map((site, place) => makeButton(`stop-site-${site}`, words[place + 1], () => this.stop(site)));
     this.bar.replaceChildren(all, ...each);
   }
 
   stop(site) {
     this.results = [];
+    this.site = site;
     setText(this.result, texts.stoppingAll);
     return this.attempt(site, ++this.round, TRIES);
   }
@@ -87,6 +96,8 @@ export class FleetStops {
 
   list() {
     const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
+    const others = unmanaged(this.robots, this.site).filter((name) => !this.controls.get(name)?.stopped).length;
+    if (lines.length && others) lines.push(texts.stopOthers(others));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
     const items = lines.map((line) => make("li", {}, line));

@@ -20,8 +20,13 @@ export const fleet = {
   watching: (count) => `${count} watching`,
   reservedFor: (user) => `none; reserved for ${user}`,
   driverAsked: (driver, asking) => `${driver}; ${asking} asks for control`,
-  stopAll: "Stop all robots",
-  stopSite: (site) => `Stop site ${site}`,
+  // `others`: whether there are some that this user does not manage.
+  stopAll: (others) => (others ? "Stop all robots that you manage" : "Stop all robots"),
+  stopSite: (site, others) => (others ? `Stop those that you manage at site ${site}` : `Stop site ${site}`),
+  stopOthers: (count) =>
+    count === 1
+      ? "1 other robot is not stopped: you do not manage it. Use its own Stop."
+      : `${count} other robots are not stopped: you do not manage them. Use the Stop of each.`,
   stopResult: ({ name, stopped, confirmed }) => {
     if (!stopped) return `${name}: not stopped`;
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;

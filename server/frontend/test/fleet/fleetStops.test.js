@@ -41,6 +41,25 @@ test("a robot that was released is no longer among those that a stop has stopped
   assert.deepEqual([names(), part(root, "stop-result").children], [[], []]);
 });
 
+test("who manages some of the robots reads that the others are not stopped", () => {
+  const root = new FakeElement();
+  const stops = new FleetStops(root, { manages: true });
+  const robot = (name, level, site, stopped = null) => ({ name, level, site, control: { stopped } });
+  const words = () => part(root, "stops").children.map(({ children }) => children[0]);
+  const lines = (site) => {
+    stops.site = site;
+    stops.settle({ ok: true, body: { robots: [{ name: "sim1", stopped: true, confirmed: true }] } }, site, 1, 1);
+    return part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
+  };
+  stops.show([robot("sim1", "manage", "lab"), robot("new", "", "lab")]);
+  assert.deepEqual(words(), ["Stop all robots", "Stop site lab"]);
+  assert.deepEqual(lines(), ["sim1: stopped"]);
+  stops.show([robot("sim1", "manage", "lab"), robot("sim2", "drive", "yard"), robot("sim3", "observe", null, { confirmed: true })]);
+  assert.deepEqual(words(), ["Stop all robots that you manage", "Stop site lab"]);
+  assert.match(lines()[1], /^1 other robot is not stopped/);
+  assert.deepEqual(lines("lab"), ["sim1: stopped"]);
+});
+
 // Press Stop all, with the answers of the server; give what was said after each of them.
 async function pressed(...answers) {
   mock.timers.enable({ apis: ["setTimeout"] });
