@@ -340,7 +340,7 @@ ensure_agent() {
   if [ -n "$wheelhouse" ]; then set -- --no-index --find-links "$wheelhouse"; else set --; fi
   PYTHONPATH=$files/$wheel python3 -m robotether_agent.install \
     "$venv" "$files/$wheel" "$files/requirements.txt" --no-cache-dir "$@" ||
-    fail 'cannot install the Python packages: see above. Without internet, use --wheelhouse DIR'
+    fail 'cannot install the Python packages: see above. Without internet, install the server'"'"'s /agent.deb first, or use --wheelhouse DIR'
 }
 
 has_video() {

@@ -141,7 +141,7 @@ def unreachable_warning(site: SiteAddress) -> str:
         return ""
     return (
         f"No robot can use this line: {site.host} is the robot itself there. Set PUBLIC_HOST to a name or address of "
-        "this server that robots reach, or open this page under one, and make a new line."
+        "this server that robots reach, or give one in this page's address or with --host, and make a new line."
     )
 
 
