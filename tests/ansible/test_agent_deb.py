@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
+from commands import output_of_command
 from playbooks import Site
 from programs import Program, drive_forward
 from robot_hosts import (
@@ -72,7 +72,7 @@ class Packaged:
 def boot(site: Site, hosts: RobotHosts, name: str, suite: str, **options: Any) -> Packaged:
     """A host of a Debian release, with the file that the server gave it."""
     if suite == "trixie":
-        subprocess.run([ROOT / "tools" / "ensure_robot_host_image", suite], check=True, timeout=600)
+        output_of_command(ROOT / "tools" / "ensure_robot_host_image", suite, limit_s=600)
     host = hosts.boot(name, image=NEWER_IMAGE if suite == "trixie" else IMAGE, **options)
     host.put(b"[global]\nindex-url = http://127.0.0.1:1/\n", "/etc/pip.conf")
     host.run("rm -r /opt/wheelhouse")

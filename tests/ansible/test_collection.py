@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import os
-import subprocess
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
+from commands import output_of_command, path_with
 from playbooks import Site, pip_environment
 from robot_hosts import ROOT, RobotHosts
 
@@ -23,15 +24,9 @@ PLAYBOOKS = "robotether.robotether"
 def installed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
     """An administrator who has the collection and no checkout."""
     folder = tmp_path_factory.mktemp("installed")
-    environment = {**pip_environment(), "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}"}
-
-    def run(*command: str | Path) -> str:
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300, check=False
-        )  # fmt: skip
-        assert done.returncode == 0, done.stdout + done.stderr
-        return done.stdout
-
+    run = partial(
+        output_of_command, cwd=folder, env=pip_environment() | path_with(BIN), limit_s=300
+    )
     archive = run(ROOT / "tools" / "build_collection", folder).splitlines()[-1]
     run("ansible-galaxy", "collection", "install", "--offline", "-p", folder, archive)
     return replace(site, folder=folder, collections=folder)
@@ -44,14 +39,10 @@ def listed(site: Site) -> list[str]:
         "plugin: robotether.robotether.robots\n"
         f"server: {site.server}\ntls_fingerprint: {site.fingerprint}\ntoken: {site.token}\n"
     )
-    done = subprocess.run(
-        [BIN / "ansible-inventory", "-i", inventory, "--list"],
-        cwd=site.folder,
-        env={**os.environ, "ANSIBLE_COLLECTIONS_PATH": str(site.collections)},
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return list(json.loads(done.stdout).get("state_online", {"hosts": []})["hosts"])
+    environ = {**os.environ, "ANSIBLE_COLLECTIONS_PATH": str(site.collections)}
+    command = (BIN / "ansible-inventory", "-i", inventory, "--list")
+    said = output_of_command(*command, cwd=site.folder, env=environ)
+    return list(json.loads(said).get("state_online", {"hosts": []})["hosts"])
 
 
 def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:

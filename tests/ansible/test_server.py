@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -19,6 +18,7 @@ from cloud_machines import (
     save_images,
     secrets_of,
 )
+from commands import run_command
 from robot_hosts import RobotHost, RobotHosts
 
 pytestmark = pytest.mark.release
@@ -148,5 +148,4 @@ def test_stack_and_firewall_come_back_at_boot(server: Server) -> None:
 
 
 def _answers(url: str) -> bool:
-    command = ["curl", "-sk", "-m", "4", "-o", "/dev/null", url]
-    return subprocess.run(command, check=False, timeout=10).returncode == 0
+    return run_command("curl", "-sk", "-m", "4", "-o", "/dev/null", url).returncode == 0

@@ -6,13 +6,14 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from subprocess import CompletedProcess
 
 import pytest
+from commands import output_of_command, run_command
 from openssh_server import make_key
 from playbooks import ANSIBLE, Site
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
@@ -58,19 +59,13 @@ class Person:
         )
         self.config.write_text(f"{entries}{own}")
 
-    def run(self, *command: str | Path) -> subprocess.CompletedProcess[str]:
-        words = [str(word) for word in command]
-        return subprocess.run(
-            words, env=self.environment, capture_output=True, text=True, timeout=60, check=False,
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+    def run(self, *command: str | Path) -> CompletedProcess[str]:
+        return run_command(*command, env=self.environment)
 
     def run_well(self, *command: str | Path) -> str:
-        done = self.run(*command)
-        assert done.returncode == 0, f"{command}\n{done.stdout}{done.stderr}"
-        return done.stdout
+        return output_of_command(*command, env=self.environment)
 
-    def fleet(self, *arguments: str) -> subprocess.CompletedProcess[str]:
+    def fleet(self, *arguments: str) -> CompletedProcess[str]:
         """Run a command with `robotether fleet run`."""
         fleet = (sys.executable, "-m", "robotether_server.cli", "fleet", "run")
         return self.run(*fleet, *arguments, "--ssh-config", str(self.config))

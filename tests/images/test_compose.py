@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import os
 import socket
-import subprocess
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
 from typing import ClassVar
 
 import pytest
+from commands import output_of_command, run_command
 from image_names import image
 from secret_files import SECRETS_OF
 from stack import ROOT, Stack
@@ -55,13 +55,11 @@ def test_our_images_are_pulled_only_if_asked_to(policy: str, pulls: bool) -> Non
             "COMPOSE_PROJECT_NAME": "robotether-pull-test",
         }
         for arguments in (["pull"], ["up", "--no-build", "--no-start"]):
-            subprocess.run(
-                ["docker", "compose", "--project-directory", "compose", *arguments],
-                cwd=ROOT, env=os.environ | settings, check=False, capture_output=True,
-            )  # fmt: skip
+            command = ("docker", "compose", "--project-directory", "compose", *arguments)
+            run_command(*command, cwd=ROOT, env=os.environ | settings, limit_s=300)
         registry.shutdown()
-    down = ["docker", "compose", "--project-name", "robotether-pull-test", "down", "--volumes"]
-    subprocess.run(down, check=True, capture_output=True)
+    project = ("--project-name", "robotether-pull-test")
+    output_of_command("docker", "compose", *project, "down", "--volumes")
     asked = {path for path in RecordingRegistry.requested if "robotether" in path}
     assert bool(asked) == pulls, asked
 
@@ -204,12 +202,10 @@ def test_second_start_changes_nothing(stack: Stack) -> None:
 def test_no_secret_is_in_an_image() -> None:
     """The images' histories and environments hold no CA bundle and no generated secret."""
     for name in ("mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot"):
-        done = subprocess.run(
-            ["docker", "image", "inspect", image(name), "--format", "{{json .Config}}"],
-            capture_output=True, text=True, check=True, cwd=ROOT,
-        )  # fmt: skip
-        assert "PASSWORD" not in done.stdout.upper().replace("PASSWORD_FILE", "")
-        assert "/run/secrets/ca" not in done.stdout
+        inspect = ("docker", "image", "inspect", image(name), "--format", "{{json .Config}}")
+        said = output_of_command(*inspect)
+        assert "PASSWORD" not in said.upper().replace("PASSWORD_FILE", "")
+        assert "/run/secrets/ca" not in said
 
 
 @pytest.mark.release

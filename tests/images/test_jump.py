@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from commands import run_command
 from jump_people import BANNER, JUMP, Person, ShellRobot, end, ended, lives
 from robot_key import first_line
 from stack import Stack
@@ -127,10 +127,8 @@ def test_stranger_with_a_public_key_gets_nothing(
         options.append(f"UserKnownHostsFile={tmp_path / 'known'}")
         arguments = [part for option in options for part in ("-o", option)]
         for _ in range(3):
-            done = subprocess.run(
-                [*bare, *arguments, "-W", f"127.0.0.1:{robot.shell_port}", JUMP],
-                capture_output=True, text=True, timeout=15, stdin=subprocess.DEVNULL, check=False,
-            )  # fmt: skip
+            target = f"127.0.0.1:{robot.shell_port}"
+            done = run_command(*bare, *arguments, "-W", target, JUMP, limit_s=15)
             assert "Permission denied" in done.stderr
         stack.wait("the register as before", lambda: registered(stack) == mine, "sshd")
         assert lives(running, "still here")

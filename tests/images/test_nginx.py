@@ -7,10 +7,10 @@ import http.client
 import json
 import socket
 import ssl
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import run_command
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from local_network import insecure_tls
@@ -102,8 +102,8 @@ def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_sign
     ):
         pass
     url = f"{stack.url}/nginx-health"
-    curl = ["curl", "--silent", "--show-error", "--fail", "--cacert", str(self_signed), url]
-    done = subprocess.run(curl, capture_output=True, text=True, timeout=20, check=False)
+    curl = ("curl", "--silent", "--show-error", "--fail", "--cacert", self_signed, url)
+    done = run_command(*curl)
     assert (done.stdout, done.stderr) == ("ok\n", "")
 
 

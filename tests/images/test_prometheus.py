@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from commands import output_of_command, run_command
 from image_names import image
 
 TESTS = Path(__file__).parent
@@ -19,11 +19,7 @@ START_WITHIN_S = 60
 
 
 def run(*arguments: str) -> str:
-    done = subprocess.run(
-        ["docker", *arguments], capture_output=True, text=True, check=False, timeout=120
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout.strip()
+    return output_of_command("docker", *arguments, limit_s=120).strip()
 
 
 @pytest.mark.parametrize(
@@ -69,8 +65,8 @@ def running(*options: str, port: int) -> Iterator[str]:
     container = run("run", "--detach", *LOCKED_DOWN, *options, image("prometheus"))
     try:
         give_up_at = time.monotonic() + START_WITHIN_S
-        check = ["docker", "exec", container, "/usr/lib/robotether/healthy", str(port)]
-        while subprocess.run(check, check=False, timeout=30).returncode:
+        check = ("docker", "exec", container, "/usr/lib/robotether/healthy", str(port))
+        while run_command(*check).returncode:
             assert time.monotonic() < give_up_at, run("logs", container)
             time.sleep(0.5)
         yield container
@@ -130,6 +126,6 @@ def test_alertmanager_says_what_is_wrong(changes: Mapping[str, str], reason: str
     start += [*environment(MAIL | changes), image("prometheus")]
     # It waits for a person.
     start += ["3", "/usr/lib/robotether/alertmanager"]
-    done = subprocess.run(start, capture_output=True, text=True, check=False, timeout=60)
+    done = run_command(*start)
     assert done.returncode == TIMED_OUT
     assert reason in done.stderr

@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import pytest
 import robotether_server
+from commands import output_of_command
 from image_names import image as name_of
 from stack import ROOT
 
@@ -22,12 +22,8 @@ OCI = "org.opencontainers.image."
 def bake(*arguments: str, **variables: str) -> str:
     """Run the build description with these variables; return what it prints."""
     environment = {**os.environ, "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""), **variables}
-    done = subprocess.run(
-        ["docker", "buildx", "bake", *arguments],
-        cwd=ROOT, env=environment, capture_output=True, text=True, check=False, timeout=600,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr[-4000:]
-    return done.stdout
+    command = ("docker", "buildx", "bake", *arguments)
+    return output_of_command(*command, cwd=ROOT, env=environment, limit_s=600)
 
 
 def described(*targets: str, **variables: str) -> dict[str, dict[str, Any]]:
@@ -38,26 +34,21 @@ def described(*targets: str, **variables: str) -> dict[str, dict[str, Any]]:
 
 def in_image(image: str, *command: str) -> str:
     """Run a command in an image, with nothing of a site's around it."""
-    run = ["docker", "run", "--rm", "--network", "none", "--entrypoint", command[0]]
-    done = subprocess.run(
-        [*run, name_of(image), *command[1:]],
-        capture_output=True, text=True, check=True, timeout=60,
-    )  # fmt: skip
-    return done.stdout
+    run = ("docker", "run", "--rm", "--network", "none", "--entrypoint", command[0])
+    return output_of_command(*run, name_of(image), *command[1:])
 
 
 @pytest.mark.parametrize("image", BUILT)
 def test_image_says_what_it_is(image: str) -> None:
-    command = ["docker", "image", "inspect", name_of(image)]
-    done = subprocess.run(command, capture_output=True, text=True, check=True)
-    labels = json.loads(done.stdout)[0]["Config"]["Labels"]
+    said = output_of_command("docker", "image", "inspect", name_of(image))
+    labels = json.loads(said)[0]["Config"]["Labels"]
     assert labels[f"{OCI}title"] == f"Robotether: {image}"
     assert labels[f"{OCI}description"]
     assert labels[f"{OCI}version"] == robotether_server.__version__
     assert labels[f"{OCI}licenses"] == "Apache-2.0"
     assert re.fullmatch("[0-9a-f]{40}", labels[f"{OCI}revision"])
-    show = ["git", "show", "--no-patch", "--format=%cI", labels[f"{OCI}revision"]]
-    committed = subprocess.run(show, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    show = ("git", "show", "--no-patch", "--format=%cI", labels[f"{OCI}revision"])
+    committed = output_of_command(*show, cwd=ROOT)
     assert labels[f"{OCI}created"] == committed.strip()
 
 

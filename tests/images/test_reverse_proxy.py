@@ -7,7 +7,6 @@ import json
 import re
 import socket
 import ssl
-import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from http import HTTPStatus
 from pathlib import Path
 
 import pytest
+from commands import output_of_command
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
@@ -132,8 +132,8 @@ class Site:
     def start_caddy(self) -> Container:
         """The page's Caddy, with a certificate of its own authority as there is no public one here."""
         recipe = "FROM debian:trixie-slim\nRUN apt-get update && apt-get install -y --no-install-recommends caddy\n"
-        build = ["docker", "build", "--quiet", "--tag", "local.invalid/robotether/caddy_test", "-"]
-        subprocess.run(build, input=recipe, text=True, check=True, capture_output=True, timeout=600)
+        build = ("docker", "build", "--quiet", "--tag", "local.invalid/robotether/caddy_test", "-")
+        output_of_command(*build, input=recipe, limit_s=600)
         text = "{\n    local_certs\n    skip_install_trust\n}\n" + of_page("caddyfile")
         return self.proxy(
             "local.invalid/robotether/caddy_test",

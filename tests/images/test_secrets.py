@@ -6,7 +6,6 @@ import base64
 import io
 import json
 import os
-import subprocess
 import tarfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,12 +17,14 @@ from typing import Any
 
 import docker
 import pytest
+from commands import output_of_command
 from cryptography import x509
 from cryptography.x509.verification import PolicyBuilder, Store
 from dated_certificate import make_certificate
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
+from openssh_server import make_key
 from secret_files import SECRETS_OF
 from tls_front import openssl
 
@@ -190,7 +191,7 @@ def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path
         for name, text in shared.items():
             (following.own / name).write_text(text)
         host_key = following.own / "ssh_host_ed25519_key"
-        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", host_key], check=True)
+        make_key(host_key)
         assert following.make() == (0, "secrets: made database_cert.pem\n")
         texts, own = following.texts(), site.texts()
         assert texts["sshd"].pop("ssh_host_ed25519_key") == host_key.read_text()
@@ -205,10 +206,8 @@ def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
     folder = tmp_path / "site"
     made: list[dict[str, bytes]] = []
     for _ in range(2):
-        subprocess.run(
-            [ROOT / "tools" / "site_secrets", "--new", folder],
-            env={**os.environ, "ENV_FILE": "none"}, check=True, capture_output=True, timeout=60,
-        )  # fmt: skip
+        environ = {**os.environ, "ENV_FILE": "none"}
+        output_of_command(ROOT / "tools" / "site_secrets", "--new", folder, env=environ)
         made.append({file.name: file.read_bytes() for file in folder.iterdir()})
     assert made[0] == made[1]
     assert all(made[0].values())

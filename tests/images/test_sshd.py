@@ -12,6 +12,7 @@ import time
 from pathlib import Path
 
 import pytest
+from commands import run_command
 from jump_people import RobotSshd, end, heartbeat
 from robot_key import RobotKey, session_line
 from stack import Stack
@@ -100,10 +101,8 @@ def test_log_ins_through_443_have_an_address_for_each_client(stack: Stack) -> No
 def test_an_audit_finds_no_weak_algorithm(stack: Stack) -> None:
     """ssh-audit fails none of what sshd offers, nor does it know of a weakness of the whole."""
     port = stack.ssh_port
-    done = subprocess.run(
-        [sys.executable, "-m", "ssh_audit", "--json", "--skip-rate-test", "-p", str(port), "127.0.0.1"],
-        capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
+    audit = (sys.executable, "-m", "ssh_audit", "--json", "--skip-rate-test")
+    done = run_command(*audit, "-p", str(port), "127.0.0.1")
     found = json.loads(done.stdout)
     offered = [each for kind in ("kex", "key", "enc", "mac") for each in found[kind]]
     assert {each["algorithm"] for each in found["key"]} == {"ssh-ed25519"}

@@ -17,6 +17,7 @@ from typing import Any
 import pymysql
 import pytest
 from cells import first_cell, second_cell
+from commands import path_with, write_programs
 from image_names import ensure_built
 from stack import ROOT, Stack
 
@@ -51,14 +52,11 @@ class Site:
         self.b = first_cell(folder / "b", "b")
         self.c: Stack
         programs = folder / "programs"
-        programs.mkdir()
-        for name, text in (("ssh", SSH), ("make", MAKE)):
-            (programs / name).write_text(text)
-            (programs / name).chmod(0o755)
+        write_programs(programs, {"ssh": SSH, "make": MAKE})
         for machine in (self.a, self.b):
             name = f"{machine.settings['CELL']}.robots.example.com"
             (folder / f"{name}.env_file").write_text(os.path.relpath(machine.env_file, ROOT))
-            machine.variables |= {"PATH": f"{programs}:{os.environ['PATH']}", "SITE": str(folder)}
+            machine.variables |= {**path_with(programs), "SITE": str(folder)}
 
     def _here(self, text: str) -> str:
         """What the page says, with the addresses of this test's machines, which differ in their ports."""

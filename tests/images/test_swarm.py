@@ -7,7 +7,6 @@ import json
 import os
 import re
 import ssl
-import subprocess
 import tarfile
 import urllib.request
 from collections.abc import Iterator
@@ -16,6 +15,7 @@ from functools import partial
 from hashlib import sha256
 
 import pytest
+from commands import output_of_command
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from local_network import insecure_tls
@@ -31,10 +31,8 @@ def swarm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swarm]:
     ensure_built("demo")
     folder = tmp_path_factory.mktemp("swarm")
     secrets = folder / "secrets"
-    subprocess.run(
-        ["tools/site_secrets", "--new", str(secrets)],
-        cwd=ROOT, env={**os.environ, "ENV_FILE": "none"}, check=True, capture_output=True, timeout=60,
-    )  # fmt: skip
+    environ = {**os.environ, "ENV_FILE": "none"}
+    output_of_command("tools/site_secrets", "--new", secrets, cwd=ROOT, env=environ)
     with Swarm(folder, secrets, ("database", *CELLS)) as running:
         running.hand_over("database", "mysql", "server")
         for cell in CELLS:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from urllib.request import urlopen
 import docker
 import pytest
 from attackers import Person
+from commands import output_of_command
 from docker.models.containers import Container
 from image_names import image
 from local_network import free_port
@@ -37,11 +37,7 @@ pytestmark = pytest.mark.release
 
 def run(*command: str | Path, cwd: Path = ROOT) -> str:
     """Run a program that must succeed; what it printed."""
-    done = subprocess.run(
-        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=UP_WITHIN_S
-    )
-    assert done.returncode == 0, f"{command}\n{done.stdout[-2000:]}\n{done.stderr[-4000:]}"
-    return done.stdout
+    return output_of_command(*command, cwd=cwd, limit_s=UP_WITHIN_S)
 
 
 def answers(url: str) -> bool:

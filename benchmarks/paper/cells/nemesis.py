@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import shutil
-import subprocess
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
@@ -15,6 +14,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
+
+from commands import output_of_command, run_command
 
 from paper.cells.history import History
 from paper.cells.site import OF_DATABASE, OF_PEERS, SERVICES, Cell, Site, drop
@@ -279,15 +280,11 @@ def make_disk(place: Path, size_bytes: int, folders: Sequence[Path]) -> None:
     """Mount a small file system there, and move folders into it."""
     place.mkdir()
     options = f"size={size_bytes},mode=0700"
-    subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", options, "robots", str(place)],
-        check=True,
-        capture_output=True,
-    )
+    output_of_command("mount", "-t", "tmpfs", "-o", options, "robots", place)
     for folder in folders:
         shutil.copytree(folder, place / folder.parent.name / folder.name)
 
 
 def remove_disk(place: Path) -> None:
     """Take it away, whoever still holds a file of it."""
-    subprocess.run(["umount", "--lazy", str(place)], check=False, capture_output=True)
+    run_command("umount", "--lazy", place)

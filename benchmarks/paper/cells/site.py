@@ -11,7 +11,6 @@ from __future__ import annotations
 import os
 import socket
 import struct
-import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +22,7 @@ from signal import SIGCONT, SIGSTOP, Signals
 from typing import TYPE_CHECKING, Any
 
 from cells import first_cell, second_cell
+from commands import output_of_command, run_command
 from inside import run_inside
 from local_network import request_json
 
@@ -159,9 +159,7 @@ def drop(inside: Sequence[str], ports: Sequence[int], *, to_drop: bool) -> None:
         for chain, side in (("OUTPUT", "--dport"), ("INPUT", "--sport")):
             rule = [how, chain, "-p", "tcp", side, str(port), "-j", "DROP"]
             # A rule that has gone with its container needs not be taken back.
-            subprocess.run(
-                [*inside, "iptables", "-w", *rule], check=to_drop, capture_output=True, text=True
-            )
+            (output_of_command if to_drop else run_command)(*inside, "iptables", "-w", *rule)
 
 
 class Site:

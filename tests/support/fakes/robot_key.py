@@ -7,6 +7,7 @@ import select
 import subprocess
 from pathlib import Path
 
+from commands import output_of_command, run_command
 from openssh_server import make_key
 from robotether_common.join import JOIN_NAMESPACE, join_message
 from stack import Stack
@@ -28,17 +29,14 @@ class RobotKey:
 
     @property
     def fingerprint(self) -> str:
-        done = subprocess.run(
-            ["ssh-keygen", "-lf", str(self.file)], check=True, capture_output=True, text=True
-        )
-        return done.stdout.split()[1]
+        return output_of_command("ssh-keygen", "-lf", self.file).split()[1]
 
     def join_body(self, mac: str, **fields: object) -> dict[str, object]:
         words = ["ssh-keygen", "-q", "-Y", "sign", "-n", JOIN_NAMESPACE, "-f", str(self.file)]
         token = str(fields["token"]) if "token" in fields else None
         message = join_message(token, mac, " ".join(self.public.split()[:2]))
-        done = subprocess.run(words, input=message, check=True, capture_output=True, text=True)
-        proof = {"mac": mac, "public_key": self.public, "signature": done.stdout}
+        signature = output_of_command(*words, input=message)
+        proof = {"mac": mac, "public_key": self.public, "signature": signature}
         return {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}
 
     def join(self, mac: str, **fields: object) -> tuple[int, dict[str, object]]:
@@ -76,14 +74,7 @@ class RobotKey:
     def ssh(
         self, *arguments: str, port: int | None = None, timeout: float = 2 * ANSWER_S
     ) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            self.command(*arguments, port=port),
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-            stdin=subprocess.DEVNULL,
-            check=False,
-        )
+        return run_command(*self.command(*arguments, port=port), limit_s=timeout)
 
     def start(self, *arguments: str, port: int | None = None) -> subprocess.Popen[str]:
         """Start the client and leave it running; the caller ends it."""

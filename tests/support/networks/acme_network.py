@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import socket
 import ssl
-import subprocess
 import uuid
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
@@ -18,6 +17,7 @@ from pathlib import Path
 from typing import Self
 
 import docker
+from commands import output_of_command
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
@@ -218,7 +218,7 @@ class AcmeNetwork:
 def _build_images() -> None:
     ensure_built("nginx", "acme")
     # No site runs it.
-    subprocess.run([ROOT / "tools" / "build", "pebble"], check=True, capture_output=True)
+    output_of_command(ROOT / "tools" / "build", "pebble", limit_s=900)
 
 
 def make_certificate(folder: Path, name: str, *more: str) -> None:
@@ -227,11 +227,10 @@ def make_certificate(folder: Path, name: str, *more: str) -> None:
     command += ["-nodes", "-days", "2", "-subj", f"/CN={name}"]
     command += ["-addext", "subjectAltName=" + ",".join(f"DNS:{each}" for each in (name, *more))]
     command += ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem")]
-    subprocess.run(command, check=True, capture_output=True)
+    output_of_command(*command)
     (folder / "key.pem").chmod(0o644)
 
 
 def issuer_of(pem: str) -> str:
-    command = ["openssl", "x509", "-noout", "-issuer", "-nameopt", "multiline"]
-    done = subprocess.run(command, input=pem, capture_output=True, text=True, check=True)
-    return done.stdout.partition("commonName")[2].strip(" =\n")
+    command = ("openssl", "x509", "-noout", "-issuer", "-nameopt", "multiline")
+    return output_of_command(*command, input=pem).partition("commonName")[2].strip(" =\n")

@@ -8,13 +8,14 @@ from __future__ import annotations
 import ctypes
 import os
 import re
-import subprocess
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from ipaddress import IPv4Address
 from itertools import chain, count
 from pathlib import Path
+
+from commands import output_of_command, run_command
 
 PREFIX = "rtlink"
 PLACE = Path("/run/netns")
@@ -46,10 +47,7 @@ class Namespace:
 
     def run(self, *words: str) -> str:
         """Run a short command inside and return what it printed."""
-        done = subprocess.run(self.command(*words), capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise RuntimeError(f"cannot run {' '.join(words)} in {self.name}: {done.stderr}")
-        return done.stdout
+        return output_of_command(*self.command(*words))
 
     def sysctl(self, name: str, value: str) -> None:
         """Set a kernel setting that each network has for itself."""
@@ -105,13 +103,10 @@ def _lay_cable(made: ExitStack, inside: Namespace) -> int:
     first = os.getpid() * PLACES_A_PROCESS % PLACES
     for place in chain(range(first, PLACES), range(first)):
         ends = (f"rtup{place}", "type", "veth", "peer", "name", CABLE, "netns", inside.name)
-        done = subprocess.run(
-            ["ip", "link", "add", *ends], capture_output=True, text=True, check=False
-        )
+        done = run_command("ip", "link", "add", *ends)
         if done.returncode == 0:
             # It may have gone with the namespace.
-            delete = ["ip", "link", "delete", f"rtup{place}"]
-            made.callback(subprocess.run, delete, capture_output=True, check=False)
+            made.callback(run_command, "ip", "link", "delete", f"rtup{place}")
             return place
         if "File exists" not in done.stderr:
             raise RuntimeError(f"cannot lay a cable to {inside.name}: {done.stderr.strip()}")
@@ -130,13 +125,11 @@ def sweep() -> None:
         match = OWN_NAME.fullmatch(path.name)
         if match and not Path("/proc", match[1]).exists():
             # Two sweepers may find the same one.
-            subprocess.run(["ip", "netns", "delete", path.name], capture_output=True, check=False)
+            run_command("ip", "netns", "delete", path.name)
 
 
 def ip(*words: str) -> None:
-    done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
-    if done.returncode != 0:
-        raise RuntimeError(f"cannot run ip {' '.join(words)}: {done.stderr.strip()}")
+    output_of_command("ip", *words)
 
 
 def _set_namespace(descriptor: int) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import subprocess
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
+
+from commands import path_with, run_command
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 WAIT_S = 60
@@ -22,26 +24,24 @@ def of_role(name: str, tasks: str) -> dict[str, Any]:
 
 def play(
     folder: Path, tasks: Sequence[Mapping[str, Any]], vars_file: Path | None = None, **given: Any
-) -> subprocess.CompletedProcess[str]:
+) -> CompletedProcess[str]:
     """Run tasks with the programs in `folder` before this machine's own, and without its user's settings."""
     whole = {"hosts": "localhost", "gather_facts": False, "tasks": tasks}
     files = {} if vars_file is None else {"vars_files": [str(vars_file)]}
     (folder / "play.yml").write_text(json.dumps([whole | files]))
     known = {"ansible_python_interpreter": sys.executable, **given}
-    words: list[str | Path] = [Path(sys.executable).with_name("ansible-playbook"), "play.yml"]
-    words += ["-e", json.dumps(known)]
+    playbook = Path(sys.executable).with_name("ansible-playbook")
+    words = (playbook, "play.yml", "-e", json.dumps(known))
     environ = {
         **os.environ,
         "HOME": str(folder),
-        "PATH": f"{folder}{os.pathsep}{os.environ['PATH']}",
+        **path_with(folder),
         "ANSIBLE_ROLES_PATH": str(ANSIBLE / "roles"),
         "ANSIBLE_COLLECTIONS_PATH": str(ANSIBLE / "collections"),
         "ANSIBLE_NOCOLOR": "1",
         "ANSIBLE_LOCALHOST_WARNING": "no",
     }
-    return subprocess.run(
-        words, cwd=folder, env=environ, check=False, capture_output=True, text=True, timeout=WAIT_S
-    )
+    return run_command(*words, cwd=folder, env=environ)
 
 
 async def run_module(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from commands import output_of_command, run_command
 from docker.types import Mount
 from image_names import image
 from robot_hosts import ROOT, SYSTEMD, RobotHost, RobotHosts
@@ -28,14 +28,14 @@ def image_tag() -> str:
 def save_images(folder: Path) -> Path:
     """The images as an archive, as a site without internet has them."""
     archive = folder / "images.tar"
-    subprocess.run(["docker", "save", "--output", str(archive), *IMAGES], check=True, timeout=300)
+    output_of_command("docker", "save", "--output", archive, *IMAGES, limit_s=300)
     return archive
 
 
 def clone_sources(folder: Path) -> Path:
     """This checkout's commit: one made while the tests run would be an upgrade."""
     sources = folder / "sources"
-    subprocess.run(["git", "clone", "--quiet", str(ROOT), str(sources)], check=True, timeout=60)
+    output_of_command("git", "clone", "--quiet", ROOT, sources)
     return sources
 
 
@@ -85,14 +85,11 @@ class Controller:
     ) -> tuple[int, str]:
         """Run a playbook, which must end well; how much it changed on all machines, and what it printed."""
         program = Path(sys.executable).with_name("ansible-playbook")
-        done = subprocess.run(
-            [program, "-i", str(self.inventory), playbook, *arguments],
+        done = run_command(
+            *(str(program), "-i", str(self.inventory), playbook, *arguments),
             cwd=self.sources / "ansible",
             env={**os.environ, "ANSIBLE_NOCOLOR": "1", **(environment or {})},
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=1800,
+            limit_s=1800,
         )
         recaps = RECAP.findall(done.stdout)
         assert recaps, done.stdout[-6000:] + done.stderr

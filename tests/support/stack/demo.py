@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
@@ -16,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import docker
+from commands import output_of_command
 from docker.models.containers import Container
 from docker_engine import address_of, container_of, machine_address
 from inside import output_of
@@ -104,5 +104,4 @@ class Demo(LiveServer):
 
 
 def _run_compose(*arguments: str) -> str:
-    command = [str(ROOT / "tools" / "compose"), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    return output_of_command(ROOT / "tools" / "compose", *arguments)

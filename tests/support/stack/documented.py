@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import re
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
+
+from commands import run_command
 
 ROOT = Path(__file__).resolve().parents[3]
 # It says what was there before.
@@ -20,14 +21,9 @@ _HERE_DOCUMENT = re.compile(r" <<'(\w+)'\n.*?^\1$", re.MULTILINE | re.DOTALL)
 
 def tracked(*patterns: str) -> list[Path]:
     """The repository's files; none where it is not a git checkout."""
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", *patterns],
-        cwd=ROOT,
-        check=False,
-        capture_output=True,
-        text=True,
-    )
-    return [ROOT / name for name in sorted(listed.stdout.split("\0")) if (ROOT / name).is_file()]
+    listing = ("git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--")
+    names = sorted(run_command(*listing, *patterns, cwd=ROOT).stdout.split("\0"))
+    return [ROOT / name for name in names if (ROOT / name).is_file()]
 
 
 def pages() -> list[Path]:

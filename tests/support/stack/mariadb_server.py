@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import secrets
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +12,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import docker
+from commands import output_of_command
 from dated_certificate import make_certificate
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
@@ -153,7 +153,5 @@ def wait_healthy(container: Container) -> None:
 def _build(tag: str, suite: str) -> None:
     """Build with BuildKit, which the engine's SDK does not speak."""
     base = f"debian:{SUITE}-slim=docker-image://debian:{suite}-slim"
-    command = ["docker", "buildx", "build", "--load", "--build-context", base, "--tag", tag]
-    command.append(str(IMAGE_DIR))
-    done = subprocess.run(command, check=False, capture_output=True, text=True)
-    assert done.returncode == 0, f"cannot build {IMAGE_DIR}:\n{done.stderr[-4000:]}"
+    command = ("docker", "buildx", "build", "--load", "--build-context", base, "--tag", tag)
+    output_of_command(*command, IMAGE_DIR, limit_s=900)

@@ -9,14 +9,15 @@ import json
 import os
 import re
 import shutil
-import subprocess
-import urllib.parse
-import urllib.request
+import urllib.error
 import uuid
 from collections.abc import Callable
 from pathlib import Path
+from subprocess import CompletedProcess
 from typing import Any
 
+from commands import output_of_command, run_command
+from documented import tracked
 from local_network import free_port
 from logins import Login
 from openssh_server import wait_until
@@ -54,28 +55,17 @@ class PlainCompose:
     def url(self) -> str:
         return f"https://localhost:{self.settings['HTTPS_PORT']}/"
 
-    def run(self, *arguments: str, timeout: float = 600) -> subprocess.CompletedProcess[str]:
+    def run(self, *arguments: str, timeout: float = 600) -> CompletedProcess[str]:
         environment = {name: str(value) for name, value in self.settings.items()}
-        return subprocess.run(
-            ["docker", "compose", *arguments],
-            cwd=self.compose_folder,
-            env=environment | {"PATH": str(self._programs), "HOME": os.environ["HOME"]},
-            check=False,
-            capture_output=True,
-            text=True,
-            timeout=timeout,
-        )
+        environment |= {"PATH": str(self._programs), "HOME": os.environ["HOME"]}
+        words = ("docker", "compose", *arguments)
+        return run_command(*words, cwd=self.compose_folder, env=environment, limit_s=timeout)
 
     def tool(self, name: str, *arguments: str) -> str:
         """Run one of the repository's tools for this stack, which must succeed; what it printed."""
         settings = {name: str(value) for name, value in self.settings.items()}
-        return subprocess.run(
-            [self._folder / name, *arguments],
-            env=os.environ | settings,
-            check=True,
-            stdout=subprocess.PIPE,
-            text=True,
-        ).stdout
+        environ = os.environ | settings
+        return output_of_command(self._folder / name, *arguments, env=environ, limit_s=600)
 
     def compose(self, *arguments: str) -> str:
         done = self.run(*arguments)
@@ -125,14 +115,10 @@ class PlainCompose:
 
     def _copy(self) -> None:
         """Copy what git has or would take, and make a folder of programs that has docker alone."""
-        listed = subprocess.run(
-            ["git", "ls-files", "-z", "--cached", "--others", "--exclude-standard"],
-            cwd=ROOT, check=True, capture_output=True, text=True,
-        )  # fmt: skip
-        for name in filter(None, listed.stdout.split("\0")):
-            if (ROOT / name).is_file():
-                (self._folder / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(ROOT / name, self._folder / name)
+        for path in tracked():
+            copy = self._folder / path.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, copy)
         self._programs.mkdir()
         docker = shutil.which("docker")
         assert docker is not None

@@ -11,7 +11,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import time
 from collections.abc import Iterable, Mapping
@@ -19,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from commands import output_of_command, run_command
 from robot_hosts import (
     CA_BUNDLE,
     PIP_CACHE,
@@ -63,7 +63,7 @@ def build_wheel(agent: Path, folder: Path) -> Path:
     shutil.copytree(ROOT / "common", folder / "common", ignore=left_out)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps"]
     command += ["--wheel-dir", str(folder), str(sources)]
-    subprocess.run(command, check=True, timeout=120, env=pip_environment())
+    output_of_command(*command, env=pip_environment())
     shutil.copy(sources / "requirements.txt", folder)
     return next(folder.glob("*.whl"))
 
@@ -191,10 +191,7 @@ class Site:
         ]  # fmt: skip
         folder = self.folder if self.collections else ANSIBLE
         started = time.monotonic()
-        done = subprocess.run(
-            command, cwd=folder, env=environment, capture_output=True, text=True, timeout=ENDS_WITHIN_S,
-            check=False, stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        done = run_command(*command, cwd=folder, env=environment, limit_s=ENDS_WITHIN_S)
         return Played(done.returncode, done.stdout + done.stderr, time.monotonic() - started)
 
     def _place(self) -> dict[str, str]:

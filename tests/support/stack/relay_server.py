@@ -9,12 +9,13 @@ from __future__ import annotations
 import asyncio
 import os
 import secrets
-import subprocess
 import sys
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
 from datetime import datetime, timezone
+from subprocess import CompletedProcess
 
+from commands import run_command
 from fake_robot import FINGERPRINT, HOST, WAIT_S
 from local_network import free_port
 from robotether_server import __version__
@@ -300,13 +301,10 @@ async def until(condition: Callable[[], object], what: str, within_s: float = WA
         await asyncio.sleep(0.01)
 
 
-def run_python(*arguments: str) -> subprocess.CompletedProcess[str]:
+def run_python(*arguments: str) -> CompletedProcess[str]:
     """Run a program with the product's packages and no variable of the relay's; wait for its end."""
     environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
-    command = [sys.executable, *arguments]
-    return subprocess.run(
-        command, env=environment, capture_output=True, text=True, timeout=60, check=False
-    )
+    return run_command(sys.executable, *arguments, env=environment)
 
 
 def utc(*parts: int) -> datetime:

@@ -7,7 +7,6 @@ ask the daemons through `exec`, and hurt single containers through the engine's 
 from __future__ import annotations
 
 import os
-import subprocess
 import time
 import urllib.error
 from collections.abc import Callable, Iterator
@@ -20,6 +19,7 @@ from typing import Any, TypeVar
 
 import docker
 import image_names
+from commands import output_of_command
 from docker.models.containers import Container
 from docker_engine import container_of
 from inside import output_of
@@ -107,20 +107,7 @@ class Stack:
         """Run one of the repository's tools for this project and return what it printed."""
         env_file = os.path.relpath(self.env_file, self.root)
         environment = {**os.environ, "ENV_FILE": env_file, **self.variables}
-        done = subprocess.run(
-            command,
-            cwd=self.root,
-            env=environment,
-            timeout=timeout,
-            check=False,
-            capture_output=True,
-            text=True,
-        )
-        if done.returncode != 0:
-            raise AssertionError(
-                f"{' '.join(command)} exited {done.returncode}\n{done.stdout[-4000:]}\n{done.stderr[-8000:]}"
-            )
-        return done.stdout
+        return output_of_command(*command, cwd=self.root, env=environment, limit_s=timeout)
 
     def compose(self, *arguments: str, timeout: float = 60) -> str:
         return self.tool("tools/compose", *arguments, timeout=timeout)

@@ -6,7 +6,6 @@ Nodes reach each other by address on a network of this machine; none has interne
 from __future__ import annotations
 
 import shlex
-import subprocess
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Self, TypeVar
 
 import docker
+from commands import output_of_command
 from docker.models.containers import Container
 from docker.types import Mount
 from docker_engine import address_of
@@ -53,11 +53,9 @@ class Node:
 
     def load(self, archive: Path) -> None:
         """Take images over, as a node without a registry does."""
+        inside = ("docker", "exec", "--interactive", str(self.container.id))
         with archive.open("rb") as stream:
-            subprocess.run(
-                ["docker", "exec", "--interactive", str(self.container.id), "docker", "load", "--quiet"],
-                stdin=stream, check=True, capture_output=True, timeout=300,
-            )  # fmt: skip
+            output_of_command(*inside, "docker", "load", "--quiet", stdin=stream, limit_s=300)
 
 
 @dataclass
@@ -71,7 +69,7 @@ class Swarm:
     nodes: dict[str, Node] = field(default_factory=dict)
 
     def __enter__(self) -> Self:
-        subprocess.run([BUILD, "docker_host"], check=True, capture_output=True, timeout=300)
+        output_of_command(BUILD, "docker_host", limit_s=300)
         self.prefix = f"swarm-test-{uuid.uuid4().hex[:8]}"
         self.network = self.engine.networks.create(self.prefix, driver="bridge")
         try:
@@ -95,8 +93,7 @@ class Swarm:
     def hand_over(self, node: str, *names: str) -> None:
         """Give a node the images that its services need."""
         archive = self.folder / "images.tar"
-        command = ["docker", "save", "--output", str(archive), *map(image, names)]
-        subprocess.run(command, check=True, timeout=300)
+        output_of_command("docker", "save", "--output", archive, *map(image, names), limit_s=300)
         self.nodes[node].load(archive)
         archive.unlink()
 

@@ -1,14 +1,13 @@
 """The collection is built, installed in an empty folder, and used by its full names."""
 
 import json
-import os
-import subprocess
 import sys
 import tarfile
 from pathlib import Path
 
 import pytest
 import yaml
+from commands import output_of_command, path_with, run_command
 
 ROOT = Path(__file__).resolve().parents[3]
 ANSIBLE = ROOT / "ansible"
@@ -28,23 +27,14 @@ STEPS = ("pre_tasks", "roles", "tasks")
 
 def ansible(program, *arguments, cwd):
     """Run one of Ansible's programs, for which the folder is all that there is of settings and collections."""
-    done = subprocess.run(
-        [BIN / program, *arguments],
-        cwd=cwd,
-        env={
-            "PATH": f"{BIN}{os.pathsep}{os.environ['PATH']}",
-            "HOME": str(cwd),
-            "LC_ALL": "C.UTF-8",
-            "ANSIBLE_COLLECTIONS_PATH": str(cwd),
-            "ANSIBLE_NOCOLOR": "1",
-        },
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout
+    environ = {
+        **path_with(BIN),
+        "HOME": str(cwd),
+        "LC_ALL": "C.UTF-8",
+        "ANSIBLE_COLLECTIONS_PATH": str(cwd),
+        "ANSIBLE_NOCOLOR": "1",
+    }
+    return output_of_command(BIN / program, *arguments, cwd=cwd, env=environ, limit_s=END_S)
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +57,8 @@ def home(archive, tmp_path_factory):
 
 
 def test_archive_has_what_belongs_to_it(archive):
-    listed = subprocess.run(
-        ["git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", "."],
-        cwd=ANSIBLE, check=False, capture_output=True, text=True,
-    ).stdout  # fmt: skip
+    listing = ("git", "ls-files", "--cached", "--others", "--exclude-standard", "-z", "--", ".")
+    listed = run_command(*listing, cwd=ANSIBLE).stdout
     if not listed:
         pytest.skip("this is not a git checkout")
     tracked = {name for name in listed.split("\0") if name and (ANSIBLE / name).exists()}

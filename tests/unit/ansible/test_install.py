@@ -5,6 +5,7 @@ from zipfile import ZipFile
 
 import pytest
 from ansible_module import of_role, play
+from commands import write_programs
 
 # In place of the agent's own installer, which needs a package index.
 INSTALLER = """
@@ -45,10 +46,9 @@ def test_robot_without_what_encodes_video_goes_on(tmp_path, exit_code, changed):
     (tmp_path / "wheels").mkdir()
     for name in ("av-18.1.0-cp311-abi3-x.whl", "aiohttp-3.14.5-x.whl"):
         (tmp_path / "wheels" / name).touch()
-    command = tmp_path / "version/bin/robotether-agent"
-    command.parent.mkdir(parents=True)
-    command.write_text(f"#!/bin/sh\necho $1: $(ls $3) >&2\nexit {exit_code}\n")
-    command.chmod(0o755)
+    (tmp_path / "version").mkdir()
+    lists = f"echo $1: $(ls $3) >&2; exit {exit_code}"
+    write_programs(tmp_path / "version/bin", {"robotether-agent": lists})
     done = play(
         tmp_path,
         [of_role("robotether_agent", "install_video")],

@@ -9,6 +9,7 @@ import ssl
 import pytest
 import yaml
 from ansible_module import ANSIBLE, of_role, play, run_module
+from commands import write_programs
 from fake_proxy import PASSWORD, USER, FakeProxy
 from jinja2 import Template
 
@@ -99,9 +100,7 @@ def test_robots_python_reads_the_module(name):
 )
 def test_older_python_is_refused(tmp_path, python, runtime, oldest):
     """Before a module runs, of which it would print a syntax error; in a container the agent has its own."""
-    for name, said in {"python3": python, "docker": ""}.items():
-        (tmp_path / name).write_text(f"#!/bin/sh\necho {said}\n")
-        (tmp_path / name).chmod(0o755)
+    write_programs(tmp_path, {"python3": f"echo {python}", "docker": "echo"})
     # No server is set, so nothing is looked at after the assertions.
     role = of_role("robotether_agent", "preflight")
     played = play(tmp_path, [role], agent_runtime=runtime).stdout

@@ -4,19 +4,18 @@ import hashlib
 import json
 import os
 import ssl
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 import yaml
 from api_visitor import new_public_key
+from commands import run_command
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 MACS = {
     name: f"00:1b:44:00:00:0{number}" for number, name in enumerate(("turtle", "rover", "scout"), 1)
 }
-END_S = 60
 
 
 @pytest.fixture
@@ -73,20 +72,15 @@ def run(web, folder, user="root", **options):
     known = {"server": web.address, "ca_file": str(web.certificate), **options}
     written = {name: value for name, value in known.items() if value is not None}
     file.write_text(yaml.safe_dump({"plugin": "robotether.robotether.robots", **written}))
-    return subprocess.run(
-        [Path(sys.executable).with_name("ansible-inventory"), "-i", file, "--list"],
-        env={
-            **os.environ,
-            "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
-            "ANSIBLE_INVENTORY_UNPARSED_FAILED": "yes",
-            "ANSIBLE_NOCOLOR": "1",
-            "ROBOTETHER_TOKEN": web.token(user),
-        },
-        capture_output=True,
-        text=True,
-        timeout=END_S,
-        check=False,
-    )
+    environ = {
+        **os.environ,
+        "ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg"),
+        "ANSIBLE_INVENTORY_UNPARSED_FAILED": "yes",
+        "ANSIBLE_NOCOLOR": "1",
+        "ROBOTETHER_TOKEN": web.token(user),
+    }
+    program = Path(sys.executable).with_name("ansible-inventory")
+    return run_command(program, "-i", file, "--list", env=environ)
 
 
 def _plain(found):

@@ -6,6 +6,7 @@ import re
 import pytest
 import yaml
 from ansible_module import ANSIBLE, play
+from commands import write_programs
 
 pytestmark = pytest.mark.release
 
@@ -27,8 +28,7 @@ def said(folder, tasks, **given):
 
 def test_room_is_needed_where_docker_is(tmp_path):
     """Its folder may be on another file system than the rest, such as one that has no room."""
-    (tmp_path / "docker").write_text("#!/bin/sh\necho /proc/self\n")
-    (tmp_path / "docker").chmod(0o755)
+    write_programs(tmp_path, {"docker": "echo /proc/self"})
     names = ("Find how much room Docker has", "Check that there is room for the images")
     output = said(tmp_path, [task_of(name, "preflight.yml") for name in names])
     assert "cannot set up localhost: /proc/self has 0 GB free, and 4 GB are needed" in output
@@ -45,8 +45,7 @@ def test_room_is_needed_where_docker_is(tmp_path):
 )
 def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
     """Our rules drop what they do not know, which the other one may admit."""
-    (tmp_path / "systemctl").write_text(f'#!/bin/sh\n[ "$*" = "--quiet is-active {active}" ]\n')
-    (tmp_path / "systemctl").chmod(0o755)
+    write_programs(tmp_path, {"systemctl": f'[ "$*" = "--quiet is-active {active}" ]'})
     if ufw:
         (tmp_path / "ufw.conf").write_text(f"# on or off\n{ufw}\n")
     look = task_of("Check for other firewalls", "firewall.yml")
@@ -116,16 +115,12 @@ def test_stack_of_before_is_dumped(tmp_path, deployed, healthy, dumps):
 )
 def test_images_are_loaded_where_they_are_not(tmp_path, deployed, kept, loads):
     """Also those of the archive that was loaded last: `docker image prune --all` may have removed them."""
-    (tmp_path / "tools").mkdir()
+    lists = '[ "$*" = "config --images" ] && printf "mysql\\nweb\\n"'
+    write_programs(tmp_path / "tools", {"compose": lists})
     has_all = (
         f'for image in "$@"; do case " inspect {kept} " in *" $image "*) ;; *) exit 1 ;; esac; done'
     )
-    for path, text in {
-        "tools/compose": '[ "$*" = "config --images" ] && printf "mysql\\nweb\\n"',
-        "docker": f"shift; {has_all}",
-    }.items():
-        (tmp_path / path).write_text(f"#!/bin/sh\n{text}\n")
-        (tmp_path / path).chmod(0o755)
+    write_programs(tmp_path, {"docker": f"shift; {has_all}"})
     load = task_of("Load the images from the archive")
     tell = {"ansible.builtin.debug": {"msg": "it loads"}, "when": load["when"]}
     given = {

@@ -7,6 +7,7 @@ import time
 from pathlib import Path
 
 import pytest
+from commands import path_with, run_command, write_programs
 from robotether_agent.guard.fork_server import GUARD_NAME
 
 ENTRYPOINT = Path(__file__).resolve().parents[3] / "images" / "agent" / "entrypoint"
@@ -18,10 +19,8 @@ exec sleep 30
 
 
 def test_outlives_the_guard_of_a_killed_agent(tmp_path):
-    python = tmp_path / "python3"
-    python.write_text(AGENT)
-    python.chmod(0o755)
-    environ = {**os.environ, "PATH": f"{tmp_path}:{os.environ['PATH']}", "PLACE": str(tmp_path)}
+    write_programs(tmp_path, {"python3": AGENT})
+    environ = {**os.environ, **path_with(tmp_path), "PLACE": str(tmp_path)}
     with subprocess.Popen([ENTRYPOINT, "run"], env=environ) as first:
         agent = tmp_path / "agent"
         end = time.monotonic() + 10
@@ -44,17 +43,12 @@ kill $!
 @pytest.mark.parametrize(("hangs", "status"), [(True, 128 + signal.SIGKILL), (False, 0)])
 def test_agent_that_hangs_is_ended(tmp_path, hangs, status):
     """Docker starts again what has ended, and systemd sees no further than the container."""
-    python = tmp_path / "python3"
-    python.write_text(HANGING)
-    python.chmod(0o755)
+    write_programs(tmp_path, {"python3": HANGING})
     if hangs:
         (tmp_path / "hangs").touch()
     script = ENTRYPOINT.read_text().replace("LOOK_S=10", "LOOK_S=0.3")
-    environ = {**os.environ, "ROBOTETHER_RUN_DIR": str(tmp_path)}
-    environ["PATH"] = f"{tmp_path}:{environ['PATH']}"
-    done = subprocess.run(
-        ["sh", "-c", script, "entrypoint", "run"], env=environ, check=False, timeout=20
-    )
+    environ = {**os.environ, **path_with(tmp_path), "ROBOTETHER_RUN_DIR": str(tmp_path)}
+    done = run_command("sh", "-c", script, "entrypoint", "run", env=environ)
     assert done.returncode == status
 
 
@@ -63,20 +57,10 @@ def test_agent_that_hangs_is_ended(tmp_path, hangs, status):
 )
 def test_agent_that_needs_a_person_is_not_started_again(tmp_path, code, setting, waits):
     """Where Docker starts it; systemd knows these statuses by itself."""
-    for name, line in (("python3", f"exit {code}"), ("sleep", 'echo "sleeps $1"')):
-        program = tmp_path / name
-        program.write_text(f"#!/bin/sh\n{line}\n")
-        program.chmod(0o755)
-    environ = {
-        **os.environ,
-        "PATH": f"{tmp_path}:{os.environ['PATH']}",
-        "WAITS_FOR_PERSON": setting,
-    }
+    write_programs(tmp_path, {"python3": f"exit {code}", "sleep": 'echo "sleeps $1"'})
+    environ = {**os.environ, **path_with(tmp_path), "WAITS_FOR_PERSON": setting}
     environ["ROBOTETHER_RUN_DIR"] = str(tmp_path)
     script = ENTRYPOINT.read_text().replace("watch &", "true &")
-    done = subprocess.run(
-        ["sh", "-c", script, "entrypoint", "run"],
-        env=environ, check=False, capture_output=True, text=True, timeout=20,
-    )  # fmt: skip
+    done = run_command("sh", "-c", script, "entrypoint", "run", env=environ)
     assert ("sleeps infinity" in done.stdout) == waits
     assert done.returncode == (0 if waits else code)

@@ -1,12 +1,12 @@
 """Health checks in images where Docker's client gives each container the address of a proxy (~/.docker/config.json)."""
 
 import os
-import subprocess
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from threading import Thread
 
 import pytest
+from commands import output_of_command
 
 IMAGES = Path(__file__).resolve().parents[3] / "images"
 # Nothing listens there: whoever asks it fails.
@@ -40,6 +40,4 @@ def port():
 )
 def test_no_proxy_is_asked(port, image, argument):
     environment = {"PATH": os.environ["PATH"], **PROXY}
-    check = [str(IMAGES / image / "healthy"), argument.format(port)]
-    done = subprocess.run(check, env=environment, check=False, capture_output=True, timeout=30)
-    assert done.returncode == 0, done.stderr.decode()
+    output_of_command(IMAGES / image / "healthy", argument.format(port), env=environment)

@@ -1,11 +1,11 @@
 """The mysql image: what its entrypoint does with secrets and volumes, and what the server says is in force."""
 
 import os
-import subprocess
 import time
 
 import mariadb_server
 import pytest
+from commands import output_of_command, run_command
 from inside import run_inside
 from mariadb_server import ACCOUNTS, ROOT
 
@@ -87,9 +87,7 @@ def test_records_outlive_the_container_and_secrets_may_change(start, tmp_path):
 @pytest.fixture(scope="module")
 def older_suite():
     """A Debian whose MariaDB is of an older series, 10.11."""
-    command = [ROOT / "tools" / "ensure_base_image", "bookworm"]
-    done = subprocess.run(command, check=False, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, done.stderr
+    output_of_command(ROOT / "tools" / "ensure_base_image", "bookworm", limit_s=600)
     return "bookworm"
 
 
@@ -195,8 +193,6 @@ def test_partner_is_asked_however_its_settings_are_written(tmp_path, name, value
     script = (mariadb_server.IMAGE_DIR / "entrypoint").read_text()
     script = script.replace("data=/var/lib/mysql", f"data={tmp_path}")
     environ = {**os.environ, "DB_PARTNER": "192.0.2.7:3306", name: value}
-    done = subprocess.run(
-        ["sh", "-c", script], env=environ, check=False, capture_output=True, text=True
-    )
+    done = run_command("sh", "-c", script, env=environ)
     assert done.returncode == 1
     assert f"cannot start: {name} is '{value}'; allowed is" in done.stderr

@@ -1,10 +1,9 @@
 """What nginx's entrypoint does before nginx, with a program in its place; tests/images asks nginx itself."""
 
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import path_with, run_command, write_programs
 
 NGINX = Path(__file__).resolve().parents[3] / "images" / "nginx"
 
@@ -18,13 +17,9 @@ def start(place, port):
             (place / folder[1:]).mkdir(parents=True, exist_ok=True)
         (place / "usr/lib/robotether" / name).write_text(text)
     (place / "etc/nginx/tls").mkdir(exist_ok=True)
-    (place / "nginx").write_text("#!/bin/sh\nexit 9\n")
-    (place / "nginx").chmod(0o755)
-    environ = {"PATH": f"{place}:{os.environ['PATH']}", "PUBLIC_PORT": port}
-    return subprocess.run(
-        ["sh", place / "usr/lib/robotether/entrypoint.sh"],
-        env=environ, check=False, capture_output=True, text=True, timeout=30,
-    )  # fmt: skip
+    write_programs(place, {"nginx": "exit 9"})
+    environ = {**path_with(place), "PUBLIC_PORT": port}
+    return run_command("sh", place / "usr/lib/robotether/entrypoint.sh", env=environ)
 
 
 @pytest.mark.parametrize(("port", "suffix"), [("", ""), ("443", ""), ("8443", ":8443")])

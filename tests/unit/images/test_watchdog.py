@@ -1,11 +1,11 @@
 """The watchdog around the health checks of compose's services, with a first process and a service of its own."""
 
 import re
-import subprocess
 from pathlib import Path
 
 import pytest
 import yaml
+from commands import run_command
 
 WATCHDOG = Path(__file__).resolve().parents[3] / "compose" / "watchdog"
 # The first process is a shell, the service a program that is stopped: who waits for it sees its end.
@@ -24,10 +24,7 @@ def service_after(folder, *checks):
     watchdog = folder / "watchdog"
     watchdog.write_text(WATCHDOG.read_text().replace("/dev/shm", str(folder)))
     command = ["unshare", "--pid", "--fork", "--mount-proc", "sh", "-c", SERVICE]
-    done = subprocess.run(
-        [*command, watchdog, *checks], capture_output=True, text=True, timeout=60, check=False
-    )
-    return done.stdout
+    return run_command(*command, watchdog, *checks).stdout
 
 
 @pytest.mark.daemon

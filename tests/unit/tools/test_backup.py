@@ -1,13 +1,12 @@
 """tools/backup with a real database and its trial, else with programs in the place of Docker; so tools/restore."""
 
-import os
 import shutil
-import subprocess
 import tarfile
 import time
 from pathlib import Path
 
 import pytest
+from commands import path_with, run_command, write_programs
 from robotether_server.disks import recorded_space
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -62,10 +61,8 @@ def checkout(tmp_path):
     (folder / "tools").mkdir(parents=True)
     for name in ("backup", "restore", "common.sh"):
         shutil.copy(ROOT / "tools" / name, folder / "tools")
-    (folder / "programs").mkdir()
-    for path, text in (("tools/compose", COMPOSE), ("programs/docker", DOCKER)):
-        (folder / path).write_text(text)
-        (folder / path).chmod(0o755)
+    write_programs(folder / "tools", {"compose": COMPOSE})
+    write_programs(folder / "programs", {"docker": DOCKER})
     files = {"services": "mysql\nweb\n", "container": "0123456789ab\n", "copy_command": ""}
     files |= {"here": "19 migrations\n", "there": "19 migrations\n", "volumes_of_lab": ""}
     for name, text in files.items():
@@ -90,14 +87,8 @@ def real(checkout, mariadb):
 
 def run(checkout, tool, *arguments, status=0):
     """Run a tool there, from the folder above."""
-    done = subprocess.run(
-        [checkout / "tools" / tool, *arguments],
-        cwd=checkout.parent,
-        env={"PATH": f"{checkout}/programs:{os.environ['PATH']}"},
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+    environ = path_with(checkout / "programs")
+    done = run_command(checkout / "tools" / tool, *arguments, cwd=checkout.parent, env=environ)
     assert done.returncode == status, done.stderr
     return done
 

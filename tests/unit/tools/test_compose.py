@@ -2,10 +2,10 @@
 
 import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import output_of_command
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -17,15 +17,9 @@ def setting(checkout, line, **environment):
         shutil.copy(ROOT / "tools" / name, checkout / "tools")
     (checkout / "compose").mkdir(exist_ok=True)
     (checkout / "compose" / ".env").write_text(f"OTHER=x\n{line}\nDB_HOST_OF=y\n")
-    done = subprocess.run(
-        ["tools/compose", "--env", "DB_HOST"],
-        cwd=checkout,
-        env={"PATH": os.environ["PATH"], **environment},
-        check=True,
-        capture_output=True,
-        text=True,
-    )
-    return done.stdout.removesuffix("\n")
+    environ = {"PATH": os.environ["PATH"], **environment}
+    said = output_of_command("tools/compose", "--env", "DB_HOST", cwd=checkout, env=environ)
+    return said.removesuffix("\n")
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import docker
 import pytest
+from commands import path_with, run_command, write_programs
 from docker.errors import ImageNotFound
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -54,20 +55,13 @@ class Machine:
     folder: Path
 
     def put(self, name, text):
-        path = self.folder / "bin" / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(text.format(folder=self.folder, docker=shutil.which("docker")))
-        path.chmod(0o755)
+        filled = text.format(folder=self.folder, docker=shutil.which("docker"))
+        write_programs(self.folder / "bin", {name: filled})
 
     def ensure(self, suite=SUITE):
         """Run the tool."""
-        env = os.environ | {
-            "PATH": f"{self.folder / 'bin'}:{os.environ['PATH']}",
-            "TMPDIR": str(self.folder),
-        }
-        return subprocess.run(
-            [TOOL, suite], env=env, capture_output=True, text=True, timeout=60, check=False
-        )
+        env = {**os.environ, **path_with(self.folder / "bin"), "TMPDIR": str(self.folder)}
+        return run_command(TOOL, suite, env=env)
 
 
 @pytest.fixture

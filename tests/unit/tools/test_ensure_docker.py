@@ -1,10 +1,9 @@
 """tools/ensure_docker on a machine that has Docker already, with a program in its place."""
 
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import path_with, run_command, write_programs
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCKER = """#!/bin/sh
@@ -18,13 +17,9 @@ esac
 
 def ensure_docker(place, engine, compose):
     """Run it where Docker is of these versions."""
-    (place / "docker").write_text(DOCKER)
-    (place / "docker").chmod(0o755)
-    environ = {"PATH": f"{place}:{os.environ['PATH']}", "ENGINE": engine, "COMPOSE": compose}
-    return subprocess.run(
-        ["tools/ensure_docker"], cwd=ROOT, env=environ,
-        stdin=subprocess.DEVNULL, check=False, capture_output=True, text=True, timeout=30,
-    )  # fmt: skip
+    write_programs(place, {"docker": DOCKER})
+    environ = {**path_with(place), "ENGINE": engine, "COMPOSE": compose}
+    return run_command("tools/ensure_docker", cwd=ROOT, env=environ)
 
 
 @pytest.mark.parametrize("engine", ["26.0.0", "26.1.5+dfsg1", "29.1.3"])

@@ -1,11 +1,10 @@
 """What agent/join.sh changes on a robot that has an agent; tests/ansible/test_join_line.py runs it whole."""
 
-import os
-import subprocess
 from pathlib import Path
 
 import pytest
 import tomllib
+from commands import output_of_command, path_with, write_programs
 from robotether_agent.upgrade import PENDING_NAME
 
 SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
@@ -36,9 +35,8 @@ class Robot:
         places = f"CONFIG={self.settings} TOKEN={self.place}/token AGENT=true work={self.place}/new"
         words = f"set -eu; . {self.place}/steps.sh; {DOUBLES} {places}; did= first= changed="
         words += f'; read_options "$@"; check_options; {step}'
-        command = ["sh", "-c", words, "join.sh", *options]
-        environ = {"PATH": f"{self.place}/bin:{os.environ['PATH']}"}
-        return subprocess.check_output(command, timeout=20, text=True, env=environ)
+        environ = path_with(self.place / "bin")
+        return output_of_command("sh", "-c", words, "join.sh", *options, env=environ)
 
     def new_settings(self, *options):
         self.run("ensure_config", *options)
@@ -131,10 +129,9 @@ def test_video_is_installed_where_it_will_run(robot, options, settings, cores, i
     """The choice stays in the settings, so that the next upgrade knows it, and a failure ends nothing."""
     with robot.settings.open("a") as file:
         file.write(f"{settings}\n")
-    agent = robot.place / "versions/1/bin/robotether-agent"
-    agent.parent.mkdir(parents=True)
-    agent.write_text("#!/bin/sh\necho 'cannot install PyAV: no way' >&2\nexit 1\n")
-    agent.chmod(0o755)
+    (robot.place / "versions/1").mkdir(parents=True)
+    fails = "echo 'cannot install PyAV: no way' >&2; exit 1"
+    write_programs(robot.place / "versions/1/bin", {"robotether-agent": fails})
     places = f"venv={robot.place}/versions/1; nproc() {{ echo {cores}; }}"
     said = robot.run(f"{places}; ensure_video; ensure_config", "--server", "old.example", *options)
     assert ("cannot install PyAV: no way. Without it cameras send JPEG" in said) is is_tried
@@ -194,9 +191,7 @@ def test_uninstall_removes_an_upgrade_that_was_cut_short(robot):
 
 def test_uninstall_leaves_a_package_to_apt(robot):
     """Its files go with apt alone, and apt would install them anew with the next upgrade."""
-    query = robot.place / "bin/dpkg-query"
-    query.write_text("#!/bin/sh\necho installed\n")
-    query.chmod(0o755)
+    write_programs(robot.place / "bin", {"dpkg-query": "echo installed"})
     doubles = "id() { [ x$1 = x-u ] && echo 0; }; rm() { echo rm $*; }; fail() { echo $*; exit 0; }"
     said = robot.run(f"{doubles}; yes=1; uninstall")
     assert "apt purge robotether-agent" in said

@@ -2,11 +2,11 @@
 
 import os
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from commands import output_of_command, path_with, run_command
 from local_network import free_port
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -14,16 +14,8 @@ SCRIPT = ROOT / "agent/join.sh"
 
 
 def run(*options, folder=None, programs=None):
-    path = os.environ["PATH"] if programs is None else f"{programs}:{os.environ['PATH']}"
-    return subprocess.run(
-        ["sh", str(SCRIPT), *options],
-        cwd=folder,
-        env={**os.environ, "PATH": path},
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-    )
+    environ = {**os.environ, **(path_with(programs) if programs else {})}
+    return run_command("sh", SCRIPT, *options, cwd=folder, env=environ)
 
 
 def test_no_image_holds_an_api_token():
@@ -79,11 +71,4 @@ def test_looks_at_the_machine_without_any_package():
         "import robotether_agent.install",
         *taken,
     ]
-    done = subprocess.run(
-        [sys.executable, "-I", "-S", "-c", "\n".join(lines)],
-        capture_output=True,
-        text=True,
-        timeout=20,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
+    output_of_command(sys.executable, "-I", "-S", "-c", "\n".join(lines))

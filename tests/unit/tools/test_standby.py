@@ -2,10 +2,10 @@
 
 import os
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import run_command, write_programs
 
 ROOT = Path(__file__).resolve().parents[3]
 # A standby that has received something, whose database runs if the file `runs` is there.
@@ -28,22 +28,14 @@ def checkout(tmp_path):
     (tmp_path / "tools").mkdir()
     for name in ("standby", "common.sh"):
         shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
-    (tmp_path / "tools" / "compose").write_text(COMPOSE)
-    (tmp_path / "tools" / "compose").chmod(0o755)
+    write_programs(tmp_path / "tools", {"compose": COMPOSE})
     return tmp_path
 
 
 def promote(checkout):
     """Run the tool: how it ended, what it said, and what it asked Docker."""
-    done = subprocess.run(
-        ["tools/standby", "promote"],
-        cwd=checkout,
-        env={"PATH": os.environ["PATH"]},
-        check=False,
-        capture_output=True,
-        text=True,
-        timeout=30,
-    )
+    environ = {"PATH": os.environ["PATH"]}
+    done = run_command("tools/standby", "promote", cwd=checkout, env=environ)
     return done.returncode, done.stdout + done.stderr, (checkout / "calls").read_text()
 
 

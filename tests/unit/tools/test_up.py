@@ -1,12 +1,11 @@
 """tools/up, with programs in the place of Docker and the other tools that note how they are called."""
 
-import os
 import re
 import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
+from commands import path_with, run_command, write_programs
 
 ROOT = Path(__file__).resolve().parents[3]
 # Answers from files, and notes all that it is asked.
@@ -20,7 +19,6 @@ case "$*" in
   *openssl*) echo 'sha256 Fingerprint=AA:BB' ;;
 esac
 """
-DOCKER = "#!/bin/sh\ncat volumes\n"
 
 
 @pytest.fixture
@@ -30,13 +28,10 @@ def checkout(tmp_path):
     tools.mkdir()
     for name in ("up", "common.sh"):
         shutil.copy(ROOT / "tools" / name, tools)
-    for name in ("ensure_docker", "ensure_base_image", "build"):
-        (tools / name).write_text(f"#!/bin/sh\necho {name} $* >> calls\n")
-    (tools / "compose").write_text(COMPOSE)
-    (tmp_path / "programs").mkdir()
-    (tmp_path / "programs" / "docker").write_text(DOCKER)
-    for path in (*tools.iterdir(), tmp_path / "programs" / "docker"):
-        path.chmod(0o755)
+    noted = ("ensure_docker", "ensure_base_image", "build")
+    write_programs(tools, {name: f"echo {name} $* >> calls" for name in noted})
+    write_programs(tools, {"compose": COMPOSE})
+    write_programs(tmp_path / "programs", {"docker": "cat volumes"})
     (tmp_path / "compose" / "secrets").mkdir(parents=True)
     (tmp_path / "database").write_text("mysql\n")
     (tmp_path / "services").write_text("")
@@ -48,11 +43,8 @@ def checkout(tmp_path):
 
 def up(checkout, *arguments, status=0):
     """Run tools/up there."""
-    environment = {"PATH": f"{checkout / 'programs'}:{os.environ['PATH']}"}
-    command = ["tools/up", *arguments]
-    done = subprocess.run(
-        command, cwd=checkout, env=environment, check=False, capture_output=True, text=True
-    )
+    environment = path_with(checkout / "programs")
+    done = run_command("tools/up", *arguments, cwd=checkout, env=environment)
     assert done.returncode == status, done.stderr
     return done
 
@@ -91,9 +83,7 @@ def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout):
         "sg": 'GROUPS_OF_LOGIN=docker exec sh -c "$3"',
         "docker": '[ "$GROUPS_OF_LOGIN" = docker ] && cat volumes',
     }
-    for name, text in programs.items():
-        (checkout / "programs" / name).write_text(f"#!/bin/sh\n{text}\n")
-        (checkout / "programs" / name).chmod(0o755)
+    write_programs(checkout / "programs", programs)
     assert "the one that admin had before" in up(checkout).stdout
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
