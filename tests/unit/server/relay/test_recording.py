@@ -8,11 +8,13 @@ import os
 import struct
 import subprocess
 from dataclasses import replace
+from typing import NamedTuple
 
 import aiohttp
 import pytest
 import pytest_asyncio
-from recorded_messages import read_messages
+from mcap.exceptions import McapError
+from mcap.reader import NonSeekingReader
 from relay_server import MESSAGE_LIMIT, TICKET_KEY, until
 from robotether_common.codecs import H264
 from robotether_server.db.recordings import RecordableRobot, RecordingRow
@@ -140,9 +142,19 @@ def file_of(settings):
     return settings.folder / "1.mcap"
 
 
+class RecordedData(NamedTuple):
+    topic: str
+    data: bytes
+
+
 def messages_of(settings):
-    path = file_of(settings)
-    return list(read_messages(path)) if path.exists() else []
+    """All that was written as a whole, also in a file that is still written, or whose recorder was killed."""
+    found = []
+    if file_of(settings).exists():
+        with file_of(settings).open("rb") as file, contextlib.suppress(McapError, struct.error):
+            for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
+                found.append(RecordedData(channel.topic, message.data))
+    return found
 
 
 def topics_of(settings):
