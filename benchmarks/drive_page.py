@@ -14,6 +14,7 @@ from collections.abc import Callable
 from demo import Demo
 from frame_stamp import READ_STAMP
 from numpy import median, quantile
+from openssh_server import wait_until
 from pages import chromium, drive_live, expect_live, log_in
 from playwright.sync_api import Browser, Page, sync_playwright
 from report import Row, Section, quantiles
@@ -179,13 +180,10 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
 
 def first_after(watch: SimWatch, since: float, fits: Callable[[Seen], bool], what: str) -> Seen:
     """Wait for the first fitting command that came after `since`."""
-    end = time.monotonic() + WITHIN_S
-    while time.monotonic() < end:
-        for seen in watch.commands(since):
-            if fits(seen):
-                return seen
-        time.sleep(0.005)
-    raise RuntimeError(f"cannot measure: no {what} on /cmd_vel within {WITHIN_S:g} s")
+    came = wait_until(
+        lambda: list(filter(fits, watch.commands(since))), lambda: what, WITHIN_S, every_s=0.005
+    )
+    return came[0]
 
 
 def unheld_press(page: Page, watch: SimWatch) -> tuple[float, float] | None:
@@ -194,7 +192,7 @@ def unheld_press(page: Page, watch: SimWatch) -> tuple[float, float] | None:
     holds = page.evaluate("window.benchHolds")
     try:
         return press(page, watch)
-    except RuntimeError:
+    except AssertionError:
         page.keyboard.up(KEY)
         if page.evaluate("window.benchHolds") == holds:
             raise

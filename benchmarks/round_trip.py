@@ -27,6 +27,7 @@ from bare_tunnel import bare_tunnel
 from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
+from openssh_server import wait_until
 from paper.programs import Program, our_environment
 from paper.world import World, environment
 from report import Row, Section, quantiles
@@ -150,16 +151,16 @@ def whole_robot(demo: Demo, *publishes: str) -> Iterator[tuple[World, str, Names
 
 def wait_online(world: World, name: str, programs: Sequence[Program]) -> None:
     """Wait until the server says that the robot is online."""
-    end = time.monotonic() + ONLINE_WITHIN_S
-    while not any(
-        robot["name"] == name and robot["online"] for robot in world.ask("GET", "/robots")["robots"]
-    ):
+
+    def is_online() -> bool:
         for program in programs:
             program.check()
-        if time.monotonic() > end:
-            logs = "\n".join(program.tail() for program in programs)
-            raise RuntimeError(f"{name} is not online within {ONLINE_WITHIN_S:g} s\n{logs}")
-        time.sleep(0.25)
+        return bool(world.ask("GET", f"/robots/{name}")["online"])
+
+    def report() -> str:
+        return "\n".join([f"{name} online", *(program.tail() for program in programs)])
+
+    wait_until(is_online, report, ONLINE_WITHIN_S, every_s=0.25)
 
 
 def measure(demo: Demo, count: int = COUNT) -> Section:

@@ -19,6 +19,7 @@ from functools import partial
 
 import processes
 from demo import Demo
+from openssh_server import wait_until
 from pages import chromium, drive_live, expect_armed, log_in
 from playwright.sync_api import Browser, Error, Page, sync_playwright
 from program_driver import ProgramDriver
@@ -34,10 +35,6 @@ AIM_MS = 600
 LIMIT_MS = 1000
 # By it tools/host_settings knows a rule that a run left which was killed.
 MARK = ("-m", "comment", "--comment", "robotether-bench")
-
-
-class NeverDroveError(Exception):
-    """The robot did not move before the driver was taken away: nothing was measured."""
 
 
 @dataclass
@@ -72,11 +69,11 @@ def judge(commands: list[Seen], lost_at: float, outcome: Outcome) -> None:
 def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
     """Wait until the robot moves, have the driver lost, and return what /cmd_vel got until some seconds later."""
     with SimWatch(demo, ROBOT) as watch:
-        end = time.monotonic() + 10
-        while sum(not is_zero(seen) for seen in watch.commands()) < 10:
-            if time.monotonic() > end:
-                raise NeverDroveError("cannot measure: the robot got no commands in 10 s")
-            time.sleep(0.02)
+        wait_until(
+            lambda: sum(not is_zero(seen) for seen in watch.commands()) >= 10,
+            lambda: "the robot gets commands",
+            within_s=10,
+        )
         lost_at = time.monotonic()
         lose()
         time.sleep(WATCHED_S)
@@ -175,7 +172,7 @@ def kill_on_robot(words: str, demo: Demo, _: ProgramDriver, __: ExitStack) -> No
     """A process on the robot dies; what starts it again is the robot's own matter."""
     pids = processes.with_words(demo.container(ROBOT), words)
     if not pids:
-        raise NeverDroveError(f"cannot measure: no process of {ROBOT} has {words!r} in its command")
+        raise RuntimeError(f"cannot measure: no process of {ROBOT} has {words!r} in its command")
     # The oldest: the agent has forked the others, which have its command.
     os.kill(pids[0], signal.SIGKILL)
 
@@ -208,11 +205,7 @@ CAUSES: Mapping[str, Callable[[Demo], Outcome]] = {
 
 def wait_drivable(demo: Demo) -> None:
     """Wait until a program can drive the robot, or can again."""
-    end = time.monotonic() + BACK_WITHIN_S
-    while not _drives(demo):
-        if time.monotonic() > end:
-            raise NeverDroveError(f"cannot go on: {ROBOT} is not back in {BACK_WITHIN_S:g} s")
-        time.sleep(0.5)
+    wait_until(lambda: _drives(demo), lambda: f"{ROBOT} is back", BACK_WITHIN_S, every_s=0.5)
 
 
 def _drives(demo: Demo) -> bool:

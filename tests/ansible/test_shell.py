@@ -7,14 +7,14 @@ import os
 import re
 import shutil
 import sys
-import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
 from commands import output_of_command, run_command
-from openssh_server import make_key
+from openssh_server import make_key, wait_until
 from playbooks import ANSIBLE, Site
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
 from stack import Stack
@@ -103,10 +103,9 @@ def ann(stack: Stack, turtle: RobotHost, tmp_path_factory: pytest.TempPathFactor
 @pytest.fixture(scope="module")
 def known(ann: Person) -> Person:
     """The same, after her first login, at which she has accepted both host keys."""
-    end = time.monotonic() + 30
-    while (done := ann.run("ssh", "-F", ann.config, NAME, "true")).returncode != 0:
-        # The robot opens its forward when it hears that the shell is on.
-        assert time.monotonic() < end, done.stderr
+    log_in = partial(ann.run, "ssh", "-F", ann.config, NAME, "true")
+    # The robot opens its forward when it hears that the shell is on.
+    wait_until(lambda: log_in().returncode == 0, lambda: log_in().stderr)
     return ann
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import pytest
 from commands import output_of_command, run_command
 from image_names import image
+from openssh_server import wait_until
 
 TESTS = Path(__file__).parent
 DASHBOARD = TESTS.parents[1] / "deploy" / "grafana" / "robotether.json"
@@ -64,11 +64,12 @@ def running(*options: str, port: int) -> Iterator[str]:
     """A container that became healthy."""
     container = run("run", "--detach", *LOCKED_DOWN, *options, image("prometheus"))
     try:
-        give_up_at = time.monotonic() + START_WITHIN_S
         check = ("docker", "exec", container, "/usr/lib/robotether/healthy", str(port))
-        while run_command(*check).returncode:
-            assert time.monotonic() < give_up_at, run("logs", container)
-            time.sleep(0.5)
+        wait_until(
+            lambda: run_command(*check).returncode == 0,
+            lambda: run("logs", container),
+            START_WITHIN_S,
+        )
         yield container
     finally:
         run("rm", "--force", "--volumes", container)

@@ -116,14 +116,8 @@ class Cell:
             file.write(offset_bytes(seconds))
 
     def wait_live(self) -> None:
-        end = time.monotonic() + HEALTHY_WITHIN_S
-        while not self.is_live():
-            if time.monotonic() > end:
-                logs = self.stack.logs(*SERVICES)
-                raise RuntimeError(
-                    f"cell {self.name} is not back within {HEALTHY_WITHIN_S:g} s\n{logs}"
-                )
-            time.sleep(ASK_EVERY_S)
+        what = f"cell {self.name} is back"
+        self.stack.wait(what, self.is_live, *SERVICES, seconds=HEALTHY_WITHIN_S)
 
     def is_live(self) -> bool:
         """Whether each of its services answers now; sshd by its first line."""

@@ -3,11 +3,11 @@
 import os
 import signal
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
 from commands import path_with, run_command, write_programs
+from openssh_server import wait_until
 from robotether_agent.guard.fork_server import GUARD_NAME
 
 ENTRYPOINT = Path(__file__).resolve().parents[3] / "images" / "agent" / "entrypoint"
@@ -23,9 +23,7 @@ def test_outlives_the_guard_of_a_killed_agent(tmp_path):
     environ = {**os.environ, **path_with(tmp_path), "PLACE": str(tmp_path)}
     with subprocess.Popen([ENTRYPOINT, "run"], env=environ) as first:
         agent = tmp_path / "agent"
-        end = time.monotonic() + 10
-        while not (agent.exists() and agent.read_text()) and time.monotonic() < end:
-            time.sleep(0.01)
+        wait_until(lambda: agent.exists() and agent.read_text(), lambda: "the agent runs")
         os.kill(int(agent.read_text()), signal.SIGKILL)
         assert first.wait(10) == 128 + signal.SIGKILL
     assert (tmp_path / "robot-stopped").exists()

@@ -1,13 +1,13 @@
 """The mysql image: what its entrypoint does with secrets and volumes, and what the server says is in force."""
 
 import os
-import time
 
 import mariadb_server
 import pytest
 from commands import output_of_command, run_command
 from inside import run_inside
 from mariadb_server import ACCOUNTS, ROOT
+from openssh_server import wait_until
 
 # A machine without the older Debian makes it first, and an image on it.
 MAY_MAKE_A_BASE = pytest.mark.timeout(900)
@@ -36,9 +36,11 @@ def start(tmp_path):
 
 
 def wait_for_file(container, path):
-    end = time.monotonic() + 60
-    while container.exec_run(["test", "-e", path])[0] != 0:
-        assert time.monotonic() < end, container.logs().decode()
+    wait_until(
+        lambda: container.exec_run(["test", "-e", path])[0] == 0,
+        lambda: container.logs().decode(),
+        60,
+    )
 
 
 def say(container, account, sql):
