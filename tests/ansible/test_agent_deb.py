@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from commands import output_of_command
-from playbooks import Site
+from playbooks import Site, invite
 from programs import Program, drive_forward
 from robot_hosts import (
     IMAGE,
@@ -46,14 +46,7 @@ class Packaged:
         return self.host.run(INSTALL)
 
     def invite(self) -> dict[str, str]:
-        body = {"name": self.name, "uses": 1, "hours": 1}
-        headers = {
-            "Authorization": f"Bearer {self.site.token}",
-            "Host": f"cloud:{self.site.stack.https_port}",
-        }
-        status, answer = self.site.stack.request("POST", "/api/v1/join-tokens", body, headers)
-        assert status == 201, answer
-        return answer  # type: ignore[no-any-return]  # JSON
+        return invite(self.site.stack, self.site.token, self.name)
 
     def is_running(self) -> bool:
         return self.host.succeeds("systemctl is-active robotether-agent")

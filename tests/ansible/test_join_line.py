@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from inside import run_inside
+from playbooks import invite
 from robot_hosts import CA_BUNDLE, ROOT, VIDEO_WHEELHOUSE, WHEELHOUSE, RobotHost, RobotHosts
 from stack import Stack
 
@@ -82,21 +82,6 @@ def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
     assert good, said
 
 
-@pytest.fixture(scope="module")
-def admin(stack: Stack, token: str) -> dict[str, str]:
-    """Headers of an admin's program, that reaches the server where the hosts do."""
-    return {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
-
-
-def invite(stack: Stack, admin: dict[str, str], uses: int = 1) -> str:
-    """The line that a new join token gives."""
-    # Names of tokens are unique.
-    body = {"name": f"line-{time.monotonic_ns()}", "uses": uses, "hours": 1}
-    status, answer = stack.request("POST", "/api/v1/join-tokens", body, admin)
-    assert status == 201, answer
-    return str(answer["command"])
-
-
 def without_token(line: str) -> str:
     return re.sub(r" --token \S+", "", line)
 
@@ -110,9 +95,9 @@ def online(stack: Stack, mac: str) -> bool:
     return bool(row and row["online"])
 
 
-def test_bad_input_leaves_nothing_behind(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+def test_bad_input_leaves_nothing_behind(stack: Stack, token: str, robot: Robot) -> None:
     """Each wrong line says what is wrong and undoes what it did; the right one, in the next tests, does the work."""
-    line = invite(stack, admin)
+    line = invite(stack, token)["command"]
     port = stack.https_port
     wrong_pin = DIGITS.sub("0" * 64, line)
     bad: list[tuple[str, str, str]] = [
@@ -155,9 +140,9 @@ LACKS = {
 }
 
 
-def test_lacking_machine_is_left_alone(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+def test_lacking_machine_is_left_alone(stack: Stack, token: str, robot: Robot) -> None:
     """A machine that cannot be a robot yet is told why, and is as it was."""
-    line = invite(stack, admin)
+    line = invite(stack, token)["command"]
     options = "--interface eth0"
     for what, (take, give, sentence) in LACKS.items():
         robot.host.run(take)
@@ -175,11 +160,11 @@ def test_lacking_machine_is_left_alone(stack: Stack, admin: dict[str, str], robo
 
 
 def test_line_makes_a_robot_and_again_changes_nothing(
-    stack: Stack, admin: dict[str, str], robot: Robot
+    stack: Stack, token: str, robot: Robot
 ) -> None:
     """The printed line brings a machine online; a second run finds nothing to do; uninstalling leaves nothing."""
     robot.host.ros_listens_on("0.0.0.0")
-    line = invite(stack, admin)
+    line = invite(stack, token)["command"]
     # Without --wheelhouse: as most robots do, with packages from the index; but PyAV, which is large, from a folder.
     robot.host.run(f"echo 'find-links = {VIDEO_WHEELHOUSE}' >> /etc/pip.conf")
     good, said = robot.install(line, "--interface eth0 --name turtle")
@@ -221,11 +206,11 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     stack.wait("turtle offline", lambda: not online(stack, robot.host.mac), "relay")
 
 
-def test_without_a_token_an_admin_approves(
-    stack: Stack, admin: dict[str, str], robot: Robot
-) -> None:
+def test_without_a_token_an_admin_approves(stack: Stack, token: str, robot: Robot) -> None:
     """The line says how to approve, and which key to compare; the robot is online a moment after."""
-    good, said = robot.install(without_token(invite(stack, admin)), f"{USUAL} --no-video")
+    good, said = robot.install(
+        without_token(invite(stack, token)["command"]), f"{USUAL} --no-video"
+    )
     assert good, said
     assert 'video_encoder = "off"' in robot.host.run("cat /etc/robotether/agent.toml")
     assert robot.key() in said
@@ -236,10 +221,10 @@ def test_without_a_token_an_admin_approves(
 
 
 @pytest.mark.release
-def test_missing_packages_are_installed(stack: Stack, admin: dict[str, str], robot: Robot) -> None:
+def test_missing_packages_are_installed(stack: Stack, token: str, robot: Robot) -> None:
     """A Debian without the module venv gets it by apt."""
     robot.host.run("apt-get purge -y -qq python3-venv python3.11-venv")
-    good, said = robot.install(invite(stack, admin))
+    good, said = robot.install(invite(stack, token)["command"])
     assert good, said
     assert "python3-venv (they stay" in said
     assert robot.host.succeeds("python3 -c 'import ensurepip, venv'")
@@ -247,11 +232,11 @@ def test_missing_packages_are_installed(stack: Stack, admin: dict[str, str], rob
 
 @pytest.mark.release
 def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
-    stack: Stack, admin: dict[str, str], robot: Robot
+    stack: Stack, token: str, robot: Robot
 ) -> None:
     """A changed option reaches the settings, what a person wrote there stays, and so do key and name."""
-    line = without_token(invite(stack, admin))
-    good, said = robot.install(invite(stack, admin), f"{USUAL} --name keeper")
+    line = without_token(invite(stack, token)["command"])
+    good, said = robot.install(invite(stack, token)["command"], f"{USUAL} --name keeper")
     assert good, said
     key = robot.key()
     robot.host.run("echo 'log_level = \"debug\"' >> /etc/robotether/agent.toml")
@@ -275,10 +260,10 @@ def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
 
 @pytest.mark.release
 def test_clones_of_an_image_are_robots_of_their_own(
-    stack: Stack, admin: dict[str, str], hosts: RobotHosts, robot: Robot
+    stack: Stack, token: str, hosts: RobotHosts, robot: Robot
 ) -> None:
     """An image with a fleet token holds no key; each clone makes its own at its first boot and comes up."""
-    good, said = robot.install(invite(stack, admin, uses=2), f"{USUAL} --image")
+    good, said = robot.install(invite(stack, token, uses=2)["command"], f"{USUAL} --image")
     assert good, said
     assert not robot.host.succeeds("test -e /var/lib/robotether-agent/id_ed25519")
     assert not robot.host.succeeds("systemctl is-active robotether-agent")

@@ -15,7 +15,7 @@ from subprocess import CompletedProcess
 import pytest
 from commands import output_of_command, run_command
 from openssh_server import make_key, wait_until
-from playbooks import ANSIBLE, Site
+from playbooks import ANSIBLE, Site, invite
 from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
 from stack import Stack
 
@@ -75,12 +75,8 @@ class Person:
 def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
     """A robot with a real sshd, made by the install line; its shell is on."""
     robot = hosts.boot(NAME)
-    invitation = {"name": NAME, "uses": 1, "hours": 1}
-    # The line names the server as whoever asks for it does.
-    headers = {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
-    status, answer = stack.request("POST", "/api/v1/join-tokens", invitation, headers)
-    assert status == 201, answer
-    robot.run(f"{answer['command']} --interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME}")
+    line = invite(stack, token)["command"]
+    robot.run(f"{line} --interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME}")
     stack.robotether("robot", "shell", NAME, "on")
     stack.robotether("robot", "set", NAME, "--shell-user", USER)
     return robot

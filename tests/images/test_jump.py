@@ -19,13 +19,6 @@ def registered(stack: Stack) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def in_force(stack: Stack) -> list[str]:
-    """What sshd itself says that is in force for the account."""
-    of_jump = "user=jump,host=somewhere,addr=192.0.2.1"
-    return stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_jump).splitlines()
-
-
-@pytest.fixture(scope="module")
 def manager(
     stack: Stack,
     tmp_path_factory: pytest.TempPathFactory,
@@ -36,34 +29,6 @@ def manager(
     folder, levels = tmp_path_factory.mktemp("manager"), {robot: "manage", other: "drive"}
     with Person.added(stack, folder, "jumping-manager", levels) as person:
         yield person
-
-
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("authorizedkeyscommand", "/usr/lib/robotether/jump-keys %f"),
-        ("authorizedkeyscommanduser", "keylookup"),
-        ("authorizedkeysfile", "none"),
-        ("authenticationmethods", "publickey"),
-        ("allowtcpforwarding", "local"),
-        ("permitopen", "127.0.0.1:*"),
-        ("permitlisten", "none"),
-        ("gatewayports", "no"),
-        ("allowstreamlocalforwarding", "no"),
-        ("allowagentforwarding", "no"),
-        ("x11forwarding", "no"),
-        ("permittty", "no"),
-        ("permittunnel", "no"),
-        ("permituserrc", "no"),
-        ("maxsessions", "0"),
-        ("forcecommand", "/usr/sbin/nologin"),
-        ("passwordauthentication", "no"),
-        ("kbdinteractiveauthentication", "no"),
-        ("unusedconnectiontimeout", "10"),
-    ],
-)
-def test_sshd_runs_for_jump_with_the_setting(in_force: list[str], setting: str, value: str) -> None:
-    assert f"{setting} {value}" in in_force
 
 
 def test_person_reaches_the_robot(manager: Person, robot: ShellRobot, stack: Stack) -> None:

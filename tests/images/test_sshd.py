@@ -34,49 +34,67 @@ def _listens(stack: Stack, port: int) -> bool:
     return stack.container("sshd").exec_run(connect).exit_code == 0
 
 
-@pytest.fixture(scope="module")
-def in_force(stack: Stack) -> list[str]:
-    """What sshd itself says that is in force for robots."""
-    of_tunnel = "user=tunnel,host=somewhere,addr=192.0.2.1"
-    return stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", of_tunnel).splitlines()
+# What sshd itself says that is in force, by account.
+IN_FORCE = {
+    "tunnel": """
+    gatewayports clientspecified
+    allowtcpforwarding remote
+    allowstreamlocalforwarding no
+    allowagentforwarding no
+    x11forwarding no
+    permittty no
+    permittunnel no
+    permitopen none
+    permituserrc no
+    passwordauthentication no
+    kbdinteractiveauthentication no
+    permitrootlogin no
+    allowusers tunnel
+    allowusers jump
+    authorizedkeyscommand /usr/lib/robotether/authorized-keys %u %f %C
+    authorizedkeyscommanduser keylookup
+    authenticationmethods publickey
+    maxsessions 2
+    maxauthtries 3
+    authorizedkeysfile none
+    clientaliveinterval 5
+    clientalivecountmax 3
+    hostkeyalgorithms ssh-ed25519
+    maxstartups 60:70:200
+    persourcemaxstartups 20
+    unusedconnectiontimeout 10
+    persourcepenalties no
+    """,
+    "jump": """
+    authorizedkeyscommand /usr/lib/robotether/jump-keys %f
+    authorizedkeyscommanduser keylookup
+    authorizedkeysfile none
+    authenticationmethods publickey
+    allowtcpforwarding local
+    permitopen 127.0.0.1:*
+    permitlisten none
+    gatewayports no
+    allowstreamlocalforwarding no
+    allowagentforwarding no
+    x11forwarding no
+    permittty no
+    permittunnel no
+    permituserrc no
+    maxsessions 0
+    forcecommand /usr/sbin/nologin
+    passwordauthentication no
+    kbdinteractiveauthentication no
+    unusedconnectiontimeout 10
+    """,
+}
 
 
-@pytest.mark.parametrize(
-    ("setting", "value"),
-    [
-        ("gatewayports", "clientspecified"),
-        ("allowtcpforwarding", "remote"),
-        ("allowstreamlocalforwarding", "no"),
-        ("allowagentforwarding", "no"),
-        ("x11forwarding", "no"),
-        ("permittty", "no"),
-        ("permittunnel", "no"),
-        ("permitopen", "none"),
-        ("permituserrc", "no"),
-        ("passwordauthentication", "no"),
-        ("kbdinteractiveauthentication", "no"),
-        ("permitrootlogin", "no"),
-        ("allowusers", "tunnel"),
-        ("allowusers", "jump"),
-        ("authorizedkeyscommand", "/usr/lib/robotether/authorized-keys %u %f %C"),
-        ("authorizedkeyscommanduser", "keylookup"),
-        ("authenticationmethods", "publickey"),
-        ("maxsessions", "2"),
-        ("maxauthtries", "3"),
-        ("authorizedkeysfile", "none"),
-        ("clientaliveinterval", "5"),
-        ("clientalivecountmax", "3"),
-        ("hostkeyalgorithms", "ssh-ed25519"),
-        ("maxstartups", "60:70:200"),
-        ("persourcemaxstartups", "20"),
-        ("unusedconnectiontimeout", "10"),
-        ("persourcepenalties", "no"),
-    ],
-)
-def test_sshd_runs_for_tunnel_with_the_setting(
-    in_force: list[str], setting: str, value: str
-) -> None:
-    assert f"{setting} {value}" in in_force
+@pytest.mark.parametrize("account", IN_FORCE)
+def test_sshd_runs_for_an_account_with_our_settings(stack: Stack, account: str) -> None:
+    who = f"user={account},host=somewhere,addr=192.0.2.1"
+    found = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", who).splitlines()
+    wanted = set(map(str.strip, IN_FORCE[account].strip().splitlines()))
+    assert wanted - set(found) == set()
 
 
 def test_two_addresses_cannot_make_sshd_refuse_others(stack: Stack) -> None:

@@ -68,6 +68,16 @@ def build_wheel(agent: Path, folder: Path) -> Path:
     return next(folder.glob("*.whl"))
 
 
+def invite(stack: Stack, token: str, name: str = "", uses: int = 1) -> dict[str, str]:
+    """A new join token, good for an hour, and the `command` with it, which names the server as hosts reach it."""
+    # Names of tokens are unique.
+    body = {"name": name or f"join-{time.monotonic_ns()}", "uses": uses, "hours": 1}
+    headers = {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
+    status, answer = stack.request("POST", "/api/v1/join-tokens", body, headers)
+    assert status == 201, answer
+    return dict(answer)
+
+
 @dataclass(frozen=True)
 class Recap:
     """What Ansible counted for one host."""
@@ -135,12 +145,7 @@ class Site:
 
     def join_token(self, *, uses: int) -> str:
         """A new join token, good for an hour."""
-        body = {"name": f"join-{time.monotonic_ns()}", "uses": uses, "hours": 1}
-        status, answer = self.stack.request(
-            "POST", "/api/v1/join-tokens", body, {"Authorization": f"Bearer {self.token}"}
-        )
-        assert status == 201, answer
-        return str(answer["token"])
+        return invite(self.stack, self.token, uses=uses)["token"]
 
     def inventory(
         self, robots: Iterable[RobotHost], per_robot: Mapping[str, Mapping[str, Any]]
