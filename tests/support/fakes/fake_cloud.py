@@ -29,6 +29,7 @@ from local_network import free_port
 from openssh_server import OpenSshServer
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
 from robotether_server.signatures import is_signed
+from tcp_service import TcpService
 from timed_websocket import timed_session
 
 HEARTBEAT_S = 0.2
@@ -88,10 +89,11 @@ class Link:
         return [message for message in self.received if message["type"] == kind]
 
 
-class FakeCloud:
+class FakeCloud(TcpService):
     """Start it, point an agent at `server`, and look at what came."""
 
     def __init__(self, mode: str = "serves", *, pem: Path | None = None) -> None:
+        super().__init__()
         self.mode = mode
         self.shell_port: int | None = None
         self.media = True
@@ -112,11 +114,10 @@ class FakeCloud:
         self.greeting: Callable[[], web.Response] = self.where
         self.refuses_rotation: Callable[[], web.Response] | None = None
         self._approved = False
-        self._tasks: set[asyncio.Task[None]] = set()
 
     async def start(self) -> None:
-        self._relay = await asyncio.start_server(self._serve, "127.0.0.1", 0)
-        self.ssh = OpenSshServer(self._relay.sockets[0].getsockname()[1])
+        await self.__aenter__()
+        self.ssh = OpenSshServer(self.port)
         await asyncio.to_thread(self.ssh.start)
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(self._pem)
@@ -135,10 +136,7 @@ class FakeCloud:
     async def close(self) -> None:
         await self._web.cleanup()
         await asyncio.to_thread(self.ssh.close)
-        self._relay.close()
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
+        await self.__aexit__()
 
     def approve(self) -> None:
         self._approved = True
@@ -232,25 +230,16 @@ class FakeCloud:
     async def _greet(self, _: web.Request) -> web.Response:
         return self.greeting()
 
-    async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._tasks.add(task)
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        preface = json.loads(await reader.readline())
+        link = Link(preface["kind"], writer)
+        self.links.append(link)
         try:
-            preface = json.loads(await reader.readline())
-            link = Link(preface["kind"], writer)
-            self.links.append(link)
-            try:
-                await self._talk(link, reader)
-            finally:
-                link.ended = True
-        except ConnectionError:
-            pass
+            await self._serve_link(link, reader)
         finally:
-            writer.close()
-            self._tasks.discard(task)
+            link.ended = True
 
-    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+    async def _serve_link(self, link: Link, reader: asyncio.StreamReader) -> None:
         if self.mode == "hangs":
             await reader.read()
             return

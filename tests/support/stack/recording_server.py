@@ -44,7 +44,7 @@ class RecordingServer(FakeCloud):
         self._relay_port = relay.relay.session_port
         self._robot_id = robot_id
 
-    async def _talk(self, link: Link, reader: asyncio.StreamReader) -> None:
+    async def _serve_link(self, link: Link, reader: asyncio.StreamReader) -> None:
         relay_in, relay_out = await asyncio.open_connection(HOST, self._relay_port)
         first = preface(link.kind, self._robot_id, self.ports)
         self.said.append((link.kind, "session command", json.loads(first)))
