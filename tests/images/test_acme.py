@@ -11,6 +11,7 @@ import processes
 import pytest
 from acme_network import DOMAIN, OTHER, AcmeNetwork, make_certificate
 from inside import run_inside
+from nginx_alone import remove
 
 HSTS = "strict-transport-security"
 VALIDITY_S = 30
@@ -104,7 +105,7 @@ def test_another_authority_is_asked_for_a_certificate_of_its_own(folder: Path) -
         network.wait_served(network.start_nginx(), DOMAIN)
         first = network.start_acme()
         network.wait("a certificate", lambda: GOT in first.logs(), first)
-        network.stop(first)
+        remove(first)
         network.start_authority(OTHER)
         second = network.start_acme(authority=OTHER)
         network.wait("a certificate", lambda: GOT in second.logs(), second)
@@ -140,7 +141,7 @@ def test_a_wrong_domain_waits_for_a_person(lonely: AcmeNetwork, domain: str) -> 
         acme.reload()
         assert acme.status == "running"
     finally:
-        lonely.stop(acme)
+        remove(acme)
 
 
 @pytest.mark.release
@@ -153,7 +154,7 @@ def test_client_that_hangs_is_noticed(lonely: AcmeNetwork) -> None:
             os.kill(pid, signal.SIGSTOP)
         lonely.wait("the hang", lambda: run_inside(acme, ALIVE).returncode != 0, acme, seconds=60)
     finally:
-        lonely.stop(acme)
+        remove(acme)
 
 
 def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -> None:
@@ -178,7 +179,7 @@ def test_nginx_speaks_in_problems(lonely: AcmeNetwork) -> None:
     try:
         headers = lonely.wait_served(nginx, DOMAIN)
     finally:
-        lonely.stop(nginx)
+        remove(nginx)
     assert headers["content-type"] == "application/problem+json"
     assert headers["content-security-policy"].startswith("default-src 'none'")
     assert headers["x-content-type-options"] == "nosniff"

@@ -9,19 +9,19 @@ from __future__ import annotations
 import json
 import socket
 import ssl
-import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from typing import Self
 
-import docker
 from commands import output_of_command
 from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
+from nginx_alone import Containers, address_in
 from openssh_server import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -33,29 +33,22 @@ class AcmeNetwork:
     """The three containers; `start_*` starts one, the `with` block's end removes all."""
 
     def __init__(self, folder: Path, *, validity_s: int = 3600) -> None:
-        self._engine = docker.from_env()
-        self._name = f"robotether-test-acme-{uuid.uuid4().hex[:8]}"
+        self._running = ExitStack()
         self._folder = folder
         self._validity_s = validity_s
-        self._containers: list[Container] = []
 
     def __enter__(self) -> Self:
         _build_images()
-        self._network = self._engine.networks.create(self._name)
-        self._volumes = [
-            self._engine.volumes.create(f"{self._name}-{part}")
-            for part in ("certificates", "challenges", "state")
-        ]
+        self._containers = Containers(self._running)
+        self._network = self._containers.network()
+        # Of certificates, challenges and acme's state.
+        self._volumes = [self._containers.volume() for _ in range(3)]
         self._write_authority()
         (self._folder / "own").mkdir()
         return self
 
     def __exit__(self, *_: object) -> None:
-        for container in self._containers:
-            container.remove(force=True, v=True)
-        self._network.remove()
-        for volume in self._volumes:
-            volume.remove(force=True)
+        self._running.close()
 
     @property
     def own(self) -> Path:
@@ -70,21 +63,18 @@ class AcmeNetwork:
     def start_nginx(self) -> Container:
         return self._run(
             "nginx",
-            "nginx",
-            aliases=[DOMAIN],
+            DOMAIN,
             environment={"PUBLIC_HOST": DOMAIN},
             volumes={
                 self._volumes[0].name: {"bind": "/etc/nginx/acme", "mode": "ro"},
                 self._volumes[1].name: {"bind": "/var/lib/acme-challenge", "mode": "ro"},
                 str(self.own): {"bind": "/etc/nginx/own", "mode": "ro"},
             },
-            tmpfs={"/run/nginx": "uid=33,gid=33,mode=0700"},
         )
 
     def start_acme(self, domain: str = DOMAIN, authority: str = AUTHORITY) -> Container:
         return self._run(
             "acme",
-            f"acme-of-{authority}",
             environment={
                 "DOMAIN": domain,
                 "ACME_EMAIL": "admin@example.test",
@@ -102,10 +92,6 @@ class AcmeNetwork:
             tmpfs={"/tmp": ""},
         )
 
-    def stop(self, container: Container) -> None:
-        self._containers.remove(container)
-        container.remove(force=True, v=True)
-
     def revoke(self, acme: Container) -> None:
         settings = dict(entry.split("=", 1) for entry in acme.attrs["Config"]["Env"])
         command = ["lego", "--email", settings["ACME_EMAIL"], "--server", settings["ACME_SERVER"]]
@@ -120,7 +106,6 @@ class AcmeNetwork:
         container = self._run(
             "pebble",
             name,
-            aliases=[name],
             volumes={str(self._folder / "pebble"): {"bind": "/etc/pebble", "mode": "ro"}},
         )
         self.wait("pebble listens", lambda: b"Listening on" in container.logs(), container)
@@ -128,10 +113,8 @@ class AcmeNetwork:
 
     def served(self, nginx: Container) -> tuple[str, dict[str, str]]:
         """The issuer of the certificate that serves, and the headers of an answer of nginx's own."""
-        nginx.reload()
-        address = nginx.attrs["NetworkSettings"]["Networks"][self._name]["IPAddress"]
         with (
-            socket.create_connection((address, 8443), timeout=5) as plain,
+            socket.create_connection((address_in(self._network, nginx), 8443), timeout=5) as plain,
             # The handshake inside the block: a reload of nginx may cut it, and then nobody else would close the socket.
             insecure_tls().wrap_socket(
                 plain, server_hostname=DOMAIN, do_handshake_on_connect=False
@@ -177,23 +160,9 @@ class AcmeNetwork:
 
         wait_until(condition, report, seconds, every_s=0.2)
 
-    def _run(
-        self, built: str, name: str, aliases: Sequence[str] = (), **options: object
-    ) -> Container:
-        container = self._engine.containers.create(
-            image(built),
-            name=f"{self._name}-{name}",
-            cap_drop=["ALL"],
-            read_only=True,
-            network=self._name,
-            networking_config={
-                self._name: self._engine.api.create_endpoint_config(aliases=list(aliases))
-            },
-            **options,  # type: ignore[arg-type] # the SDK's own names
-        )
-        self._containers.append(container)
-        container.start()
-        return container
+    def _run(self, built: str, *aliases: str, **options: object) -> Container:
+        locked = {"cap_drop": ["ALL"], "read_only": True}
+        return self._containers.start(self._network, image(built), *aliases, **locked, **options)
 
     def _write_authority(self) -> None:
         """Write pebble's settings, and the certificate under which it serves its own directory."""

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import uuid
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any
 
 import docker
+from docker.errors import NotFound
 from docker.models.containers import Container
 
 
@@ -25,16 +26,27 @@ class Containers:
         made.reload()
         return made
 
+    def volume(self) -> Any:
+        made = self._engine.volumes.create()
+        self._running.callback(partial(made.remove, force=True))
+        return made
+
     def start(self, network: Any, name: str, *aliases: str, **options: Any) -> Container:
         """A container that others on its network find under these names."""
         own = self._engine.api.create_endpoint_config(aliases=list(aliases))
         container: Container = self._engine.containers.create(
-            name, tmpfs={"/run/nginx": "uid=33,gid=33"}, network=network.name,
-            networking_config={network.name: own}, **options,
+            name, network=network.name, networking_config={network.name: own},
+            **{"tmpfs": {"/run/nginx": "uid=33,gid=33"}, **options},
         )  # fmt: skip
-        self._running.callback(partial(container.remove, force=True, v=True))
+        self._running.callback(remove, container)
         container.start()
         return container
+
+
+def remove(container: Container) -> None:
+    """Remove a container, if it is still there."""
+    with suppress(NotFound):
+        container.remove(force=True, v=True)
 
 
 def address_in(network: Any, container: Container) -> str:
