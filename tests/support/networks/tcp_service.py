@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ssl
 from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, Self
@@ -13,16 +14,22 @@ from aiohttp import web
 class TcpService:
     """One port; a subclass says in `_talk` what happens behind it."""
 
+    tls: ssl.SSLContext | None = None
+
     def __init__(self) -> None:
         self._tasks: set[asyncio.Task[None]] = set()
 
     async def __aenter__(self) -> Self:
-        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0)
+        self._server = await asyncio.start_server(self._serve, "127.0.0.1", 0, ssl=self.tls)
         self.port = int(self._server.sockets[0].getsockname()[1])
         return self
 
     async def __aexit__(self, *_: object) -> None:
         self._server.close()
+        await self.drop()
+
+    async def drop(self) -> None:
+        """Break the connections that are there."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)

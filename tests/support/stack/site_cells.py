@@ -26,6 +26,7 @@ from robotether_server.contract.robots import RobotObject
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.cells.keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
 from robotether_server.relay.wiring import Relay
+from tcp_service import TcpService
 from tls_front import openssl
 
 
@@ -41,36 +42,26 @@ def make_peer_keys(folder: Path) -> Path:
     return folder
 
 
-class PeerListener:
+class PeerListener(TcpService):
     """Passes connections of other cells to a relay's peer port; cut, it breaks them, frozen it passes nothing on."""
 
-    def __init__(self, folder: Path, proof: str) -> None:
-        self._context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-        self._context.load_cert_chain(folder / CERTIFICATE, folder / KEY)
-        self._context.load_verify_locations(folder / CERTIFICATE)
-        self._context.verify_mode = ssl.CERT_REQUIRED
+    def __init__(self, folder: Path, proof: str, relay_port: int = 0) -> None:
+        super().__init__()
+        self.tls = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        self.tls.load_cert_chain(folder / CERTIFICATE, folder / KEY)
+        self.tls.load_verify_locations(folder / CERTIFICATE)
+        self.tls.verify_mode = ssl.CERT_REQUIRED
         self._proof = proof
-        self._tasks: set[asyncio.Task[None]] = set()
-        self._server: asyncio.Server
+        self.relay_port = relay_port
         self._is_cut = False
         self._flows = asyncio.Event()
         self._flows.set()
-        self.relay_port = 0
-        self.port = 0
-
-    async def start(self) -> None:
-        self._server = await asyncio.start_server(self._accept, HOST, 0, ssl=self._context)
-        self.port = self._server.sockets[0].getsockname()[1]
-
-    async def stop(self) -> None:
-        self._server.close()
-        await self._break_all()
 
     @asynccontextmanager
     async def cut(self) -> AsyncIterator[None]:
         """Accept nobody inside the block."""
         self._is_cut = True
-        await self._break_all()
+        await self.drop()
         yield
         self._is_cut = False
 
@@ -81,18 +72,8 @@ class PeerListener:
         yield
         self._flows.set()
 
-    async def _break_all(self) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-
-    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.create_task(self._pass(reader, writer))
-        self._tasks.add(task)
-        task.add_done_callback(self._tasks.discard)
-
-    async def _pass(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        with suppress(ConnectionError, asyncio.IncompleteReadError):
+    async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        try:
             if not self._is_cut:
                 head = await reader.readuntil(b"\r\n")
                 to_relay, relay = await asyncio.open_connection(HOST, self.relay_port)
@@ -103,7 +84,8 @@ class PeerListener:
                         group.create_task(self._pipe(to_relay, writer))
                 finally:
                     relay.transport.abort()
-        writer.transport.abort()
+        finally:
+            writer.transport.abort()
 
     async def _pipe(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         with suppress(ConnectionError, ssl.SSLError):
@@ -170,9 +152,7 @@ class Site:
 
     async def add(self, name: str, keys: PeerKeys) -> SiteCell:
         """Start a cell, and wait until all cells follow each other."""
-        listener = PeerListener(self._folder, keys.proof)
-        await listener.start()
-        self._stack.push_async_callback(listener.stop)
+        listener = await self._stack.enter_async_context(PeerListener(self._folder, keys.proof))
         # Each with a connection of its own to the same records, which a test takes away.
         database = copy.copy(self._memory_database)
         settings = cell_settings(name, peer_address=f"{HOST}:{listener.port}")

@@ -20,18 +20,15 @@ def move(cell, to, address):
 
 
 async def test_a_cell_that_moves_is_found(cell_a, cell_b, keys_dir, peer_keys):
-    listener = PeerListener(keys_dir, peer_keys.proof)
-    await listener.start()
-    listener.relay_port = cell_b.relay.peer_port
-    move(cell_a, cell_b, f"{HOST}:{listener.port}")
-    await until(
-        lambda: (
-            (peer := cell_a.relay.peers._connected.get("b")) is not None
-            and peer.address == f"{HOST}:{listener.port}"
-        ),
-        "a follows b there",
-    )
-    await listener.stop()
+    async with PeerListener(keys_dir, peer_keys.proof, cell_b.relay.peer_port) as listener:
+        move(cell_a, cell_b, f"{HOST}:{listener.port}")
+        await until(
+            lambda: (
+                (peer := cell_a.relay.peers._connected.get("b")) is not None
+                and peer.address == f"{HOST}:{listener.port}"
+            ),
+            "a follows b there",
+        )
     await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
 
 
@@ -48,21 +45,17 @@ async def test_a_name_without_an_address_is_reported(cell_a, cell_b, caplog):
 
 
 @pytest.mark.parametrize("side", ["listener", "dialer"])
-async def test_only_the_sites_own_certificate_is_accepted(cell_a, cell_b, tmp_path, side):
+async def test_only_the_sites_own_certificate_is_accepted(
+    cell_a, cell_b, peer_keys, tmp_path, side
+):
     folder = make_peer_keys(tmp_path)
-    foreign = read_peer_keys(folder)
-    if side == "listener":
-        listener = PeerListener(folder, cell_b.listener._proof)
-        await listener.start()
-        listener.relay_port = cell_b.relay.peer_port
-        move(cell_a, cell_b, f"{HOST}:{listener.port}")
-    else:
-        cell_a.relay.peer_dialer._client.connector._ssl = foreign.tls
-        async with cell_b.listener.cut():
-            await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
-        listener = None
-    await until(lambda: cell_a.relay.peers.count() == 0, "b is not followed")
-    with pytest.raises(AssertionError):
-        await until(lambda: cell_a.relay.peers.count() == 1, "it is", within_s=1.5)
-    if listener is not None:
-        await listener.stop()
+    async with PeerListener(folder, peer_keys.proof, cell_b.relay.peer_port) as listener:
+        if side == "listener":
+            move(cell_a, cell_b, f"{HOST}:{listener.port}")
+        else:
+            cell_a.relay.peer_dialer._client.connector._ssl = read_peer_keys(folder).tls
+            async with cell_b.listener.cut():
+                await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
+        await until(lambda: cell_a.relay.peers.count() == 0, "b is not followed")
+        with pytest.raises(AssertionError):
+            await until(lambda: cell_a.relay.peers.count() == 1, "it is", within_s=1.5)
