@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 from commands import path_with, run_command, write_programs
+from tls_front import openssl
 
 NGINX = Path(__file__).resolve().parents[3] / "images" / "nginx"
 
@@ -45,12 +46,10 @@ def test_certificate_that_serves_under_a_new_name_is_reported(tmp_path):
     for folder in (own, served, programs):
         folder.mkdir(parents=True)
     options = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 9 -subj /CN=a"
-    files = ["-keyout", own / "key.pem", "-out", own / "cert.pem"]
-    subprocess.run(["openssl", *options.split(), *files], check=True, capture_output=True)
+    openssl(*options.split(), "-keyout", str(own / "key.pem"), "-out", str(own / "cert.pem"))
     for name in ("cert.pem", "key.pem"):
         (served / name).write_bytes((own / name).read_bytes())
-    (programs / "try-certificate").write_text("#!/bin/sh\necho it is for another name\nexit 1\n")
-    (programs / "try-certificate").chmod(0o755)
+    write_programs(programs, {"try-certificate": "echo it is for another name\nexit 1"})
     done = start(tmp_path, "443")
     assert done.returncode == 9
     assert "would not be taken now: it is for another name." in done.stderr
