@@ -245,7 +245,7 @@ async def test_a_machine_whose_relay_does_not_answer_comes_last(
     if relay == "hangs":
         first.mode = "hangs"
     else:
-        first._relay.close()
+        first._server.close()
     status = await start_agent(first).until_connected()
     assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
     assert len(first.of_kind("session", live=False)) == (relay == "hangs")
