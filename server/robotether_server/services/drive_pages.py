@@ -129,6 +129,6 @@ def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
         raise RobotUnknownError(f"No robot '{name}', or you have no access.")
     if seen.level != "manage":
         raise GrantMissingError(
-            f"cannot do that with robot {name}: your grant is {seen.level}; it takes one to manage it"
+            f"cannot do that with robot {name}: your level is {seen.level}, and this needs manage"
         )
     return seen

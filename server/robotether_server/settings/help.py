@@ -25,7 +25,7 @@ def _corners(raw: object, path: str) -> tuple[tuple[float, float], ...]:
             return tuple(corners)
     raise FieldInvalidError(
         f"cannot use {path}: it must be null or {MIN_CORNERS} to {MAX_CORNERS} corners, each of two numbers, "
-        f"x and y, from {-MAX_COORDINATE_M:g} to {MAX_COORDINATE_M:g}",
+        f"x and y, from {-MAX_COORDINATE_M:.0f} to {MAX_COORDINATE_M:.0f}",
         path,
     )
 

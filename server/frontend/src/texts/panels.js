@@ -11,7 +11,7 @@ export const buttons = {
   failed: "Failed",
   hint: (usable) => (usable ? "" : "These work while you drive."),
   yes: (name) => `Yes: ${name}`,
-  no: "Cancel",
+  no: "No",
   sentWords: (name) => `${name}: sent to the robot.`,
   doneWords: (name, answer) => (answer ? `${name}: done. The robot says: ${answer}` : `${name}: done.`),
   failedWords: (name, why) => `${name}: failed. ${why || "The robot gave no reason."}`,
@@ -23,7 +23,7 @@ export const buttons = {
 };
 
 export const topics = {
-  count: (some, all) => (some === all ? `${all} topics` : `${some} of ${all} topics`),
+  count: (some, all) => `${some === all ? "" : `${some} of `}${all} ${all === 1 ? "topic" : "topics"}`,
   none: "The robot has reported no topics.",
   more: (count) => `${count} more: narrow the search.`,
   untyped: "type unknown",
