@@ -18,6 +18,13 @@ export class KeyedRows {
     items.forEach((item, place) => this.fill(elements[place], item, place));
   }
 
+  // What is shown keeps its place, and what is new comes last: a button must not move away from under a finger.
+  showInPlace(items) {
+    const places = new Map([...this.elements.keys()].map((key, place) => [key, place]));
+    const place = (item) => places.get(this.keyOf(item)) ?? places.size;
+    this.show([...items].sort((one, other) => place(one) - place(other)));
+  }
+
   add(item) {
     const element = this.make(item);
     this.elements.set(this.keyOf(item), element);

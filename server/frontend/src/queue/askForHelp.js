@@ -47,7 +47,7 @@ export class AskForHelp {
     part(this.root, "help-badge").hidden = open.length === 0;
     setText(part(this.panel, "help-state"), requests ? "" : texts.unknown);
     const hadFocus = this.list.contains(document.activeElement);
-    this.rows.show(open);
+    this.rows.showInPlace(open);
     if (hadFocus && !this.list.contains(document.activeElement)) part(this.root, "drawer").focus({ preventScroll: true });
   }
 

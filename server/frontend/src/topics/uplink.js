@@ -88,12 +88,8 @@ export class Uplink {
     this.show();
   }
 
-  // Rows keep their places while the list is open: a button must not move away from under a finger.
   show() {
-    const { elements, keyOf } = this.rows;
-    const shown = [...elements.keys()];
-    const place = (row) => (elements.has(keyOf(row)) ? shown.indexOf(keyOf(row)) : shown.length);
-    this.rows.show(uplinkRows(this.streams, this.switches).sort((one, other) => place(one) - place(other)));
+    this.rows.showInPlace(uplinkRows(this.streams, this.switches));
   }
 
   build({ kind, name }) {
