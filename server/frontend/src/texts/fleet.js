@@ -25,8 +25,8 @@ export const fleet = {
   stopSite: (site, others) => (others ? `Stop those that you manage at site ${site}` : `Stop site ${site}`),
   stopOthers: (count) =>
     count === 1
-      ? "1 other robot is not stopped: you do not manage it. Use its own Stop."
-      : `${count} other robots are not stopped: you do not manage them. Use the Stop of each.`,
+      ? "1 other robot was left out: you do not manage it. Use its own Stop."
+      : `${count} other robots were left out: you do not manage them. Use the Stop of each.`,
   stopResult: ({ name, stopped, confirmed }) => {
     if (!stopped) return `${name}: not stopped`;
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;

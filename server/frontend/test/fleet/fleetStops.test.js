@@ -41,7 +41,7 @@ test("a robot that was released is no longer among those that a stop has stopped
   assert.deepEqual([names(), part(root, "stop-result").children], [[], []]);
 });
 
-test("who manages some of the robots reads that the others are not stopped", () => {
+test("who manages some of the robots reads that the others were left out", () => {
   const root = new FakeElement();
   const stops = new FleetStops(root, { manages: true });
   const robot = (name, level, site, stopped = null) => ({ name, level, site, control: { stopped } });
@@ -56,7 +56,7 @@ test("who manages some of the robots reads that the others are not stopped", () 
   assert.deepEqual(lines(), ["sim1: stopped"]);
   stops.show([robot("sim1", "manage", "lab"), robot("sim2", "drive", "yard"), robot("sim3", "observe", null, { confirmed: true })]);
   assert.deepEqual(words(), ["Stop all robots that you manage", "Stop site lab"]);
-  assert.match(lines()[1], /^1 other robot is not stopped/);
+  assert.match(lines()[1], /^1 other robot was left out/);
   assert.deepEqual(lines("lab"), ["sim1: stopped"]);
 });
 
