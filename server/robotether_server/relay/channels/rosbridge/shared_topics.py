@@ -38,7 +38,8 @@ log = logging.getLogger(__name__)
 # Maximum number of topics at which an observer may add one, and recorder and routes: observers who ask for everything
 # leave these their share, and all leave the driver's.
 MAX_OBSERVED_TOPICS, MAX_STANDING_TOPICS = MAX_TOPICS // 2, MAX_TOPICS * 3 // 4
-# Maximum number of topics that an observer alone has, for each one that is left for others: 22 of 32, then 7, then 2.
+# Number of topics that an observer alone has, for each one that is left, from which on it adds none: at 22 of 32 the
+# first, at 7 the next, at 2 the third.
 OWN_FOR_EACH_LEFT = 2
 # Maximum size of the messages that newcomers may get, besides the newest.
 MAX_REMEMBERED_BYTES = 1024 * 1024
@@ -311,7 +312,9 @@ class SharedTopics(SharedCopies[SharedTopic]):
         """Raise TopicRefusedError when a person would leave the other observers too few topics."""
         user_ids = set(subscriber.user_ids())
         users = [topic.user_ids() for topic in self._topics_of(robot.id) if topic.users]
-        own, left = sum(each <= user_ids for each in users), MAX_OBSERVED_TOPICS - len(users)
+        # Those of another cell are nobody's until it has said whose they are.
+        own = sum(bool(each) and each <= user_ids for each in users)
+        left = MAX_OBSERVED_TOPICS - len(users)
         if 0 < left * OWN_FOR_EACH_LEFT <= own:
             raise TopicRefusedError(
                 f"you alone have {own} of the {MAX_OBSERVED_TOPICS} topics that observers of {robot.name}"

@@ -253,12 +253,20 @@ async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
     await topics.close()
 
 
+async def test_topics_of_another_cell_whose_users_are_unknown_are_nobodys(relay, robot, sim1):
+    topics = relay.relay.registry.robot(sim1.id).topics
+    for number in range(MAX_OBSERVED_TOPICS - 1):
+        topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
+        topic.users.add(Client(None))
+    relay.relay.shared_topics.watch(sim1, TopicRequest("/odom"), Client(), MAX_OBSERVED_TOPICS)
+
+
 class Client:
     def __init__(self, user_id=1):
         self._user_id = user_id
 
     def user_ids(self):
-        return (self._user_id,)
+        return () if self._user_id is None else (self._user_id,)
 
     def on_topic_ready(self, topic): ...
 
