@@ -87,7 +87,7 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
     for changes, sentence in (
         ({"sends": "{data: true}"}, "at line 1, column 2"),
         ({"sends": '{"data": NaN}'}, "Sends: JSON has no NaN"),
-        ({"name": ""}, "Name: Fill in Name."),
+        ({"name": ""}, "Name: Fill this in."),
         ({"kind": "push"}, "What it does: Choose one of publish, call."),
         ({"target": "lights"}, "Topic or service: Enter a full name"),
         ({"type": "Bool"}, "Type: Enter a type of ROS"),
