@@ -86,6 +86,17 @@ test("who asks for control in another's place gets no answer that was meant for 
   now.mock.restore();
 });
 
+test("control is handed over to the person of the question, and to nobody else who asks by then", async (context) => {
+  const fetch = context.mock.method(globalThis, "fetch", async () => new Response("{}"));
+  open({ busy: () => false });
+  driveMode.drive();
+  const driver = { user: "ann", since: "2026-01-01T12:03:00Z", fence: 1 };
+  driveMode.receive({ driver, waiting: { user: "ben", passes_at: "2026-01-01T12:04:00Z" } });
+  panel.button("hand-over").dispatchEvent(new Event("click"));
+  const [path, { body }] = fetch.mock.calls[0].arguments;
+  assert.deepEqual([path, JSON.parse(body)], ["/api/v1/robots/sim1/lease", { action: "hand_over", to: "ben" }]);
+});
+
 test("whether to take control is asked of one driver, and not answered for the next", () => {
   open();
   const driver = (user) => driveMode.receive({ driver: { user, since: "2026-01-01T12:03:00Z", fence: 1 } });

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { health, latencyBreakdown, Readback, speedText } from "../../src/overlays/readings.js";
+import { byTestId, part } from "../../src/dom/page.js";
+import { health, latencyBreakdown, Readback, Readings, speedText } from "../../src/overlays/readings.js";
+import { FakeElement } from "../fakes.js";
 
 for (const [what, parts, rosbridge] of [
   ["what is left", { total: 60, server: 12, robot: 40 }, 8],
@@ -21,6 +23,27 @@ test("a number is good, fair or poor by its bounds, and nothing when it is not k
   );
 });
 
+test("a number on the page says how good it is, one that came long ago that it is old, and one that is not known nothing", () => {
+  const root = new FakeElement();
+  let age = null;
+  const readings = new Readings(root, { frameAge: () => age, limits: { maxLinear: 1, maxAngular: 1 }, oldMs: 1000 });
+  const shown = (name) => [part(byTestId(root, name), "value").textContent, byTestId(root, name).dataset.health];
+  mock.timers.tick(250);
+  assert.deepEqual(shown("picture-age"), ["-", ""]);
+  age = 1200.4;
+  mock.timers.tick(250);
+  assert.deepEqual(shown("picture-age"), ["1200", "poor"]);
+  for (const [reading, expected, words] of [
+    [{ medianMs: 60, ageMs: 0 }, ["60", "good"], /12 ms to the server, 40 ms on to the robot, 8 ms in its rosbridge/],
+    [{ medianMs: 60, ageMs: 3000 }, ["60", "poor"], /3 s/],
+    [null, ["-", ""], /^$/],
+  ]) {
+    readings.rtt(reading, { server: 12, robot: 40 });
+    assert.deepEqual(shown("rtt"), expected);
+    assert.match(byTestId(root, "rtt-parts").textContent, words);
+  }
+});
+
 const ODOM = { name: "/odom", type: "nav_msgs/Odometry" };
 const POSE = { name: "/pose", type: "turtlesim/msg/Pose" };
 
@@ -28,7 +51,7 @@ let subscriptions, speed, pose, readback;
 
 beforeEach(() => {
   mock.timers.reset();
-  mock.timers.enable({ apis: ["setTimeout"] });
+  mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
   subscriptions = [];
   readback = new Readback({
     subscribe: (spec, handler) => {

@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
+import { isNew } from "../../src/dom/presses.js";
 import {
   dayOf,
   isFiltered,
@@ -11,6 +12,7 @@ import {
   wireCopyButtons,
   wireDays,
 } from "../../src/pages/desk.js";
+import { FakeElement } from "../fakes.js";
 
 function pageWith(text) {
   const button = {
@@ -45,6 +47,21 @@ test("times are the reader's own, with seconds, and with a year that is not this
     times.map(({ textContent }) => textContent),
     ["30 Jan 23:03:59", "1 Jul 2025 12:00:00", "today 00:00:00", "yesterday 23:59:59"],
   );
+});
+
+test("a page takes no press that began elsewhere, nor a double one on what opened it or on a form", async () => {
+  const wired = [];
+  const hear = (name) => wired.push(name);
+  const question = new FakeElement();
+  const querySelectorAll = (selector) => (selector === "[data-settles]" ? [question] : []);
+  Object.defineProperty(globalThis, "navigator", { value: {}, configurable: true }); // older Nodes have none
+  Object.assign(globalThis, { document: { querySelectorAll, addEventListener: hear }, window: { addEventListener: hear } });
+  const every = mock.method(globalThis, "setInterval", () => 0);
+  await import("../../src/pages/desk.js?page");
+  every.mock.restore();
+  for (const name of ["document", "window"]) delete globalThis[name];
+  assert.deepEqual(wired, ["pointerdown", "click", "keydown", "submit"]);
+  assert.equal(isNew(question), true);
 });
 
 test("a day begins and ends in the reader's zone", () => {
