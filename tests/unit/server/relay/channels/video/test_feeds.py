@@ -18,6 +18,7 @@ from robotether_server.relay.channels.video.held_frames import MAX_HELD
 from robotether_server.relay.channels.video.viewers import ViewerPlace
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot import Change, Presence
 from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 JPEG = b"\xff\xd8\xff\xd9"
@@ -300,4 +301,17 @@ async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
         await until(lambda: eye.close_reasons, "it is told")
     assert eye.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of the link" in caplog.text
+    await feeds.close()
+
+
+async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
+    other_robot = memory_database.add_robot(8, "sim2")
+    feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
+    with followed(feeds, sim1, "/a", eye), followed(feeds, other_robot, "/a", other):
+        feeds.on_robot_change(Change("updated", sim1.id, Presence()))
+        assert feeds.count() == 2
+        feeds.on_robot_change(Change("disconnected", sim1.id, Presence()))
+        assert feeds.count() == 1
+        assert eye.close_reasons == [close_reasons.link_lost("sim1")]
+        assert other.close_reasons == []
     await feeds.close()
