@@ -126,6 +126,13 @@ def test_jump_host_that_is_away_is_asked_once(network, connections):
     assert f"nothing answers at port {network.jump.port}" in first.detail
 
 
+def test_broken_connection_is_told_without_its_number(network):
+    broken = fleet_ssh.explain(
+        OSError(113, "No route to host"), target_of(network), Identities(target_of(network))
+    )
+    assert broken.detail == "cannot reach sim1: No route to host"
+
+
 @pytest.mark.parametrize("accept_new", [False, True])
 @pytest.mark.parametrize("which", ["jump", "robot"])
 def test_changed_host_key_ends_the_connection(network, which, accept_new):

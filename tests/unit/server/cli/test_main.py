@@ -113,3 +113,10 @@ def test_web_starts_while_the_database_is_away(run, started, monkeypatch):
     assert done.status == 0
     assert "cannot check for a first admin" in done.err
     assert len(started) == 1
+
+
+def test_help_lists_the_commands(run):
+    """The help needs no setting, and has those too that are loaded when they are asked for."""
+    done = run("--help")
+    listed = {line.split()[0] for line in done.out.splitlines() if line.startswith("  ")}
+    assert (done.status, {"user", "robot", "fleet", "audit"} - listed) == (0, set())

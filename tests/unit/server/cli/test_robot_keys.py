@@ -136,6 +136,7 @@ def test_rejected_key_may_ask_again(run, database):
     assert (item["robot"], item["rejected_by"]) == ("sim1", "cli")
     row = run("rejected", "list").out.splitlines()[1].split()
     assert (row[0], row[-1]) == (str(item["id"]), "SHA256:abc")
+    assert "so there is no key to reject" in run("robot", "reject", "sim1").err
     assert run("rejected", "forgive", item["id"]).out == "key SHA256:abc may ask again\n"
     assert json.loads(run("rejected", "list", "--json").out) == []
     assert run("rejected", "forgive", item["id"]).status == 1

@@ -45,3 +45,9 @@ def test_ssh_config_has_the_shells_that_the_user_manages(run, database, monkeypa
     assert "    ProxyJump jump@robots.example:2022\n" in done.out
     assert "    User pi\n" in done.out
     assert "jump@lab.example:" in run("ssh-config", *ANN, "--host", "lab.example").out
+
+
+def test_ssh_config_without_a_host_says_what_to_set(run):
+    done = run("ssh-config", *ANN)
+    assert done.status == 1
+    assert "PUBLIC_HOST" in done.err

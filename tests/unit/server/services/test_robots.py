@@ -249,6 +249,16 @@ def test_new_robot_is_made_and_active(site, signer):
     assert (event.robot, event.actor, event.address) == ("turtle", "root", "192.0.2.9")
 
 
+def test_used_up_token_makes_no_robot(site, signer):
+    token = site.join_token(1)
+    register(site, signer, token=token)
+    with site.database.transaction() as tx:
+        robot_service.remove(tx, ADMIN, "turtle")
+    with pytest.raises(TokenUsedUpError, match="an admin has undone that"):
+        register(site, signer, token=token)
+    assert site.names() == ["sim1"]
+
+
 def test_announced_robot_takes_the_key(site, signer):
     site.announce("turtle", NEW_MAC)
     site.ask(NEW_MAC, OTHER_KEY)
