@@ -11,6 +11,7 @@ from robotether_server.web import create_app
 
 REQUEST_ID = "0123456789abcdef" * 2
 SECRET = "hunter2hunter2"
+CONNECTION = "198.51.100.7 port 51234"
 FORGED = '\n{"level": "info", "message": "ann logged in"}\r\x0b\x1b[2J\u2028\x85"\\'
 
 
@@ -28,15 +29,18 @@ def lines():
     root.removeHandler(handler)
     root.setLevel(level)
     logs.set_request_id(None)
+    logs.set_connection_id(None)
 
 
 @pytest.mark.parametrize("request_id", [REQUEST_ID, None, REQUEST_ID + "\n", FORGED, "A" * 32])
 def test_a_record_is_one_line_whatever_is_in_it(lines, request_id):
     logs.set_request_id(request_id)
+    logs.set_connection_id(CONNECTION)
     logging.getLogger("test").error("failed: %s", FORGED, exc_info=ValueError(FORGED))
     [line] = lines()
     assert line["message"] == f"failed: {FORGED}"
     assert FORGED in line["error"]
+    assert line["connection_id"] == CONNECTION
     assert line.get("request_id") == (REQUEST_ID if request_id == REQUEST_ID else None)
 
 

@@ -78,3 +78,9 @@ def test_each_change_of_a_robot_is_said(run, database):
     ):
         assert run("robot", *words.split()).out == said + "\n"
     assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
+
+
+def test_unknown_robot_is_said(run):
+    done = run("robot", "show", "ghost")
+    assert (done.status, done.err.count("\n")) == (1, 1)
+    assert "cannot find robot ghost" in done.err

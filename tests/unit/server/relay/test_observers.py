@@ -188,6 +188,25 @@ def test_what_the_guard_refused_is_the_drives(
     assert b'guard_refusals_total{kind="held"} 2.0' in metrics.render()
 
 
+def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypatch):
+    """What the guard reports after the end is added to the record, but not long after."""
+
+    def saw(age_ms):
+        report = SeenReport(13, (age_ms,))
+        observer.on_robot_change(Change("seen", 7, ONLINE, seen=report))
+
+    connection, drive = driving(sim1), a_drive()
+    saw(1.0)
+    observer.connection(ConnectionReport(connection, None, drive=drive))
+    saw(140.0)
+    observer.connection(ended(connection, drive))
+    saw(150.0)
+    monkeypatch.setattr("robotether_server.relay.observers.GUARD_REPORTS_WITHIN_S", -1.0)
+    saw(160.0)
+    drives = [entry for entry in event_writer.notes if isinstance(entry, DriveEntry)]
+    assert [entry.seen_max_ms for entry in drives] == [None, 140.0, 150.0]
+
+
 def test_what_drivers_see_and_heartbeats_bring_is_counted(observer, metrics, registry):
     seen = SeenReport(13, (100.0, None), slowed_s=0.4)
     for _ in range(2):

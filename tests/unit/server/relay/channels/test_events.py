@@ -45,6 +45,11 @@ async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
     assert subscriber.pop_events() == []
 
 
+async def test_a_change_back_is_no_event(fleet_events, subscriber, robots):
+    fleet_events.changed(7)
+    assert subscriber.pop_events() == []
+
+
 async def test_a_subscriber_remembers_only_robots_of_its_user(relay, fleet_events, memory_database):
     memory_database.add_robot(8, "sim2")
     await relay.relay.fleet.poll()

@@ -2,7 +2,7 @@
 
 import pytest
 import pytest_asyncio
-from relay_clients import audit_lines
+from relay_clients import audit_lines, closing
 from relay_server import ANN, BEN, BOB, CARL, EVE, until
 
 SIM1 = "/api/v1/robots/sim1"
@@ -44,6 +44,19 @@ async def test_without_the_right_nothing_changes(
     relay.relay.control.stops.stop(sim1, "ben")
     assert (await ask("POST", path, by, body))[1]["code"] == code
     assert relay.relay.control.describe(sim1.id).stopped.by == "ben"
+
+
+async def test_control_is_handed_to_who_is_named(relay, guarded, sim1, ros, ask):
+    lease = f"{SIM1}/lease"
+    async with ros() as socket:
+        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
+        assert (await ask("POST", lease, "ann", {"action": "refuse"}))[1]["code"] == "nobody_asks"
+        await ask("POST", lease, "ben", {"action": "ask"})
+        to_carl = {"action": "hand_over", "to": "carl"}
+        assert (await ask("POST", lease, "ann", to_carl))[1]["code"] == "nobody_asks"
+        status, body = await ask("POST", lease, "ann", {"action": "hand_over", "to": "ben"})
+        assert (status, body["reserved"]["user"]) == (200, "ben")
+        assert (await closing(socket))[0] == 4010
 
 
 async def test_who_asks_in_a_loop_is_told_to_wait(

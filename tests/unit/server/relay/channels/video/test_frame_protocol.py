@@ -15,6 +15,7 @@ from robotether_common.frames import (
 )
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
+    Frame,
     SenderClock,
     combined,
     parse_clock_sync,
@@ -44,6 +45,11 @@ def sent(sequence=5, timestamp_ms=1234.5, codec=1, jpeg=JPEG):
 def test_what_is_no_frame_is_refused(data):
     with pytest.raises(ProtocolError):
         parse_frame(data)
+
+
+def test_a_part_is_written_once():
+    frame = Frame(sent(), sequence=9, position=0, timestamp_s=2.5, received_s=2.6)
+    assert frame.part("edge", 1000.0) is frame.part("edge", 1000.0)
 
 
 @pytest.mark.parametrize(

@@ -171,6 +171,13 @@ async def test_an_agent_without_frames_has_no_h264(robot, video):
     assert robot.video_requests == []
 
 
+async def test_head_tells_what_get_would(on_air, video):
+    async with video("stream?topic=/a", method="HEAD") as answer:
+        assert answer.status == 200
+        assert answer.content_type == "multipart/x-mixed-replace"
+        assert await answer.read() == b""
+
+
 async def test_a_camera_without_a_frame_is_no_frames(relay, camera, monkeypatch, video):
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
     asking = asyncio.create_task(video("stream?topic=/a"))
