@@ -10,11 +10,15 @@ export function valueText(value, unit) {
   return texts.units[unit](shortNumber(unit === "bits_per_s" ? value / 1e6 : value));
 }
 
+// Prometheus extrapolates what it counted, to 15.4 log-ins; of a little of one there was one.
+const wholeCount = (value) => (value > 0 ? Math.max(1, Math.round(value)) : value);
+
 // One line in words: now, lowest, highest, and how much of the time is not known.
 export function lineText({ name, values }, unit) {
-  const known = values.filter((value) => value !== null);
+  const whole = unit === "count" ? values.map(wholeCount) : values;
+  const known = whole.filter((value) => value !== null);
   if (!known.length) return texts.noLine(texts.lines[name] ?? name);
-  const [now, least, most] = [values[values.length - 1], Math.min(...known), Math.max(...known)].map((value) => valueText(value, unit));
+  const [now, least, most] = [whole[whole.length - 1], Math.min(...known), Math.max(...known)].map((value) => valueText(value, unit));
   const percent = Math.ceil((100 * (values.length - known.length)) / values.length);
   return texts.line({ name: texts.lines[name] ?? name, now, least, most }) + (percent ? texts.gaps(percent) : "");
 }
