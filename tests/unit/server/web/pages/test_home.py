@@ -192,6 +192,13 @@ def test_fleet_page_may_measure_the_sites_other_machines(browser, database, rela
         assert own in headers["Content-Security-Policy"].split("; "), path
 
 
+def test_only_machine_of_a_site_is_no_other_one_under_a_second_name(browser, relay_database):
+    browser.log_in("ann")
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings("a", "192.0.2.1"), cells.CellCounts(), utc_now())
+    assert "data-machines" not in browser.ask("GET", "/").text
+
+
 @pytest.mark.parametrize("name", ["sim2", "ghost"])
 def test_robot_that_may_not_be_seen_is_not_there(browser, name):
     browser.log_in("ann")
