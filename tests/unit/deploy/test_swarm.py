@@ -116,14 +116,14 @@ def in_memory(service):
 
 
 def kept(service):
-    """Volumes, except those that Swarm has otherwise: secrets, and what acme and tools/backup get."""
+    """Volumes, except those that Swarm has otherwise, or not: secrets, what acme and tools/backup get, disk records."""
     volumes = service.get("volumes", [])
     names = {volume for volume in volumes if isinstance(volume, str)}
     mounts = [v for v in volumes if isinstance(v, dict) and v["type"] == "volume"]
     names |= {
         f"{each['source']}:{each['target']}" for each in mounts if each["source"] != "secrets"
     }
-    return {name for name in names if not name.startswith(("acme_", "backup_"))}
+    return {name for name in names if not name.startswith(("acme_", "backup_", "disk_"))}
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
