@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import cells
+from robotether_server.db import cells, fleet, robots
 from robotether_server.db.cells import (
     Cell,
     CellCounts,
@@ -16,6 +16,7 @@ from robotether_server.db.cells import (
     sort_for,
     sort_for_join,
 )
+from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
 
@@ -173,6 +174,16 @@ def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
         joins = sort_for_join(robot_id, [EU_A, EU_B, out], region="us")
         assert joins == sort_for_join(robot_id, [A, B])
         assert hosts(robot_id, [EU_A, EU_B, US_C], "b") == hosts(robot_id, [A, B, C], "b")
+
+
+def test_a_robot_is_where_its_newest_session_is(relay_database, database):
+    with database.transaction() as tx:
+        sim1 = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
+    for minute, name in enumerate(("a", "b")):
+        heartbeat(relay_database, cell_settings(name, f"{name}.example"))
+        with relay_database.transaction() as tx:
+            fleet.write(tx, [SessionEntry(sim1, NOON + minute * MINUTE, "")], name)
+            assert cells.find_of_robot(tx, sim1).name == name
 
 
 def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(

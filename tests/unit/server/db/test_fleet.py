@@ -6,7 +6,7 @@ import json
 import pytest
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import cells, credentials, fleet, robots, users
+from robotether_server.db import audit, cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     FormerSessions,
@@ -33,6 +33,15 @@ def sim1(database):
         users.add(tx, "root", "x", "admin")
         give(tx, ann, robot_id, "drive")
     return robot_id
+
+
+def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
+    with database.transaction() as tx:
+        ann, root = (users.get(tx, name).id for name in ("ann", "root"))
+    with relay_database.transaction() as tx:
+        snapshot = fleet.load(tx)
+    assert [snapshot.level(user, sim1) for user in (ann, root, 999)] == ["drive", "manage", None]
+    assert [snapshot.visible(user) for user in (ann, 999)] == [[snapshot.robots[sim1]], []]
 
 
 def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypatch):
@@ -196,6 +205,21 @@ def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, adm
         tx.change("UPDATE cells SET heartbeat_at = %s", (NOON + HOUR,))
     with relay_database.transaction() as tx:
         assert fleet.last_seen(tx) == [(sim1, NOON + HOUR, "cell_removed")]
+
+
+def test_new_rows_are_told_by_the_entrys_place_and_lines_are_whole(database, relay_database, sim1):
+    line = AuditEntry(
+        NOON, "ann", "drive_ended", "sim1", "203.0.113.9", {"end_code": "client_left"}
+    )
+    entries = [FormerSessions(NOON - HOUR), line, SessionEntry(sim1, NOON + HOUR, "")]
+    with relay_database.transaction() as tx:
+        places = fleet.write(tx, entries)
+        assert list(places) == [2]
+        row = tx.row("SELECT started_at FROM robot_sessions WHERE id = %s", (places[2],))
+    assert row == {"started_at": NOON + HOUR}
+    with database.transaction() as tx:
+        (event,) = audit.find(tx)
+    assert vars(line).items() <= vars(event).items()
 
 
 def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):

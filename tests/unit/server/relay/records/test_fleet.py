@@ -1,7 +1,8 @@
 """Polling for changes, with records that come and go."""
 
 import pytest
-from relay_server import ANN
+from relay_server import ANN, utc
+from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.records.fleet import Fleet
 
 
@@ -38,6 +39,25 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
     await fleet.poll()
     assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
     assert fleet.snapshot() is heard.snapshots[1]
+
+
+async def test_the_past_is_read_once(fleet, memory_database):
+    restored = []
+    fleet.restore_into(restored.append, lambda _: restored.append("control"))
+    memory_database.seen = [(7, utc(2026, 1, 1), None)]
+    await fleet.poll()
+    memory_database.add_robot(8, "sim2")
+    await fleet.poll()
+    assert restored == [[(7, utc(2026, 1, 1), None)], "control"]
+
+
+async def test_requests_for_help_are_unknown_without_a_database(fleet, memory_database):
+    memory_database.requests = [RelayRequest(7, "waiting", 1.0, None, None)]
+    known = []
+    for memory_database.down in (False, True):
+        await fleet.poll()
+        known.append(fleet.known_help_requests())
+    assert known == [memory_database.requests, None]
 
 
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):

@@ -61,6 +61,16 @@ async def test_only_frames_that_a_driver_was_sent_can_be_named(camera, watch, re
     assert delivered.robots(BOB.id, NamedFrame("/a", first)).frame is None
 
 
+async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, watch):
+    await watch(BOB, prefers="sharp")
+    await camera.wait_for("stream_request")
+    assert camera.of("stream_request")[-1]["prefers"] is None
+    driver = await watch(prefers="sharp")
+    await camera.wait_for("stream_request", prefers="sharp")
+    await driver.ask(prefers="smooth")
+    await camera.wait_for("stream_request", prefers="smooth")
+
+
 async def test_an_observer_takes_nothing_from_who_drives(camera, watch, ros):
     observer = {"quality_min": 1, "quality_max": 100, "fps": 60, "latency_ms": 50, "width": None}
     await watch(BOB, **observer)
