@@ -177,6 +177,14 @@ def test_what_a_robot_writes_does_not_fill_the_log():
     assert len(str(refusal.value)) == MAX_DETAIL
 
 
+@pytest.mark.parametrize(
+    ("line", "missing"), [(HELLO, "guard"), (HEALTH, "ros_exposed"), (GUARD, "stopped")]
+)
+def test_what_a_line_does_not_say_is_not_taken_for_well(line, missing):
+    with pytest.raises(ProtocolError, match=missing):
+        parse({name: value for name, value in line.items() if name != missing})
+
+
 @pytest.mark.parametrize("text", ["\\ud800", "\\udfff", "\\ud800x"])
 def test_half_a_character_is_not_read(text):
     """It would spoil the write of a whole batch of records."""

@@ -130,6 +130,17 @@ def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     assert all_grants(database) == before
 
 
+def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
+    send(admin, "/admin/users/ann/grants", **FORM)
+    number = number_of(database, "user ann", "robot sim2")
+    form = FORM | {"grant": str(number), "ends_at": "2020-01-01T00:00:00.000Z"}
+    page = send(admin, "/admin/users/ann/grants", **form).text
+    field = page.split(f'id="grant-{number}-end"')[1].split(">")[0]
+    assert 'value="2020-01-01T00:00:00.000"' in field
+    assert f'aria-describedby="grant-{number}-end-problem"' in field
+    assert page.count("aria-invalid") == 1
+
+
 @pytest.mark.usefixtures("every_kind")
 @pytest.mark.parametrize(
     ("who", "what", "level", "about", "onward"),
@@ -148,3 +159,14 @@ def test_a_grant_is_taken_away_after_a_question(
     assert (who, what, level) in all_grants(database)
     assert send(admin, path).location == onward
     assert (who, what, level) not in all_grants(database)
+
+
+def test_the_question_says_whether_the_grant_has_ended(admin, database, admin_database):
+    send(admin, "/admin/users/ann/grants", **FORM)
+    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
+    assert "who may drive now, loses" in admin.ask("GET", path).text
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE grants SET expires_at = '2020-01-01'")
+    page = admin.ask("GET", path).text
+    assert "It no longer allows anything: drive until" in page
+    assert "may drive now" not in page
