@@ -123,3 +123,12 @@ async def test_a_stop_while_the_number_is_on_its_way_wins(
         slow.go_on.set()
     assert relay.relay.control.driver(sim1.id) is None
     assert guarded.clients_ever == has_older
+
+
+async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, memory_database, ros):
+    async with ros():
+        await driven(relay, sim1)
+        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        del memory_database.grants[BEN.id, sim1.id]
+        await relay.relay.fleet.poll()
+        assert control(relay, sim1).waiting is None

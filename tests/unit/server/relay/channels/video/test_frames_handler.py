@@ -71,6 +71,14 @@ async def test_the_robot_hears_what_drivers_prefer_and_not_observers(camera, wat
     await camera.wait_for("stream_request", prefers="smooth")
 
 
+async def test_the_robot_hears_what_all_want_together(camera, watch):
+    await watch(quality_max=50, fps=10)
+    second = await watch(quality_max=70, fps=5)
+    await camera.wait_for("stream_request", quality_max=70, fps=10)
+    await second.socket.close()
+    await until(lambda: camera.of("stream_request")[-1]["quality_max"] == 50, "it hears of it")
+
+
 async def test_an_observer_takes_nothing_from_who_drives(camera, watch, ros):
     observer = {"quality_min": 1, "quality_max": 100, "fps": 60, "latency_ms": 50, "width": None}
     await watch(BOB, **observer)
