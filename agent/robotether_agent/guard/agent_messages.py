@@ -51,8 +51,8 @@ COUNTS_EVERY_S = 1.0
 # Minimum interval between reports of how old is what the driver sees.
 SEEN_EVERY_S = 0.5
 LISTENERS_UNKNOWN = (
-    "rosapi no longer answers, so that it is unknown whether anything on the robot listens to what is driven;"
-    " after a restart of roscore nothing does until rosbridge is restarted"
+    "it is unknown whether anything on the robot listens to what is driven: rosapi no longer answers, or names nobody"
+    " but rosbridge; after a restart of roscore nothing listens until rosbridge is restarted"
 )
 
 
@@ -239,7 +239,7 @@ class State:
     moving: bool
     # The newest number of a lease, 0: none.
     fence: int
-    # Drive topics to which nothing on the robot listens; None: unknown, as rosapi no longer answers.
+    # Drive topics to which nothing on the robot listens; None: unknown (LISTENERS_UNKNOWN).
     unheard: tuple[str, ...] | None = ()
 
 

@@ -247,13 +247,19 @@ class SubscriberWatch:
         return None if self._published else frozenset()
 
     async def _is_unheard(self, rosbridge: Rosbridge, name: str) -> bool | None:
-        """Whether rosapi knows of a publisher and of no subscriber, or of no publisher any more; None: no answer."""
+        """Whether rosapi knows of a publisher and of no subscriber, or of no publisher any more.
+
+        None: rosapi does not say, or only who publishes listens. That is rosbridge, for a base that it connects, or for
+        an observer.
+        """
         publishers = await self._nodes(rosbridge, "publishers", name)
         subscribers = await self._nodes(rosbridge, "subscribers", name)
         if publishers is None or subscribers is None:
             return None
         if publishers:
             self._published.add(name)
+            if subscribers and all(node in publishers for node in subscribers):
+                return None
             return not subscribers
         # A rosapi that hides this topic has never listed a publisher.
         if name not in self._published:

@@ -131,6 +131,11 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
         driver.on_unregistered.assert_called_with("/cmd_vel")
         assert not await answers(["/rosbridge"], ["/base"])
         assert unheard() == frozenset()
+        # An observer listens by rosbridge, or a base does.
+        assert not await answers(["/rosbridge"], ["/rosbridge"])
+        assert unheard() is None
+        assert not await answers(["/rosbridge"], ["/rosbridge", "/base"])
+        assert unheard() == frozenset()
         # As of a rosapi that the new master does not know: what was an answer is one no more.
         assert not await answers(None, None)
         assert unheard() is None
