@@ -173,7 +173,7 @@ def test_an_observer_follows_a_topic_that_nothing_asked_for_before(
     assert len(subscribed.sockets) == sockets + 1
     assert subscribed.topics.count("/battery_state") == asked + 1
     for name in ("/odom", "/camera/image_raw/compressed"):
-        # A press on the same place is the second of a double one for so long.
+        # Time within which a press on the same place is the second of a double press.
         time.sleep(0.5)
         look = _look(page, name)
     looks = page.get_by_test_id("topic-look")

@@ -180,30 +180,44 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
     assert transcript == recorded
 
 
+async def _refusal(
+    http: aiohttp.ClientSession, case: str, url: str, **headers: str
+) -> tuple[str, str]:
+    async with http.get(url, headers=headers) as answer:
+        problem = await answer.json(content_type=None)
+        return f"{case}: {answer.status}", problem_line(answer.status, problem)
+
+
+async def _ending(
+    http: aiohttp.ClientSession,
+    url: str,
+    act: Callable[[aiohttp.ClientWebSocketResponse], Any],
+    *,
+    wants: bool,
+) -> str:
+    """Connect, have `act` end that, and return how it ended."""
+    async with http.ws_connect(url) as socket:
+        if wants:
+            await socket.send_json({"op": "stream_request"})
+        done = act(socket)
+        if done is not None:
+            await done
+        return await ending_of(socket)
+
+
 async def test_how_viewers_connections_end(
     world: World, http: aiohttp.ClientSession, recorded: SnapshotAssertion
 ) -> None:
     """The close code and reason of each way, and what is refused before the upgrade."""
     transcript = Transcript()
 
-    async def refusal(case: str, url: str, **headers: str) -> None:
-        async with http.get(url, headers=headers) as answer:
-            problem = await answer.json(content_type=None)
-            transcript.add(f"{case}: {answer.status}", problem_line(answer.status, problem))
-
     async def end(
         case: str, act: Callable[[aiohttp.ClientWebSocketResponse], Any], *, wants: bool = True
     ) -> None:
-        async with http.ws_connect(world.url()) as socket:
-            if wants:
-                await socket.send_json({"op": "stream_request"})
-            done = act(socket)
-            if done is not None:
-                await done
-            transcript.add(f"{case}:", await ending_of(socket))
+        transcript.add(f"{case}:", await _ending(http, world.url(), act, wants=wants))
 
-    await refusal("no camera", world.url("x=1"), **UPGRADE)
-    await refusal("no upgrade", world.url())
+    transcript.add(*await _refusal(http, "no camera", world.url("x=1"), **UPGRADE))
+    transcript.add(*await _refusal(http, "no upgrade", world.url()))
     await end("never connected", lambda _: None, wants=False)
     camera = await world.start()
     for mode in ("no_service", "any_page", "full"):

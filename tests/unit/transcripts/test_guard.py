@@ -7,7 +7,7 @@ import json
 import os
 import re
 import signal
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -145,6 +145,17 @@ async def test_what_the_guard_writes(
     assert transcript == recorded
 
 
+async def _handshake(port: int, upgrade: Mapping[str, str], **headers: str) -> str:
+    """Return the answer to a handshake that opens nothing."""
+    sent = {f"Robotether-{name}": value for name, value in headers.items()}
+    url = f"http://127.0.0.1:{port}/"
+    async with (
+        aiohttp.ClientSession() as http,
+        http.get(url, headers={**upgrade, **sent}) as got,
+    ):
+        return f"{got.status} {got.reason}, {got.content_type}: {await got.text()}".rstrip("\n")
+
+
 async def test_who_is_admitted(
     guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
 ) -> None:
@@ -152,18 +163,8 @@ async def test_who_is_admitted(
     transcript = Transcript()
     transcript.name(rosbridge.port, "rosbridge's port")
 
-    async def answer(case: str, **headers: str) -> str:
-        sent = {f"Robotether-{name}": value for name, value in headers.items()}
-        upgrade = {} if case == "no upgrade" else UPGRADE
-        url = f"http://127.0.0.1:{guard.port}/"
-        async with (
-            aiohttp.ClientSession() as http,
-            http.get(url, headers={**upgrade, **sent}) as got,
-        ):
-            return f"{got.status} {got.reason}, {got.content_type}: {await got.text()}".rstrip("\n")
-
     async def add(case: str, **headers: str) -> None:
-        transcript.add(f"{case}:", await answer(case, **headers))
+        transcript.add(f"{case}:", await _handshake(guard.port, UPGRADE, **headers))
 
     async def add_end(case: str, fence: int, end: Any) -> None:
         async with GuardClient(guard.port, fence) as client:
@@ -175,7 +176,7 @@ async def test_who_is_admitted(
             transcript.add(f"{case}:", str(await client.closed()))
 
     driver = {"Key": KEY, "Mode": "drive", "Fence": "13"}
-    await add("no upgrade")
+    transcript.add("no upgrade:", await _handshake(guard.port, {}))
     await add("no key", Mode="drive", Fence="13")
     await add("another key", **(driver | {"Key": "other"}))
     await add("another mode", **(driver | {"Mode": "manage"}))
@@ -193,10 +194,10 @@ async def test_who_is_admitted(
     await add_end("stop", 16, lambda: guard.tell(type="stop", id="5f", by="ben"))
     await add("stopped", **(driver | {"Fence": "17"}))
     await add_end("rosbridge gone", 0, rosbridge.stop)
-    gone = await answer("no upgrade")
+    gone = await _handshake(guard.port, {})
     async with asyncio.timeout(WAIT_S):
         while gone.startswith("426"):  # until the guard has seen it
-            gone = await answer("no upgrade")
+            gone = await _handshake(guard.port, {})
     transcript.add("no upgrade, without a rosbridge:", gone)
     await add("observing, without a rosbridge", Key=KEY, Mode="observe")
     await rosbridge.start()

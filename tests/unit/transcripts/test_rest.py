@@ -461,10 +461,7 @@ async def test_relay(
             await until(lambda: _is_well(server, sim1.id), "sim1 is well")
             transcript.add(f"> bob: GET {API}/events")
             async with http.get(f"{server.url}{API}/events", headers=headers["bob"]) as answer:
-                event = (await answer.content.readuntil(b"\n\n")).decode().strip()
-                name, data = event.split("\ndata: ")
-                kind = answer.headers["Content-Type"]
-                transcript.add(f"< {answer.status} {kind}", name, "data:", json.loads(data))
+                transcript.add(*await _first_event(answer))
             await _stops(ask)
             async with http.ws_connect(server.ros_url(sim1, user=ANN)) as socket:
                 await until(lambda: server.relay.control.driver(sim1.id), "ann drives")
@@ -477,6 +474,13 @@ async def test_relay(
         finally:
             await robot.stop()
     assert transcript == recorded
+
+
+async def _first_event(answer: aiohttp.ClientResponse) -> tuple[Any, ...]:
+    event = (await answer.content.readuntil(b"\n\n")).decode().strip()
+    name, data = event.split("\ndata: ")
+    kind = answer.headers["Content-Type"]
+    return f"< {answer.status} {kind}", name, "data:", json.loads(data)
 
 
 def _is_well(server: RelayServer, robot_id: int) -> bool:

@@ -104,7 +104,7 @@ async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
 
 
 async def test_h264_of_the_robot_is_passed_on_untouched(world):
-    """Each frame comes in its turn at any rate, from a key frame on; no request asks the source for another size."""
+    """All frames come in order from a key frame on, at any rate; the source is not asked for another size."""
     world.socket.ask("stream_request", codecs=["h264"], fps=1)
     world.socket.ask("credit", frames=2)
     request = await world.until_open()

@@ -170,7 +170,7 @@ def watch(robot, camera, encoder):
 
 
 async def test_a_robot_has_so_many_series_whatever_it_reports(metrics):
-    """Each of a thousand reports every number, and an unknown encoder."""
+    """A thousand robots report every number, and an encoder that nobody knows."""
     registry = SessionRegistry()
     rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(1000)}
     report = GuardReport(
