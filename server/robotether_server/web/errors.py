@@ -21,7 +21,7 @@ from robotether_server.problems import (
     StoreUnavailableError,
     ThrottledError,
 )
-from robotether_server.web import current_user
+from robotether_server.web import current_user, forms
 
 logger = logging.getLogger(__name__)
 
@@ -59,8 +59,14 @@ def _as_page(problem: RobotetherError) -> Response:
     if problem.status < HTTPStatus.INTERNAL_SERVER_ERROR:
         _keep_menu()
     title = HTTPStatus(problem.status).phrase.capitalize()
+    # Never a form without a valid token: whoever sends it again would do what another site has filled in.
+    keeps = isinstance(problem, StoreUnavailableError) and request.method == "POST"
     page = render_template(
-        "problem.html", status=int(problem.status), title=title, detail=problem.detail
+        "problem.html",
+        status=int(problem.status),
+        title=title,
+        detail=problem.detail,
+        kept=forms.keep() if keeps else None,
     )
     return make_response(page)
 

@@ -26,6 +26,13 @@ T = TypeVar("T", bound=str)
 Saved = tuple[str, str] | str
 PageAnswer = AnyResponse | str | tuple[str, int]
 S = TypeVar("S", bound=Callable[..., Saved])
+# Fields that no page shows again, with their labels.
+SECRETS = {
+    "password": "Password",
+    "present": "Present password",
+    "new": "New password",
+    "again": "New password again",
+}
 
 
 def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[[S], S]:
@@ -127,8 +134,27 @@ def robot_name(name: str, label: str) -> str:
 
 
 def secret(name: str) -> str:
-    """Return a password as it was typed."""
+    """Return a password as it was typed; `name` is one of SECRETS."""
+    if name not in SECRETS:
+        raise KeyError(name)
     return request.form.get(name, "")
+
+
+class KeptForm(NamedTuple):
+    """A form to send once more: names and values of its fields, and names and labels of passwords to type again."""
+
+    fields: list[tuple[str, str]]
+    passwords: list[tuple[str, str]]
+
+
+def keep() -> KeptForm:
+    """Return the form that was sent, without its passwords and its token."""
+    sent = [item for item in request.form.items(multi=True) if item[0] != "csrf_token"]
+    typed = {name for name, value in sent if name in SECRETS and value}
+    return KeptForm(
+        [item for item in sent if item[0] not in typed],
+        [(name, label) for name, label in SECRETS.items() if name in typed],
+    )
 
 
 def number(name: str, label: str, lowest: int, highest: int) -> int:

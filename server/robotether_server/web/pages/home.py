@@ -36,7 +36,7 @@ from robotether_server.problems import (
 from robotether_server.services import logging_in
 from robotether_server.settings import robot as robot_settings
 from robotether_server.times import rfc3339
-from robotether_server.web import current_user
+from robotether_server.web import current_user, forms
 
 blueprint = Blueprint("pages", __name__)
 
@@ -76,7 +76,7 @@ def log_in() -> AnyResponse:
     """Log in and go on to the page that was asked for."""
     name = request.form.get("name", "").strip()[:MAX_ACTOR_LENGTH]
     source = Source(name, request.remote_addr)
-    password = request.form.get("password", "")
+    password = forms.secret("password")
     try:
         _check_host()
         unused = context().login_lifetime.unused

@@ -1,9 +1,12 @@
 """Failures: JSON under /api, a page elsewhere, and never a traceback for the visitor."""
 
+import html
 import logging
+import re
 
 import pytest
 from robotether_server.api import auth
+from robotether_server.problems import StoreUnavailableError
 
 
 def test_the_menu_stays_for_who_is_logged_in(browser, ann, admin):
@@ -39,3 +42,24 @@ def test_mistake_of_ours_is_logged_and_not_shown(browser, monkeypatch, caplog, p
     assert "inner reason" in caplog.text
     assert "Traceback" in caplog.text
     assert "\nERROR b" not in caplog.text
+
+
+def test_form_outlives_a_missing_database_without_its_passwords(admin, monkeypatch):
+    def fail(*_, **__):
+        raise StoreUnavailableError("cannot reach the database: it does not answer")
+
+    form = {"csrf_token": admin.csrf(), "name": '"ben"', "role": "user", "password": "typed secret"}
+    with monkeypatch.context() as away:
+        away.setattr(auth, "page_user", fail)
+        answer = admin.ask("POST", "/admin/users", data=form)
+        other_site = admin.ask("POST", "/admin/users", data=form | {"csrf_token": "guessed"})
+    assert answer.status_code == 503
+    assert "typed secret" not in answer.text
+    assert 'name="password" type="password"' in answer.text
+    assert "ben" not in other_site.text
+    kept = re.findall(r'<input type="hidden" name="(\w+)" value="([^"]*)">', answer.text)
+    assert [name for name, _ in kept] == ["csrf_token", "name", "role"]
+    sent = {name: html.unescape(value) for name, value in kept}
+    assert sent["name"] == '"ben"'
+    again = sent | {"name": "ben", "password": "a long enough password"}
+    assert admin.ask("POST", "/admin/users", data=again).status_code == 303
