@@ -12,7 +12,12 @@ from hypothesis import HealthCheck, Phase, settings
 from mariadb_server import MariaDb
 from outside import marks_of
 from robotether_server.db import Database
-from robotether_server.db.migrate import migrate, set_port_range, set_shell_port_range
+from robotether_server.db.migrate import (
+    migrate,
+    set_audit_days,
+    set_port_range,
+    set_shell_port_range,
+)
 from robotether_server.settings.server import MigrateSettings
 
 # The first and the last judge the speed of the machine that tests, and not what is tested. Continuous integration plays
@@ -84,6 +89,7 @@ def admin_database(mariadb: MariaDb) -> Database:
             tx.change("DELETE FROM " + table)
         # A plan may be due at once, also just after the migration.
         tx.change("UPDATE planner SET planned_at = '2000-01-01'")
+        set_audit_days(tx, 365)
         set_port_range(tx, FIRST_PORT, LAST_PORT)
         set_shell_port_range(tx, FIRST_SHELL_PORT, LAST_SHELL_PORT)
     return database

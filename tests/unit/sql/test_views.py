@@ -5,7 +5,7 @@ import json
 
 import pytest
 from granted import give
-from robotether_server.db import Database, credentials, robots, users
+from robotether_server.db import Database, credentials, migrate, robots, users
 from robotether_server.db.robots import Report
 from robotether_server.identity import PublicKey
 
@@ -200,5 +200,6 @@ def test_refused_keys_are_kept_for_a_month(database, admin_database, keylookup):
                 (days,),
             )
     with admin_database.transaction() as tx:
+        migrate.set_audit_days(tx, 0)
         tx.change("CALL prune_history()")
     assert refused_lines(database) == [{"fingerprint": "SHA256:29"}]

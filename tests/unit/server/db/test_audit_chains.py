@@ -113,7 +113,6 @@ def test_retention_deletes_up_to_a_signed_head_that_proves_the_rest(database, ad
     for number in range(6):
         record(database, number=number)
     with admin_database.transaction() as tx:
-        migrations.set_audit_days(tx, 365)
         for position in (2, 4, 5):
             sign(tx, "sim1", position)
         tx.change(

@@ -248,7 +248,6 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database):
     """So does each robot's newest session, which tells since when it is away."""
     with admin_database.transaction() as tx:
         fill(tx)
-        migrations.set_audit_days(tx, 365)
         tx.change("CALL prune_history()")
         assert counts(tx) == (1, 2, 2, 2)
 
@@ -256,7 +255,6 @@ def test_old_history_goes_and_what_goes_on_stays(admin_database):
 def test_zero_days_are_for_ever(admin_database):
     with admin_database.transaction() as tx:
         fill(tx)
-        migrations.set_audit_days(tx, 365)
         migrations.set_audit_days(tx, 0)
         tx.change("CALL prune_history()")
         assert counts(tx) == (2, 3, 4, 3)

@@ -174,8 +174,6 @@ def test_figures_over_time_are_of_what_the_user_may_see(desk, admin_database, by
         with desk.transaction() as tx:
             return requests.read_periods(tx, users.get(tx, name), by)
 
-    with admin_database.transaction() as tx:
-        migrate.set_audit_days(tx, 365)
     with desk.transaction() as tx:
         [now_s] = tx.row("SELECT UNIX_TIMESTAMP() AS now_s").values()
     for waits_s, action in ((10, "close"), (30, "close"), (20, "cancel")):
