@@ -11,7 +11,7 @@ import asyncio
 import json
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
@@ -139,11 +139,15 @@ class Vitals:
     """What is known of the robot's battery: nothing, once it was silent for SILENT_S."""
 
     def __init__(
-        self, graph: RosGraph, state_dir: Path, *, every_s: float = BATTERY_EVERY_S
+        self,
+        graph: RosGraph,
+        state_dir: Path,
+        *,
+        pause: Callable[[float], Awaitable[None]] = asyncio.sleep,
     ) -> None:
         self._graph = graph
         self._memory = UnitMemory(state_dir)
-        self._every_s = every_s
+        self._pause = pause
         self._battery: Battery | None = None
         self._changed = asyncio.Event()
 
@@ -166,7 +170,7 @@ class Vitals:
             if self._battery != reported:
                 reported = self._battery
                 send({"type": "vitals", "battery": None if reported is None else asdict(reported)})
-                await asyncio.sleep(self._every_s)
+                await self._pause(BATTERY_EVERY_S)
 
     async def _keep_listening(self, settings: Callable[[], BatterySettings]) -> None:
         while True:
@@ -176,7 +180,7 @@ class Vitals:
                 # rosbridge is down, or has no rosapi: health reports the former.
                 log.debug("no battery: %r", error)
             self._set(None)
-            await asyncio.sleep(RETRY_S)
+            await self._pause(RETRY_S)
 
     async def _listen(self, settings: Callable[[], BatterySettings]) -> None:
         """Follow the battery's topic until it falls silent or is another one; return at once when there is none."""
@@ -185,7 +189,7 @@ class Vitals:
         if topic is None:
             return
         async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
-            throttle_ms = int(self._every_s * 1000)
+            throttle_ms = int(BATTERY_EVERY_S * 1000)
             await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)
             trend = LevelTrend()
             while settings() == current:

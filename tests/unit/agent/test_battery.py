@@ -25,25 +25,31 @@ from robotether_agent.rosbridge import RosGraph
 from robotether_common.session import Battery
 
 TOPICS = {"/battery_state": "sensor_msgs/msg/BatteryState"}
-EVERY_S = 0.2
 Told = list[Mapping[str, Any]]
 
 
-@pytest.fixture(autouse=True)
-def short_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(battery, "RETRY_S", 0.05)
+async def short_pause(_pause_s: float) -> None:
+    await asyncio.sleep(0.05)
 
 
 @pytest.fixture
-def report(tmp_path: Path, make_graph, spawn) -> Callable[[str], Told]:
+def vitals_of(tmp_path: Path, make_graph) -> Callable[..., Vitals]:
+    return lambda url, pause=short_pause: Vitals(make_graph(url), tmp_path, pause=pause)
+
+
+@pytest.fixture
+def report(vitals_of, spawn) -> Callable[[str], Told]:
     def start(url: str) -> Told:
-        reported: Told = []
-        vitals = Vitals(make_graph(url), tmp_path, every_s=EVERY_S)
-        settings = BatterySettings(drive_topic="/cmd_vel")
-        spawn(vitals.report(reported.append, lambda: settings))
-        return reported
+        return reports_of(vitals_of(url), spawn)
 
     return start
+
+
+def reports_of(vitals: Vitals, spawn: Callable[..., object]) -> Told:
+    reported: Told = []
+    settings = BatterySettings(drive_topic="/cmd_vel")
+    spawn(vitals.report(reported.append, lambda: settings))
+    return reported
 
 
 def state(percentage: float | None, status: int = 2) -> dict[str, object]:
@@ -57,15 +63,21 @@ def line(percent: int, *, charging: bool = False) -> dict[str, object]:
 NONE = {"type": "vitals", "battery": None}
 
 
-async def test_changes_are_told_and_nothing_else(report):
+async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
+    is_over = asyncio.Event()
     async with TopicRosbridge(TOPICS) as robot:
-        reported = report(robot.url)
-        assert (await robot.subscription("/battery_state"))["throttle_rate"] == 200
+        vitals = vitals_of(robot.url, lambda _pause_s: is_over.wait())
+        reported = reports_of(vitals, spawn)
+        assert (await robot.subscription("/battery_state"))["throttle_rate"] == 5000
         for percentage in (0.81, 0.811, 0.809):
             await robot.publish("/battery_state", state(percentage))
         await eventually(lambda: reported == [line(81)], lambda: str(reported))
         await robot.publish("/battery_state", state(0.8))
         await robot.publish("/battery_state", state(0.79, status=1))
+        newest = Battery(79, charging=True)
+        await eventually(lambda: vitals.battery == newest, lambda: str(vitals.battery))
+        assert reported == [line(81)]
+        is_over.set()
         await eventually(lambda: len(reported) > 1, lambda: str(reported))
         assert reported == [line(81), line(79, charging=True)]
 
@@ -85,10 +97,13 @@ async def test_a_rosbridge_that_restarts_is_found_again(report):
 
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
-    monkeypatch.setattr(battery, "SILENT_S", 0.3)
     async with TopicRosbridge(TOPICS) as robot:
         reported = report(robot.url)
         await robot.subscription("/battery_state")
+        await robot.publish("/battery_state", state(0.5))
+        await eventually(lambda: reported == [line(50)], lambda: str(reported))
+        # From the next message on.
+        monkeypatch.setattr(battery, "SILENT_S", 0.05)
         await robot.publish("/battery_state", state(0.5))
         await eventually(lambda: reported == [line(50), NONE], lambda: str(reported))
 
