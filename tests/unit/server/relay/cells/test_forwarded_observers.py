@@ -264,7 +264,7 @@ async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, 
     socket = await observe(ODOM)
     await socket.receive_str(timeout=5)
     # Both tunnels end on this machine.
-    await at_b._close_ports()
+    await at_b.listen_no_more()
     here = await cell_a.robot(sim1, epoch=2)
     try:
         assert await closed_with(socket) == 4505
