@@ -14,6 +14,7 @@ from fake_operator import FakeOperator
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from local_network import free_ports
+from msgspec import structs
 from relay_server import ANN, FAST, SESSION_KEY, MemoryDatabase, running_relay, until
 from robotether_server.db.migrate import set_port_range
 from robotether_server.relay.robots import port_checks, robot_dialer
@@ -203,9 +204,21 @@ async def http():
 
 
 @pytest.fixture
-def wide(memory_database, sim1):
-    """Robot sim1, to which drivers may publish all and as much as may be."""
-    policy = {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}
-    wide = replace(sim1, settings=robot_settings.parse({"policy": policy}))
-    memory_database.robots = {sim1.id: wide}
+def no_command_is_late(memory_database, sim1):
+    """A client that does not read answers no ping, and its commands grow old while the machine is busy."""
+    guard = structs.replace(sim1.settings.guard, max_age_ms=60_000)
+    patient = replace(sim1, settings=structs.replace(sim1.settings, guard=guard))
+    memory_database.robots = {**memory_database.robots, sim1.id: patient}
+    return patient
+
+
+@pytest.fixture
+def wide(memory_database, no_command_is_late):
+    """Robot sim1, to which drivers may publish all and as much as may be, however late."""
+    policy = robot_settings.parse(
+        {"policy": {"drive": {"publish": ["*"]}, "limits": {"message_kb": 10_240}}}
+    ).policy
+    settings = structs.replace(no_command_is_late.settings, policy=policy)
+    wide = replace(no_command_is_late, settings=settings)
+    memory_database.robots = {wide.id: wide}
     return wide

@@ -130,6 +130,7 @@ async def test_health_is_good_without_a_database_and_says_so(relay, http, memory
             assert (answer.status, await answer.json()) == (200, {"status": "ok", "store": store})
 
 
+@pytest.mark.usefixtures("no_command_is_late")
 async def test_metrics_tell_what_happens(relay, robot, http, ros):
     async with ros() as socket:
         await socket.send_str('{"op":"publish","topic":"/cmd_vel","msg":{}}')

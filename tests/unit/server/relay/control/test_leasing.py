@@ -1,30 +1,22 @@
 """Leases through the whole relay: who drives, who waits, and what robots and drivers are told."""
 
 from contextlib import AsyncExitStack
-from dataclasses import replace
 
 import pytest
 from fake_robot import WAIT_S
-from msgspec import structs
 from relay_clients import SlowFences, closing
 from relay_server import ANN, BEN, CARL, until
 from robotether_common.session import MAX_FENCE
 from robotether_server.relay.control import leasing
 from robotether_server.relay.robots import lease as lease_module
 
+pytestmark = pytest.mark.usefixtures("no_command_is_late")
+
 
 @pytest.fixture(autouse=True)
 def rights(memory_database, sim1):
     memory_database.grants[BEN.id, sim1.id] = "drive"
     memory_database.grants[CARL.id, sim1.id] = "manage"
-
-
-@pytest.fixture(autouse=True)
-def no_command_is_late(memory_database, sim1):
-    """A client that does not read answers no ping, and its commands grow old while the machine is busy."""
-    guard = structs.replace(sim1.settings.guard, max_age_ms=60_000)
-    settings = structs.replace(sim1.settings, guard=guard)
-    memory_database.robots[sim1.id] = replace(sim1, settings=settings)
 
 
 def control(relay, sim1):

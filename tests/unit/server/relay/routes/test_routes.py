@@ -81,6 +81,7 @@ async def world(relay, memory_database, guarded, start_robot):
     return RoutesWorld(relay, memory_database, guarded, source)
 
 
+@pytest.mark.usefixtures("no_command_is_late")
 async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(world):
     """The target's guard gets a number, and a time by the robot's clock at which the command may have been sent."""
     await world.start(FOLLOW)
@@ -212,6 +213,7 @@ async def test_it_ends_for_good(world, act, code):
     assert world.live() == {}
 
 
+@pytest.mark.usefixtures("no_command_is_late")
 async def test_it_never_takes_the_lease_from_a_person(world, http):
     target = world.database.robots[TARGET]
     async with http.ws_connect(world.relay.ros_url(target, user=EVE)) as socket:

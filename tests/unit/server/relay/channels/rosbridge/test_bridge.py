@@ -45,6 +45,7 @@ async def test_a_message_as_large_as_the_limit_passes(wide, robot, ros):
         assert await observed == message
 
 
+@pytest.mark.usefixtures("no_command_is_late")
 async def test_a_driver_does_not_wait_for_what_observers_take(robot, monkeypatch, ros):
     """A large message to observers goes in pieces, and a driver's messages between these."""
     monkeypatch.setattr(event_loop, "LARGE_BYTES_PER_S", MESSAGE_LIMIT)
