@@ -129,6 +129,20 @@ async def begin_to_move(driver: aiohttp.ClientWebSocketResponse, played: Played)
     await moving
 
 
+@asynccontextmanager
+async def answering_pings(driver: aiohttp.ClientWebSocketResponse) -> AsyncIterator[None]:
+    """Read, without which aiohttp answers no ping, and every command counts as old half a second after the upgrade."""
+
+    async def read() -> None:
+        async for _ in driver:
+            pass
+
+    reading = asyncio.ensure_future(read())
+    yield
+    reading.cancel()
+    await asyncio.gather(reading, return_exceptions=True)
+
+
 async def play(make: Robot) -> Played:
     """Have a robot return to a server, be driven, stopped and released, renamed, and disabled."""
     async with at_server(make) as (played, relay, database), as_ann(database) as http:
@@ -142,7 +156,7 @@ async def play(make: Robot) -> Played:
         await played.line("relay", "checked", ros="ok")
         async with http.get(f"http://{HOST}:{robot.ros_port}/") as answer:
             played.statuses.append(answer.status)
-        async with http.ws_connect(relay.ros_url(robot)) as driver:
+        async with http.ws_connect(relay.ros_url(robot)) as driver, answering_pings(driver):
             await begin_to_move(driver, played)
             await played.line("agent", "guard", count=2, moving=False)
         await played.line("relay", "lease", fence=1, held=False)
