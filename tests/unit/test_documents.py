@@ -182,6 +182,18 @@ def test_files_that_decide_are_there():
     assert files == named != []
 
 
+def test_migrations_that_decide_have_the_last_word():
+    """A later migration may replace a view or procedure: then it is the one to read."""
+    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
+    named = re.findall(r"`(sql/\w+\.sql)`, the (?:view|procedures?) `(\w+)`", text)
+    migrations = [*sorted((ROOT / "sql").glob("*.sql"))]
+    for file, name in named:
+        made = re.compile(rf"CREATE .*\b{name}\b")
+        last = [item for item in migrations if made.search(item.read_text())][-1]
+        assert f"sql/{last.name}" == file, name
+    assert named
+
+
 def test_each_path_of_the_relay_has_its_place_in_nginx():
     """Nginx leads what the relay's code routes to the relay, and the description of the API names it."""
     sources = ("control/control_api.py", "channels/kinds.py")
