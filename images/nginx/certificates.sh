@@ -58,7 +58,10 @@ can_serve() { # folder
   hash=$(pair_hash "$1")
   before=$(cat "$refused" 2>/dev/null || true)
   if [ "$hash" = "$before" ] && [ -z "$(find "$refused" -mmin "+$RETRY_MIN")" ]; then return 1; fi
-  if reason=$(/usr/lib/robotether/try-certificate "$1/cert.pem" "$1/key.pem" "${PUBLIC_HOST:-}"); then return; fi
+  if reason=$(/usr/lib/robotether/try-certificate "$1/cert.pem" "$1/key.pem" "${PUBLIC_HOST:-}"); then
+    if [ -n "$reason" ]; then echo "nginx: the certificate in $1 serves, but $reason." >&2; fi
+    return
+  fi
   echo "$hash" > "$refused"
   if [ "$hash" != "$before" ]; then
     echo "nginx: cannot use the certificate in $1: $reason. What served before stays in force." >&2

@@ -79,9 +79,17 @@ def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
     made.self_signed("nameless")
     made.self_signed("ed25519", *NAMED, key=("-newkey", "ed25519"))
     made.self_signed("small", *NAMED, key=("-newkey", "rsa:1024"))
-    made.self_signed("client", *NAMED, "-addext", "extendedKeyUsage=clientAuth")
     encipherment = ("-addext", "keyUsage=critical,keyEncipherment,dataEncipherment")
     made.self_signed("encipherment", *NAMED, *encipherment, key=RSA)
+    made.self_signed("stapled", *NAMED, "-addext", "tlsfeature=status_request")
+    made.sign("sha1", "root", *NAMED, "-sha1")
+    for_clients = ("-addext", "extendedKeyUsage=clientAuth")
+    made.self_signed("client", *NAMED, *for_clients)
+    made.sign("upper", "root", "-subj", "/CN=upper", *MIDDLE, *for_clients)
+    made.sign("lower", "upper", "-subj", "/CN=lower", *MIDDLE)
+    made.sign("low", "lower", *NAMED)
+    made.join("above", "low", "lower", "upper")
+    made["glued.pem"].write_bytes(made["chain.pem"].read_bytes().replace(b"-\n-", b"--"))
     made.self_signed("numbers", *NAMED, "-pkeyopt", "ec_param_enc:explicit")
     for name, year in (("ended", 2020), ("later", 2090)):
         begin = datetime(year, 1, 1, tzinfo=UTC)
@@ -155,6 +163,10 @@ REFUSED = [
     ("ed25519.pem", "ed25519.key", HOST, "no browser opens a site with this kind of key: ED25519"),
     ("small.pem", "small.key", HOST, "nginx cannot load it: ee key too small"),
     ("client.pem", "client.key", HOST, "is not for servers"),
+    ("above.pem", "low.key", HOST, "is not for servers"),
+    ("sha1.pem", "sha1.key", HOST, "certificate 1 of the file is signed with ecdsa-with-SHA1"),
+    ("stapled.pem", "stapled.key", HOST, "demands OCSP stapling"),
+    ("glued.pem", "good.key", HOST, "on one line"),
     ("encipherment.pem", "encipherment.key", HOST, "keyUsage has no digitalSignature"),
     ("numbers.pem", "numbers.key", HOST, "numbers of its curve"),
     ("ended.pem", "ended.pem", "localhost", "has ended"),
@@ -172,10 +184,18 @@ def test_what_cannot_serve_is_refused_and_changes_nothing(site: Site) -> None:
 
 
 def test_what_browsers_accept_is_handed_to_nginx(site: Site) -> None:
-    accepted = {"rsa": HOST, "wildcard": HOST, "address": "192.0.2.7", "other": "", "good": HOST}
+    accepted = {"rsa": HOST, "wildcard": HOST, "address": "192.0.2.7", "other": ""}
     for name, host in accepted.items():
         assert site.take(f"{name}.pem", f"{name}.key", host) == (0, "")
         assert site.handed_over() == site.pairs[f"{name}.pem"].read_text()
+
+
+def test_certificate_without_the_one_that_signed_it_serves_with_a_warning(site: Site) -> None:
+    """A file without its chain opens in some browsers alone; a site's own authority may be known everywhere."""
+    status, said = site.take("good.pem", "good.key")
+    assert status == 0
+    assert "serves, but the file has no certificate of its signer (CN = middle)" in said
+    assert site.handed_over() == site.pairs["good.pem"].read_text()
 
 
 def test_certificate_is_taken_back(site: Site) -> None:
