@@ -31,17 +31,15 @@ export class Api {
   }
 
   async ask(path, request, { keepalive = false, timeoutMs = TIMEOUT_MS } = {}) {
-    const abort = new AbortController();
-    const timer = setTimeout(() => abort.abort(), timeoutMs);
     try {
-      const headers = { ...request.headers, ...this.headers() };
-      const answer = await fetch(this.server + path, { ...request, headers, signal: abort.signal, keepalive });
-      this.onDate(answer.headers.get("Date"));
-      return await readAnswer(answer);
+      return await withTimeLimit(timeoutMs, async (signal) => {
+        const headers = { ...request.headers, ...this.headers() };
+        const answer = await fetch(this.server + path, { ...request, headers, signal, keepalive });
+        this.onDate(answer.headers.get("Date"));
+        return readAnswer(answer);
+      });
     } catch {
       return { status: 0, ok: false, code: "", detail: "", body: {} };
-    } finally {
-      clearTimeout(timer);
     }
   }
 
@@ -70,6 +68,16 @@ export class Api {
   // `stopped` as in the control object: no other stop is released.
   release(robot, { by, at }) {
     return this.post(path(robot, "release"), { by, at });
+  }
+}
+
+// Gives what `act(signal)` does, and aborts what goes on after this time: Safari 15 has no AbortSignal.timeout.
+export async function withTimeLimit(ms, act, abort = new AbortController()) {
+  const timer = setTimeout(() => abort.abort(), ms);
+  try {
+    return await act(abort.signal);
+  } finally {
+    clearTimeout(timer);
   }
 }
 

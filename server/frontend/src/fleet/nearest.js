@@ -1,6 +1,7 @@
 // Says whether another machine of the site answers this browser clearly sooner than the one that the page came from, and links to
 // it. What a person does travels through the machine that has the page.
 
+import { withTimeLimit } from "../client/api.js";
 import { nearest as texts } from "../texts/fleet.js";
 import { setText } from "../dom/page.js";
 
@@ -38,20 +39,15 @@ export function nearestOf(hereMs, machines, othersMs) {
 
 // Milliseconds to an origin and back, "" for the page's own; null: it did not answer, or the browser does not trust it.
 async function measureRoundTrip(origin) {
-  const abort = new AbortController();
-  const timer = setTimeout(() => abort.abort(), TIMEOUT_MS);
   /** @type {number | null} */
   let shortest = null;
-  try {
+  const measure = async (signal) => {
     for (let trip = 0; trip < TRIPS; trip++) {
       const began = performance.now();
-      await fetch(origin + PATH, { mode: "no-cors", cache: "no-store", credentials: "omit", signal: abort.signal });
+      await fetch(origin + PATH, { mode: "no-cors", cache: "no-store", credentials: "omit", signal });
       shortest = Math.min(shortest ?? Infinity, performance.now() - began);
     }
-  } catch {
-    // What was measured until then is a round trip, too.
-  } finally {
-    clearTimeout(timer);
-  }
+  };
+  await withTimeLimit(TIMEOUT_MS, measure).catch(() => {}); // what was measured until then is a round trip, too
   return shortest;
 }

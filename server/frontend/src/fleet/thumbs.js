@@ -1,6 +1,6 @@
 // A robot's snapshot on the fleet page: taken again while it is on the screen, and let go when it is not.
 
-import { readRefusal, snapshotUrl } from "../client/api.js";
+import { readRefusal, snapshotUrl, withTimeLimit } from "../client/api.js";
 import { jpegBlob } from "../decoders/jpeg.js";
 import { localTime, part, setText } from "../dom/page.js";
 import { because } from "../texts/common.js";
@@ -146,9 +146,7 @@ export class Queue {
     if (this.running >= this.most || this.waiting.length === 0) return;
     const { job, abort } = this.waiting.shift();
     this.running += 1;
-    const timer = setTimeout(() => abort.abort(), TIMEOUT_MS);
-    await job(abort.signal).catch(() => {});
-    clearTimeout(timer);
+    await withTimeLimit(TIMEOUT_MS, job, abort).catch(() => {});
     this.running -= 1;
     this.next();
   }
