@@ -207,8 +207,9 @@ export class Banner {
     this.button.addEventListener("click", () => this.act());
     this.onRetry = onRetry;
     this.onBlind = onBlind;
+    this.now = now;
     this.offered = undefined;
-    this.deafness = new Deafness(now); // who presses sooner meant what the button was before
+    this.changedAt = -Infinity; // who presses within NEW_MS of it meant what the button was before
   }
 
   // `state` as of connection.js; `facts` are those of `selectStatus` and what the sentences need.
@@ -227,7 +228,7 @@ export class Banner {
   }
 
   offer(action) {
-    if (this.offered && action !== this.offered) this.deafness.renew();
+    if (this.offered && action !== this.offered) this.changedAt = this.now();
     this.offered = action;
     setText(this.button, action ?? "");
     keepFocus(() => (this.button.hidden = !action), [], this.element);
@@ -237,8 +238,8 @@ export class Banner {
     const page = this.nextPage;
     if (page) location.assign(page);
     else if (this.shown === "not_allowed") location.reload();
-    else if (this.shown === "held") this.goBlind();
-    else this.onRetry();
+    else if (this.shown !== "held") this.onRetry();
+    else if (this.now() - this.changedAt >= NEW_MS) this.onBlind();
   }
 
   // Where the button leads; empty where it stays on this page.
@@ -246,10 +247,6 @@ export class Banner {
     if (this.state.login) return `/login?next=${encodeURIComponent(location.pathname)}`;
     if (this.shown === "renamed") return `/robots/${encodeURIComponent(this.renamed)}`;
     return this.shown === "gone" ? "/" : "";
-  }
-
-  goBlind() {
-    if (!this.deafness.active) this.onBlind();
   }
 }
 
@@ -298,29 +295,13 @@ function drivingStatus(video, slow) {
 // pressed then was meant for what stood there before, or slipped off the stick.
 const CHECK_MS = 100;
 
-// Whether a press comes too soon to be meant for what is shown now.
-class Deafness {
-  constructor(now) {
-    this.now = now;
-    this.since = -Infinity;
-  }
-
-  // Something else is shown from now on.
-  renew() {
-    this.since = this.now();
-  }
-
-  get active() {
-    return this.now() - this.since < NEW_MS;
-  }
-}
-
 export class Question {
   // `busy()` says whether a key or stick is held.
   constructor(element, { busy = () => false, now = () => performance.now() } = {}) {
     this.element = element;
     this.busy = busy;
-    this.deafness = new Deafness(now);
+    this.now = now;
+    this.shownAt = -Infinity;
     element.addEventListener("click", (event) => this.sift(event), { capture: true });
     setInterval(() => this.mark(), CHECK_MS);
   }
@@ -330,12 +311,12 @@ export class Question {
   }
 
   get deaf() {
-    return this.deafness.active || this.busy();
+    return this.now() - this.shownAt < NEW_MS || this.busy();
   }
 
   show(visible) {
     if (visible === this.shown) return;
-    if (visible) this.deafness.renew();
+    if (visible) this.shownAt = this.now();
     this.element.hidden = !visible;
     this.mark();
   }
