@@ -4,7 +4,7 @@
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
-import { AskedOnce, isNew, markNew, Presses } from "../dom/presses.js";
+import { isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
 import { Availability } from "../queue/availability.js";
@@ -19,7 +19,6 @@ const [offerPanel, currentPanel] = [part(main, "offer"), part(main, "current")];
 const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer-decline")];
 const feedState = byTestId(main, "queue-feed");
 const availability = new Availability();
-const answers = new AskedOnce(); // to offers
 const alerts = new Alerts({ onChange: showAlerts });
 const waiting = new KeyedRows({
   container: part(main, "waiting"),
@@ -33,7 +32,7 @@ let view = null; // of the newest answer
 let sent = {}; // with the newest heartbeat
 /** @type {any} */
 let offer = null; // that the panel shows
-let answered = ""; // the key of the offer that this person has answered
+let answered = ""; // the key of the offer that this person has answered, or is answering
 
 function sendHeartbeat() {
   sent = availability.body;
@@ -126,14 +125,15 @@ function showOfferLeft(seconds) {
 }
 
 async function answerOffer(button, action, done) {
-  if (!offer || isNew(button)) return;
+  if (!offer || isNew(button) || keyOf(offer) === answered) return;
   const { id, robot } = offer;
-  const key = keyOf(offer);
+  answered = keyOf(offer);
   const outcome = byTestId(main, "offer-outcome");
-  const answer = await answers.run(key, () => api.post(`/api/v1/requests/${id}/${action}`));
-  if (!answer) return;
-  if (!answer.ok) return setText(outcome, texts.refused(answer.detail));
-  answered = key;
+  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${action}`);
+  if (!ok) {
+    answered = "";
+    return setText(outcome, texts.refused(detail));
+  }
   endOffer();
   setText(outcome, done(robot));
   if (action === "accept") drive(robot);
