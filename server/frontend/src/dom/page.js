@@ -38,6 +38,20 @@ export function localTime(iso, now = new Date()) {
 // A time of a list or a record: day and time with seconds.
 export const localTimestamp = (iso, now = new Date()) => `${dayText(new Date(iso), now)} ${clock(new Date(iso), "2-digit")}`;
 
+// Writes the page's times in the reader's zone. Their titles stay in UTC, as all of them are without scripts.
+export function showLocalTimes(page, now = new Date()) {
+  for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime, now));
+}
+
+// A page as the server has it now; null without an answer. A login that has ended has another page.
+export async function freshPage(path) {
+  const answer = await fetch(path, { cache: "no-store" }).catch(() => null);
+  if (!answer?.ok) return null;
+  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  showLocalTimes(page);
+  return page;
+}
+
 // The year only when it is another one.
 function dayText(time, now) {
   const daysAgo = (days) => new Date(now.getFullYear(), now.getMonth(), now.getDate() - days).toDateString();

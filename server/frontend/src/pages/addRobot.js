@@ -1,7 +1,7 @@
 // The page that adds a robot: fetches itself again and again, and puts in place what changed of step 3.
 
 import { PointerPause } from "../fleet/list.js";
-import { localTimestamp, part, setText, withoutTokens } from "../dom/page.js";
+import { freshPage, part, withoutTokens } from "../dom/page.js";
 
 const EVERY_MS = 2000;
 // Each fetch counts as a use of the login, and a page that nobody touches must not keep it.
@@ -22,9 +22,8 @@ class Arrivals {
 
   async poll() {
     if (document.hidden || this.chooses || performance.now() - this.touchedAt > UNTOUCHED_MS) return;
-    // Without an answer, or with that of a login that ended, what stands there stays.
-    const answer = await fetch(this.section.dataset.live, { cache: "no-store" }).catch(() => null);
-    if (answer?.ok) this.show(new DOMParser().parseFromString(await answer.text(), "text/html"));
+    const page = await freshPage(this.section.dataset.live);
+    if (page) this.show(page);
   }
 
   // Whether somebody is about to approve or reject: nothing may move, or a press meets another machine.
@@ -34,7 +33,6 @@ class Arrivals {
 
   // Only what changed, and never under somebody's keyboard.
   show(page) {
-    for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
     for (const name of ["arrivals", "waiting", "refused"]) {
       const [element, fresh] = [part(this.section, name), part(page, name)];
       if (!fresh || element.contains(document.activeElement) || withoutTokens(element) === withoutTokens(fresh)) continue;

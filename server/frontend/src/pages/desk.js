@@ -3,7 +3,7 @@
 import { offerDrive } from "../fleet/cards.js";
 import { inWindow, WINDOW } from "../fleet/filters.js";
 import { api } from "../dom/calls.js";
-import { foldFilters, hasWords, localTimestamp, make, setText } from "../dom/page.js";
+import { foldFilters, hasWords, make, setText, showLocalTimes } from "../dom/page.js";
 import { Presses, markOpened, sendOnce } from "../dom/presses.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { Uplink } from "../topics/uplink.js";
@@ -35,11 +35,6 @@ async function copied(clipboard, text) {
   } catch {
     return "Select and copy by hand";
   }
-}
-
-// Their titles stay in UTC, as all of them are without this script.
-export function showLocalTimes(page, now = new Date()) {
-  for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime, now));
 }
 
 // Gives the time, in RFC 3339, when a day of the reader's zone begins or, for the end of a filter, that it is over.

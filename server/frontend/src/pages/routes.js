@@ -1,7 +1,7 @@
 // The page of routes: the list and how each route is, the diagram on which people draw them, and its topics.
 
 import { api } from "../dom/calls.js";
-import { localTimestamp, make, part, setText, withoutTokens } from "../dom/page.js";
+import { freshPage, make, part, setText, withoutTokens } from "../dom/page.js";
 import { AskedOnce } from "../dom/presses.js";
 import { routes as texts } from "../texts/routes.js";
 import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
@@ -189,14 +189,13 @@ class RoutesPage {
   // Puts the list in place as the server has it now; without an answer what stands there stays.
   async refresh() {
     this.refreshedAt = performance.now();
-    const answer = await fetch("/routes", { cache: "no-store" }).catch(() => null);
-    const fresh = answer?.ok ? part(new DOMParser().parseFromString(await answer.text(), "text/html"), "list") : null;
+    const page = await freshPage("/routes");
+    const fresh = page && part(page, "list");
     if (fresh && withoutTokens(fresh) !== this.answered) this.show(fresh);
   }
 
   show(fresh) {
     this.answered = withoutTokens(fresh);
-    for (const time of fresh.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime));
     const focused = this.list.contains(document.activeElement) && document.activeElement?.closest("[data-route]");
     this.list.replaceChildren(...fresh.childNodes);
     if (focused) this.focusRow(focused.dataset.route);

@@ -1,17 +1,9 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
+import { showLocalTimes } from "../../src/dom/page.js";
 import { isNew } from "../../src/dom/presses.js";
-import {
-  dayOf,
-  isFiltered,
-  offerSearch,
-  offerWindow,
-  startOrEnd,
-  showLocalTimes,
-  wireCopyButtons,
-  wireDays,
-} from "../../src/pages/desk.js";
+import { dayOf, isFiltered, offerSearch, offerWindow, startOrEnd, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
 import { FakeElement } from "../fakes.js";
 
 function pageWith(text) {
