@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 from typing import Self
 
 TICK_S = 0.005
@@ -17,21 +18,25 @@ class Stopwatch:
     A machine shared with others stands still for half a second now and then, and code that waits for nothing
     looks slow meanwhile. A thread beside the test sees such a pause as one long tick, of which the first
     GOES_ON_WITHIN_S count. A loop that is held up, by a call that blocks or by work, stops no other thread and
-    counts in full; so does work that lets no other thread run, by the processor time that it takes.
+    counts in full; so does work that lets no other thread run, by the processor time that it takes. Nothing counts
+    while other programs have the processor that this thread waits for.
     Upper limits are for `s`, lower ones for `clock_s`.
     """
 
     def __init__(self) -> None:
         self._counted_s = 0.0
         self._began_s = self._last_s = 0.0
-        self._last_cpu_s = 0.0
+        self._last_cpu_s = self._last_queued_s = 0.0
+        # What the thread waited for a processor in ticks that were counted.
+        self._uncounted_s = 0.0
+        self._schedstat = Path(f"/proc/self/task/{threading.get_native_id()}/schedstat")
         self._lock = threading.Lock()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
 
     def __enter__(self) -> Self:
         self._began_s = self._last_s = time.monotonic()
-        self._last_cpu_s = time.process_time()
+        self._last_cpu_s, self._last_queued_s = time.process_time(), self._queued_s()
         self._thread.start()
         return self
 
@@ -60,7 +65,19 @@ class Stopwatch:
 
     def _count(self) -> None:
         with self._lock:
-            now, cpu_s = time.monotonic(), time.process_time()
+            now, cpu_s, queued_s = time.monotonic(), time.process_time(), self._queued_s()
             worked_s = cpu_s - self._last_cpu_s
-            self._counted_s += min(now - self._last_s, max(GOES_ON_WITHIN_S, worked_s))
-            self._last_s, self._last_cpu_s = now, cpu_s
+            ticked_s = now - self._last_s
+            lasted_s = min(ticked_s, max(GOES_ON_WITHIN_S, worked_s))
+            # The kernel notes it once the thread has a processor, which may be some ticks later.
+            self._uncounted_s += queued_s - self._last_queued_s - (ticked_s - lasted_s)
+            self._uncounted_s = max(0.0, self._uncounted_s)
+            paused_s = min(self._uncounted_s, lasted_s)
+            self._uncounted_s -= paused_s
+            self._counted_s += lasted_s - paused_s
+            self._last_s, self._last_cpu_s, self._last_queued_s = now, cpu_s, queued_s
+
+    def _queued_s(self) -> float:
+        """How long the thread has waited for a processor since it began."""
+        _, waited_ns, _ = self._schedstat.read_text().split()
+        return int(waited_ns) / 1e9
