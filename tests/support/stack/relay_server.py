@@ -12,6 +12,7 @@ import secrets
 import sys
 from collections.abc import AsyncIterator, Callable, Collection, Sequence
 from contextlib import asynccontextmanager
+from dataclasses import replace
 from datetime import datetime, timezone
 from subprocess import CompletedProcess
 
@@ -66,6 +67,12 @@ FAST = Timing(
     idle_heartbeat_s=0.1,
     timeout_s=4,
     poll_every_s=0.05,
+)
+# For large messages, which a busy machine takes long to pass on; a pong waits behind them.
+PATIENT = replace(
+    FAST,
+    limits=replace(FAST.limits, silent_after_s=WAIT_S, slow_after_s=WAIT_S),
+    driver_limits=replace(FAST.driver_limits, silent_after_s=WAIT_S, slow_after_s=WAIT_S),
 )
 
 
