@@ -92,7 +92,7 @@ export class VideoInterlock {
     this.kind = this.found;
   }
 
-  // `offered`: there is a camera, and the page is seen. `at`: the timestamp of the main frame on the clock of `now()`, or null.
+  // `offered`: there may be a camera, and the page is seen. `at`: the timestamp of the main frame on the clock of `now()`, or null.
   /** @param {{offered: boolean, at: number | null}} reading */
   receive({ offered, at }) {
     this.offered = offered;

@@ -139,10 +139,10 @@ function controlOptions() {
 }
 
 // What the server reads of the frames that the driver saw: none while a person drives without the main one, whatever
-// the others show, so that the robot is at its slowest. One without cameras has nothing to name.
+// the others show, so that the robot is at its slowest. One that is known to have no camera has nothing to name.
 function seenAt(timestamp) {
   const seen = () => (interlock.kind === "blind" ? [] : view.tiles.seenAt(timestamp));
-  const frames = view.hasCamera ? seen() : null;
+  const frames = view.mayHaveCamera ? seen() : null;
   seenAge.command(frames, timestamp);
   return frames?.map(({ topic: camera, sequence: frame }) => ({ camera, frame }));
 }
@@ -220,7 +220,7 @@ function showBanner() {
   const { driving, armed, control, free, mayDrive } = driveMode;
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
   const drive = { driving, armed, control, stopped, mayDrive, free, again: driveMode.wasStopped };
-  banner.show(connection.state, { ...facts, ...drive, video: interlock.kind });
+  banner.show(connection.state, { ...facts, ...drive, video: interlock.kind, hasCamera: view.hasCamera });
   setText(byTestId(root, "recording"), facts.recording ? recorded(Boolean(control.driver)) : "");
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
@@ -232,11 +232,11 @@ function showRoundTrip(reading) {
   showBanner();
 }
 
-function useTopics({ twistType, speed, topics: all, own }) {
+function useTopics({ twistType, speed, topics: all, own, answered }) {
   session.useType(twistType);
   controls.useType(session.type);
   if (speed) readback.follow(speed);
-  view.found(own);
+  view.found(own, answered);
   topics.receive(all);
 }
 

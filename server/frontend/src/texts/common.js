@@ -182,7 +182,10 @@ export const states = {
   },
   held: {
     title: "Paused",
-    detail: ({ video }) => (video === "old" ? "The video is frozen." : "There is no video to drive by."),
+    detail: ({ video, hasCamera }) => {
+      if (video === "old") return "The video is frozen.";
+      return hasCamera ? "There is no video to drive by." : "Whether the robot has a camera is not known: its rosapi does not say.";
+    },
     action: "Drive without video",
   },
   slow: { title: "Connection too slow", detail: () => "Commands are too old when they reach the robot, which drops them." },

@@ -8,7 +8,8 @@ import { chooseTopic, ownTopics } from "./ownTopics.js";
 const AGAIN_MS = 5000;
 
 export class Discovery {
-  // `onFound` gets {twistType, speed, cameras, topics, own}: all topics as {name, type}, and those of this robot.
+  // `onFound` gets {twistType, speed, cameras, topics, own, answered}: all topics as {name, type}, and those of this robot. Unless
+  // `answered`, which topics it has is unknown: an empty list then says nothing.
   // `driveType` and `odometryTopic` are the settings', or null.
   constructor({ driveTopic, driveType = null, odometryTopic = null, onFound }) {
     this.driveTopic = driveTopic;
@@ -16,17 +17,21 @@ export class Discovery {
     this.odometryTopic = odometryTopic;
     this.onFound = onFound;
     this.round = 0;
+    this.answered = false;
   }
 
-  // `call(service, request)` as of connection.js. Resolves when the robot has answered.
+  // `call(service, request)` as of connection.js, another one on each link: what was answered on the last may be true no more.
+  // Resolves when the robot has answered, or will not.
   async run(call) {
+    if (call !== this.call) this.answered = false;
     this.stop();
     this.call = call;
     const round = this.round;
     const [topics, twistType] = await Promise.all([allTopics(call), this.driveType.find(call)]);
     if (round !== this.round) return;
     const own = ownTopics(topics, this.driveTopic);
-    const robot = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own };
+    this.answered ||= topics.some(({ type }) => type);
+    const robot = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own, answered: this.answered };
     this.onFound(robot);
     if (!robot.speed || robot.cameras.length === 0 || !this.driveType.reported) {
       this.timer = setTimeout(() => this.run(call), AGAIN_MS);
@@ -53,7 +58,8 @@ export class Discovery {
   }
 }
 
-// Whatever a robot answers: what is no name is left out, and a type that is none is not known.
+// Whatever a robot answers: what is no name is left out, and a type that is none is not known. Without its master rosapi
+// answers with no topics or no types, where each ROS has some.
 async function allTopics(call) {
   const { topics, types } = await ask(call, "/rosapi/topics", {});
   const named = Array.isArray(topics) ? topics.map((name, i) => ({ name, type: textOf(types?.[i]) })) : [];

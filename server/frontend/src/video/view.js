@@ -36,6 +36,7 @@ export class View {
     this.choices = new Choices(`sight.${robot}`);
     this.layout = new Layout(this.choices.all.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing frame, not a robot without a camera
+    this.answered = false; // whether the robot has said which topics it has
     this.questions = [];
     this.unread = new Set(); // topics
     this.mainTimestamp = new MainTimestamp();
@@ -81,9 +82,10 @@ export class View {
     setInterval(() => this.tick(), CHECK_MS);
   }
 
-  // `topics` are all of this robot's, {name, type}.
-  found(topics) {
+  // `topics` are all of this robot's, {name, type}; `answered` as of discovery.js.
+  found(topics, answered) {
     const { page, driveTopic } = this;
+    this.answered = answered;
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
     this.questions = [];
     const of = (kind) => {
@@ -144,6 +146,10 @@ export class View {
 
   get hasCamera() {
     return Boolean(this.page.cameras?.length) || this.known.size > 0;
+  }
+
+  get mayHaveCamera() {
+    return this.hasCamera || !this.answered; // one that has not said so is not without a camera
   }
 
   offer() {
@@ -276,7 +282,7 @@ export class View {
     const { watched } = this;
     if (this.sleep.isOver(this.now(), Date.now())) this.forget();
     const at = this.mainTimestamp.read(watched, this.tiles.get(watched)?.at ?? null);
-    this.onMain({ offered: this.hasCamera && !document.hidden, at });
+    this.onMain({ offered: this.mayHaveCamera && !document.hidden, at });
   }
 
   forget() {

@@ -34,14 +34,15 @@ test("a whole robot is found in one round", async () => {
     { name: "/odom", type: "nav_msgs/msg/Odometry" },
     { name: "/camera/image_raw", type: "sensor_msgs/msg/Image" },
   ];
-  const own = topics;
-  assert.deepEqual(found, [{ twistType: "geometry_msgs/msg/Twist", speed: topics[0], cameras: ["/camera/image_raw"], topics, own }]);
+  const all = { topics, own: topics, answered: true };
+  assert.deepEqual(found, [{ twistType: "geometry_msgs/msg/Twist", speed: topics[0], cameras: ["/camera/image_raw"], ...all }]);
   assert.deepEqual(asked.map(({ service }) => service).sort(), ["/rosapi/get_ros_version", "/rosapi/topic_type", "/rosapi/topics"]);
 });
 
 test("a robot without rosapi gets the usual names", async () => {
   await discovery.run(async () => ({ ok: false, values: "no such service" }));
-  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, cameras: [], topics: [], own: [] }]);
+  const nothing = { cameras: [], topics: [], own: [], answered: false };
+  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, ...nothing }]);
   discovery.stop();
 });
 
@@ -54,13 +55,35 @@ for (const [what, values] of [
     let times = 0;
     const call = async () => ({ ok: true, values: (times++, values) });
     await discovery.run(call);
-    assert.deepEqual([found.length, found[0].speed, found[0].cameras, found[0].twistType], [1, undefined, [], "geometry_msgs/Twist"]);
+    const [{ speed, cameras, twistType, answered }] = found;
+    assert.deepEqual([found.length, speed, cameras, twistType, answered], [1, undefined, [], "geometry_msgs/Twist", false]);
     const before = times;
     mock.timers.tick(5000);
     assert.ok(times > before);
     discovery.stop();
   });
 }
+
+test("which topics a robot has is known once it has named one with its type, and on the next link no more", async () => {
+  let topics = {};
+  const link = () => (service, request) => robot(topics).call(service, request);
+  const [first, second] = [link(), link()];
+  for (const [call, answer] of [
+    [first, {}],
+    [first, { "/odom": "" }],
+    [first, { "/rosout": "rosgraph_msgs/Log" }],
+    [first, {}],
+    [second, {}],
+  ]) {
+    topics = answer;
+    await discovery.run(call);
+  }
+  discovery.stop();
+  assert.deepEqual(
+    found.map(({ answered }) => answered),
+    [false, false, true, true, false],
+  );
+});
 
 test("a robot that is still starting is asked again, until the connection ends", async () => {
   const topics = { "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" };

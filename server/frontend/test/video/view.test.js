@@ -59,6 +59,30 @@ test("a topic whose messages cannot be read is named once, beside what else is a
   assert.deepEqual([said, element.textContent], [[words], words]);
 });
 
+for (const [robot, holds, state] of [
+  ["has not said which topics it has", true, { answered: false }],
+  ["has said that it has no camera", false, { answered: true }],
+  ["has shown a frame", true, { answered: true, known: ["/front"] }],
+  ["has a camera in its settings", true, { answered: true, cameras: [{ topic: "/front" }] }],
+]) {
+  test(`driving ${holds ? "is held without video" : "needs no video"} where a robot ${robot}`, () => {
+    const { answered, known = [], cameras = [] } = state;
+    const [reported, view] = [[], Object.create(View.prototype)];
+    globalThis.document = { hidden: false };
+    const others = {
+      layout: { shown: [] },
+      tiles: new Map(),
+      mainTimestamp: new MainTimestamp(),
+      sleep: { isOver: () => false },
+      now: () => 0,
+    };
+    Object.assign(view, others, { page: { cameras }, known: new Set(known), answered, onMain: (reading) => reported.push(reading) });
+    view.reportMain();
+    delete globalThis.document;
+    assert.deepEqual(reported, [{ offered: holds, at: null }]);
+  });
+}
+
 // Of a view without a page: what it offers for its places.
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
