@@ -194,7 +194,7 @@ def _blind(guard: JsonObject) -> BlindLimits:
         blind_m=_limit(guard, "blind_m", MIN_BLIND),
         blind_rad=None if degrees is None else math.radians(degrees),
         camera_s=get_number({"camera_ms": 0, **guard}, "camera_ms", 0, MAX_CAMERA_MS) / 1000,
-        needs_frames=get_text(guard, "without_frames", default="") == "slowest",
+        needs_frames=get_text(guard, "without_frames", default="unlimited") != "unlimited",
     )
 
 

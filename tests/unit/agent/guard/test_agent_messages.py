@@ -95,6 +95,8 @@ def config_of(guard: dict[str, Any], **line: Any) -> GuardConfig:
             {"blind_m": 0.25, "blind_deg": 90, "camera_ms": 40, "without_frames": "slowest"},
             GuardConfig(URL, blind=BlindLimits(0.25, math.pi / 2, 0.04, needs_frames=True)),
         ),
+        # A newer server's word for a limit is one, too.
+        ({"without_frames": "half"}, GuardConfig(URL, blind=BlindLimits(needs_frames=True))),
     ],
 )
 def test_a_configuration_is_read(guard: dict[str, Any], config: GuardConfig) -> None:
