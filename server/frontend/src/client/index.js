@@ -48,6 +48,7 @@ export class Robot {
     this.roundTripMs = null;
     this.publishers = new Map();
     this.decoderChoice = new DecoderChoice();
+    this.hasVideo = false; // whether showVideo was called
     this.shown = new Set(); // {topic, stream, frames}, of each camera that showVideo has shown
     /** @type {{ageMs: number | null, at: number} | null} */
     this.seen = null; // the newest report of this link
@@ -230,17 +231,18 @@ export class Robot {
       onStatus,
     });
     const shown = { topic, stream, frames };
+    this.hasVideo = true;
     if (element.localName === CANVAS) choice.ready.then(askAnew);
     stream.start();
     return stream;
   }
 
-  // The frames that the driver saw: of the cameras that are shown now, else of the last ones. A page that has shown none names none.
+  // The frames that the driver saw: of the cameras that are shown now, else of the last ones; none before the first frame, so that
+  // the robot is at its slowest. A page without video names none at all.
   seenAt(timestamp) {
     const running = [...this.shown].filter(({ stream }) => stream.running);
     if (running.length) this.shown = new Set(running);
-    if (!this.shown.size) return undefined;
-    return oldestSeen([...this.shown], timestamp);
+    return this.hasVideo ? oldestSeen([...this.shown], timestamp) : undefined;
   }
 
   // An address for <img src>, good for 30 s to begin with. Prefer showVideo: it comes back after a cut.

@@ -84,7 +84,7 @@ async function showH264(stream, socket) {
   assert.equal(decoder.state, "closed");
 }
 
-test("commands name the frames of the cameras that are shown, else of the last ones; before the first none", async () => {
+test("commands name the frames of the cameras that are shown, else of the last ones, none before the first and nothing without video", async () => {
   class Image {
     localName = "img";
     set src(_) {
@@ -100,6 +100,7 @@ test("commands name the frames of the cameras that are shown, else of the last o
     ["/rear", 7],
   ]) {
     streams.push(robot.showVideo(new Image(), { topic }));
+    if (topic === "/front") assert.deepEqual(seen(), []);
     await settle();
     sockets.at(-1).open();
     sockets.at(-1).answerClockSync(0);
