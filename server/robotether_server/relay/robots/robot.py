@@ -213,7 +213,7 @@ class Robot:
         self.id = robot_id
         self.presence = NEVER_SEEN
         # Where it is, and since when, by the monotonic clock, that is known.
-        self._position: tuple[Position, float] | None = None
+        self._position: tuple[Position | None, float] | None = None
         # At most one current link of a kind.
         self.links: dict[Kind, Link] = {}
         self.lease = Lease()
@@ -265,7 +265,7 @@ class Robot:
         """The session's link of a robot that is online."""
         return self.links.get("session") if self.presence.online else None
 
-    def on_position(self, position: Position) -> None:
+    def on_position(self, position: Position | None) -> None:
         """The agent reported where the robot is."""
         self._position = position, time.monotonic()
 

@@ -301,8 +301,8 @@ class RobotLink:
                 self._rules.on_help(self.robot_id, message.call)
             case lines.NearerLine(host, ports):
                 self._rules.on_nearer(self.robot_id, SshAddresses(host, ports))
-            case lines.PositionLine(x, y):
-                self._registry.robot(self.robot_id).on_position((x, y))
+            case lines.PositionLine():
+                self._registry.robot(self.robot_id).on_position(message.position)
             case lines.SignedHeadLine():
                 self._rules.on_signed_head(self.robot_id, message)
             case lines.CheckLine():

@@ -34,7 +34,7 @@ from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.identity import MAX_SIGNATURE_LENGTH
 from robotether_server.problems import ProtocolError, RobotetherError
-from robotether_server.relay.robots.robot import GuardMode, GuardReport, SeenReport
+from robotether_server.relay.robots.robot import GuardMode, GuardReport, Position, SeenReport
 
 T = TypeVar("T")
 
@@ -49,8 +49,8 @@ Count = Annotated[int, Meta(ge=0, le=MAX_COUNT)]
 MAX_AGES, MAX_AGE_MS = 64, 60_000
 AgeMs = Annotated[float, Meta(ge=0, le=MAX_AGE_MS)]
 
-# Maximum of a coordinate, in metres; a float of JSON is finite.
-Coordinate = Annotated[float, Meta(ge=-1e9, le=1e9)]
+# Maximum of a coordinate in metres: odometry that has gone wrong says more.
+MAX_COORDINATE_M = 1e9
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
@@ -238,8 +238,14 @@ class NearerLine(Struct, tag="nearer"):
 class PositionLine(Struct, tag="position"):
     """Where the robot is, in metres, by the pose topic of its geofence: each second while somebody uses the robot."""
 
-    x: Coordinate
-    y: Coordinate
+    x: float
+    y: float
+
+    @property
+    def position(self) -> Position | None:
+        """Where it is; None: nobody knows, as of a place that no robot reaches. That costs no session."""
+        is_place = max(abs(self.x), abs(self.y)) <= MAX_COORDINATE_M
+        return (self.x, self.y) if is_place else None
 
 
 class SignedHeadLine(Struct, tag="signed_head"):

@@ -100,6 +100,13 @@ def test_a_time_beyond_its_bound_costs_no_session():
     assert bounded == [None, 0.05, MAX_SLOWED_S, MAX_SLOWED_S]
 
 
+@pytest.mark.parametrize("x", [0.0, -1e9, 1.1e9, -1e308])
+def test_a_place_that_no_robot_reaches_is_unknown_and_costs_no_session(x):
+    """Else odometry that has gone wrong takes its robot offline as soon as somebody uses it."""
+    position = parse({"type": "position"}, x=x, y=2.5).position
+    assert position == ((x, 2.5) if abs(x) <= 1e9 else None)
+
+
 def test_an_agent_may_give_no_epoch():
     assert (parse(HELLO).epoch, parse(HELLO, epoch=2**53).epoch) == (0, 2**53)
 
