@@ -176,9 +176,9 @@ function setUpSlider(root, name, limits, onChange) {
 }
 
 // Lets go of all that is held at every sign that nobody may be looking at the page, or that the browser
-// may keep the release of a key or pointer for itself. A phone that is turned moves the stick from under the finger.
+// may keep the release of a key or pointer for itself. A screen that is turned or zoomed moves the stick from under the finger.
 // What is let go must be pressed anew: none of these may ever start anything.
-const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange", "orientationchange"];
+const ALWAYS = ["blur", "pagehide", "beforeprint", "fullscreenchange", "webkitfullscreenchange", "orientationchange", "resize"];
 
 export function releaseOnFocusLoss(letGo, { window, document } = globalThis) {
   const on = (target, names, /** @type {(event: any) => boolean} */ applies = () => true) => {

@@ -174,7 +174,7 @@ export class GamepadLoop {
     this.frame = frame;
     this.now = now;
     this.handlers = handlers;
-    /** @type {{index: number, id: string} | null} */
+    /** @type {{index: number, id: string, mapping: string, axes: number, buttons: number} | null} */
     this.chosen = null;
     this.byHand = false; // whether a person chose it
     this.waiting = false;
@@ -218,8 +218,7 @@ export class GamepadLoop {
   }
 
   ofChosen(all) {
-    const { chosen } = this;
-    return all.find(({ index, id }) => index === chosen?.index && id === chosen?.id);
+    return all.find((pad) => isSame({ index: pad.index, ...described(pad) }, this.chosen));
   }
 
   wait() {
@@ -245,7 +244,7 @@ export class GamepadLoop {
   }
 
   find(pad) {
-    this.chosen = { index: pad.index, id: pad.id };
+    this.chosen = { index: pad.index, ...described(pad) };
     this.handlers.onFound(described(pad));
   }
 
@@ -265,6 +264,9 @@ export class GamepadLoop {
 const unranked = () => 0;
 
 const described = ({ id, mapping, axes, buttons }) => ({ id, mapping, axes: axes.length, buttons: buttons.length });
+
+// The same device may come back with its axes in another order, in which a trigger would be a stick.
+const isSame = (pad, chosen) => chosen !== null && Object.keys(pad).every((name) => pad[name] === chosen[name]);
 
 const sampled = ({ axes, buttons }) => ({ axes: [...axes], buttons: buttons.map(({ pressed, value }) => pressed || value > PRESSED) });
 

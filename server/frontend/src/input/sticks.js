@@ -123,8 +123,8 @@ export class Joystick {
   down(event) {
     if (this.pointer !== null || event.button !== 0 || !this.accepts()) return;
     event.preventDefault();
+    this.element.setPointerCapture(event.pointerId); // first: it fails for a finger that is gone already
     this.pointer = event.pointerId;
-    this.element.setPointerCapture(event.pointerId);
     this.element.dataset.held = "true";
     this.pressed = this.measure();
     this.move(event);
@@ -181,7 +181,7 @@ export class Joystick {
 export function stick(x, y, radius) {
   const length = Math.hypot(x, y);
   const reach = Math.min(1, length / radius);
-  if (reach <= DEAD_ZONE) return { up: 0, left: 0 };
+  if (!(reach > DEAD_ZONE)) return { up: 0, left: 0 };
   const strength = (reach - DEAD_ZONE) / (1 - DEAD_ZONE);
   return { up: ((0 - y) / length) * strength, left: ((0 - x) / length) * strength };
 }

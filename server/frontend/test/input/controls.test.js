@@ -71,7 +71,7 @@ test("a drag is refused and lets go", () => {
 const SECOND = { button: 2 };
 
 for (const [name, act, times] of [
-  ...["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "contextmenu"].map((event) => [
+  ...["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "resize", "contextmenu"].map((event) => [
     event,
     () => dispatch(window, event),
     1,

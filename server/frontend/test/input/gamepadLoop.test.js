@@ -69,6 +69,11 @@ for (const [name, act, expected] of [
   ["one that the browser no longer has is lost", () => [connect(1, "stick"), draw(), draw(), (pads[1] = null), draw()], "stick seen lost"],
   ["one not connected, too", () => [connect(1, "stick"), draw(), draw(), (pads[1].connected = false), draw()], "stick seen lost"],
   ["another in its place is found", () => [connect(1, "a"), draw(), draw(), (pads[1] = pad(1, "b")), draw()], "a seen lost b"],
+  [
+    "the same one with other axes, too",
+    () => [connect(1, "a"), draw(), (pads[1] = { ...pad(1, "a"), axes: [0, 0, -1] }), changed(), draw()],
+    "a lost a",
+  ],
   ["the one that can drive is found", () => [ranked(), (pads[0] = pad(0, "ghost")), connect(1, "stick"), draw(), draw()], "stick seen"],
   [
     "it takes over from one that cannot",

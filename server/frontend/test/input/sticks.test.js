@@ -72,6 +72,15 @@ for (const [name, act, ...expected] of [
   });
 }
 
+test("a finger that is gone before its press is seen keeps the stick from no other", () => {
+  const capture = element.setPointerCapture;
+  element.setPointerCapture = () => assert.fail("NotFoundError");
+  assert.throws(() => joystick.down({ pointerId: 1, button: 0, preventDefault() {} }));
+  element.setPointerCapture = capture;
+  down(20, 2);
+  assert.deepEqual(told, [UP]);
+});
+
 test("a stick that the page moves while it is pressed does not steer, and a hold has its event's timestamp", () => {
   down();
   element.getBoundingClientRect = () => ({ left: 0, top: 60, width: 240, height: 240 });
