@@ -13,7 +13,7 @@ import contextlib
 import logging
 import shlex
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from operator import attrgetter
@@ -21,7 +21,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from time import monotonic
-from typing import IO, Generic, Protocol, TextIO, TypeVar
+from typing import IO, Protocol, TextIO
 
 import click
 import fabric
@@ -34,7 +34,6 @@ from robotether_server.cli.common import JSON, print_json, print_table
 from robotether_server.cli.fleet_ssh import FleetError, SshConnections
 from robotether_server.problems import reason_in
 
-T = TypeVar("T")
 MAX_LINE_LENGTH = 16 * 1024
 MAX_CAPTURED_LENGTH = 1024 * 1024
 MAX_PARALLEL = 200
@@ -228,53 +227,6 @@ def as_dict(outcome: Outcome) -> dict[str, object]:
     }
 
 
-class WorkerPool(Generic[T]):
-    """Does one thing for many robots at once; `work` is called once for each name, and must not raise.
-
-    Its threads are daemons: one that hangs in a dead network must not delay the end after Ctrl-C.
-    """
-
-    def __init__(self, work: Callable[[str], T], names: Sequence[str], parallel: int) -> None:
-        self._work = work
-        self._size = len(names)
-        self._waiting: SimpleQueue[str] = SimpleQueue()
-        self._done: SimpleQueue[T] = SimpleQueue()
-        for name in names:
-            self._waiting.put(name)
-        self._threads = [
-            Thread(target=self._work_off, daemon=True) for _ in range(min(parallel, len(names)))
-        ]
-
-    def results(self) -> Iterator[T]:
-        """Start, and yield each result as it comes."""
-        for thread in self._threads:
-            thread.start()
-        for _ in range(self._size):
-            yield self._done.get()
-
-    def stop(self, within_s: float) -> list[T]:
-        """Begin nothing new; return what those at work still bring within that time."""
-        end = monotonic() + within_s
-        while self._next() is not None:
-            pass
-        for thread in self._threads:
-            thread.join(max(0, end - monotonic()))
-        late = []
-        while not self._done.empty():
-            late.append(self._done.get())
-        return late
-
-    def _work_off(self) -> None:
-        while (name := self._next()) is not None:
-            self._done.put(self._work(name))
-
-    def _next(self) -> str | None:
-        try:
-            return self._waiting.get_nowait()
-        except Empty:
-            return None
-
-
 Sinks = Callable[[str], tuple[Sink, Sink]]
 
 
@@ -290,31 +242,52 @@ class Command:
 
 
 class FleetRun:
-    """One run on some robots; `interrupted` when the person ended it before its end."""
+    """One run on some robots, some at a time; `interrupted` when the person ended it before its end."""
 
     def __init__(
         self, command: Command, robots: Sequence[str], parallel: int, sinks: Sinks
     ) -> None:
         self._command = command
         self._robots = robots
+        self._parallel = parallel
         self._sinks = sinks
         self._connections = SshConnections(accept_new=command.accept_new)
-        self._workers = WorkerPool(self._on, robots, parallel)
+        self._waiting: SimpleQueue[str] = SimpleQueue()
+        self._outcomes: dict[str, Outcome] = {}
         self.interrupted = False
 
     def run(self) -> list[Outcome]:
         """Run to the end, or until Ctrl-C, which ends the command on every robot; return one outcome a robot."""
-        outcomes: list[Outcome] = []
+        for robot in self._robots:
+            self._waiting.put(robot)
+        # Daemons: one that hangs in a dead network must not delay the end after Ctrl-C.
+        threads = [
+            Thread(target=self._work_off, daemon=True)
+            for _ in range(min(self._parallel, len(self._robots)))
+        ]
         try:
-            outcomes.extend(self._workers.results())
+            for thread in threads:
+                thread.start()
+            for thread in threads:
+                thread.join()
         except KeyboardInterrupt:
             self.interrupted = True
             self._connections.close_all()
-            outcomes.extend(self._workers.stop(CLOSED_WITHIN_S))
+            end_s = monotonic() + CLOSED_WITHIN_S
+            for thread in filter(Thread.is_alive, threads):
+                thread.join(max(0, end_s - monotonic()))
         finally:
             self._connections.close_all()
-        missing = set(self._robots) - {outcome.robot for outcome in outcomes}
-        return outcomes + [Outcome(name, None, 0, "interrupted") for name in sorted(missing)]
+        return [
+            self._outcomes.get(robot) or Outcome(robot, None, 0, "interrupted")
+            for robot in self._robots
+        ]
+
+    def _work_off(self) -> None:
+        with contextlib.suppress(Empty):
+            while not self.interrupted:
+                robot = self._waiting.get_nowait()
+                self._outcomes[robot] = self._on(robot)
 
     def _on(self, robot: str) -> Outcome:
         start_s = monotonic()

@@ -15,7 +15,6 @@ from robotether_server.cli.fleet import (
     Command,
     FleetRun,
     Lines,
-    WorkerPool,
     captured,
 )
 from robotether_server.cli.fleet_ssh import FleetError, SshConnections
@@ -151,21 +150,25 @@ def test_ctrl_c_ends_the_command_everywhere(network):
     wait_until(lambda: not any(map(is_alive, written())), lambda: "the commands have ended")
 
 
-def test_as_many_at_a_time_as_asked():
+def test_as_many_at_a_time_as_asked(monkeypatch):
     barrier, lock = Barrier(3, timeout=10), Lock()
     at_work = []
     most = [0]
 
-    def work(name):
+    def work(_run, _robot, _out, _err):
         with lock:
             at_work.append(1)
             most[0] = max(most[0], len(at_work))
         barrier.wait()
         with lock:
             at_work.pop()
-        return name
+        return 0
 
-    assert len(list(WorkerPool(work, NAMES, 3).results())) == 9
+    monkeypatch.setattr(FleetRun, "_run_on", work)
+    outcomes = FleetRun(Command("true", 20), NAMES, 3, captured).run()
+    assert [(outcome.robot, outcome.status) for outcome in outcomes] == [
+        (name, 0) for name in NAMES
+    ]
     assert most[0] == 3
 
 
