@@ -235,78 +235,43 @@ def write_stop(tx: Transaction, entry: StopEntry) -> None:
     )
 
 
-# What of a drive changes while it lasts: the columns, named as the members of the entry, except MEMBERS.
-PROGRESS = (
-    "ended_at",
-    "end_code",
-    "distance_m",
-    "turned_rad",
-    "top_speed_m_s",
-    "top_turn_rad_s",
-    "messages",
-    "dropped_old",
-    "refused",
-    "stops",
-    "latency_p50_ms",
-    "latency_p95_ms",
-    "seen_p50_ms",
-    "seen_p95_ms",
-    "seen_p99_ms",
-    "seen_max_ms",
-    "seen_unknown",
-    "slowed_s",
-    "bytes",
-    "pictures",
-    "picture_bytes",
-    "viewed_s",
-    "robot_key",
-    "agent_version",
-    "server_version",
-    "start_x_m",
-    "start_y_m",
-    "end_x_m",
-    "end_y_m",
-)
-MEMBERS = {"pictures": "frames", "picture_bytes": "frame_bytes"}
+# Members of a drive that are written once; all others change while it lasts.
+FIXED = ("robot_id", "robot", "user", "fence", "started_at", "address", "row_id")
+# Columns that have not the name of their member.
+COLUMNS = {"frames": "pictures", "frame_bytes": "picture_bytes"}
 
 
 def write_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int | None:
     """Write the current record of a drive; return the id of a new row."""
     if drive.row_id is None:
         return _add_drive(tx, drive, cell)
-    changes = ", ".join(f"{column} = %s" for column in PROGRESS)
-    tx.change(
-        f"UPDATE drives SET {changes} WHERE id = %s",  # noqa: S608 - the module's own text
-        (*_progress(drive), drive.row_id),
-    )
+    tx.update("drives", drive.row_id, _progress(drive))
     return None
 
 
 def _add_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int:
-    columns, placeholders = ", ".join(PROGRESS), ", ".join(["%s"] * len(PROGRESS))
-    changes = ", ".join(f"{column} = VALUES({column})" for column in PROGRESS)
+    progress = _progress(drive)
+    values = {
+        "robot": drive.robot[:MAX_NAME],
+        "user_name": drive.user[:MAX_NAME],
+        "fence": drive.fence,
+        "cell": cell,
+        "started_at": drive.started_at,
+        "address": None if drive.address is None else drive.address[:MAX_ADDRESS],
+        **progress,
+    }
+    places = ", ".join(f"%({column})s" for column in values)
+    changes = ", ".join(f"{column} = VALUES({column})" for column in progress)
     # The same row again: the answer to the first writing was lost with its connection, or its relay was killed since.
     return tx.insert(
-        f"INSERT INTO drives (robot_id, robot, user_name, fence, cell, started_at, address, {columns})"  # noqa: S608 - as above
-        f" VALUES ((SELECT id FROM relay_robots WHERE id = %s), %s, %s, %s, %s, %s, %s, {placeholders})"
+        f"INSERT INTO drives ({', '.join(values)}, robot_id) VALUES"  # noqa: S608 - the module's own text
+        f" ({places}, (SELECT id FROM relay_robots WHERE id = %(robot_id)s))"
         f" ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), {changes}",
-        (
-            drive.robot_id,
-            drive.robot[:MAX_NAME],
-            drive.user[:MAX_NAME],
-            drive.fence,
-            cell,
-            drive.started_at,
-            None if drive.address is None else drive.address[:MAX_ADDRESS],
-            *_progress(drive),
-        ),
+        values | {"robot_id": drive.robot_id},
     )
 
 
-def _progress(drive: DriveEntry) -> tuple[object, ...]:
-    return tuple(
-        json.dumps(drive.refused)
-        if column == "refused"
-        else getattr(drive, MEMBERS.get(column, column))
-        for column in PROGRESS
-    )
+def _progress(drive: DriveEntry) -> dict[str, object]:
+    """Return the columns that change while the drive lasts."""
+    values = vars(drive) | {"refused": json.dumps(drive.refused)}
+    return {COLUMNS.get(name, name): value for name, value in values.items() if name not in FIXED}

@@ -138,6 +138,17 @@ class Transaction:
             self._cursor.execute(sql, values)
             return self._cursor.lastrowid or 0
 
+    def add(self, table: str, values: Mapping[str, object], rest: str = "") -> int:
+        """Insert one row of values by column, with the rest of the statement; return its AUTO_INCREMENT id."""
+        columns = ", ".join(f"`{column}`" for column in values)
+        places = ", ".join(f"%({column})s" for column in values)
+        return self.insert(f"INSERT INTO {table} ({columns}) VALUES ({places}) {rest}", values)  # noqa: S608 - the modules' own names
+
+    def update(self, table: str, row_id: int, values: Mapping[str, object]) -> None:
+        """Set columns of the row of that id."""
+        changes = ", ".join(f"`{column}` = %({column})s" for column in values)
+        self.change(f"UPDATE {table} SET {changes} WHERE id = %(id)s", {**values, "id": row_id})  # noqa: S608 - as above
+
 
 @dataclass(frozen=True)
 class _Connection:

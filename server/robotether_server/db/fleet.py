@@ -363,7 +363,7 @@ def _write_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> in
         _audit_version(tx, entry, row_id)
         return row_id
     row = tx.row("SELECT agent_version FROM robot_sessions WHERE id = %s", (entry.row_id,))
-    _update_session(tx, entry)
+    tx.update("robot_sessions", entry.row_id, _session_progress(entry))
     if row is not None and row["agent_version"] is None:
         _audit_version(tx, entry, entry.row_id)
     return None
@@ -384,52 +384,38 @@ def _audit_version(tx: Transaction, entry: SessionEntry, row_id: int) -> None:
 
 
 def _add_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int:
-    return tx.insert(
-        "INSERT INTO robot_sessions"
-        " (robot_id, cell, epoch, started_at, address, agent_version, ros_exposed, ended_at, end_code)"
-        " VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s)",
-        (
-            entry.robot_id,
-            cell,
-            entry.epoch,
-            entry.started_at,
-            entry.address[:MAX_ADDRESS],
-            _cut(entry.agent_version, MAX_VERSION),
-            entry.ros_exposed,
-            entry.ended_at,
-            entry.end_code,
-        ),
+    return tx.add(
+        "robot_sessions",
+        {
+            "robot_id": entry.robot_id,
+            "cell": cell,
+            "started_at": entry.started_at,
+            "address": entry.address[:MAX_ADDRESS],
+            **_session_progress(entry),
+        },
     )
 
 
-def _update_session(tx: Transaction, entry: SessionEntry) -> None:
-    tx.change(
-        "UPDATE robot_sessions"
-        " SET epoch = %s, agent_version = %s, ros_exposed = %s, ended_at = %s, end_code = %s"
-        " WHERE id = %s",
-        (
-            entry.epoch,
-            _cut(entry.agent_version, MAX_VERSION),
-            entry.ros_exposed,
-            entry.ended_at,
-            entry.end_code,
-            entry.row_id,
-        ),
-    )
+def _session_progress(entry: SessionEntry) -> dict[str, object]:
+    """Return the columns that change while the session lasts."""
+    return {
+        "epoch": entry.epoch,
+        "agent_version": _cut(entry.agent_version, MAX_VERSION),
+        "ros_exposed": entry.ros_exposed,
+        "ended_at": entry.ended_at,
+        "end_code": entry.end_code,
+    }
 
 
 def _add_audit(tx: Transaction, entry: AuditEntry) -> None:
-    tx.insert(
-        "INSERT INTO audit_events (at, actor, kind, robot, address, details)"
-        " VALUES (%s, %s, %s, %s, %s, %s)",
-        (
-            entry.at,
-            entry.actor[:MAX_ACTOR],
-            entry.kind,
-            entry.robot,
-            _cut(entry.address, MAX_ADDRESS),
-            json.dumps(entry.details),
-        ),
+    tx.add(
+        "audit_events",
+        {
+            **vars(entry),
+            "actor": entry.actor[:MAX_ACTOR],
+            "address": _cut(entry.address, MAX_ADDRESS),
+            "details": json.dumps(entry.details),
+        },
     )
 
 

@@ -174,19 +174,10 @@ def includes(held: Level, minimum: Level) -> bool:
 
 def put(tx: Transaction, pair: Pair, level: Level, ends_at: dt.datetime | None = None) -> int:
     """Set the grant of this pair, in place of an earlier one; return its id."""
-    return tx.insert(
-        "INSERT INTO grants (user_id, group_id, robot_id, site_id, all_robots, level, expires_at) "
-        "VALUES (%s, %s, %s, %s, %s, %s, %s) ON DUPLICATE KEY UPDATE "
-        "id = LAST_INSERT_ID(id), level = VALUES(level), expires_at = VALUES(expires_at)",
-        (
-            pair.user_id,
-            pair.group_id,
-            pair.robot_id,
-            pair.site_id,
-            pair.all_robots,
-            level,
-            ends_at,
-        ),
+    return tx.add(
+        "grants",
+        {**vars(pair), "level": level, "expires_at": ends_at},
+        "ON DUPLICATE KEY UPDATE id = LAST_INSERT_ID(id), level = VALUES(level), expires_at = VALUES(expires_at)",
     )
 
 

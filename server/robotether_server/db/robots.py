@@ -340,41 +340,18 @@ def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
     return _claim(row) if row else None
 
 
-def add_claim(tx: Transaction, robot: RobotRow, key: PublicKey, report: Report) -> None:
-    """Write down that a key wants to be the one of that robot. Raises RecordExistsError."""
-    tx.insert(
-        "INSERT INTO key_claims "
-        "(robot_id, robot, mac, fingerprint, public_key, hostname, agent_version, address) "
-        "VALUES (%s, %s, %s, %s, %s, %s, %s, %s)",
-        (
-            robot.id,
-            robot.name,
-            robot.mac,
-            key.fingerprint,
-            key.line,
-            report.hostname,
-            report.agent_version,
-            report.address,
-        ),
-    )
-
-
-def add_rejected_key(tx: Transaction, robot: RobotRow, by: str) -> None:
-    """Remember the key that this robot's row had as rejected. Raises RecordExistsError."""
-    report = robot.report
-    tx.insert(
-        "INSERT INTO key_claims (robot, mac, fingerprint, public_key, hostname, agent_version, address, "
-        "rejected_at, rejected_by) VALUES (%s, %s, %s, %s, %s, %s, %s, CURRENT_TIMESTAMP(6), %s)",
-        (
-            robot.name,
-            robot.mac,
-            robot.fingerprint,
-            robot.public_key,
-            report.hostname if report else None,
-            report.agent_version if report else None,
-            report.address if report else None,
-            by,
-        ),
+def add_claim(tx: Transaction, robot: RobotRow, key: PublicKey, report: Report) -> int:
+    """Write down that a key wants to be the one of that robot; return its id. Raises RecordExistsError."""
+    return tx.add(
+        "key_claims",
+        {
+            "robot_id": robot.id,
+            "robot": robot.name,
+            "mac": robot.mac,
+            "fingerprint": key.fingerprint,
+            "public_key": key.line,
+            **vars(report),
+        },
     )
 
 
@@ -426,27 +403,21 @@ def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
 
 def record_refusal(tx: Transaction, refused: RefusedJoin, network: str) -> None:
     """Keep a refused join in place of what was refused before to this MAC there, and of the oldest of too many."""
-    report = refused.report
     tx.change(
         "DELETE FROM refused_joins WHERE refused_at < %s", (refused.refused_at - REFUSED_FOR,)
     )
-    tx.change(
-        "INSERT INTO refused_joins "
-        "(mac, network, fingerprint, hostname, agent_version, address, code, detail, refused_at) "
-        "VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s) ON DUPLICATE KEY UPDATE times = times + 1, "
-        "fingerprint = VALUES(fingerprint), hostname = VALUES(hostname), agent_version = VALUES(agent_version), "
-        "address = VALUES(address), code = VALUES(code), detail = VALUES(detail), refused_at = VALUES(refused_at)",
-        (
-            refused.mac,
-            network,
-            refused.fingerprint,
-            report.hostname,
-            report.agent_version,
-            report.address,
-            refused.code,
-            refused.detail[:1000],
-            refused.refused_at,
-        ),
+    values = {
+        "fingerprint": refused.fingerprint,
+        **vars(refused.report),
+        "code": refused.code,
+        "detail": refused.detail[:1000],
+        "refused_at": refused.refused_at,
+    }
+    changes = ", ".join(f"{column} = VALUES({column})" for column in values)
+    tx.add(
+        "refused_joins",
+        {"mac": refused.mac, "network": network, **values},
+        f"ON DUPLICATE KEY UPDATE times = times + 1, {changes}",
     )
     for of_network, limit in ((network, MAX_REFUSED_OF_NETWORK), (None, MAX_REFUSED)):
         where = "network = COALESCE(%s, network)"

@@ -109,22 +109,7 @@ def get(tx: Transaction, route_id: int) -> Route:
 
 def add(tx: Transaction, route: NewRoute) -> int:
     """Add a route; return its id."""
-    return tx.insert(
-        "INSERT INTO routes (source_id, source_app, source_topic, target_id, target_app, target_topic, type, rate_hz, "
-        "user_id, ends_at) VALUES (%s, %s, %s, %s, %s, %s, %s, %s, %s, %s)",
-        (
-            route.source_id,
-            route.source_app,
-            route.source_topic,
-            route.target_id,
-            route.target_app,
-            route.target_topic,
-            route.type,
-            route.rate_hz,
-            route.user_id,
-            route.ends_at,
-        ),
-    )
+    return tx.add("routes", vars(route))
 
 
 def remove(tx: Transaction, route_id: int) -> None:

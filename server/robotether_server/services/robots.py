@@ -322,11 +322,12 @@ def _reject_own(tx: Transaction, source: Source, robot: RobotRow, fingerprint: s
             f"cannot reject key {fingerprint}: robot {robot.name} is {robot.state} with it; forget the key "
             f"with: robotether robot rekey {robot.name}"
         )
+    claim_id = robots.add_claim(tx, robot, robot.key, robot.report)
+    robots.reject_claim(tx, claim_id, robot.name, source.actor)
     if robot.is_unknown:
         robots.remove(tx, robot.id)
     else:
         robots.forget_key(tx, robot.id)
-    robots.add_rejected_key(tx, robot, source.actor)
 
 
 def _change_state(

@@ -457,7 +457,7 @@ def test_key_of_another_robot_or_a_rejected_one_is_refused(rotating_site):
         rotating_site.ask(previous=signed())
     with rotating_site.database.transaction() as tx:
         other = robots.get(tx, name)
-        robots.add_rejected_key(tx, other, "root")
+        robots.reject_claim(tx, robots.add_claim(tx, other, other.key, other.report), name, "root")
         robots.remove(tx, other.id)
     with pytest.raises(KeyRejectedError):
         rotating_site.ask(previous=signed())

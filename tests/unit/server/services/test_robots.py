@@ -298,7 +298,10 @@ def test_disabled_robot_and_rejected_key_stay_out(site, signer):
     with pytest.raises(RobotDisabledError):
         register(site, signer)
     with site.database.transaction() as tx:
-        robots.add_rejected_key(tx, robots.get(tx, "turtle"), "root")
+        turtle = robots.get(tx, "turtle")
+        robots.reject_claim(
+            tx, robots.add_claim(tx, turtle, turtle.key, turtle.report), "turtle", "root"
+        )
         robot_service.remove(tx, ADMIN, "turtle")
     with pytest.raises(KeyRejectedError, match="sudo robotether-agent forget"):
         register(site, signer)
