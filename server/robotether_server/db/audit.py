@@ -13,6 +13,7 @@ from robotether_server.contract.audit import AuditEvent
 from robotether_server.db.database import Transaction
 
 MAX_ACTOR_LENGTH = 63
+MAX_ADDRESS_LENGTH = 45
 
 # One customer holds a whole /64 of IPv6, so for limits its addresses count as one.
 Network = IPv4Network | IPv6Network
@@ -51,17 +52,26 @@ class Occurrence:
 
 
 def record(
-    tx: Transaction, source: Source, kind: str, robot: str | None = None, /, **details: object
+    tx: Transaction,
+    source: Source,
+    kind: str,
+    robot: str | None = None,
+    at: dt.datetime | None = None,
+    /,
+    **details: object,
 ) -> int:
-    """Add one event, as of now, and return its id.
+    """Add one event, as of now or of another time, and return its id.
 
     `kind` is a short code; there may be a robot's name, and details that JSON can hold.
     """
-    return tx.insert(
-        "INSERT INTO audit_events (actor, kind, robot, address, details) "
-        "VALUES (%s, %s, %s, %s, %s)",
-        (source.actor[:MAX_ACTOR_LENGTH], kind, robot, source.address, json.dumps(details)),
-    )
+    values = {
+        "actor": source.actor[:MAX_ACTOR_LENGTH],
+        "kind": kind,
+        "robot": robot,
+        "address": source.address and source.address[:MAX_ADDRESS_LENGTH],
+        "details": json.dumps(details),
+    }
+    return tx.add("audit_events", values if at is None else values | {"at": at})
 
 
 def count_refused_keys(tx: Transaction) -> int:

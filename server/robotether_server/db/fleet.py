@@ -16,7 +16,8 @@ from functools import cached_property
 from robotether_common.services import SERVICES, ServiceName
 from robotether_common.session import HelpSource
 
-from robotether_server.db import control, routes
+from robotether_server.db import audit, control, routes
+from robotether_server.db.audit import Source
 from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
@@ -32,11 +33,10 @@ log = logging.getLogger(__name__)
 # For a robot whose settings cannot be read: nobody sends it anything that moves it.
 LOCKED = RobotSettings(policy=Policy(drive=LevelPolicy(), manage=LevelPolicy()))
 
-# Maximum lengths, those of the columns of robot_sessions and audit_events: a text from a robot or
-# client must not make the row fail.
+# Maximum lengths, those of the columns of robot_sessions: a text from a robot must not make the row
+# fail.
 MAX_VERSION = 32
 MAX_ADDRESS = 45
-MAX_ACTOR = 63
 
 
 @dataclass(frozen=True)
@@ -331,7 +331,8 @@ def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
         case DriveEntry():
             return control.write_drive(tx, entry, cell)
         case AuditEntry():
-            _add_audit(tx, entry)
+            source = Source(entry.actor, entry.address)
+            audit.record(tx, source, entry.kind, entry.robot, entry.at, **entry.details)
         case HelpEntry(robot_id, source, reason, priority, pool):
             values = (robot_id, source, reason, priority, pool)
             tx.change("CALL ask_for_help(%s, %s, %s, %s, %s)", values)
@@ -405,18 +406,6 @@ def _session_progress(entry: SessionEntry) -> dict[str, object]:
         "ended_at": entry.ended_at,
         "end_code": entry.end_code,
     }
-
-
-def _add_audit(tx: Transaction, entry: AuditEntry) -> None:
-    tx.add(
-        "audit_events",
-        {
-            **vars(entry),
-            "actor": entry.actor[:MAX_ACTOR],
-            "address": _cut(entry.address, MAX_ADDRESS),
-            "details": json.dumps(entry.details),
-        },
-    )
 
 
 def _cut(text: str | None, length: int) -> str | None:

@@ -1,14 +1,13 @@
 """Routes between robots and web apps: web makes and deletes them, the relay reads those that last, and ends some."""
 
-import json
 from dataclasses import dataclass
 from datetime import datetime
 
+from robotether_server.db import audit
+from robotether_server.db.audit import Source
 from robotether_server.db.database import Transaction
 from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import APP, RouteEndName, Timestamp, UserName
-
-MAX_ACTOR = 63
 
 SELECT = (
     f"SELECT t.id, COALESCE(source.name, CONCAT('{APP}', t.source_app)) AS source, t.source_topic, "  # noqa: S608 - the module's own text
@@ -133,17 +132,10 @@ def write_end(tx: Transaction, entry: RouteEnd) -> None:
         (entry.ended_at, entry.code, entry.route_id),
     )
     if ended:
-        ends = {
-            "source": entry.source,
-            **({"target": entry.target} if is_app(entry.target) else {}),
-        }
-        details = {"route": entry.route_id, **ends, "end_code": entry.code}
-        tx.insert(
-            "INSERT INTO audit_events (at, actor, kind, robot, details) VALUES (%s, %s, 'route_ended', %s, %s)",
-            (
-                entry.ended_at,
-                entry.user[:MAX_ACTOR],
-                audited_robot(entry.source, entry.target),
-                json.dumps(details),
-            ),
+        target = {"target": entry.target} if is_app(entry.target) else {}
+        details = {"route": entry.route_id, "source": entry.source, **target}
+        robot = audited_robot(entry.source, entry.target)
+        source = Source(entry.user)
+        audit.record(
+            tx, source, "route_ended", robot, entry.ended_at, **details, end_code=entry.code
         )
