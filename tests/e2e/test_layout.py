@@ -8,7 +8,7 @@ from __future__ import annotations
 import http.client
 from collections.abc import Iterator
 from contextlib import closing
-from itertools import combinations
+from itertools import combinations, product
 
 import pytest
 from page_users import PASSWORD, PageUsers, release_all
@@ -188,7 +188,7 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
 def test_who_may_not_drive_has_as_large_a_stop(
     driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
 ) -> None:
-    """The map is beside it; at 200 % both keep what they need, and there is no room for the map."""
+    """The map is beside it; at 200 % and on a small phone both keep what they need, without room for the map."""
     with closing(PageUsers(stack, browser)) as people:
         people.let(OBSERVER, "observe", ROBOT)
     options = request.node.callspec.params["driven"]
@@ -203,8 +203,9 @@ def test_who_may_not_drive_has_as_large_a_stop(
             assert _box(watching, "stop") == _box(driven, "stop"), f"at {width}x{height}"
             assert watching.evaluate(UNCOVERED, ["stop"]) == [], f"at {width}x{height}"
             assert not _overlap(_box(watching, "observing"), _box(watching, "stop"))
-        for page, names in ((driven, ["joystick", "stop"]), (watching, ["stop"])):
-            resize(page, 640, 400)
+        pages = ((driven, ["joystick", "stop"]), (watching, ["stop"]))
+        for size, (page, names) in product(((640, 400), (568, 320)), pages):
+            resize(page, *size)
             expect_no_sideways_scroll(page)
             expect(page.get_by_test_id("small-map")).to_have_attribute("data-shown", "false")
             assert page.evaluate(UNCOVERED, names) == []
@@ -239,9 +240,10 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
                 assert not _overlap(box, _box(driven, name)), f"{size} it covers {name}"
         for name in ("joystick", "joystick-turn", "stop"):
             assert driven.evaluate(UNCOVERED, [name]) == [], f"{size} {name}, with the drawer open"
-    # A short phone has the least room for two sticks.
-    resize(driven, 360, 640)
-    assert driven.evaluate(UNCOVERED, ["joystick", "joystick-turn", "stop"]) == []
+    # A short phone has the least room for two sticks, also held sideways.
+    for size in ((360, 640), (568, 320)):
+        resize(driven, *size)
+        assert driven.evaluate(UNCOVERED, ["joystick", "joystick-turn", "stop"]) == []
     driven.get_by_test_id("two-sticks").click()
     driven.get_by_test_id("drawer-open").click()
 
