@@ -13,24 +13,20 @@ from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
 from robotether_server.services.grants import Scope
-from robotether_server.web import confirmation, forms
+from robotether_server.web import forms
 from robotether_server.web.admin import grants
 from robotether_server.web.admin.robots import ROBOTS, find
-from robotether_server.web.admin.selection import grant_words
 from robotether_server.web.confirmation import ConfirmedAction, Words
 
 blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots")
 
 
 def _words() -> Words:
-    words = ROBOTS.words()
     with context().database.transaction() as tx:
         for name in ROBOTS.names():
             find(tx, name)
     site, holder = request.values.get("site", ""), request.values.get("holder", "")
     return {
-        **words,
-        **grant_words(),
         "site": site,
         "where": f"at site {site}" if site else "at no site",
         "holder": holder,
@@ -38,15 +34,9 @@ def _words() -> Words:
     }
 
 
-def _disable(tx: Transaction, source: Source) -> None:
-    for name in ROBOTS.names():
-        robots.disable(tx, source, name)
-
-
-def _place(tx: Transaction, source: Source) -> None:
+def _place(tx: Transaction, source: Source, name: str) -> None:
     site = forms.optional_text("site", "Site", MAX_NAME_LENGTH)
-    for name in ROBOTS.names():
-        grant_service.place_robot(tx, source, name, site)
+    grant_service.place_robot(tx, source, name, site)
 
 
 def _give(tx: Transaction, source: Source) -> None:
@@ -56,15 +46,13 @@ def _give(tx: Transaction, source: Source) -> None:
         grant_service.give(tx, source, grantee, Scope("robot", name), level, ends_at=ends_at)
 
 
-confirmation.register(
+ROBOTS.register(
     blueprint,
-    "/admin/robots?{ticked}",
     _words,
     ConfirmedAction(
         path="/disable",
         title="Disable {count}?",
         effects=(
-            "{names}",
             "Each is cut off within 2 seconds: drivers and viewers are disconnected, and it stops by itself.",
             "Each is rejected until it is enabled again. Names, ports, grants and approved keys stay.",
             "A key that nobody has approved yet is forgotten.",
@@ -72,38 +60,30 @@ confirmation.register(
         undo="Enable each robot on its page. It reconnects by itself.",
         button="Disable",
         done="Disabled: {names}.",
-        do=_disable,
-        onward="/admin/robots",
-        hidden=(ROBOTS.hidden,),
+        do=ROBOTS.each(robots.disable),
     ),
     ConfirmedAction(
         path="/site",
         title="Put {count} {where}?",
         effects=(
-            "{names}",
             "Users lose what only the grants for a robot's present site allow. Connections that need them are cut "
             "within 2 seconds; a robot that is driven by one stops by itself.",
         ),
         undo="Put each robot back at its site on its page.",
         button="Put there",
         done="Now {where}: {names}.",
-        do=_place,
-        onward="/admin/robots",
-        hidden=(ROBOTS.hidden, ("site", "{site}")),
+        do=ROBOTS.each(_place),
+        hidden=(("site", "{site}"),),
     ),
     ConfirmedAction(
         path="/grant",
         title="Let {who} {level} {count}{end}?",
-        effects=(
-            "{names}",
-            "A grant that {who} has for only one of these robots is replaced.",
-        ),
+        effects=("A grant that {who} has for only one of these robots is replaced.",),
         undo="Remove each grant on the page of {who}.",
         button="Give",
         done="{who} may {level}{end}: {names}.",
         do=_give,
-        onward="/admin/robots",
-        hidden=(ROBOTS.hidden, ("holder", "{holder}"), ("level", "{level}"), ("hours", "{hours}")),
+        hidden=(("holder", "{holder}"), ("level", "{level}"), ("hours", "{hours}")),
         is_harmless=True,
     ),
 )

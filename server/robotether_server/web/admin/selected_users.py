@@ -15,9 +15,8 @@ from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import users as user_service
 from robotether_server.services.grants import Grantee
-from robotether_server.web import confirmation, current_user, forms
+from robotether_server.web import current_user, forms
 from robotether_server.web.admin import grants
-from robotether_server.web.admin.selection import grant_words
 from robotether_server.web.admin.users import USERS
 from robotether_server.web.confirmation import ConfirmedAction, Words
 
@@ -25,15 +24,13 @@ blueprint = Blueprint("selected_users", __name__, url_prefix="/selected-users")
 
 
 def _words() -> Words:
-    words, names = USERS.words(), USERS.names()
+    names = USERS.names()
     with context().database.transaction() as tx:
         admins = ", ".join(name for name in names if users.get(tx, name).is_admin)
     is_among_them = current_user.get().name in names
     tokens_left = f"Join tokens of {admins} are deleted; the robots that they admitted stay."
     scope = request.values.get("scope", "")
     return {
-        **words,
-        **grant_words(),
         "you": "You are one of them." if is_among_them else "",
         "tokens_left": tokens_left if admins else "",
         "group": request.values.get("group", ""),
@@ -42,15 +39,9 @@ def _words() -> Words:
     }
 
 
-def _set_disabled(tx: Transaction, source: Source, *, disabled: bool) -> None:
-    for name in USERS.names():
-        user_service.set_disabled(tx, source, name, disabled=disabled)
-
-
-def _add_to_group(tx: Transaction, source: Source) -> None:
+def _add_to_group(tx: Transaction, source: Source, name: str) -> None:
     group = forms.text("group", "Group", MAX_NAME_LENGTH)
-    for name in USERS.names():
-        grant_service.add_member(tx, source, group, name)
+    grant_service.add_member(tx, source, group, name)
 
 
 def _give(tx: Transaction, source: Source) -> None:
@@ -60,15 +51,13 @@ def _give(tx: Transaction, source: Source) -> None:
         grant_service.give(tx, source, Grantee("user", name), scope, level, ends_at=ends_at)
 
 
-confirmation.register(
+USERS.register(
     blueprint,
-    "/admin/users?{ticked}",
     _words,
     ConfirmedAction(
         path="/disable",
         title="Disable {count}?",
         effects=(
-            "{names}",
             "{you}",
             "Each is logged out everywhere; what they drive stops within 2 seconds.",
             "Their API tokens and SSH keys no longer work. They and the grants are kept.",
@@ -77,52 +66,38 @@ confirmation.register(
         undo="Tick them again, and enable them.",
         button="Disable",
         done="Disabled: {names}.",
-        do=partial(_set_disabled, disabled=True),
-        onward="/admin/users",
-        hidden=(USERS.hidden,),
+        do=USERS.each(partial(user_service.set_disabled, disabled=True)),
     ),
     ConfirmedAction(
         path="/enable",
         title="Enable {count}?",
-        effects=(
-            "{names}",
-            "Each may log in again; API tokens, SSH keys and grants work as before.",
-        ),
+        effects=("Each may log in again; API tokens, SSH keys and grants work as before.",),
         undo="Tick them again, and disable them.",
         button="Enable",
         done="Enabled: {names}.",
-        do=partial(_set_disabled, disabled=False),
-        onward="/admin/users",
-        hidden=(USERS.hidden,),
+        do=USERS.each(partial(user_service.set_disabled, disabled=False)),
         is_harmless=True,
     ),
     ConfirmedAction(
         path="/group",
         title="Put {count} into group {group}?",
-        effects=("{names}", "Each has all grants of group {group}, for as long as it is a member."),
+        effects=("Each has all grants of group {group}, for as long as it is a member.",),
         undo="Remove each from the group on its page.",
         button="Put there",
         done="Now in group {group}: {names}.",
-        do=_add_to_group,
-        onward="/admin/users",
-        hidden=(USERS.hidden, ("group", "{group}")),
+        do=USERS.each(_add_to_group),
+        hidden=(("group", "{group}"),),
         is_harmless=True,
     ),
     ConfirmedAction(
         path="/grant",
         title="Let {count} {level} {what}{end}?",
-        effects=("{names}", "A grant that only one of them has for {what} is replaced."),
+        effects=("A grant that only one of them has for {what} is replaced.",),
         undo="Remove each grant on the page of its user.",
         button="Give",
         done="May {level} {what}{end}: {names}.",
         do=_give,
-        onward="/admin/users",
-        hidden=(
-            USERS.hidden,
-            ("scope", "{scope}"),
-            ("level", "{level}"),
-            ("hours", "{hours}"),
-        ),
+        hidden=(("scope", "{scope}"), ("level", "{level}"), ("hours", "{hours}")),
         is_harmless=True,
     ),
 )

@@ -4,15 +4,18 @@ GET has it as it is ticked (`robot` or `user`, several times), also that of the 
 it. The answer sends it back in one field.
 """
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from urllib.parse import urlencode
 
-from flask import request
+from flask import Blueprint, request
 
+from robotether_server.db import Transaction
+from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError
+from robotether_server.web import confirmation
 from robotether_server.web.admin import grants
-from robotether_server.web.confirmation import Words
+from robotether_server.web.confirmation import ConfirmedAction, Words
 
 # Maximum number of names, which all stand in an address of 8 KB.
 MAX_TICKED = 100
@@ -28,11 +31,6 @@ class Selection:
     def many(self) -> str:
         """The field with all of it."""
         return f"{self.noun}s"
-
-    @property
-    def hidden(self) -> tuple[str, str]:
-        """The field of an answer."""
-        return (self.many, f"{{{self.many}}}")
 
     def names(self) -> list[str]:
         """Return what is ticked; raise FieldInvalidError for nothing, or too much."""
@@ -61,8 +59,34 @@ class Selection:
             "ticked": urlencode([(self.noun, name) for name in names]),
         }
 
+    def each(self, do: Callable[[Transaction, Source, str], object]) -> Callable[..., object]:
+        """Return what does this to each that is ticked."""
+        return lambda tx, source: [do(tx, source, name) for name in self.names()]
 
-def grant_words() -> Words:
+    def register(
+        self, blueprint: Blueprint, find: Callable[[], Words], *actions: ConfirmedAction
+    ) -> None:
+        """Register actions that name and send what is ticked, and go on to the list with nothing ticked.
+
+        `find` returns what else their texts may name.
+        """
+        of_all = (
+            replace(
+                action,
+                effects=("{names}", *action.effects),
+                hidden=((self.many, f"{{{self.many}}}"), *action.hidden),
+                onward=f"/admin/{self.many}",
+            )
+            for action in actions
+        )
+
+        def words() -> Words:
+            return {**self.words(), **_grant_words(), **find()}
+
+        confirmation.register(blueprint, f"/admin/{self.many}?{{ticked}}", words, *of_all)
+
+
+def _grant_words() -> Words:
     """Return what the texts name of a grant's level and end."""
     hours = request.values.get("hours", "")
     end = f", for {dict(grants.ENDS).get(hours, hours)}" if hours else ""
