@@ -57,22 +57,24 @@ ANN, BOB, BEN, CARL, EVE = (
     RelayUser(number, name) for number, name in enumerate(("ann", "bob", "ben", "carl", "eve"), 1)
 )
 
+# A client that does not read for a while, and so answers no ping, is neither silent nor slow.
+_NEVER = LivenessLimits(
+    ping_every_s=0.1, silent_after_s=WAIT_S, slow_after_s=WAIT_S, check_every_s=0.05
+)
 # Short enough for tests, and longer than a shared machine stands still.
 FAST = Timing(
-    limits=LivenessLimits(ping_every_s=0.2, silent_after_s=4, slow_after_s=4, check_every_s=0.05),
-    driver_limits=LivenessLimits(
-        ping_every_s=0.1, silent_after_s=4, slow_after_s=4, check_every_s=0.05, strict=True
-    ),
+    limits=_NEVER,
+    driver_limits=replace(_NEVER, strict=True),
     heartbeat_s=0.1,
     idle_heartbeat_s=0.1,
     timeout_s=4,
     poll_every_s=0.05,
 )
-# For large messages, which a busy machine takes long to pass on; a pong waits behind them.
-PATIENT = replace(
+# For those that are to be.
+IMPATIENT = replace(
     FAST,
-    limits=replace(FAST.limits, silent_after_s=WAIT_S, slow_after_s=WAIT_S),
-    driver_limits=replace(FAST.driver_limits, silent_after_s=WAIT_S, slow_after_s=WAIT_S),
+    limits=replace(FAST.limits, silent_after_s=2, slow_after_s=2),
+    driver_limits=replace(FAST.driver_limits, silent_after_s=2, slow_after_s=2),
 )
 
 

@@ -34,10 +34,4 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> Timing:
         (robot_dialer, "MAX_CONNECT_TIMEOUT_S"),
     ):
         monkeypatch.setattr(module, name, LONG_S)
-    long_limits = {"silent_after_s": LONG_S, "slow_after_s": LONG_S}
-    return replace(
-        FAST,
-        limits=replace(FAST.limits, **long_limits),
-        driver_limits=replace(FAST.driver_limits, **long_limits),
-        timeout_s=LONG_S,
-    )
+    return replace(FAST, timeout_s=LONG_S)

@@ -7,7 +7,7 @@ import struct
 import pytest
 from aiohttp import WSMsgType
 from relay_clients import PUBLISH, audit_lines, closing, counted_turns
-from relay_server import BOB, MESSAGE_LIMIT, PATIENT, until
+from relay_server import BOB, IMPATIENT, MESSAGE_LIMIT, until
 from robotether_server.relay.channels.rosbridge import bridge
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
 from robotether_server.relay.http import close_reasons, event_loop
@@ -28,7 +28,6 @@ def large(size):
     return begin + "x" * (size - len(begin) - len(end)) + end
 
 
-@pytest.mark.parametrize("timing", [PATIENT])
 async def test_a_message_as_large_as_the_limit_passes(wide, robot, ros):
     """10 MB to the byte is allowed, in both directions; an observer's small limit is for what it says."""
     message = large(MESSAGE_LIMIT)
@@ -203,6 +202,7 @@ async def test_a_clients_own_ping_is_answered(robot, ros):
         assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
 
 
+@pytest.mark.parametrize("timing", [IMPATIENT])
 async def test_a_client_that_never_reads_is_bounded_and_ends(relay, robot, ros):
     async def flood():
         while robot.clients:

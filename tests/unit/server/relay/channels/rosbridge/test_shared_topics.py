@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import aiohttp
 import pytest
 from relay_clients import closing
-from relay_server import MESSAGE_LIMIT, PATIENT, until
+from relay_server import MESSAGE_LIMIT, until
 from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
@@ -187,7 +187,6 @@ async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
     assert paused == pauses
 
 
-@pytest.mark.parametrize("timing", [PATIENT])
 async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     slow, quick = await observe(ODOM), await observe(ODOM)
     await until(lambda: subscribed(robot), "the robot has a subscription")

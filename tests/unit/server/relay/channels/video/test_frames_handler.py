@@ -7,7 +7,7 @@ import time
 import aiohttp
 import pytest
 from relay_clients import closing
-from relay_server import ANN, BOB, until
+from relay_server import ANN, BOB, IMPATIENT, until
 from robotether_server.db.fleet import RelayUser
 from robotether_server.relay.channels.video.held_frames import MAX_HELD
 from robotether_server.relay.robots.delivered_frames import NamedFrame
@@ -192,6 +192,7 @@ async def test_an_ended_login_ends_the_connection(viewer, memory_database, relay
     assert (await closing(viewer.socket))[0] == 4001
 
 
+@pytest.mark.parametrize("timing", [IMPATIENT])
 async def test_a_silent_viewer_is_let_go(camera, watch):
     viewer = await watch(autoping=False)
     async with asyncio.timeout(5):
@@ -200,6 +201,7 @@ async def test_a_silent_viewer_is_let_go(camera, watch):
     assert message.data == 4408
 
 
+@pytest.mark.parametrize("timing", [IMPATIENT])
 async def test_a_viewer_that_takes_nothing_is_bounded_and_let_go(camera, watch, relay):
     stuck, quick = await watch(), await watch(BOB)
     await camera.wait_for("credit")
