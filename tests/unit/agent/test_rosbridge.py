@@ -8,6 +8,7 @@ from collections.abc import AsyncIterator
 import aiohttp
 import pytest
 from fake_cameras import TopicRosbridge
+from fake_cloud import eventually
 from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.rosbridge import RosGraph, connected, topics_in
 
@@ -102,7 +103,7 @@ async def test_a_silent_rosapi_holds_up_the_first_question_alone(asking, monkeyp
     monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 3600)
     with pytest.raises(asyncio.TimeoutError):
         await graph.topics()
-    assert robot.open == 1
+    await eventually(lambda: robot.open == 1, lambda: f"{robot.open} are open")
     robot.topics = topics
     monkeypatch.setattr(rosbridge_module, "SILENT_S", 0)
     assert await graph.topics() == {"/a": "a/A"}

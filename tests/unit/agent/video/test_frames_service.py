@@ -82,8 +82,9 @@ async def test_a_receiver_that_takes_nothing_costs_nothing(world, monkeypatch):
     await viewer.ask()
     await eventually(lambda: world.camera.open == 1, lambda: "the camera is open")
     await eventually(lambda: world.camera.open == 0, lambda: f"{world.camera.open} are open")
+    asked_s = robot_time()
     await viewer.credit()
-    assert robot_time() - (await viewer.frame()).timestamp_ms / 1000 < 1
+    assert (await viewer.frame()).timestamp_ms / 1000 > asked_s
 
 
 async def test_no_receiver_no_source(world):
@@ -139,8 +140,12 @@ async def test_cameras_and_receivers_are_bounded(world, monkeypatch):
 
 
 async def test_a_still_of_a_camera_that_is_down_tells_why(world, monkeypatch):
-    monkeypatch.setattr(service_module, "STILL_WITHIN_S", 0.3)
+    monkeypatch.setattr(service_module, "STILL_WITHIN_S", 0.05)
     world.camera.mode = "refuses"
+    viewer = await world.connect()
+    await viewer.ask()
+    while "HTTP status 500" not in (await viewer.text("status"))["detail"]:
+        pass
     status, body = await world.get(f"/snapshot?topic={TOPIC}")
     assert (status, b"HTTP status 500" in body) == (503, True)
     assert (await world.get(f"/stream?topic={TOPIC}"))[0] == 503
