@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import logging
 import os
 import signal
@@ -31,6 +32,8 @@ def main() -> None:
         sys.exit(problem.detail)
     logs.set_up(settings.log_level, settings.log_format)
     raise_open_files()
+    # Else each full garbage collection visits all modules, and holds up every command for tens of ms.
+    gc.freeze()
     uvloop.run(watched(run(settings, Listen(), Journal(JOURNAL))), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
