@@ -126,6 +126,14 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
                 if rest and self._is_open:
                     self._write(rest)
 
+    def send_at_once(self, message: bytes, kind: WSMsgType) -> bool:
+        """Send a message if nothing waits before it; False: it was not sent."""
+        if not self._is_open or self.waiting_bytes() or self._sending_large.locked():
+            return False
+        first = WHOLE_TEXT if kind is WSMsgType.TEXT else WHOLE_BINARY
+        self._write(websocket_header(first, len(message)) + message)
+        return True
+
     async def send_frame(
         self, message: bytes, opcode: WSMsgType, compress: int | None = None
     ) -> None:

@@ -87,6 +87,11 @@ class Traffic:
         self.messages_to_robot += 1
         self.bytes_to_robot += size
 
+    def count_to_client(self, size: int) -> None:
+        """Count a message that went to a client."""
+        self.messages_to_client += 1
+        self.bytes_to_client += size
+
     @contextmanager
     def taken(self, observer: OperatorConnection, size: int) -> Iterator[None]:
         """Count a large message that an observer is sent; the slowest go when all have too much to take."""
@@ -192,7 +197,7 @@ class Bridge(OperatorConnection):
             self._watch(self._operator, self._limits),
             self._ping(self._operator, self._limits, self._next_ping),
             self._send_control_updates(),
-            self._topics.send(self._deliver),
+            self._topics.send(self._deliver, self._deliver_at_once),
             self._send_released(robot),
         ]
         if robot_end.lease is not None:
@@ -354,14 +359,20 @@ class Bridge(OperatorConnection):
             await self._deliver(message.data, message.type)
 
     async def _deliver(self, data: bytes, kind: WSMsgType) -> None:
-        self._traffic.messages_to_client += 1
-        self._traffic.bytes_to_client += len(data)
+        self._traffic.count_to_client(len(data))
         if self._drive is None and len(data) > SEND_BUFFER_BYTES:
             self._bytes_to_client += len(data)
             with self._traffic.taken(self, len(data)):
                 await self._operator.send_large(data, kind, self._traffic.piece_turns)
         else:
             await self._send_to_client(data, kind)
+
+    def _deliver_at_once(self, data: bytes, kind: WSMsgType) -> bool:
+        if len(data) > SEND_BUFFER_BYTES or not self._operator.send_at_once(data, kind):
+            return False
+        self._traffic.count_to_client(len(data))
+        self._bytes_to_client += len(data)
+        return True
 
     async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
         self._bytes_to_client += len(data)

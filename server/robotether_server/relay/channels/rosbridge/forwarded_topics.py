@@ -17,7 +17,12 @@ from msgspec import Struct
 
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import TopicRequest
-from robotether_server.relay.channels.rosbridge.subscriptions import Deliver, MessageId
+from robotether_server.relay.channels.rosbridge.subscriptions import (
+    Deliver,
+    DeliverAtOnce,
+    MessageId,
+    never,
+)
 from robotether_server.relay.http.close_reasons import CloseReason
 
 KEY_HEADER = "Robotether-Topics-Key"
@@ -98,7 +103,7 @@ class ForwardedTopics:
         self._notices[topic] = ShareNotice(topic, subscription, message_id)
         self._due.set()
 
-    async def send(self, deliver: Deliver) -> CloseReason:
+    async def send(self, deliver: Deliver, _at_once: DeliverAtOnce = never) -> CloseReason:
         """Send the notices until this is cancelled."""
         while True:
             await self._due.wait()

@@ -31,9 +31,15 @@ from robotether_server.relay.robots.uplink import UserIds
 MAX_STATUSES = 100
 
 Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
-
+# Sends a message if nothing waits before it, and returns whether it did.
+DeliverAtOnce = Callable[[bytes, WSMsgType], bool]
 
 MessageId = str | int | None
+
+
+def never(_message: bytes, _kind: WSMsgType) -> bool:
+    """Send nothing: it has to wait."""
+    return False
 
 
 class TopicSharing(Protocol):
@@ -48,8 +54,8 @@ class TopicSharing(Protocol):
     ) -> None:
         """Share what is requested of a topic now; None: nothing. Statuses of it have this id."""
 
-    async def send(self, deliver: Deliver) -> CloseReason:
-        """Send the client what waits for it, until this is cancelled."""
+    async def send(self, deliver: Deliver, at_once: DeliverAtOnce = never) -> CloseReason:
+        """Send the client its messages, until this is cancelled."""
 
     def close(self) -> None:
         """Share nothing any more."""
@@ -103,12 +109,15 @@ class TopicCopies:
         self._queues: dict[str, MessageQueue[WSMsgType]] = {}
         self._statuses: deque[tuple[bytes, WSMsgType]] = deque(maxlen=MAX_STATUSES)
         self._due = asyncio.Event()
+        # While nothing waits: to wake a task for each message takes longer than to send it.
+        self._at_once: DeliverAtOnce = never
         self._clock = asyncio.get_running_loop().time
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
-        self._queues[topic].push(message, kind, self._clock())
-        self._due.set()
+        if not self._at_once(message, kind):
+            self._queues[topic].push(message, kind, self._clock())
+            self._wake()
 
     def on_topic_ready(self, topic: str) -> None:
         """The robot's rosbridge has the subscription."""
@@ -121,10 +130,12 @@ class TopicCopies:
         text = status_error(f"cannot subscribe to {topic}: {why}", message_id)
         self._add_status(text, WSMsgType.TEXT)
 
-    async def send(self, deliver: Deliver) -> CloseReason:
+    async def send(self, deliver: Deliver, at_once: DeliverAtOnce = never) -> CloseReason:
         """Send what waits, a message of each topic in turn, until this is cancelled."""
         while True:
-            await self._due.wait()
+            if not self._due.is_set():
+                self._at_once = at_once
+                await self._due.wait()
             self._due.clear()
             while self._statuses:
                 await deliver(*self._statuses.popleft())
@@ -167,4 +178,8 @@ class TopicCopies:
 
     def _add_status(self, status: bytes, kind: WSMsgType) -> None:
         self._statuses.append((status, kind))
+        self._wake()
+
+    def _wake(self) -> None:
+        self._at_once = never
         self._due.set()

@@ -23,12 +23,21 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRequest,
     combined,
 )
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.channels.rosbridge.topic_link import (
     MessageTooLargeError,
     TopicLinks,
 )
+from robotether_server.tasks import end_tasks
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
+
+
+class SilentConnector:
+    """Brings topics no message."""
+
+    async def run(self, _topic):
+        await asyncio.Event().wait()
 
 
 @pytest.fixture
@@ -210,6 +219,30 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     assert len(numbers) < count
 
 
+async def test_no_message_overtakes_one_that_waits(relay, sim1):
+    came = []
+    copies = TopicCopies(sim1, lambda: (1,), SharedTopics(relay.relay.registry, SilentConnector()))
+
+    async def deliver(message, _kind):
+        came.append(message + b" later")
+
+    def at_once(message, _kind):
+        if message != b"2":
+            came.append(message)
+        return message != b"2"
+
+    sending = asyncio.create_task(copies.send(deliver, at_once))
+    copies.share("/odom", TopicRequest("/odom"))
+    await asyncio.sleep(0)
+    for message in (b"1", b"2", b"3"):
+        copies.on_message("/odom", message, aiohttp.WSMsgType.TEXT)
+    await until(lambda: len(came) == 3, "all have come")
+    copies.on_message("/odom", b"4", aiohttp.WSMsgType.TEXT)
+    assert came == [b"1", b"2 later", b"3 later", b"4"]
+    copies.close()
+    await end_tasks([sending])
+
+
 async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, sim1, observe, ros):
     topics = relay.relay.registry.robot(sim1.id).topics
     for number in range(MAX_OBSERVED_TOPICS):
@@ -228,12 +261,7 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, 
 
 async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
     """What others have, too, counts for nobody."""
-
-    class Connector:
-        async def run(self, _topic):
-            await asyncio.Event().wait()
-
-    topics = SharedTopics(relay.relay.registry, Connector())
+    topics = SharedTopics(relay.relay.registry, SilentConnector())
 
     def watch(name, user_id):
         topics.watch(sim1, TopicRequest(name), Client(user_id), MAX_OBSERVED_TOPICS)
