@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import NamedTuple
 
+from msgspec import Struct
 from robotether_common.guard import MAX_FRAMES, MAX_SEEN_S
 
 
-class NamedFrame(NamedTuple):
-    """A frame of a camera; `frame` None: unknown."""
+class NamedFrame(Struct, frozen=True, gc=False):
+    """A frame of a camera, as the guard reads it in JSON; `frame` None: unknown."""
 
     camera: str
     frame: int | None

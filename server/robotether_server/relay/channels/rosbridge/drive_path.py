@@ -82,7 +82,7 @@ def stamped(
     command: DriveCommand, t_ms: float, fence: int, seen: Sequence[NamedFrame] | None = None
 ) -> bytes:
     """Write a command for the guard: its timestamp on the robot's clock, the lease's number, and the robot's frames."""
-    views = b"" if seen is None else _SEEN % _written([view._asdict() for view in seen])
+    views = b"" if seen is None else _SEEN % _written(seen)
     return _STAMPED % (command.data[:-1], t_ms, fence, views)
 
 

@@ -289,27 +289,27 @@ class OperatorSession:
         )
 
     def _on_command(self, fence: int, report: CommandReport) -> None:
-        command, age_s = report.command, report.age_s
+        age_s = report.age_s
         if report.outcome == "sent" and age_s is not None:
             self.traffic.command_ages.add(age_s)
             self.traffic.count_to_robot(report.size)
+        if recorders := self._recorders:
+            recorders.send("commands", partial(self._recorded, fence, report))
 
-        def members() -> Mapping[str, object]:
-            seen = command.stamp.seen or ()
-            return {
-                "topic": command.topic,
-                "person": self.connection.user,
-                "fence": fence,
-                "age_ms": None if age_s is None else age_s * 1000,
-                "outcome": report.outcome,
-                "speed_m_s": command.speed_m_s,
-                "turn_rad_s": command.turn_rad_s,
-                "message": write_json(command.message.get("msg", {})).decode(),
-                "seen_cameras": [named.camera for named in seen],
-                "seen_frames": [-1 if named.frame is None else named.frame for named in seen],
-            }
-
-        self._recorders.send("commands", members)
+    def _recorded(self, fence: int, report: CommandReport) -> Mapping[str, object]:
+        command, age_s, seen = report.command, report.age_s, report.command.stamp.seen or ()
+        return {
+            "topic": command.topic,
+            "person": self.connection.user,
+            "fence": fence,
+            "age_ms": None if age_s is None else age_s * 1000,
+            "outcome": report.outcome,
+            "speed_m_s": command.speed_m_s,
+            "turn_rad_s": command.turn_rad_s,
+            "message": write_json(command.message.get("msg", {})).decode(),
+            "seen_cameras": [named.camera for named in seen],
+            "seen_frames": [-1 if named.frame is None else named.frame for named in seen],
+        }
 
     def _on_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
         self.traffic.round_trips.add(driver_ms / 1000)
