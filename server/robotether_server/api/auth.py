@@ -13,7 +13,7 @@ from werkzeug.wrappers import Response
 
 from robotether_server.api.context import context, csrf
 from robotether_server.api.recent_users import RecentUser
-from robotether_server.db import Transaction, credentials
+from robotether_server.db import Transaction, credentials, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import (
@@ -22,7 +22,7 @@ from robotether_server.problems import (
     TokenInvalidError,
     UnauthorizedError,
 )
-from robotether_server.services import drive_pages, joining
+from robotether_server.services import joining
 from robotether_server.services.joining import EnrolmentCredential
 from robotether_server.tickets import CredentialKind
 
@@ -166,7 +166,7 @@ def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Calle
     if who in OF_ADMINS:
         check_admin(user)
     if who == "manager":
-        drive_pages.find_managed(tx, user, robot)
+        seen_robots.require(tx, user, robot, "manage")
     return Caller(tx, user, _source_of(user))
 
 

@@ -10,7 +10,6 @@ from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, Limit
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import recordings, seen_robots
 from robotether_server.db.recordings import Recording
-from robotether_server.problems import RobotUnknownError
 from robotether_server.schemas import Label
 from robotether_server.services import recordings as recording_service
 
@@ -51,11 +50,9 @@ def list_recordings(caller: Caller, query: RecordingQuery) -> RecordingList:
     """List the recordings of robots that the caller may drive, newest first."""
     robot_id = None
     if query.robot:
-        seen = seen_robots.find_seen(caller.tx, caller.user, query.robot)
-        if seen is None:
-            raise RobotUnknownError(
-                f"cannot list recordings of robot {query.robot}: there is none that you may see"
-            )
+        seen = seen_robots.require(
+            caller.tx, caller.user, query.robot, "observe", "list recordings of"
+        )
         robot_id = seen.robot.id
     page = recordings.find(
         caller.tx,

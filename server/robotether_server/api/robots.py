@@ -22,7 +22,6 @@ from robotether_server.db.seen_robots import (
     SeenRobot,
     Stopped,
 )
-from robotether_server.problems import RobotUnknownError
 from robotether_server.schemas import (
     AT_LEAST_ONE,
     MAX_NAME_LENGTH,
@@ -187,11 +186,7 @@ def list_robots(caller: Caller) -> RobotList:
 @operation("GET", "/robots/<robot>", "user")
 def show_robot(caller: Caller, robot: str) -> ShownRobot:
     """Get a robot that the user may see."""
-    seen = seen_robots.find_seen(caller.tx, caller.user, robot)
-    if seen is None:
-        raise RobotUnknownError(
-            f"cannot show robot {robot}: there is none of that name that you may see"
-        )
+    seen = seen_robots.require(caller.tx, caller.user, robot, "observe", "show")
     control = seen_robots.control_of(caller.tx, seen.robot.id)
     return shown_robot(seen, control, for_admin=caller.user.is_admin)
 

@@ -10,14 +10,10 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
 from robotether_server.api.recent_users import RecentUser
-from robotether_server.db import cells, grants, seen_robots
+from robotether_server.db import cells, seen_robots
 from robotether_server.db.cells import Cell
 from robotether_server.db.users import User
-from robotether_server.problems import (
-    GrantMissingError,
-    RobotUnknownError,
-    StoreUnavailableError,
-)
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.schemas import AppName, RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
 
@@ -89,14 +85,7 @@ def create_without_database(body: NewTicket) -> Created[SignedTicket]:
 )
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     """Create a ticket, which opens one WebSocket to one robot."""
-    name, mode = body.robot, body.mode
-    seen = seen_robots.find_seen(caller.tx, caller.user, name)
-    if seen is None:
-        raise RobotUnknownError(
-            f"cannot open robot {name}: there is none of that name that you may see"
-        )
-    if not grants.includes(seen.level, mode):
-        raise GrantMissingError(f"cannot open robot {name} to {mode}: your grant is {seen.level}")
+    seen = seen_robots.require(caller.tx, caller.user, body.robot, body.mode)
     cell = _address_of(cells.find_of_robot(caller.tx, seen.robot.id))
     return _sign(caller.user, body, seen.robot.id, cell), 201
 

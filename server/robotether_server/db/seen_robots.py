@@ -10,8 +10,10 @@ from dataclasses import dataclass
 from robotether_server.contract.offline import offline_reason
 from robotether_server.db import cells, robots
 from robotether_server.db.database import Row, Transaction
+from robotether_server.db.grants import includes
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
+from robotether_server.problems import GrantMissingError, RobotUnknownError
 from robotether_server.schemas import Level, Timestamp
 
 
@@ -144,6 +146,23 @@ def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
     values = {"admin": user.is_admin, "user_id": user.id, "name": name}
     row = tx.row(SELECT_ONE, values)
     return _seen_robot(row) if row else None
+
+
+def require(tx: Transaction, user: User, name: str, level: Level, to: str = "") -> SeenRobot:
+    """Return a robot on which the user has that level, `to` do something; its name is the level if there is no other.
+
+    Raises RobotUnknownError for one that the user may not see, or GrantMissingError.
+    """
+    seen = find_seen(tx, user, name)
+    if seen is None:
+        raise RobotUnknownError(
+            f"cannot {to or level} robot {name}: there is none of that name that you may see"
+        )
+    if not includes(seen.level, level):
+        raise GrantMissingError(
+            f"cannot {to or level} robot {name}: your grant is {seen.level}, and this needs {level}"
+        )
+    return seen
 
 
 def list_all(tx: Transaction) -> list[SeenRobot]:

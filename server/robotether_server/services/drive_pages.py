@@ -1,23 +1,16 @@
 """Sets a robot's drive page for its managers: kind, cameras, video and buttons.
 
-The rest of its settings are admins' (robots.py). The caller has checked with `find_managed` that the user manages
-the robot, and for `allow` that it is an admin. Connections stay; a page applies a change when it is opened next.
+The rest of its settings are admins' (robots.py). The caller has checked that the user manages the
+robot, and for `allow` that it is an admin. Connections stay; a page applies a change when it is opened next.
 """
 
 import json
 from collections.abc import Callable
 from typing import Literal
 
-from robotether_server.db import Transaction, audit, robots, seen_robots
+from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source
-from robotether_server.db.seen_robots import SeenRobot
-from robotether_server.db.users import User
-from robotether_server.problems import (
-    FieldInvalidError,
-    GrantMissingError,
-    NotPossibleError,
-    RobotUnknownError,
-)
+from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.services import robots as robot_service
 from robotether_server.settings import buttons as button_settings
 from robotether_server.settings import robot as robot_settings
@@ -120,15 +113,3 @@ def _set(
         changed = {"was": was, member: values.get(member)}
         audit.record(tx, source, f"robot_{member}_set", name, **changed)
     return settings
-
-
-def find_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
-    """Return the robot if this user manages it; else raise RobotUnknownError (unseen) or GrantMissingError."""
-    seen = seen_robots.find_seen(tx, user, name)
-    if seen is None:
-        raise RobotUnknownError(f"No robot '{name}', or you have no access.")
-    if seen.level != "manage":
-        raise GrantMissingError(
-            f"cannot do that with robot {name}: your level is {seen.level}, and this needs manage"
-        )
-    return seen

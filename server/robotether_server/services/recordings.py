@@ -2,11 +2,11 @@
 
 import datetime as dt
 
-from robotether_server.db import Transaction, audit, grants, recordings, seen_robots
+from robotether_server.db import Transaction, audit, recordings, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.recordings import Recording
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissingError, NotPossibleError, RobotUnknownError
+from robotether_server.problems import GrantMissingError, NotPossibleError
 from robotether_server.times import utc_now
 
 # Time within which the recorder takes a request, or nobody does any longer.
@@ -18,13 +18,7 @@ def ask(tx: Transaction, user: User, name: str) -> Recording:
 
     Raises RobotUnknownError, GrantMissingError or NotPossibleError.
     """
-    seen = seen_robots.find_seen(tx, user, name)
-    if seen is None:
-        raise RobotUnknownError(
-            f"cannot record robot {name}: there is none of that name that you may see"
-        )
-    if not grants.includes(seen.level, "drive"):
-        raise GrantMissingError(f"cannot record robot {name}: your grant is {seen.level}")
+    seen = seen_robots.require(tx, user, name, "drive", "record")
     if seen.robot.state != "active":
         raise NotPossibleError(f"cannot record robot {name}: it is {seen.robot.state}")
     for recording in recordings.find(tx, user, "drive", robot_id=seen.robot.id):

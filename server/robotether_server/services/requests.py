@@ -21,7 +21,7 @@ from robotether_server.db.requests import (
     SeenRequest,
 )
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissingError, NotPossibleError, RobotUnknownError
+from robotether_server.problems import GrantMissingError, NotPossibleError
 from robotether_server.services.operators import state_of
 from robotether_server.services.planning import OFFER_S, WRAP_UP_S
 
@@ -44,15 +44,7 @@ def make(
 
     Raises RobotUnknownError, GrantMissingError or NotPossibleError.
     """
-    seen = seen_robots.find_seen(tx, user, robot)
-    if seen is None:
-        raise RobotUnknownError(
-            f"cannot ask for help with robot {robot}: there is none of that name that you may see"
-        )
-    if not includes(seen.level, "drive"):
-        raise GrantMissingError(
-            f"cannot ask for help with robot {robot}: you need the right to drive"
-        )
+    seen = seen_robots.require(tx, user, robot, "drive", "ask for help with")
     request = NewRequest(
         robot_id=seen.robot.id,
         reason=reason,

@@ -10,9 +10,7 @@ from robotether_server import schemas
 from robotether_server.contract.ros import RosType
 from robotether_server.db import Transaction, audit, routes, seen_robots
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import includes
 from robotether_server.db.routes import NewRoute, Route
-from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.db.users import User
 from robotether_server.problems import (
     FieldInvalidError,
@@ -20,7 +18,6 @@ from robotether_server.problems import (
     NotPossibleError,
     RecordExistsError,
     RecordMissingError,
-    RobotUnknownError,
 )
 from robotether_server.schemas import AppName
 
@@ -93,7 +90,7 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
         raise FieldInvalidError("cannot make the route: one of its ends must be a robot", "target")
     apps = [_app(field, name) for field, name in zip(("source", "target"), names, strict=True)]
     robot_ids = [
-        _get_managed(tx, user, name).robot.id if app is None else None
+        seen_robots.require(tx, user, name, "manage").robot.id if app is None else None
         for name, app in zip(names, apps, strict=True)
     ]
     # Two that are made at once could close a loop that neither sees.
@@ -194,15 +191,6 @@ def _app(field: str, end: str) -> str | None:
     name = end.removeprefix(schemas.APP)
     schemas.check(field, name, AppName)
     return name
-
-
-def _get_managed(tx: Transaction, user: User, name: str) -> SeenRobot:
-    seen = seen_robots.find_seen(tx, user, name)
-    if seen is None:
-        raise RobotUnknownError(f"cannot find robot {name}: there is no such robot for you")
-    if not includes(seen.level, "manage"):
-        raise GrantMissingError(f"cannot make a route with robot {name}: you do not manage it")
-    return seen
 
 
 def _topic(field: str, name: str) -> str:

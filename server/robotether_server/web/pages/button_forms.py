@@ -9,7 +9,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import schemas
 from robotether_server.api.context import context
-from robotether_server.db import Transaction
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
 from robotether_server.services import drive_pages
@@ -52,7 +52,7 @@ EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}",
 def show_all(name: str) -> str:
     """Show the buttons in their order."""
     with context().database.transaction() as tx:
-        settings = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
+        settings = seen_robots.require(tx, current_user.get(), name, "manage").robot.settings
     present: tuple[Button, ...] = ()
     problem = None
     try:
@@ -138,7 +138,7 @@ def _save(
     put: Callable[[list[Button], Button], list[Button]],
 ) -> Saved:
     """Let the form's button into the robot's."""
-    drive_pages.find_managed(tx, current_user.get(), name)
+    seen_robots.require(tx, current_user.get(), name, "manage")
     with forms.named(FORM_NAMES):
         button = _sent()
         if forms.is_ticked("allow") and current_user.get().is_admin:
@@ -148,7 +148,7 @@ def _save(
 
 
 def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Change) -> None:
-    drive_pages.find_managed(tx, current_user.get(), name)
+    seen_robots.require(tx, current_user.get(), name, "manage")
     drive_pages.change_buttons(tx, source, name, change_)
 
 
@@ -211,7 +211,7 @@ def _was(present: Button) -> str:
 def _present(name: str) -> tuple[Button, ...]:
     """Return the robot's buttons, for its managers."""
     with context().database.transaction() as tx:
-        settings = drive_pages.find_managed(tx, current_user.get(), name).robot.settings
+        settings = seen_robots.require(tx, current_user.get(), name, "manage").robot.settings
     try:
         return robot_settings.parse(settings).buttons
     except FieldInvalidError as problem:

@@ -17,7 +17,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import schemas
 from robotether_server.api.context import context
-from robotether_server.db import Transaction
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     FieldInvalidError,
@@ -66,7 +66,7 @@ def lead_to_first_tab() -> AnyResponse | None:
     if request.method == "POST" or request.path != path_of(name) or current_user.get().is_admin:
         return None
     with context().database.transaction() as tx:
-        drive_pages.find_managed(tx, current_user.get(), name)
+        seen_robots.require(tx, current_user.get(), name, "manage")
     return redirect(tabs_of(name)[0][1])
 
 
@@ -130,7 +130,7 @@ for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS, HELP, RECORDING):
 
 def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
     """Return the robot's settings; raise RobotUnknownError or GrantMissingError."""
-    seen = drive_pages.find_managed(tx, current_user.get(), name)
+    seen = seen_robots.require(tx, current_user.get(), name, "manage")
     if tab.is_for_admins and not current_user.get().is_admin:
         raise GrantMissingError("These settings are for administrators.")
     return seen.robot.settings
