@@ -14,7 +14,7 @@ from robotether_server.api.context import context
 from robotether_server.api.operations import operation
 from robotether_server.db import cells
 from robotether_server.db.cells import SshAddresses
-from robotether_server.db.robots import Report
+from robotether_server.db.robots import Reason, Report
 from robotether_server.problems import RobotetherError, StoreUnavailableError, ThrottledError
 from robotether_server.schemas import (
     AgentVersion,
@@ -26,7 +26,6 @@ from robotether_server.schemas import (
 )
 from robotether_server.services import joining, pending
 from robotether_server.services.joining import PresentedKey
-from robotether_server.services.pending import Reason
 from robotether_server.settings.server import JoinSettings
 
 SSH_USER = "tunnel"

@@ -14,7 +14,7 @@ from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
 from robotether_server.db import cells, robots, seen_robots
-from robotether_server.db.robots import State
+from robotether_server.db.robots import PendingKey, RejectedKey, State
 from robotether_server.db.seen_robots import (
     ControlState,
     DrivenBy,
@@ -38,7 +38,6 @@ from robotether_server.schemas import (
 )
 from robotether_server.services import drive_pages, grants, pending
 from robotether_server.services import robots as robot_service
-from robotether_server.services.pending import PendingKey, RejectedKey
 from robotether_server.services.robots import Registration
 from robotether_server.settings.buttons import GivenButtons
 from robotether_server.settings.page import PageSettings
@@ -368,13 +367,13 @@ def move_ports(caller: Caller, robot: str) -> ShownRobot:
 @operation("GET", "/pending", "admin")
 def list_pending(caller: Caller) -> PendingKeyList:
     """List keys that wait for approval."""
-    return PendingKeyList(pending.waiting(caller.tx))
+    return PendingKeyList(robots.list_waiting(caller.tx))
 
 
 @operation("GET", "/rejected-keys", "admin")
 def list_rejected_keys(caller: Caller) -> RejectedKeyList:
     """List rejected keys."""
-    return RejectedKeyList(pending.rejected(caller.tx))
+    return RejectedKeyList(robots.list_rejected_keys(caller.tx))
 
 
 @operation("DELETE", "/rejected-keys/<int:key_id>", "admin")

@@ -19,9 +19,8 @@ from robotether_server.cli.common import (
 )
 from robotether_server.db import Database
 from robotether_server.db import robots as db_robots
-from robotether_server.db.robots import RobotRow
+from robotether_server.db.robots import PendingKey, RobotRow
 from robotether_server.services import pending, robots
-from robotether_server.services.pending import PendingKey
 
 COMPARE = "compare it with the one that robotether-agent status shows on the robot"
 
@@ -105,7 +104,7 @@ def rotate_key(name: str) -> None:
 def _find(database: Database, name: str) -> tuple[RobotRow, list[PendingKey]]:
     with database.transaction() as tx:
         robot = db_robots.get(tx, name)
-        return robot, [key for key in pending.waiting(tx) if key.robot == name]
+        return robot, [key for key in db_robots.list_waiting(tx) if key.robot == name]
 
 
 def _has_shown_a_key(database: Database, name: str) -> bool | None:
@@ -160,7 +159,7 @@ def rejected() -> None:
 add_list(
     rejected,
     "List rejected keys, newest first.",
-    pending.rejected,
+    db_robots.list_rejected_keys,
     ("ID", "ROBOT", "MAC", "HOST NAME", "ADDRESS", "REJECTED", "BY", "KEY"),
     lambda key: (
         str(key.id),

@@ -4,9 +4,8 @@ import json
 from collections.abc import Mapping
 
 from robotether_server.cli.common import timestamp
-from robotether_server.db.robots import RobotRow
+from robotether_server.db.robots import PendingKey, RobotRow
 from robotether_server.db.seen_robots import RecordedSession, SeenRobot
-from robotether_server.services.pending import PendingKey
 
 HEADS = ("NAME", "STATE", "ONLINE", "SINCE", "MAC", "ROS", "VIDEO", "SHELL", "KEY")
 WAITING_HEADS = ("ROBOT", "MAC", "HOST NAME", "ADDRESS", "JOINED", "WHY", "KEY")

@@ -31,7 +31,7 @@ from robotether_server.cli.robot_settings import set_settings, show_settings
 from robotether_server.cli.tokens import invite
 from robotether_server.db import Database, seen_robots
 from robotether_server.db import robots as db_robots
-from robotether_server.services import pending, robots
+from robotether_server.services import robots
 
 PORT = click.IntRange(1024, 65535)
 
@@ -131,7 +131,7 @@ add_list(
 add_list(
     robot,
     "List the keys that wait for an admin, the oldest first.",
-    pending.waiting,
+    db_robots.list_waiting,
     robot_texts.WAITING_HEADS,
     robot_texts.as_waiting_row,
     name="pending",
@@ -166,7 +166,7 @@ def show(name: str, as_json: bool) -> None:
     """
     with open_database().transaction() as tx:
         seen = seen_robots.get_seen(tx, name)
-        waiting = [key for key in pending.waiting(tx) if key.robot == name]
+        waiting = [key for key in db_robots.list_waiting(tx) if key.robot == name]
         last = seen_robots.sessions_of(tx, seen.robot.id, SESSIONS_SHOWN)
     if as_json:
         more = {

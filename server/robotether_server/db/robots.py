@@ -14,8 +14,10 @@ from typing import Any, Literal
 from robotether_server.db.database import Row, Transaction, unique
 from robotether_server.identity import PublicKey
 from robotether_server.problems import RecordExistsError, RecordMissingError, StoreUnavailableError
+from robotether_server.schemas import Fingerprint, RobotName, Timestamp
 
 State = Literal["pending", "active", "disabled"]
+Reason = Literal["approval_pending", "mac_in_use"]
 
 # Time limit for the lock, which is held for milliseconds; a waiting request holds one of web's few
 # threads.
@@ -31,11 +33,18 @@ COLUMNS = (
     "(SELECT name FROM sites WHERE id = r.site_id) AS site"
 )
 SELECT = f"SELECT {COLUMNS} FROM robots r "  # noqa: S608 - the module's own text
-# While a claim waits its robot may get another name; a rejected key keeps the name of its time.
-SELECT_CLAIM = (
-    "SELECT c.id, c.fingerprint, c.public_key, c.robot_id, COALESCE(r.name, c.robot) AS robot, c.mac, "
-    "c.hostname, c.agent_version, c.address, c.claimed_at, c.rejected_at, c.rejected_by "
-    "FROM key_claims c LEFT JOIN robots r ON r.id = c.robot_id "
+SELECT_CLAIM = "SELECT id, fingerprint, public_key, robot_id, mac, hostname, agent_version, address FROM key_claims "
+# A key that somebody wrote by SQL came with no join.
+SELECT_WAITING = (
+    "SELECT name AS robot, mac, IFNULL(hostname, '') AS hostname, IFNULL(join_address, '') AS address, fingerprint, "
+    "IFNULL(agent_version, '') AS agent_version, IFNULL(joined_at, FROM_UNIXTIME(0)) AS joined_at, "
+    "'approval_pending' AS reason FROM robots WHERE state = 'pending' AND fingerprint IS NOT NULL "
+    "UNION ALL SELECT r.name, c.mac, c.hostname, c.address, c.fingerprint, c.agent_version, c.claimed_at, "
+    "'mac_in_use' FROM key_claims c JOIN robots r ON r.id = c.robot_id ORDER BY joined_at, reason"
+)
+SELECT_REJECTED = (
+    "SELECT id, fingerprint, robot, mac, IFNULL(hostname, '') AS hostname, IFNULL(address, '') AS address, "
+    "rejected_at, rejected_by FROM key_claims WHERE rejected_at IS NOT NULL "
 )
 
 
@@ -104,22 +113,46 @@ class RefusedJoin:
 
 @dataclass(frozen=True)
 class Claim:
-    """A key that waits (`robot_id`) or was rejected (`rejected_at`, `rejected_by`)."""
+    """A key that waits beside the one of a robot, or was rejected."""
 
     id: int
     key: PublicKey
     robot_id: int | None
-    robot: str
     mac: str
     report: Report
-    claimed_at: dt.datetime
-    rejected_at: dt.datetime | None
-    rejected_by: str | None
 
     @property
     def is_rejected(self) -> bool:
         """Whether an admin turned the key away."""
-        return self.rejected_at is not None
+        return self.robot_id is None
+
+
+@dataclass(frozen=True)
+class PendingKey:
+    """A key that waits; with `mac_in_use` the robot goes on with another key meanwhile."""
+
+    robot: RobotName
+    mac: str
+    hostname: str
+    address: str
+    fingerprint: Fingerprint
+    agent_version: str
+    joined_at: Timestamp
+    reason: Reason
+
+
+@dataclass(frozen=True)
+class RejectedKey:
+    """A rejected key; `robot` is the name that its robot had then."""
+
+    id: int
+    fingerprint: Fingerprint
+    robot: str
+    mac: str
+    hostname: str
+    address: str
+    rejected_at: Timestamp
+    rejected_by: str
 
 
 def lock_enrolment(tx: Transaction) -> None:
@@ -176,13 +209,9 @@ def peek_by_mac(tx: Transaction, mac: str) -> RobotRow | None:
     return from_row(row) if row else None
 
 
-def list_waiting(tx: Transaction) -> list[RobotRow]:
-    """Return the robots whose key waits for approval, the oldest first."""
-    rows = tx.rows(
-        SELECT
-        + "WHERE r.state = 'pending' AND r.fingerprint IS NOT NULL ORDER BY r.joined_at, r.id"
-    )
-    return [from_row(row) for row in rows]
+def list_waiting(tx: Transaction) -> list[PendingKey]:
+    """Return every key that waits for an admin, the oldest first."""
+    return [PendingKey(**row) for row in tx.rows(SELECT_WAITING)]
 
 
 def list_active_names(tx: Transaction) -> list[str]:
@@ -198,10 +227,13 @@ def name_is_taken(tx: Transaction, name: str) -> bool:
     return tx.row("SELECT 1 FROM robots WHERE name = %s", (name,)) is not None
 
 
-def unknown_addresses(tx: Transaction) -> list[str]:
-    """Return where the joins of unknown robots came from: robots that nobody announced or approved."""
-    rows = tx.rows("SELECT join_address FROM robots WHERE state = 'pending' AND stranger")
-    return [row["join_address"] or "" for row in rows]
+def waiting_addresses(tx: Transaction) -> list[str]:
+    """Return where the joins came from of claims, and of robots that nobody announced or approved."""
+    rows = tx.rows(
+        "SELECT join_address AS address FROM robots WHERE state = 'pending' AND stranger "
+        "UNION ALL SELECT address FROM key_claims WHERE rejected_at IS NULL"
+    )
+    return [row["address"] or "" for row in rows]
 
 
 def remove_unknown(tx: Transaction, before: dt.datetime) -> None:
@@ -336,7 +368,7 @@ def _claim(row: Row) -> Claim:
 
 def find_claim(tx: Transaction, fingerprint: str) -> Claim | None:
     """Return the claim or rejected key of that fingerprint, locked until the transaction ends."""
-    row = tx.row(SELECT_CLAIM + "WHERE c.fingerprint = %s FOR UPDATE", (fingerprint,))
+    row = tx.row(SELECT_CLAIM + "WHERE fingerprint = %s FOR UPDATE", (fingerprint,))
     return _claim(row) if row else None
 
 
@@ -374,31 +406,20 @@ def remove_old_claims(tx: Transaction, before: dt.datetime) -> None:
     tx.change("DELETE FROM key_claims WHERE rejected_at IS NULL AND claimed_at < %s", (before,))
 
 
-def list_claims(tx: Transaction) -> list[Claim]:
-    """Return the claims, the oldest first."""
-    return [
-        _claim(row) for row in tx.rows(SELECT_CLAIM + "WHERE c.rejected_at IS NULL ORDER BY c.id")
-    ]
+def list_rejected_keys(tx: Transaction) -> list[RejectedKey]:
+    """Return every rejected key, the newest first."""
+    rows = tx.rows(SELECT_REJECTED + "ORDER BY rejected_at DESC, id DESC")
+    return [RejectedKey(**row) for row in rows]
 
 
-def list_rejected_keys(tx: Transaction) -> list[Claim]:
-    """Return the keys that were rejected, the newest first."""
-    rows = tx.rows(
-        SELECT_CLAIM + "WHERE c.rejected_at IS NOT NULL ORDER BY c.rejected_at DESC, c.id DESC"
-    )
-    return [_claim(row) for row in rows]
-
-
-def get_rejected_key(tx: Transaction, claim_id: int) -> Claim:
+def get_rejected_key(tx: Transaction, claim_id: int) -> RejectedKey:
     """Return the rejected key of that id; raise RecordMissingError."""
-    row = tx.row(
-        SELECT_CLAIM + "WHERE c.id = %s AND c.rejected_at IS NOT NULL FOR UPDATE", (claim_id,)
-    )
+    row = tx.row(SELECT_REJECTED + "AND id = %s FOR UPDATE", (claim_id,))
     if row is None:
         raise RecordMissingError(
             f"cannot find rejected key {claim_id}: there is none of that number"
         )
-    return _claim(row)
+    return RejectedKey(**row)
 
 
 def record_refusal(tx: Transaction, refused: RefusedJoin, network: str) -> None:
@@ -439,12 +460,12 @@ def remove_refusals(tx: Transaction, mac: str, fingerprint: str) -> None:
         tx.change("DELETE FROM refused_joins WHERE mac = %s AND fingerprint = %s", values)
 
 
-def list_refusals(tx: Transaction, since: dt.datetime) -> list[RefusedJoin]:
-    """Return the refused joins, the newest first."""
+def list_refusals(tx: Transaction) -> list[RefusedJoin]:
+    """Return the joins that were refused within REFUSED_FOR, the newest first."""
     rows = tx.rows(
         "SELECT mac, fingerprint, hostname, agent_version, address, code, detail, times, refused_at "
         "FROM refused_joins WHERE refused_at > %s ORDER BY refused_at DESC",
-        (since,),
+        (dt.datetime.now(dt.UTC) - REFUSED_FOR,),
     )
     report = ("hostname", "agent_version", "address")
     return [

@@ -246,8 +246,7 @@ class _Joining:
 
     def _check_room(self) -> None:
         """Raise TooManyPendingError when all, or one network, have as much waiting as may."""
-        waiting = robots.unknown_addresses(self.tx)
-        waiting += [claim.report.address for claim in robots.list_claims(self.tx)]
+        waiting = robots.waiting_addresses(self.tx)
         network = network_of(self.request.presented.report.address)
         from_there = sum(network_of(other) == network for other in waiting)
         is_crowded = from_there >= MAX_UNKNOWN_PER_NETWORK

@@ -11,12 +11,11 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, seen_robots
+from robotether_server.db import Transaction, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissingError
 from robotether_server.schemas import Level
-from robotether_server.services import pending
 
 
 def register(app: Flask) -> None:
@@ -46,7 +45,7 @@ def remember(tx: Transaction, user: User) -> None:
     """Keep the user and its levels for the templates, and for an admin how many keys wait."""
     g.user = user
     g.levels = seen_robots.levels_of(tx, user)
-    g.waiting = len(pending.waiting(tx)) if user.is_admin else 0
+    g.waiting = len(robots.list_waiting(tx)) if user.is_admin else 0
 
 
 def to_login() -> AnyResponse:

@@ -100,7 +100,8 @@ class Site:
 
     def claimed(self) -> list[str]:
         with self.database.transaction() as tx:
-            return [claim.key.fingerprint for claim in robots.list_claims(tx)]
+            waiting = robots.list_waiting(tx)
+        return [key.fingerprint for key in waiting if key.reason == "mac_in_use"]
 
     def names(self) -> list[str]:
         with self.database.transaction() as tx:

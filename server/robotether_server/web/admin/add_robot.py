@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, cells, join_tokens, seen_robots
+from robotether_server.db import Transaction, cells, join_tokens, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import JoinToken, Place
@@ -18,8 +18,8 @@ from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.install_line import EnrolmentLines, enrolment_lines
 from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
-from robotether_server.services import pending, tokens
 from robotether_server.services import robots as robot_service
+from robotether_server.services import tokens
 from robotether_server.web import confirmation, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
 from robotether_server.web.forms import Saved, form
@@ -99,9 +99,9 @@ def _page(
         sites=_choices("no site", SITES.names(tx)),
         groups=_choices("no group", GROUPS.names(tx)),
         regions=_choices("no region", cells.list_regions(tx)),
-        waiting=pending.waiting(tx),
-        rejected=pending.rejected(tx),
-        refused=pending.refused(tx),
+        waiting=robots.list_waiting(tx),
+        rejected=robots.list_rejected_keys(tx),
+        refused=robots.list_refusals(tx),
         online={seen.robot.name for seen in everyone if seen.online},
         tokens=_usable(join_tokens.list_all(tx)),
         policy=context().join.policy,

@@ -10,6 +10,7 @@ from flask import Blueprint, request
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction
+from robotether_server.db import robots as db_robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import MAX_NAME_LENGTH
@@ -52,7 +53,7 @@ def _reject(tx: Transaction, source: Source, name: str) -> None:
 
 def _waiting_words(name: str) -> Words:
     with context().database.transaction() as tx:
-        for key in pending.waiting(tx):
+        for key in db_robots.list_waiting(tx):
             if (key.robot, key.fingerprint) == (name, _fingerprint()):
                 stays = (
                     f"Robot {name} keeps the key that it has."
@@ -68,7 +69,7 @@ def _waiting_words(name: str) -> Words:
 
 def _rejected_words(rejected_id: int) -> Words:
     with context().database.transaction() as tx:
-        keys = pending.rejected(tx)
+        keys = db_robots.list_rejected_keys(tx)
     missing = "cannot find that rejected key: it may already ask again"
     return {"key": confirmation.pick(keys, rejected_id, missing)}
 

@@ -133,7 +133,7 @@ def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_datab
 
 def refused(database):
     with database.transaction() as tx:
-        return pending.refused(tx)
+        return robots.list_refusals(tx)
 
 
 def test_a_refused_join_is_kept_until_it_is_let_in(program, database, robot):

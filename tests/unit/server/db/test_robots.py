@@ -201,14 +201,14 @@ def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database):
     with database.transaction() as tx:
         robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
         ids = [add_unknown(tx, number, f"s{number}") for number in range(1, 5)]
-        assert robots.unknown_addresses(tx) == ["192.0.2.1"] * 4
+        assert robots.waiting_addresses(tx) == ["192.0.2.1"] * 4
         robots.set_state(tx, ids[0], "pending")
-        assert len(robots.unknown_addresses(tx)) == 4
+        assert len(robots.waiting_addresses(tx)) == 4
         robots.set_state(tx, ids[0], "active")
         robots.set_state(tx, ids[1], "disabled")
         robots.set_state(tx, ids[1], "pending")
         robots.forget_key(tx, ids[2])
-        assert len(robots.unknown_addresses(tx)) == 1
+        assert len(robots.waiting_addresses(tx)) == 1
 
 
 def test_only_old_unknown_robots_are_removed(database, admin_database):

@@ -89,7 +89,9 @@ def test_another_key_shows_on_web_and_at_the_relay(database, relay_database, sim
     for act in (
         lambda _tx: None,
         lambda tx: robots.add_claim(tx, sim1, KEY, REPORT),
-        lambda tx: robots.reject_claim(tx, robots.list_claims(tx)[0].id, sim1.name, "root"),
+        lambda tx: robots.reject_claim(
+            tx, robots.find_claim(tx, KEY.fingerprint).id, sim1.name, "root"
+        ),
     ):
         with database.transaction() as tx:
             act(tx)

@@ -3,7 +3,6 @@
 from joins import MAC, OTHER_KEY, OTHER_MAC, age
 from robotether_server.db import robots
 from robotether_server.identity import PublicKey
-from robotether_server.services import pending
 
 THIRD_KEY = PublicKey("ssh-ed25519 C", "SHA256:c")
 
@@ -17,7 +16,7 @@ def test_waiting_keys_of_both_kinds_stand_oldest_first(site):
         robots.rename(tx, robots.get(tx, "sim1").id, "turtle1")
     name = site.ask(OTHER_MAC, THIRD_KEY).robot
     with site.database.transaction() as tx:
-        found = pending.waiting(tx)
+        found = robots.list_waiting(tx)
     assert [(item.robot, item.mac, item.fingerprint, item.reason) for item in found] == [
         ("turtle1", MAC, "SHA256:b", "mac_in_use"),
         (name, OTHER_MAC, "SHA256:c", "approval_pending"),
@@ -34,5 +33,5 @@ def test_key_that_somebody_wrote_by_sql_waits_too(site):
         tx.change(
             "UPDATE robots SET public_key = 'k', fingerprint = 'SHA256:k' WHERE name = 'planned'"
         )
-        (found,) = pending.waiting(tx)
+        (found,) = robots.list_waiting(tx)
     assert (found.robot, found.hostname, found.fingerprint) == ("planned", "", "SHA256:k")

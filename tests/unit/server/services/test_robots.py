@@ -96,7 +96,7 @@ def test_approved_claim_replaces_the_key(site):
     robot = do(site, robot_service.approve, "sim1", "SHA256:b")
     assert (robot.state, robot.key, robot.report) == ("active", OTHER_KEY, REPORT)
     with site.database.transaction() as tx:
-        assert robots.list_claims(tx) == []
+        assert robots.list_waiting(tx) == []
         assert tx.rows("SELECT previous_fingerprint AS p FROM robots") == [{"p": None}]
     assert details(site, "robot_approved")["replaced"] == "SHA256:a"
     assert site.ask().code == "mac_in_use"
@@ -122,9 +122,9 @@ def test_rejected_key_is_remembered(site, is_announced):
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "robot-006102", "SHA256:b")
         (rejected,) = robots.list_rejected_keys(tx)
-    assert (rejected.robot, rejected.key, rejected.rejected_by) == (
+    assert (rejected.robot, rejected.fingerprint, rejected.rejected_by) == (
         "robot-006102",
-        OTHER_KEY,
+        OTHER_KEY.fingerprint,
         "root",
     )
     assert site.names() == (["robot-006102", "sim1"] if is_announced else ["sim1"])
@@ -138,7 +138,8 @@ def test_rejected_claim_leaves_the_robot_as_it_is(site):
     site.ask(key=OTHER_KEY)
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "sim1", "SHA256:b")
-        assert [claim.key for claim in robots.list_rejected_keys(tx)] == [OTHER_KEY]
+        (rejected,) = robots.list_rejected_keys(tx)
+        assert rejected.fingerprint == OTHER_KEY.fingerprint
         with pytest.raises(NotPossibleError, match="robotether robot rekey sim1"):
             robot_service.reject(tx, ADMIN, "sim1", "SHA256:a")
         with pytest.raises(NotPossibleError, match="does not wait"):
