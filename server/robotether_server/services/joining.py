@@ -36,7 +36,6 @@ from robotether_server.problems import (
     KeyRejectedError,
     KeyUnprovenError,
     MacElsewhereError,
-    RecordExistsError,
     RobotDisabledError,
     TokenExpiredError,
     TokenInvalidError,
@@ -453,19 +452,13 @@ def _put_in_place(tx: Transaction, source: Source, robot: RobotRow, place: Place
 
 
 def adopt_key(tx: Transaction, robot: RobotRow, presented: PresentedKey) -> None:
-    """Write the key into the row, unless it is there: a known key changes nothing. Raises KeyInUseError."""
+    """Write the key into the row, unless it is there: a known key changes nothing."""
     claim = robots.find_claim(tx, presented.key.fingerprint)
     if claim is not None:
         robots.remove_claim(tx, claim.id)
     if robot.fingerprint == presented.key.fingerprint:
         return
-    try:
-        robots.set_key(tx, robot.id, presented.key, presented.report)
-    except RecordExistsError as error:
-        # Only SQL written by hand comes in between: joins and admins hold the lock.
-        raise KeyInUseError(
-            f"cannot join with MAC {presented.mac}: another robot has the key"
-        ) from error
+    robots.set_key(tx, robot.id, presented.key, presented.report)
 
 
 def is_spent(tx: Transaction, credential: EnrolmentCredential, key: PublicKey) -> bool:
