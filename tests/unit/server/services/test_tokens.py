@@ -69,13 +69,8 @@ def hours(count):
     return dt.datetime.now(dt.UTC) + dt.timedelta(hours=count)
 
 
-def test_wrong_token_is_not_made(site):
-    wrong = [
-        *((name, 1, 1) for name in ("", " lab", "l\nab", "x" * 64)),
-        *(("lab", uses, 1) for uses in (0, 10001)),
-        *(("lab", 1, end) for end in (0, -1, 8761)),
-    ]
+def test_wrong_name_makes_no_join_token(site):
     with site.database.transaction() as tx:
-        for name, uses, end in wrong:
+        for name in ("", " lab", "l\nab", "x" * 64):
             with pytest.raises(FieldInvalidError):
-                tokens.create_join_token(tx, ADMIN, name, uses, hours(end))
+                tokens.create_join_token(tx, ADMIN, name, 1, hours(1))
