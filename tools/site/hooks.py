@@ -25,6 +25,7 @@ from robotether_server.api import description
 from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.relay.channels.rosbridge.operations import OPERATIONS
 from robotether_server.relay.http import close_reasons
+from robotether_server.settings.robot import DEFAULTS
 from robotether_server.settings.server import VARIABLES, Variable
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -238,6 +239,9 @@ def api(document: dict[str, Any]) -> str:
     lines += ["", "## Types"]
     for name, schema in document["components"]["schemas"].items():
         lines += ["", f"### {name}", "", *_type(schema)]
+        if name == "GivenSettings":
+            defaults = json.dumps(DEFAULTS.as_dict(), indent=1)
+            lines += ["", "The defaults:", "", "```json", defaults, "```"]
     return "\n".join((*lines, ""))
 
 

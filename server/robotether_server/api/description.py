@@ -187,7 +187,7 @@ def document() -> Object:
 
 
 def _without_defaults(component: Object) -> None:
-    # docs/reference/robot-settings.md has the defaults of settings; a record has every member.
+    # The reference prints the defaults of settings (tools/site/hooks.py); a record has every member.
     for member in component.get("properties", {}).values():
         member.pop("default", None)
 

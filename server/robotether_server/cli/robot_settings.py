@@ -1,6 +1,6 @@
 """robotether robot settings, set: a robot's policy, its guard's limits and the account of its shell.
 
-docs/reference/robot-settings.md describes every setting. Relay and guard follow a change by themselves.
+docs/reference/robot-settings.md has what no form says. Relay and guard follow a change by themselves.
 """
 
 import json

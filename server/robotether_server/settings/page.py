@@ -1,6 +1,6 @@
 """Settings of a robot's drive page: how it moves, its cameras, and the requested video.
 
-Part of a robot's settings (`settings.robot`), as `page`; docs/reference/robot-settings.md describes every member.
+Part of a robot's settings (`settings.robot`), as `page`; docs/reference/robot-settings.md has what no form says.
 The relay reads none of it and passes what concerns the battery to the agent; the page asks relay and robot within the
 robot's policy. Pure.
 """

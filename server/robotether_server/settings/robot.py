@@ -2,7 +2,7 @@
 
 Kept in `robots.settings` as JSON that names only what differs from the defaults. Web and command
 line check with `parse` what people give; the relay reads the same JSON and sends `guard` on to
-the robot. docs/reference/robot-settings.md describes every member. Must never take a member that it does not
+the robot. docs/reference/robot-settings.md has what no form says. Must never take a member that it does not
 know, or a number without bounds: a limit with a typing error would be no limit. The page's form and the command
 line name members by paths such as guard.deadman_ms (`get_path`, `put_path`). Pure: what is given is never changed.
 """

@@ -1,6 +1,6 @@
 """The fields of a robot's settings, with what each means, by the tabs in which they stand; in the order shown.
 
-docs/reference/robot-settings.md describes every setting. The cameras and the buttons have rows of their own.
+docs/reference/robot-settings.md has what no form says. The cameras and the buttons have rows of their own.
 """
 
 import math
