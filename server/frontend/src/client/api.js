@@ -1,7 +1,10 @@
 // How a page reaches the server: its API, tickets, the addresses of WebSockets and streams, and delays between attempts.
 
+import { reasons } from "../texts/common.js";
+
 // Asks the API to do something. Never throws: no answer is an answer, too.
 const TIMEOUT_MS = 8000;
+const NO_ANSWER = { status: 0, ok: false, code: "", detail: "", body: {} };
 
 export class Api {
   // `server` is "" for the page's own; `headers()` are those that say who asks. `onDate` gets each answer's header Date.
@@ -12,7 +15,7 @@ export class Api {
     this.onDate = onDate;
   }
 
-  // Gives {status, ok, code, detail, body}; `status` 0 is no answer. `keepalive` lets it outlive the page.
+  // Gives {status, ok, code, detail, body}; `status` 0 is no answer of the server. `keepalive` lets it outlive the page.
   post(path, body = {}, options = {}) {
     return this.send("POST", path, body, options);
   }
@@ -36,10 +39,10 @@ export class Api {
         const headers = { ...request.headers, ...this.headers() };
         const answer = await fetch(this.server + path, { ...request, headers, signal, keepalive });
         this.onDate(answer.headers.get("Date"));
-        return readAnswer(answer);
+        return (await readAnswer(answer)) ?? { ...NO_ANSWER, detail: reasons.between };
       });
     } catch {
-      return { status: 0, ok: false, code: "", detail: "", body: {} };
+      return NO_ANSWER;
     }
   }
 
@@ -90,18 +93,20 @@ export function credentials(token) {
   return () => /** @type {Record<string, string>} */ (token ? { Authorization: `Bearer ${token}` } : { "X-CSRFToken": csrfToken() });
 }
 
-// Gives what `ask` does.
+// Gives what `ask` does; null for what the server never writes, as the page of a proxy that answers in its place.
 async function readAnswer(answer) {
   const { status, ok } = answer;
-  const body = (await answer.json().catch(() => null)) ?? {};
-  return { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };
+  const body = status === NO_CONTENT ? {} : await answer.json().catch(() => null);
+  return body && { status, ok, code: body.code ?? "", detail: body.detail ?? "", body };
 }
 
+const NO_CONTENT = 204;
 const MAX_WORDS = 300;
 
 // Why an answer is none, as `ask` gives it: the relay's own, or the sentence of the robot's agent.
 export async function readRefusal(answer) {
-  if (!answer.headers.get("Content-Type")?.startsWith("text/plain")) return readAnswer(answer);
+  const isText = answer.headers.get("Content-Type")?.startsWith("text/plain");
+  if (!isText) return (await readAnswer(answer)) ?? { ...NO_ANSWER, status: answer.status };
   const words = (await answer.text().catch(() => "")).trim();
   return { status: answer.status, code: "", detail: words.slice(0, MAX_WORDS) };
 }

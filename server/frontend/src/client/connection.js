@@ -327,8 +327,7 @@ export function afterTicketRefusal({ status, code, detail }) {
   if (status === 401) return final("not_allowed", reasons.login, true);
   if (status === 404) return { ...final("not_allowed", reasons.robot), gone: true };
   if (code === "grant_missing") return final("not_allowed", why(reasons.changed, reasons.grant));
-  if (status === 400 || status === 403) return final("not_allowed", why(reasons.stale, reasons.reload));
-  if (status === 429) return retrying("server_unreachable", why(reasons.busy, reasons.trying));
-  if (status) return retrying("server_unreachable", why(reasons.trouble, reasons.trying));
-  return retrying("server_unreachable");
+  if ([400, 403].includes(status)) return final("not_allowed", why(reasons.stale, reasons.reload));
+  const usual = { 0: "", 429: reasons.busy }[status] ?? reasons.trouble;
+  return retrying("server_unreachable", (usual || detail) && why(usual, reasons.trying));
 }

@@ -134,6 +134,7 @@ export const reasons = {
   trouble: "The server cannot answer now.",
   busy: "The server gets too many requests.",
   trying: "This page keeps trying.",
+  between: "cannot reach the server: something in between answers in its place, such as a proxy or its log-in page",
   crowded: "Close other windows; this page keeps trying.",
   site: (origin) => `The server answers, but no request of this page: is ${origin} in its ALLOWED_ORIGINS?`,
 };
