@@ -70,9 +70,10 @@ FAST = Timing(
     timeout_s=4,
     poll_every_s=0.05,
 )
-# For those that are to be.
+# For those that are to be, and robots that are to time out.
 IMPATIENT = replace(
     FAST,
+    timeout_s=2,
     limits=replace(FAST.limits, silent_after_s=2, slow_after_s=2),
     driver_limits=replace(FAST.driver_limits, silent_after_s=2, slow_after_s=2),
 )

@@ -308,9 +308,9 @@ def raw_image(**changes: object) -> dict[str, object]:
 
 
 async def shows_raw(rosbridge: TopicRosbridge, taken: Taken) -> None:
-    stamp = {"sec": int(time.time()), "nanosec": 0}
     async with asyncio.timeout(30):
         while not taken.pictures:
+            stamp = {"sec": int(time.time()), "nanosec": 0}
             # A subscription before may just end.
             with suppress(ConnectionError):
                 await rosbridge.publish(REQUEST.topic, raw_image(header={"stamp": stamp}))
