@@ -5,6 +5,7 @@ import logging
 from dataclasses import replace
 
 import pytest
+from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, cell_settings
 from robotether_server.db.cells import Cell
 from robotether_server.problems import RecordExistsError
@@ -100,7 +101,7 @@ async def test_disk_and_recorders_are_said_while_they_are_known(
     cells.count_recorders(lambda: 1)
     watch = asyncio.create_task(cells.watch_disk(tmp_path))
     try:
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(WAIT_S):
             while memory_database.cells["a"].disk_free is None:
                 await asyncio.sleep(0.01)
                 await cells.poll()

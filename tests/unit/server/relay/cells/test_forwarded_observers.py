@@ -7,7 +7,7 @@ import aiohttp
 import pytest
 import pytest_asyncio
 from aiohttp import WSMsgType
-from fake_robot import HOST
+from fake_robot import HOST, WAIT_S
 from relay_server import BOB, until
 from robotether_server.relay.cells import cell_client, cell_topics
 from robotether_server.relay.cells.keys import PROOF_HEADER
@@ -51,7 +51,7 @@ def topics_of(cell):
 
 
 async def read_until(socket, text):
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(WAIT_S):
         while await socket.receive_str() != text:
             pass
 
@@ -95,9 +95,9 @@ async def test_a_copy_is_its_observers(*, cell_a, cell_b, at_b, observe, sim1, h
 async def test_all_else_is_the_robots_cells(cell_b, sim1, observe, at_b):
     socket = await observe()
     await socket.send_json({"op": "call_service", "service": "/rosapi/topics"})
-    assert (await socket.receive_json(timeout=5))["op"] == "call_service"
+    assert (await socket.receive_json(timeout=WAIT_S))["op"] == "call_service"
     await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": {}})
-    assert (await socket.receive_json(timeout=5))["level"] == "error"
+    assert (await socket.receive_json(timeout=WAIT_S))["level"] == "error"
     assert cell_b.relay.connections.observers(sim1.id) == 1
     await socket.send_json({"op": "robotether.stop"})
     await until(lambda: at_b.session.stopped, "the robot is stopped")
@@ -106,7 +106,7 @@ async def test_all_else_is_the_robots_cells(cell_b, sim1, observe, at_b):
 async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
     """Of a latched topic the last message, which does not cross the line again; of any other nothing old."""
     first = await observe(ODOM)
-    await first.receive_str(timeout=5)
+    await first.receive_str(timeout=WAIT_S)
     await at_b.send_to_topics(b"the map")
     await read_until(first, "the map")
     at_b.repeats = True
@@ -118,7 +118,7 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
     await until(lambda: len(cell_a.relay.shared_topics._all) == 1, "b has answered")
     long = "news" + "x" * SEND_BUFFER_BYTES
     await at_b.send_to_topics(long.encode())
-    assert await third.receive_str(timeout=5) == long
+    assert await third.receive_str(timeout=WAIT_S) == long
 
 
 async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, at_b, observe):
@@ -174,12 +174,12 @@ async def test_a_copy_stays_whether_messages_come_or_not(
     monkeypatch.setattr(cell_topics, "PING_EVERY_S", 0.1)
     monkeypatch.setattr(cell_topics, "SILENT_AFTER_S", 1.0)
     socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
+    await socket.receive_str(timeout=WAIT_S)
     before, started = topics_of(cell_b)[0].users.copy(), time.monotonic()
     while time.monotonic() - started < 1.5:
         await asyncio.sleep(pause_s)
         await at_b.send_to_topics(b"news")
-        assert await socket.receive_str(timeout=5) == "news"
+        assert await socket.receive_str(timeout=WAIT_S) == "news"
     assert topics_of(cell_b)[0].users == before
 
 
@@ -187,12 +187,12 @@ async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatc
     """They are notified once, and get the topic again over the connections that they have."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     socket = await observe({**ODOM, "id": "s"})
-    await socket.receive_str(timeout=5)
+    await socket.receive_str(timeout=WAIT_S)
     await at_b.topics[0].close()
-    answer = await socket.receive_json(timeout=5)
+    answer = await socket.receive_json(timeout=WAIT_S)
     assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
     assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
-    assert await socket.receive_json(timeout=5) == ODOM
+    assert await socket.receive_json(timeout=WAIT_S) == ODOM
 
 
 async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(
@@ -210,7 +210,7 @@ async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(
 async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
     """It may have been exchanged for one of a version before."""
     monkeypatch.setattr(cell_client, "TOPICS_PATH", "/cell/v1/none")
-    answer = await (await observe(ODOM)).receive_json(timeout=5)
+    answer = await (await observe(ODOM)).receive_json(timeout=WAIT_S)
     assert answer["msg"] == (
         "cannot subscribe to /odom: cell b answered HTTP 404; is its version older?"
     )
@@ -254,7 +254,7 @@ async def test_an_observer_whom_the_cell_refuses_is_left_to_nginx(
 
 async def test_observers_of_a_cell_that_is_gone_are_closed(cell_a, cell_b, observe, at_b):
     socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
+    await socket.receive_str(timeout=WAIT_S)
     with cell_b.listener.frozen():
         assert await closed_with(socket) == 4505
         await until(lambda: not topics_of(cell_a), "nothing is shared")
@@ -262,7 +262,7 @@ async def test_observers_of_a_cell_that_is_gone_are_closed(cell_a, cell_b, obser
 
 async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, observe, at_b):
     socket = await observe(ODOM)
-    await socket.receive_str(timeout=5)
+    await socket.receive_str(timeout=WAIT_S)
     # Both tunnels end on this machine.
     await at_b.listen_no_more()
     here = await cell_a.robot(sim1, epoch=2)
@@ -300,7 +300,7 @@ async def test_a_cell_whose_subscription_nobody_can_read_gets_nothing(
     url = f"http://{HOST}:{cell_b.relay.peer_port}/cell/v1/topics/{sim1.id}"
     async with http.ws_connect(url, headers=headers) as socket:
         await socket.send_str(subscription)
-        assert (await socket.receive(timeout=5)).type is WSMsgType.CLOSE
+        assert (await socket.receive(timeout=WAIT_S)).type is WSMsgType.CLOSE
     assert at_b.topics == []
 
 

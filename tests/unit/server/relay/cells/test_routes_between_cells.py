@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import aiohttp
 import pytest
 import pytest_asyncio
-from fake_robot import HOST, FakeRobot
+from fake_robot import HOST, WAIT_S, FakeRobot
 from relay_server import EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
@@ -57,7 +57,7 @@ class TwoCells:
 
     async def send_until(self, condition):
         """Send a command again and again: the robot's own echo may follow the first."""
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(WAIT_S):
             while not condition():
                 await self.send()
                 await asyncio.sleep(0.02)
@@ -183,7 +183,7 @@ async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_databas
         assert world.published() == []
         await world.target.listen_no_more()
         world.target = await world.b.robot(memory_database.robots[TARGET], epoch=2)
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(WAIT_S):
             while not world.published():
                 await _publish_for(app, 0.05)
         assert world.b.relay.control.describe(TARGET).driver.user == "eve (route)"
@@ -195,7 +195,7 @@ async def test_an_app_gets_what_a_robot_of_another_cell_sends(world, http):
         cell.database.routes = [replace(FOLLOW, target_id=None, target_app="joy")]
     async with http.ws_connect(world.a.server.app_url("joy", EVE)) as app:
         await app.send_json({"op": "subscribe", "topic": "/cmd_vel", "type": FOLLOW.type})
-        async with asyncio.timeout(10):
+        async with asyncio.timeout(WAIT_S):
             received = asyncio.create_task(app.receive_json())
             while not received.done():
                 await world.send()

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 import pytest_asyncio
+from fake_robot import WAIT_S
 from jsonschema import Draft202012Validator
 from relay_server import ANN, BOB, EVE, until
 from robotether_server.api.description import document
@@ -114,7 +115,7 @@ class Events:
         self._content = answer.content
 
     async def next(self, name=None):
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(WAIT_S):
             while True:
                 block = (await self._content.readuntil(b"\n\n")).decode()
                 if block.startswith(":"):
@@ -184,7 +185,7 @@ async def test_logging_out_ends_the_stream(relay, memory_database, follow):
         await events.next("fleet")
         await relay.relay.fleet.poll()
         memory_database.credentials.clear()
-        async with asyncio.timeout(5):
+        async with asyncio.timeout(WAIT_S):
             await events.ended()
 
 

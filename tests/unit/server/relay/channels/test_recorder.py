@@ -4,6 +4,7 @@ import secrets
 
 import aiohttp
 import pytest
+from fake_robot import WAIT_S
 from frames_viewer import FramesViewer
 from relay_server import TICKET_KEY, until
 from robotether_server.db.fleet import RECORDER, RelayUser
@@ -63,11 +64,11 @@ async def test_an_observer_who_asks_for_everything_leaves_the_recorder_its_topic
     async with ros("observe") as observer, http.ws_connect(url) as recorder:
         for number in range(MAX_OBSERVED_TOPICS + 1):
             await observer.send_json({"op": "subscribe", "topic": f"/t{number}"})
-        while "you alone have" not in (await observer.receive_json(timeout=5)).get("msg", ""):
+        while "you alone have" not in (await observer.receive_json(timeout=WAIT_S)).get("msg", ""):
             pass
         odometry = {"op": "subscribe", "topic": "/odom"}
         await recorder.send_json(odometry)
-        assert await recorder.receive_json(timeout=5) == odometry
+        assert await recorder.receive_json(timeout=WAIT_S) == odometry
 
 
 async def test_the_recorder_takes_nobodys_place(relay, robot, sim1, http, ros):

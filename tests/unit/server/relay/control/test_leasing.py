@@ -85,13 +85,15 @@ async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1,
 async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, monkeypatch, ros):
     """Who asked and does not come keeps nobody out for long, and those who watch are told."""
     monkeypatch.setattr(lease_module, "RESERVED_FOR_S", 0.2)
+    reserved = []
     async with ros() as socket:
         await driven(relay, sim1)
+        relay.relay.control.listen(
+            lambda _robot_id: reserved.append(control(relay, sim1).reserved is not None)
+        )
         relay.relay.control.leasing.take(sim1, asker(CARL))
         assert (await closing(socket))[0] == 4010
-    free = []
-    relay.relay.control.listen(lambda _robot_id: free.append(control(relay, sim1).reserved is None))
-    await until(lambda: True in free, "those who watch are told")
+    await until(lambda: reserved[-2:] == [True, False], "those who watch are told")
 
 
 @pytest.mark.parametrize("has_older", [False, True])

@@ -10,6 +10,7 @@ from itertools import cycle
 import aiohttp
 import pytest
 from aiohttp import WSMsgType
+from fake_robot import WAIT_S
 from relay_clients import audit_lines
 from relay_server import BEN, EVE, until
 from robotether_server.db.control import DriveEntry
@@ -88,7 +89,7 @@ def connect(world, http, opened):
 async def publish_until(socket, condition, *commands):
     """Publish commands in turn, and answer pings meanwhile."""
     turns = cycle(commands or (HALT, MOVE))
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(WAIT_S):
         while not condition():
             await socket.send_json(next(turns))
             with suppress(TimeoutError):
@@ -96,7 +97,7 @@ async def publish_until(socket, condition, *commands):
 
 
 async def answer_pings_until(socket, condition):
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(WAIT_S):
         while not condition():
             with suppress(TimeoutError):
                 await socket.receive(timeout=0.02)
@@ -105,7 +106,7 @@ async def answer_pings_until(socket, condition):
 async def closed_with(socket):
     """Return the code with which the relay closes an app, and what it sent before."""
     answers = []
-    async with asyncio.timeout(5):
+    async with asyncio.timeout(WAIT_S):
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
             answers.append(message.data)
     return int(message.data), answers
@@ -320,7 +321,7 @@ async def test_what_is_none_of_its_operations_is_refused(world, connect, text):
     many = [{**OFFER, "topic": f"/t{number}"} for number in range(apps.MAX_TOPICS)]
     socket = await connect(*many)
     await socket.send_str(text)
-    answer = await socket.receive_json(timeout=5)
+    answer = await socket.receive_json(timeout=WAIT_S)
     assert (answer["op"], answer["level"]) == ("status", "error")
     [app] = world.relay.relay.apps.of_user(EVE.id)
     assert len(app.describe().advertises) == apps.MAX_TOPICS
@@ -331,7 +332,7 @@ async def test_a_clock_sync_is_answered(connect):
     socket = await connect()
     sync = {"op": "robotether.clock_sync", "t_ms": 1.5, "key": "k"}
     await socket.send_json(sync)
-    answer = await socket.receive_json(timeout=5)
+    answer = await socket.receive_json(timeout=WAIT_S)
     assert answer.pop("relay_ms") > 0
     assert answer == sync
 
@@ -375,10 +376,10 @@ async def test_all_apps_of_a_user_may_send_as_much_as_one(connect, monkeypatch):
     async def answer_of(socket):
         await asyncio.sleep(0.02)
         await socket.send_json(MOVE)
-        return (await socket.receive_json(timeout=5))["msg"]
+        return (await socket.receive_json(timeout=WAIT_S))["msg"]
 
     task = asyncio.create_task(flood())
-    async with asyncio.timeout(10):
+    async with asyncio.timeout(WAIT_S):
         while "too many" not in await answer_of(other):
             pass
     for _ in range(3):
@@ -420,7 +421,7 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
             await asyncio.sleep(0.02)
 
     sending = asyncio.create_task(send())
-    answer = await socket.receive_json(timeout=5)
+    answer = await socket.receive_json(timeout=WAIT_S)
     content = {"child_frame_id": "<b>", "covariance": [None]}
     assert answer == {"op": "publish", "topic": "/pose", "msg": content}
     sending.cancel()

@@ -6,6 +6,7 @@ import struct
 
 import pytest
 from aiohttp import WSMsgType
+from fake_robot import WAIT_S
 from relay_clients import PUBLISH, audit_lines, closing, counted_turns
 from relay_server import BOB, IMPATIENT, MESSAGE_LIMIT, until
 from robotether_server.relay.channels.rosbridge import bridge
@@ -55,7 +56,7 @@ async def test_a_driver_does_not_wait_for_what_observers_take(robot, monkeypatch
         await robot.send_to_clients(b"x" * MESSAGE_LIMIT)
         async with ros() as socket:
             await socket.send_str(PUBLISH)
-            assert await socket.receive_str(timeout=5) == PUBLISH
+            assert await socket.receive_str(timeout=WAIT_S) == PUBLISH
         assert not observed.done()
         assert len(await observed) == MESSAGE_LIMIT
 
@@ -190,14 +191,14 @@ async def test_a_robots_ping_is_answered(robot, monkeypatch, ros):
             await client.ping(b"hello")
             await client.pong(b"unasked")
         await robot.send_to_clients(b"{}")
-        assert await socket.receive_str(timeout=5) == "{}"
+        assert await socket.receive_str(timeout=WAIT_S) == "{}"
     assert pongs == [b"hello"]
 
 
 async def test_a_clients_own_ping_is_answered(robot, ros):
     async with ros(autoping=False) as socket:
         await socket.ping(b"hello")
-        while (message := await socket.receive(timeout=5)).type is WSMsgType.PING:
+        while (message := await socket.receive(timeout=WAIT_S)).type is WSMsgType.PING:
             pass
         assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
 

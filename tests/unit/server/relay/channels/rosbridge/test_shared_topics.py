@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import aiohttp
 import pytest
+from fake_robot import WAIT_S
 from relay_clients import closing
 from relay_server import MESSAGE_LIMIT, until
 from robotether_common.topics import MAX_TOPICS
@@ -64,7 +65,7 @@ async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
     await until(lambda: len(topic.users) == 3, "all three share it")
     await robot.send_to_topics(b"news")
     for socket in sockets:
-        while await socket.receive_str(timeout=5) != "news":
+        while await socket.receive_str(timeout=WAIT_S) != "news":
             pass
     assert subscribed(robot) == [ODOM]
     await sockets[0].send_json({"op": "unsubscribe", "topic": "/odom"})
@@ -155,7 +156,7 @@ async def test_a_message_over_the_limit_is_refused_with_its_size(robot, observe)
     socket = await observe({**ODOM, "id": "s"})
     await until(lambda: subscribed(robot), "the robot has a subscription")
     await robot.send_to_topics(b"x" * (MESSAGE_LIMIT * 5 // 4))
-    while (answer := json.loads(await socket.receive_str(timeout=5)))["op"] != "status":
+    while (answer := json.loads(await socket.receive_str(timeout=WAIT_S)))["op"] != "status":
         pass
     why = "a message has 12.5 MB, over 10 MB (MESSAGE_LIMIT_MB)"
     assert answer["msg"] == f"cannot subscribe to /odom: {why}"
@@ -204,17 +205,17 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     # Either may have come too late for the echo of the subscription.
     await robot.send_to_topics(b"begin")
     for socket in (slow, quick):
-        while await socket.receive_str(timeout=5) != "begin":
+        while await socket.receive_str(timeout=WAIT_S) != "begin":
             pass
     slow._response.connection.transport.pause_reading()
     count = 200
     for number in range(count):
         await robot.send_to_topics(b"%d " % number + b"x" * 200_000)
-        assert (await quick.receive_str(timeout=5)).startswith(f"{number} ")
+        assert (await quick.receive_str(timeout=WAIT_S)).startswith(f"{number} ")
     slow._response.connection.transport.resume_reading()
     numbers = []
     while not numbers or numbers[-1] != count - 1:
-        numbers.append(int((await slow.receive_str(timeout=5)).split()[0]))
+        numbers.append(int((await slow.receive_str(timeout=WAIT_S)).split()[0]))
     assert numbers == sorted(numbers)
     assert len(numbers) < count
 
@@ -249,14 +250,14 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, 
         topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
         topic.users.add(Client())
     socket = await observe(ODOM)
-    answer = await socket.receive_json(timeout=5)
+    answer = await socket.receive_json(timeout=WAIT_S)
     assert (
         answer["msg"]
         == f"cannot subscribe to /odom: sim1 sends {MAX_OBSERVED_TOPICS} topics already"
     )
     async with ros() as driver:
         await driver.send_json(ODOM)
-        assert await driver.receive_json(timeout=5) == ODOM
+        assert await driver.receive_json(timeout=WAIT_S) == ODOM
 
 
 async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
