@@ -13,6 +13,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.api.exports import R
+from robotether_server.db import Transaction
 from robotether_server.problems import RecordMissingError, RobotetherError
 from robotether_server.web import current_user
 from robotether_server.web.forms import METHODS, go_on
@@ -119,8 +120,10 @@ def _ask(
     return response
 
 
-def pick(records: Iterable[R], number: int, missing: str) -> R:
+def pick(list_records: Callable[[Transaction], Iterable[R]], number: int, missing: str) -> R:
     """Return the record of that number; raise RecordMissingError with this sentence."""
+    with context().database.transaction() as tx:
+        records = list_records(tx)
     for record in records:
         if record.id == number:
             return record

@@ -1,6 +1,8 @@
 """Texts for the templates: times, keys, states; with those of codes and audit lines, which contract/ has. Pure."""
 
 import datetime as dt
+from collections.abc import Mapping
+from functools import partial
 
 from flask import Flask
 from markupsafe import Markup
@@ -22,11 +24,11 @@ def register(app: Flask) -> None:
     app.add_template_filter(end_value, "end_value")
     app.add_template_filter(rfc3339, "rfc3339")
     app.add_template_filter(sentence, "sentence")
-    app.add_template_filter(drive_end, "drive_end")
-    app.add_template_filter(recording_end, "recording_end")
+    app.add_template_filter(partial(_words_of, DRIVE_ENDS), "drive_end")
+    app.add_template_filter(partial(_words_of, RECORDING_ENDS), "recording_end")
     app.add_template_filter(duration_words, "duration")
     app.add_template_filter(session_end, "session_end")
-    app.add_template_filter(refusal)
+    app.add_template_filter(partial(_words_of, REFUSALS), "refusal")
     app.add_template_filter(key_groups, "key_groups")
     app.add_template_filter(state_words, "state_words")
     app.add_template_filter(size_words, "size")
@@ -81,19 +83,9 @@ def size_words(count: int) -> str:
     return f"{value:.1f} {UNITS[unit]}" if unit else f"{count} B"
 
 
-def refusal(kind: str) -> str:
-    """Return what is said of the messages that were refused for this."""
-    return REFUSALS.get(kind, kind)
-
-
-def recording_end(code: str) -> str:
-    """Return how a recording ended, in words; a code that is not known stays as it is."""
-    return RECORDING_ENDS.get(code, code)
-
-
-def drive_end(code: str) -> str:
-    """Return how a drive ended."""
-    return DRIVE_ENDS.get(code, code)
+def _words_of(texts: Mapping[str, str], code: str) -> str:
+    """Return what is said of a code; one that is not known stays as it is."""
+    return texts.get(code, code)
 
 
 def session_end(code: str) -> str:

@@ -132,10 +132,8 @@ def _usable(listed: list[JoinToken]) -> list[JoinToken]:
 
 
 def _token_words(token_id: int) -> Words:
-    with context().database.transaction() as tx:
-        records = join_tokens.list_all(tx)
     missing = "cannot find that join token: it was already revoked"
-    token = confirmation.pick(records, token_id, missing)
+    token = confirmation.pick(join_tokens.list_all, token_id, missing)
     return {"token": token, "uses_left": token.uses - token.used}
 
 

@@ -68,10 +68,8 @@ def _waiting_words(name: str) -> Words:
 
 
 def _rejected_words(rejected_id: int) -> Words:
-    with context().database.transaction() as tx:
-        keys = db_robots.list_rejected_keys(tx)
     missing = "cannot find that rejected key: it may already ask again"
-    return {"key": confirmation.pick(keys, rejected_id, missing)}
+    return {"key": confirmation.pick(db_robots.list_rejected_keys, rejected_id, missing)}
 
 
 confirmation.register(

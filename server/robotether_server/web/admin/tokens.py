@@ -22,10 +22,8 @@ def show() -> str:
 
 
 def _words(token_id: int) -> Words:
-    with context().database.transaction() as tx:
-        api_tokens = credentials.list_tokens(tx)
     missing = "cannot find that API token: it was already deleted"
-    return {"token": confirmation.pick(api_tokens, token_id, missing)}
+    return {"token": confirmation.pick(credentials.list_tokens, token_id, missing)}
 
 
 confirmation.register(

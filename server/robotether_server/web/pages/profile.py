@@ -116,10 +116,9 @@ def _log_out_everywhere(tx: Transaction, source: Source) -> None:
 
 
 def _key_words(key_id: int) -> Words:
-    with context().database.transaction() as tx:
-        keys = list_ssh_keys(tx, current_user.get())
     missing = "cannot find that SSH key: it was already deleted, or is not yours"
-    return {"key": confirmation.pick(keys, key_id, missing)}
+    own_keys = partial(list_ssh_keys, user=current_user.get())
+    return {"key": confirmation.pick(own_keys, key_id, missing)}
 
 
 def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
@@ -128,10 +127,9 @@ def _delete_key(tx: Transaction, source: Source, key_id: int) -> None:
 
 def _token_words(token_id: int) -> Words:
     """Return a token of this user, and nobody else's."""
-    with context().database.transaction() as tx:
-        api_tokens = credentials.list_tokens_of(tx, current_user.get())
     missing = "cannot find that API token: it was already deleted, or is not yours"
-    return {"token": confirmation.pick(api_tokens, token_id, missing)}
+    own_tokens = partial(credentials.list_tokens_of, user=current_user.get())
+    return {"token": confirmation.pick(own_tokens, token_id, missing)}
 
 
 CHANGE_PASSWORD = ConfirmedAction(
