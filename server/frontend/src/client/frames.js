@@ -3,6 +3,7 @@
 // It must never make a frame look newer than it is: driving is held by its age.
 
 import { backoff } from "./api.js";
+import { parse } from "./rosbridge.js";
 
 const OPEN_MS = 5000;
 const CHECK_MS = 100;
@@ -323,14 +324,6 @@ class FramesLink {
     if (!onEnd) return;
     this.close();
     onEnd({ code, reason, opened: this.opened });
-  }
-}
-
-function parse(text) {
-  try {
-    return JSON.parse(text);
-  } catch {
-    return null;
   }
 }
 

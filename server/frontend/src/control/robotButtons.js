@@ -4,10 +4,10 @@
 import { ask } from "../client/driveType.js";
 import { fullName } from "../client/rosbridge.js";
 import { make, onPress, part, setText } from "../dom/page.js";
+import { DOUBLE_MS } from "../dom/presses.js";
 import { buttons as texts } from "../texts/panels.js";
 
 const ASKING_MS = 10_000; // time limit for an answer: a forgotten question must not be hit later
-const DOUBLE_MS = 500; // time for which a question takes no answer: the second press of a double one is none
 const SLOW_MS = 30_000;
 
 export class RobotButtons {
@@ -53,6 +53,7 @@ export class RobotButtons {
     else this.run(action);
   }
 
+  // The second press of a double one is no answer.
   ask(action) {
     this.set(action, "asking");
     action.timer = setTimeout(() => this.cancel(action), ASKING_MS);

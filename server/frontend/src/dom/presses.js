@@ -7,7 +7,7 @@ import { matches } from "./page.js";
 const CONTROL = "button, a[href], input, select, textarea, label, summary";
 const STOP = ".stop, [data-testid^=stop]";
 const ENTER = ["Enter", "NumpadEnter"];
-const DOUBLE_MS = 500; // time within which a press that is as near as this is the second of a double one
+export const DOUBLE_MS = 500; // time within which a press that is as near as this is the second of a double one
 const NEAR_PX = 24; // least distance of two controls
 
 export class Presses {

@@ -14,7 +14,7 @@ export function managedSites(robots) {
 }
 
 // Those of a site, of all without one, that this user sees and does not manage. Pure.
-export const unmanaged = (robots, site) =>
+const unmanaged = (robots, site) =>
   robots.filter((robot) => (!site || robot.site === site) && ["observe", "drive"].includes(robot.level)).map(({ name }) => name);
 
 // What is said of each robot: the answer, or what its control object has said since. Pure.
@@ -27,7 +27,7 @@ export function outcome({ name, stopped, confirmed }, control) {
 const isReleased = (before, now) => Boolean(before?.stopped && now && !now.stopped);
 
 // That of each of these control objects, or undefined where they differ. Pure.
-export const commonGuard = (controls) => (new Set(controls.map((control) => control?.guard)).size === 1 ? controls[0]?.guard : undefined);
+const commonGuard = (controls) => (new Set(controls.map((control) => control?.guard)).size === 1 ? controls[0]?.guard : undefined);
 
 export class FleetStops {
   // `manages`: this user may stop more than one robot at once.

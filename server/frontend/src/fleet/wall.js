@@ -8,7 +8,7 @@ import { fleet as fleetTexts } from "../texts/fleet.js";
 import { requests as requestTexts, wall as texts } from "../texts/queue.js";
 import { driverText, healthText, presenceText } from "./cards.js";
 
-export const KEYS = [..."1234567890qwertyuiop"]; // two rows of the keyboard, and so the maximum number of robots on the wall
+const KEYS = [..."1234567890qwertyuiop"]; // two rows of the keyboard, and so the maximum number of robots on the wall
 
 // The open request of each robot that is first in line, by name; `requests` come the most urgent first, then the oldest.
 export function requestsByRobot(requests) {

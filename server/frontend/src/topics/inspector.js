@@ -161,7 +161,7 @@ function drawPlot(canvas, points, extent, now) {
   context.strokeStyle = getComputedStyle(canvas).color;
   context.lineWidth = 2;
   context.beginPath();
-  drawLine(context, places(points, { now, ...extentOf(extent) }, size));
+  drawLine(context, places(points, { ...extent, now }, size));
   context.stroke();
 }
 
@@ -173,5 +173,3 @@ function drawLine(context, line) {
     context.lineTo(x, y);
   });
 }
-
-const extentOf = ({ min, max }) => ({ min, max });
