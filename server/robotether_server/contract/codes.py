@@ -1,6 +1,6 @@
 """The codes of ended connections, drives, sessions and recordings and of rejected messages, each with its sentences.
 
-The relay writes them; pages and the client's scripts (src/texts/panels.js) show them. A code that is missing here is
+The relay writes them; pages show them, and give them to their scripts. A code that is missing here is
 shown as it is. `problems` has the codes of problems.
 """
 

@@ -2,17 +2,19 @@
 
 import { api } from "../dom/calls.js";
 import { download, durationText, make, part, setText, shortNumber, sizeText } from "../dom/page.js";
-import { summary as texts, endReasons, refusals } from "../texts/panels.js";
+import { summary as texts, endReasons } from "../texts/panels.js";
 
 const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
-  // `root` is the panel over the video, a <details>; `me` is the user's name.
+  // `root` is the panel over the video, a <details>, with the server's words in data-words: JSON, {ends, refusals} by their codes.
+  // `me` is the user's name.
   constructor(root, { robot, me }) {
     this.root = root;
     this.robot = robot;
     this.me = me;
+    this.serverWords = JSON.parse(root.dataset.words);
     /** @type {number | null} */
     this.fence = null; // of this page's drive: the number of its lease
     this.driving = false;
@@ -51,7 +53,7 @@ export class Summary {
     if (typeof drive === "string") return this.show(texts[drive], []);
     this.drive = drive;
     if (!moved(drive)) return void (this.root.hidden = true);
-    this.show(headline(drive), driveRows(drive));
+    this.show(headline(drive), driveRows(drive, this.serverWords));
   }
 
   show(words, rows) {
@@ -82,11 +84,11 @@ const duration = ({ started_at, ended_at }) => durationText(Date.parse(ended_at)
 
 export const headline = (drive) => texts.headline(duration(drive), metres(drive.distance_m));
 
-// Rows of {name, label, text}.
-export function driveRows(drive) {
+// Rows of {name, label, text}; a code without words stays as it is.
+export function driveRows(drive, { ends, refusals }) {
   const rows = {
     duration: duration(drive),
-    ended: endReasons[drive.end_code] ?? drive.end_code ?? texts.unknown,
+    ended: { ...ends, ...endReasons }[drive.end_code] ?? drive.end_code ?? texts.unknown,
     distance: texts.commanded(metres(drive.distance_m)),
     speed: texts.commanded(`${shortNumber(drive.top_speed_m_s)} m/s`),
     latency: latencyText(drive),
@@ -95,7 +97,7 @@ export function driveRows(drive) {
     pictures: framesText(drive),
     bytes: Number.isFinite(drive.bytes) ? sizeText(drive.bytes) : texts.unknown,
     stops: drive.stops ? String(drive.stops) : texts.nothing,
-    refused: refusedText(drive),
+    refused: refusedText(drive, refusals),
   };
   return Object.entries(rows).map(([name, text]) => ({ name, label: texts.labels[name], text }));
 }
@@ -122,9 +124,9 @@ function framesText({ frames, frame_bytes, viewed_s }) {
   return texts.frames(shortNumber(frames / viewed_s), sizeText(frame_bytes ?? 0));
 }
 
-function refusedText({ refused = {}, dropped_old }) {
-  const all = { ...refused, ...(dropped_old ? { dropped_old } : {}) };
-  const words = Object.entries(all).map(([kind, count]) => texts.refusals(count, refusals[kind] ?? kind));
+function refusedText({ refused = {}, dropped_old }, refusals) {
+  const words = Object.entries(refused).map(([kind, count]) => texts.refusals(count, refusals[kind] ?? kind));
+  if (dropped_old) words.push(texts.refusals(dropped_old, texts.droppedOld));
   return words.length ? words.join(", ") : texts.nothing;
 }
 

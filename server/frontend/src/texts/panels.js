@@ -114,9 +114,10 @@ export const summary = {
   nothing: "None",
   commanded: (text) => `${text} commanded`,
   refusals: (count, why) => `${count} ${why}`,
+  droppedOld: "too old at the server",
 };
 
-// By `end_code` of a drive's record, to who drove.
+// By `end_code` of a drive's record, what the person who drove reads in place of the server's words.
 export const endReasons = {
   client_left: "you left this page",
   control_given_up: "you gave up control",
@@ -124,38 +125,4 @@ export const endReasons = {
   client_silent: "this page's connection went silent",
   client_slow: "this page's connection too slow",
   client_floods: "this page's connection sent too much",
-  superseded: "continued in another window",
-  rights_ended: "permissions or settings changed",
-  robot_stopped: "robot stopped",
-  lease_held: "somebody else was driving",
-  lease_lost: "somebody else got control",
-  lease_unavailable: "database unavailable",
-  too_many_connections: "too many connections",
-  robot_offline: "robot offline",
-  rosbridge_down: "rosbridge did not answer",
-  link_lost: "link to the robot lost",
-  message_too_big: "message too large",
-  protocol_broken: "protocol error",
-  relay_stopping: "server shut down",
-  relay_restarted: "server restarted",
-  cell_removed: "server machine lost",
-  relay_failed: "server error",
-};
-
-// By the kind of what was refused in a drive's record, after a number of messages.
-export const refusals = {
-  topic: "to a topic that is not allowed",
-  service: "to a service that is not allowed",
-  operation: "of an operation that is not allowed",
-  shape: "with fields that are not allowed",
-  rate: "over the rate",
-  size: "too large",
-  subscriptions: "over the number of subscriptions",
-  json: "not readable",
-  guard_old: "too old at the robot",
-  guard_fence: "of another driver at the robot",
-  guard_stopped: "while the robot was stopped",
-  guard_shape: "not understood by the robot's guard",
-  guard_held: "while the robot could not accept them",
-  dropped_old: "too old at the server",
 };

@@ -25,7 +25,11 @@ const DRIVE = {
   dropped_old: 4,
 };
 
-const words = (drive) => Object.fromEntries(driveRows(drive).map(({ name, text }) => [name, text]));
+const SERVER_WORDS = {
+  ends: { control_given_up: "gave up control", robot_stopped: "robot stopped" },
+  refusals: { topic: "to a topic that is not allowed", guard_old: "too old at the robot" },
+};
+const words = (drive) => Object.fromEntries(driveRows(drive, SERVER_WORDS).map(({ name, text }) => [name, text]));
 
 test("durations are written as people say them", () => {
   assert.deepEqual([4_600, 125_000, 7_380_000, -5].map(durationText), ["5 s", "2 min 5 s", "2 h 3 min", "0 s"]);
@@ -62,7 +66,7 @@ for (const [what, facts, expected] of [
   ],
   ["times", NONE, { latency: UNKNOWN, seen: UNKNOWN, slowed: UNKNOWN }],
   ["amounts", NONE, { pictures: "No video", bytes: UNKNOWN, stops: "None", refused: "None", ended: "newly_made" }],
-  ["frames", { frames: null }, { pictures: UNKNOWN }],
+  ["frames", { frames: null, end_code: "robot_stopped" }, { pictures: UNKNOWN, ended: "robot stopped" }],
 ]) {
   test(`what was not measured is not written as nothing: ${what}`, () => {
     const written = words({ ...DRIVE, ...facts });
@@ -96,7 +100,7 @@ test("a record that does not come is missing, and a server that does not answer 
 
 test("the page's drive is the one that its own connection tells first, until that ends", () => {
   const ended = [];
-  const own = new Summary({ querySelector: () => new EventTarget() }, { robot: "sim1", me: "ann" });
+  const own = new Summary({ querySelector: () => new EventTarget(), dataset: { words: "{}" } }, { robot: "sim1", me: "ann" });
   own.driveEnded = (fence) => ended.push(fence);
   own.receive({ driver: { user: "ann", fence: 12 } }, false);
   own.linkEnded();

@@ -22,6 +22,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
+from robotether_server.contract.codes import DRIVE_ENDS, REFUSALS
 from robotether_server.db import Transaction, cells, seen_robots
 from robotether_server.db.audit import MAX_ACTOR_LENGTH, Source
 from robotether_server.db.seen_robots import SeenRobot
@@ -196,7 +197,8 @@ def show_robot(name: str) -> AnyResponse:
         "level": seen.level,
         "settings": _in_force(seen),
     }
-    return make_response(render_template("drive.html", user=user, robot=robot))
+    words = {"ends": DRIVE_ENDS, "refusals": REFUSALS}
+    return make_response(render_template("drive.html", user=user, robot=robot, words=words))
 
 
 def _in_force(seen: SeenRobot) -> dict[str, object]:

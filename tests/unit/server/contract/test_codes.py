@@ -22,12 +22,6 @@ SCRIPTS = Path(robotether_server.__file__).parents[1] / "frontend" / "src"
 BY_OTHERS = {"relay_restarted", "cell_removed"}
 
 
-def script_texts(name):
-    source = (SCRIPTS / "texts" / "panels.js").read_text()
-    inside = source.split(f"export const {name} = {{", 1)[1].split("\n};", 1)[0]
-    return dict(re.findall(r'^  (\w+): "([^"]*)",$', inside, re.MULTILINE))
-
-
 def test_every_refusal_has_words():
     assert set(REFUSALS) == {*get_args(Kind), *(GUARD + kind for kind in REFUSED_KINDS)}
 
@@ -41,10 +35,12 @@ def test_every_ending_of_a_session_has_words():
     assert set(SESSION_ENDS) == set(get_args(ByeCode)) | BY_OTHERS
 
 
-def test_scripts_say_each_end_of_a_drive_and_each_refusal():
-    assert set(script_texts("endReasons")) == set(DRIVE_ENDS)
-    late = {"dropped_old": "too old at the server"}
-    assert script_texts("refusals") == {**REFUSALS, **late}
+def test_scripts_have_words_of_their_own_for_known_ends_alone():
+    source = (SCRIPTS / "texts" / "panels.js").read_text()
+    inside = source.split("export const endReasons = {", 1)[1].split("\n};", 1)[0]
+    own = set(re.findall(r"^  (\w+):", inside, re.MULTILINE))
+    assert own
+    assert own <= set(DRIVE_ENDS)
 
 
 def test_scripts_close_codes_are_those_of_the_relay():

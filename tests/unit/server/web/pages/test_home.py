@@ -9,6 +9,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from relay_server import cell_settings
+from robotether_server.contract.codes import DRIVE_ENDS, REFUSALS
 from robotether_server.db import cells
 from robotether_server.settings.robot import parse
 from robotether_server.times import utc_now
@@ -131,14 +132,23 @@ def test_fleet_page_names_each_robots_first_camera(browser, database):
         assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
 
 
+def data_of_page(browser, name):
+    """Return what the script of sim1's page is told."""
+    browser.log_in("ann")
+    page = browser.ask("GET", "/robots/sim1").text
+    [found] = re.findall(f"data-{name}='([^']*)'", page)
+    return json.loads(html.unescape(found))
+
+
 def settings_of_page(browser, database, settings):
     """Return what the script of sim1's page is told, by a row with these settings."""
     with database.transaction() as tx:
         tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
-    browser.log_in("ann")
-    page = browser.ask("GET", "/robots/sim1").text
-    [found] = re.findall(r"data-settings='([^']*)'", page)
-    return json.loads(html.unescape(found))
+    return data_of_page(browser, "settings")
+
+
+def test_drive_page_has_the_words_of_codes(browser):
+    assert data_of_page(browser, "words") == {"ends": DRIVE_ENDS, "refusals": REFUSALS}
 
 
 def test_drive_page_has_the_robots_settings(browser, database):
