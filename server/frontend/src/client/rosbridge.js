@@ -155,7 +155,7 @@ function unread(data) {
   return topic ? { op: "publish", topic, msg: null } : null;
 }
 
-const STRING_OR_NO_NUMBER = /"(?:[^"\\]|\\.)*"|\bNaN\b|-?\bInfinity\b/g;
+const STRING_OR_NO_NUMBER = /"[^"\\]*(?:\\.[^"\\]*)*"|\bNaN\b|-?\bInfinity\b/g;
 const IN_JSON = { NaN: "null", Infinity: "1e999", "-Infinity": "-1e999" }; // too large for a number, so infinite
 
 function parsePythons(data) {
@@ -238,15 +238,20 @@ const POSE_READERS = {
 export const poseReader = (type) => POSE_READERS[plainType(type)];
 
 // A geometry_msgs/Pose seen from above; null where place or heading are not known.
-/** @type {(pose?: {position?: {x: number, y: number}, orientation?: {x: number, y: number, z: number, w: number}}) => {x: number, y: number, theta: number} | null} */
-export function planar({ position, orientation } = {}) {
-  return wholePose({ x: position?.x, y: position?.y, theta: headingOf(orientation) });
+/** @type {(pose?: null | {position?: {x: number, y: number}, orientation?: {x: number, y: number, z: number, w: number}}) => {x: number, y: number, theta: number} | null} */
+export function planar(pose) {
+  const { position, orientation } = pose ?? {};
+  const rotation = unitQuaternion(orientation);
+  return rotation && wholePose({ x: position?.x, y: position?.y, theta: headingOf(rotation) });
 }
 
-// Of a quaternion; NaN where it is none, as one that nobody has set.
-function headingOf(orientation) {
-  const { x, y, z, w } = orientation ?? {};
-  return Math.hypot(x, y, z, w) > 0 ? Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)) : NaN;
+// A quaternion of any length as one of length 1; null for what is none, as one that nobody has set.
+export function unitQuaternion(quaternion) {
+  const { x, y, z, w } = quaternion ?? {};
+  const length = [x, y, z, w].every(Number.isFinite) ? Math.hypot(x, y, z, w) : 0;
+  return length > 0 && length < Infinity ? { x: x / length, y: y / length, z: z / length, w: w / length } : null;
 }
+
+const headingOf = ({ x, y, z, w }) => Math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z));
 
 const wholePose = ({ x, y, theta }) => ([x, y, theta].every(Number.isFinite) ? { x, y, theta } : null);

@@ -1,5 +1,7 @@
 // The robot's frames (tf2_msgs/TFMessage), and where one is in another. Pure.
 
+import { unitQuaternion } from "../client/rosbridge.js";
+
 const MAX_FRAMES = 1000;
 const NOWHERE = { translation: { x: 0, y: 0, z: 0 }, rotation: { x: 0, y: 0, z: 0, w: 1 }, fixed: true, at: Infinity };
 
@@ -72,10 +74,8 @@ export function projected(points, { translation, rotation }) {
 // Null for what is not a transform.
 function readTransform(transform) {
   const { x, y, z } = transform?.translation ?? {};
-  const { x: a, y: b, z: c, w } = transform?.rotation ?? {};
-  const length = Math.hypot(a, b, c, w);
-  if (![x, y, z].every(Number.isFinite) || !(length > 0 && length < Infinity)) return null;
-  return { translation: { x, y, z }, rotation: { x: a / length, y: b / length, z: c / length, w: w / length } };
+  const rotation = unitQuaternion(transform?.rotation);
+  return rotation && [x, y, z].every(Number.isFinite) ? { translation: { x, y, z }, rotation } : null;
 }
 
 // Where what `inner` places in a frame is, if `outer` places that frame.

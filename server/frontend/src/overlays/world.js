@@ -260,8 +260,7 @@ const MAX_CELLS = 16_000_000;
 const FREE = [58, 70, 86];
 const OCCUPIED = [236, 240, 246];
 
-// One colour for each value of a signed byte, as it lies in memory: 0 free to 100 occupied, anything else unknown.
-const UNKNOWN = 255;
+// One colour for each value of a byte: 0 free to 100 occupied, any other unknown.
 const COLOURS = new Uint32Array(256);
 const bytes = new Uint8Array(COLOURS.buffer);
 for (let value = 0; value <= 100; value++) {
@@ -277,7 +276,8 @@ export function gridPixels({ info, data }) {
   const place = planar({ position: origin?.position, orientation: turnOf(origin) });
   if (!place || !fits(width, height, resolution) || cells.length !== width * height) return null;
   const pixels = new Uint32Array(cells.length);
-  for (let i = 0; i < cells.length; i++) pixels[i] = COLOURS[Number.isInteger(cells[i]) ? cells[i] & 255 : UNKNOWN];
+  // Unknown is, too, what is no byte: of 256 the lowest bits say free.
+  for (let i = 0; i < cells.length; i++) if (cells[i] === (cells[i] & 255)) pixels[i] = COLOURS[cells[i]];
   return { width, height, resolution, pixels: new Uint8ClampedArray(pixels.buffer), origin: place };
 }
 

@@ -210,4 +210,6 @@ test("numbers that are none are read as rosbridge writes them, and texts stay as
   assert.deepEqual(parse(text), { data: [null, -Infinity, Infinity, 1.5, null], text: 'NaN, "Infinity" and -Infinity' });
   assert.equal(parse('{"data": NaNs}'), null);
   assert.equal(parse("{"), null);
+  const image = "A".repeat(2e7);
+  assert.equal(parse(`{"data": "${image}", "range": NaN}`)?.range, null);
 });

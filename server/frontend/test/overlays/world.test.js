@@ -202,10 +202,14 @@ test("free is dark, occupied is light, unknown is nothing", () => {
   assert.ok(pixels[0] < pixels[12] && pixels[12] < pixels[4]);
 });
 
-test("what is no whole number is no free cell", () => {
-  const { pixels } = gridPixels({ info, data: [null, NaN, "0", Infinity] });
-  assert.ok(pixels.every((value) => value === 0));
-});
+for (const data of [
+  [null, NaN, "0", Infinity],
+  [256, -256, 2 ** 32, 101],
+]) {
+  test(`what is no number from 0 to 100 is no free cell: ${data}`, () => {
+    assert.ok(gridPixels({ info, data }).pixels.every((value) => value === 0));
+  });
+}
 
 test("bytes in base64 are the same map", () => {
   const data = btoa(String.fromCharCode(0, 100, 255, 50));
@@ -234,10 +238,22 @@ test("a map that is not turned may leave its orientation unset, but not its plac
 test("a pose without place or heading is unknown", () => {
   const { position, orientation } = info.origin;
   assert.notEqual(planar({ position, orientation }), null);
-  assert.equal(planar(), null);
-  assert.equal(planar({ position, orientation: { x: 0, y: 0, z: 0, w: 0 } }), null);
+  for (const nothing of [undefined, null]) assert.equal(planar(nothing), null);
+  for (const none of [
+    { x: 0, y: 0, z: 0, w: 0 },
+    { x: 0, y: 0, z: null, w: 1 },
+  ])
+    assert.equal(planar({ position, orientation: none }), null);
   assert.equal(planar({ position: { ...position, y: null }, orientation }), null);
 });
+
+for (const length of [0.1, 1, 20]) {
+  test(`a quaternion of length ${length} is the same heading`, () => {
+    const part = length * Math.SQRT1_2;
+    const { theta } = planar({ position: { x: 0, y: 0 }, orientation: { x: 0, y: 0, z: part, w: part } });
+    assert.ok(Math.abs(theta - Math.PI / 2) < 1e-9);
+  });
+}
 
 test("a robot that stands adds nothing", () => {
   const path = new Path();
