@@ -6,27 +6,50 @@ const START = 0xffd8; // of an image
 const NO_MARKERS = [0x00, 0xff]; // after 0xff
 const TABLES = [0xc4, 0xc8, 0xcc]; // among the markers with which a frame begins
 const ENDS = [0xd8, 0xd9, 0xda]; // before which a frame would have begun
+const EXIF = 0xe1;
 
-// The blob of a JPEG; throws for what is none, or what nobody should decode.
+// The blob of a JPEG without Exif, by which a browser would turn it: nobody turns the same camera's frames in other codecs, and
+// recorded ones. Throws for what is none, or what nobody should decode.
 export function jpegBlob(data) {
   const size = jpegSize(data);
   if (!size) throw new Error("cannot show a frame: it is not a JPEG");
   const { width, height } = size;
   if (width * height > MAX_PIXELS) throw new Error(`cannot show a frame of ${width}x${height}: it has too many pixels`);
-  return new Blob([data], { type: "image/jpeg" });
+  return new Blob(withoutExif(data), { type: "image/jpeg" });
 }
 
 // {width, height} as browsers find them; null for what is not a JPEG.
 export function jpegSize(data) {
-  const number = (at) => (data[at] << 8) | data[at + 1];
-  if (number(0) !== START) return null;
-  for (let at = nextMarker(data, 2); at + 8 < data.length; at = nextMarker(data, at)) {
-    const marker = data[at + 1];
-    if (isFrame(marker)) return { width: number(at + 7), height: number(at + 5) };
+  if (number(data, 0) !== START) return null;
+  for (const { marker, at } of segmentsOf(data)) {
+    if (isFrame(marker)) return { width: number(data, at + 7), height: number(data, at + 5) };
     if (ENDS.includes(marker)) return null;
-    at += isAlone(marker) ? 2 : 2 + Math.max(2, number(at + 2));
   }
   return null;
+}
+
+// What is left of a JPEG, in parts.
+function withoutExif(data) {
+  const parts = [];
+  let from = 0;
+  for (const { marker, at, end } of segmentsOf(data)) {
+    if (isFrame(marker)) break;
+    if (marker !== EXIF) continue;
+    parts.push(data.subarray(from, at));
+    from = end;
+  }
+  return [...parts, data.subarray(from)];
+}
+
+const number = (data, at) => (data[at] << 8) | data[at + 1];
+
+function* segmentsOf(data) {
+  for (let at = nextMarker(data, 2); at + 8 < data.length;) {
+    const marker = data[at + 1];
+    const end = at + 2 + (isAlone(marker) ? 0 : Math.max(2, number(data, at + 2)));
+    yield { marker, at, end };
+    at = nextMarker(data, end);
+  }
 }
 
 // Browsers skip what is none.

@@ -47,6 +47,12 @@ test("what would decode to gigabytes, or is not a JPEG, is refused before", () =
   assert.throws(() => jpegBlob(bytes("89504e470d0a1a0a0000000d49484452")), /not a JPEG/);
 });
 
+test("the orientation in a JPEG turns no frame", async () => {
+  const [exif, rest] = ["ffe1000845786966ab00", "ffe00004ffc0ffc0000b0801e00280"];
+  const blob = jpegBlob(bytes(`ffd8${exif}${rest}`));
+  assert.deepEqual(new Uint8Array(await blob.arrayBuffer()), bytes(`ffd8${rest}`));
+});
+
 const BOTH = ["h264", "vp8", "jpeg"];
 
 for (const [name, times, working, codecs] of [
