@@ -63,7 +63,9 @@ export class Discovery {
 async function allTopics(call) {
   const { topics, types } = await ask(call, "/rosapi/topics", {});
   const named = Array.isArray(topics) ? topics.map((name, i) => ({ name, type: textOf(types?.[i]) })) : [];
-  return named.filter(({ name }) => textOf(name));
+  // One that is named twice is one topic, and no two in doubt.
+  const byName = new Map(named.map((topic) => [topic.name, topic]));
+  return [...byName.values()].filter(({ name }) => textOf(name));
 }
 
 const textOf = (value) => (typeof value === "string" ? value : "");

@@ -103,6 +103,13 @@ test("a robot that is still starting is asked again, until the connection ends",
   }
 });
 
+test("a topic that is named twice is in no doubt", async () => {
+  const type = "nav_msgs/Odometry";
+  await discovery.run(async () => ({ ok: true, values: { topics: ["/odom", "/odom"], types: [type, type] } }));
+  discovery.stop();
+  assert.deepEqual([found[0].speed, found[0].topics.length], [{ name: "/odom", type }, 1]);
+});
+
 test("an answer that comes after the connection ended is ignored", async () => {
   const running = discovery.run(robot({}).call);
   discovery.stop();
