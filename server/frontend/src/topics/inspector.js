@@ -13,8 +13,6 @@ export class Inspector {
     this.topic = topic;
     this.build(topic, onClose);
     this.probe = new TopicProbe({ topic, watch, onChange: () => (this.changed = true) });
-    this.getOne.hidden = this.large.hidden = !this.probe.large;
-    this.chosen.hidden = this.measure.hidden = this.probe.large;
     this.timer = setInterval(() => this.show(), TICK_MS);
     this.show();
   }
@@ -68,6 +66,8 @@ export class Inspector {
     setText(this.pace, [paceText(probe.pace), probe.size ? texts.size(sizeText(probe.size)) : ""].filter(Boolean).join(", "));
     this.measure.setAttribute("aria-disabled", String(Boolean(probe.measuring)));
     setText(this.notice, noticeText(probe));
+    this.getOne.hidden = this.large.hidden = !probe.large;
+    this.chosen.hidden = this.measure.hidden = probe.large;
     if (this.changed && !this.isBeingRead()) {
       this.changed = false;
       this.showMessage();

@@ -1,11 +1,12 @@
 // A probe of one topic: what was received of it, and how often. Pure except for its timer.
-// It asks for two messages a second at most, and of a large type for one when the person says so.
+// It asks for two messages a second at most, and for one when the person says so where these are large, by their type or as they came.
 
 import { CONNECTING, Connection, TOO_BIG } from "../client/connection.js";
 import { openLink, plainType } from "../client/rosbridge.js";
 import { numberAt, numbersIn } from "./fields.js";
 
 const THROTTLE_MS = 500;
+const MAX_FOLLOWED_LENGTH = 1024 * 1024; // of a message as JSON: a longer one stops the page, which also drives, for a while
 export const MEASURE_MS = 3000;
 
 export class TopicProbe {
@@ -45,6 +46,13 @@ export class TopicProbe {
       },
       () => end(),
     );
+  }
+
+  stopFollowing() {
+    this.large = true;
+    this.measuring = false;
+    this.numbers = [];
+    this.end();
   }
 
   // Every message for a while: a throttled topic does not show its rate.
@@ -99,6 +107,7 @@ export class TopicProbe {
     this.unread = false;
     this.rate.mark(at);
     this.size = JSON.stringify(message).length;
+    if (this.size > MAX_FOLLOWED_LENGTH && !this.large) this.stopFollowing();
     if (!this.large) this.numbers = numbersIn(message);
     if (this.field) this.samples.push(numberAt(message, this.field), at);
     this.onChange();

@@ -52,6 +52,13 @@ test("a frame is asked for only when the person says so, and one at a time", () 
   assert.deepEqual([open(), probe.unread], [[], true]);
 });
 
+test("what turns out to be large is followed no more", () => {
+  watched[0].onMessage({ poses: "x".repeat(2 ** 20 - 12) });
+  assert.deepEqual([open(), probe.large], [[500], false]);
+  watched[0].onMessage({ poses: "x".repeat(2 ** 20) });
+  assert.deepEqual([open(), probe.large, probe.message.poses.length], [[], true, 2 ** 20]);
+});
+
 // A late timer measures for longer, and no higher rate.
 for (const seconds of [3, 6]) {
   test(`measuring takes every message for ${seconds} s and no longer`, () => {
