@@ -57,7 +57,8 @@ async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
         while True:
             message = await rosbridge.message()
             arrived = now()
-            timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
+            content = message.get("data")
+            timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived, content)
             for frame in frames_of(message):
                 newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
 

@@ -430,7 +430,7 @@ def _pass_part(part: Part, clock: FrameClock, on_frame: OnFrame) -> None:
     stamp: float | None = None
     with suppress(ValueError):
         stamp = float(part.headers["x-timestamp"]) if "x-timestamp" in part.headers else None
-    timestamp_s, is_stamped = clock.timestamp(stamp, arrived)
+    timestamp_s, is_stamped = clock.timestamp(stamp, arrived, part.body)
     on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
@@ -581,7 +581,7 @@ def _image_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFr
         excerpt = printable(str(message.get("format", "")), 40)
         raise NotJpegError(f"{topic} has images of format {excerpt!r}, not JPEG")
     arrived = now()
-    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
+    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived, jpeg)
     return CameraFrame(jpeg, timestamp_s, arrived.robot_s, is_stamped)
 
 
@@ -589,7 +589,7 @@ def _video_frame(message: JsonObject, _topic: str, clock: FrameClock) -> CameraF
     """Return the frame of a message of a robot's own H.264, nothing for one without."""
     arrived = now()
     packet = h264_of(message)
-    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived)
+    timestamp_s, is_stamped = clock.timestamp(stamp_of(message), arrived, packet)
     if packet is None:
         return None
     data, unit = packet

@@ -61,15 +61,29 @@ def stamp_of(message: JsonObject) -> float | None:
 
 
 class FrameClock:
-    """When a source's frames were taken; notices when they queue on the way."""
+    """When a source's frames were taken; notices when they queue on the way, and when one is published again."""
 
     def __init__(self, max_lag_s: float = NEAR_S) -> None:
         """`max_lag_s` is by how much frames may come later than the quickest did."""
         self._max_lag_s = max_lag_s
         self._least_age_s: float | None = None
+        # The newest frame's stamp and content, and when it was taken.
+        self._newest: tuple[float | None, object] = None, None
+        self._newest_taken = 0.0, False
 
-    def timestamp(self, stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
-        """Return what `timestamp_of` does; FramesLateError before what is old could look new."""
+    def timestamp(
+        self, stamp_s: float | None, arrived: ClockReadings, content: object
+    ) -> tuple[float, bool]:
+        """Return what `timestamp_of` does; FramesLateError before what is old could look new.
+
+        A frame with stamp and content of the one before is that one: a node whose camera is dead publishes it again.
+        """
+        if stamp_s is None or (stamp_s, content) != self._newest:
+            self._newest_taken = self._taken(stamp_s, arrived)
+            self._newest = stamp_s, content
+        return self._newest_taken
+
+    def _taken(self, stamp_s: float | None, arrived: ClockReadings) -> tuple[float, bool]:
         timestamp_s, is_stamped = timestamp_of(stamp_s, arrived)
         if is_stamped:
             age_s = arrived.robot_s - timestamp_s

@@ -8,7 +8,7 @@ import io
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field, replace
 from typing import Any
 
 import aiohttp
@@ -73,15 +73,31 @@ def test_frames_that_queue_on_the_way_are_given_up_before_they_look_new(max_lag_
     """Without that, a frame that is older than stamps may be would count as one of now."""
     clock = FrameClock(max_lag_s)
     for age_s in (0.6, 0.5, 1.4):
-        assert clock.timestamp(ARRIVED.wall_s - age_s, ARRIVED)[1]
+        assert clock.timestamp(ARRIVED.wall_s - age_s, ARRIVED, b"")[1]
     with pytest.raises(FramesLateError):
-        clock.timestamp(ARRIVED.wall_s - late_s, ARRIVED)
+        clock.timestamp(ARRIVED.wall_s - late_s, ARRIVED, b"")
 
 
 def test_stamps_of_another_clock_are_never_late():
     clock = FrameClock()
     for stamp_s in (5.0, 5.1, 2.0):
-        assert clock.timestamp(stamp_s, ARRIVED) == (ARRIVED.robot_s, False)
+        assert clock.timestamp(stamp_s, ARRIVED, b"") == (ARRIVED.robot_s, False)
+
+
+@pytest.mark.parametrize("age_s", [0.2, NEAR_S + 1])
+def test_a_frame_that_is_published_again_gets_no_younger(age_s):
+    """A node whose camera is dead may do that for ever: after NEAR_S its stamp would be another clock's."""
+    clock, stamp_s = FrameClock(), ARRIVED.wall_s - age_s
+    taken = clock.timestamp(stamp_s, ARRIVED, b"frame")
+    for later_s in (NEAR_S / 2, 2 * NEAR_S):
+        later = ClockReadings(*(reading + later_s for reading in astuple(ARRIVED)))
+        assert clock.timestamp(stamp_s, later, b"frame") == taken
+
+
+def test_a_camera_that_always_gives_the_same_stamp_is_live():
+    clock, later = FrameClock(), replace(ARRIVED, robot_s=ARRIVED.robot_s + 1)
+    for frame, arrived in ((b"1", ARRIVED), (b"2", later)):
+        assert clock.timestamp(5.0, arrived, frame) == (arrived.robot_s, False)
 
 
 @dataclass
