@@ -134,11 +134,8 @@ class RosGraph:
         self._silent_since_s: float | None = None
 
     async def topics(self) -> dict[str, str]:
-        """Return each topic's type; raises as `ask` does, and ConnectionError where rosbridge does not find rosapi."""
-        answer = await self.ask("topics", {})
-        if "topics" not in answer:
-            raise ConnectionError("rosbridge does not find rosapi")
-        return topics_in(answer)
+        """Return each topic's type; raises as `ask` does, and ConnectionError where rosapi does not say."""
+        return topics_in(await self.ask("topics", {}))
 
     async def own_topics(self) -> dict[str, str]:
         """Return the types of this robot's topics; raises as `topics` does."""
@@ -216,11 +213,14 @@ async def _unless_ended(awaited: asyncio.Future[T], reader: asyncio.Future[None]
 
 
 def topics_in(answer: JsonObject) -> dict[str, str]:
-    """Return the types by topic of an answer of rosapi's; what is not as it should be is left out."""
+    """Return the types by topic of an answer of rosapi's, without names and types that are none.
+
+    ConnectionError for an answer without both lists, as where rosbridge does not find rosapi: nobody knows then.
+    """
     names, types = answer.get("topics"), answer.get("types")
-    if not isinstance(names, list) or not isinstance(types, list):
-        return {}
-    pairs = zip(names, types, strict=False)
+    if not isinstance(names, list) or not isinstance(types, list) or len(names) != len(types):
+        raise ConnectionError("rosapi does not say which topics there are")
+    pairs = zip(names, types, strict=True)
     return {n: same_type(t) for n, t in pairs if isinstance(n, str) and isinstance(t, str)}
 
 

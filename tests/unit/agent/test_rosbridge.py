@@ -46,9 +46,8 @@ async def test_too_large_a_message_ends_the_connection():
             await asyncio.wait_for(rosbridge.message(), 5)
 
 
-def test_broken_answers_have_no_topics():
-    for values in ({}, {"topics": 5, "types": []}):
-        assert topics_in(values) == {}
+def test_of_a_broken_answer_the_topics_count_that_are_as_they_should_be():
+    assert topics_in({"topics": [], "types": []}) == {}
     mixed = {"topics": ["/a", 5, "/c"], "types": ["a/A", "b/B", None]}
     assert topics_in(mixed) == {"/a": "a/A"}
 
@@ -73,12 +72,22 @@ async def test_all_questions_go_over_one_connection_also_after_a_restart(asking)
         await robot.start()
 
 
-async def test_a_rosapi_that_rosbridge_does_not_find_has_no_empty_list_of_topics(
-    asking, monkeypatch
+@pytest.mark.parametrize(
+    "values",
+    [
+        "Service /rosapi/topics does not exist",
+        {},
+        {"topics": 5, "types": []},
+        {"topics": ["/a"]},
+        {"topics": ["/a"], "types": []},
+    ],
+)
+async def test_topics_that_rosapi_does_not_name_are_unknown_and_not_none(
+    asking, monkeypatch, values
 ):
     robot, graph = asking
-    monkeypatch.setattr(robot, "_look_up", lambda _: "Service /rosapi/topics does not exist")
-    with pytest.raises(ConnectionError, match="does not find rosapi"):
+    monkeypatch.setattr(robot, "_look_up", lambda _: values)
+    with pytest.raises(ConnectionError, match="does not say which topics"):
         await graph.topics()
 
 
