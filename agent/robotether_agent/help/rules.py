@@ -43,7 +43,7 @@ BATTERY_CLEAR_PERCENT = 5
 FENCE_CLEAR_M = 0.5
 # Number of corners of a geofence, and maximum of a coordinate.
 MIN_CORNERS, MAX_CORNERS, MAX_COORDINATE_M = 3, 32, 1e7
-# Maximum number of components whose diagnostics are remembered; further ones are left out.
+# Maximum number of components whose diagnostics are remembered: the newest, as names may change without end.
 MAX_COMPONENTS = 500
 ERROR = 2  # of a diagnostic_msgs/DiagnosticStatus
 
@@ -190,9 +190,11 @@ class HelpRules:
         name, level = status.get("name"), level_in(status.get("level"))
         if not isinstance(name, str) or level is None:
             return
-        if name in self._components or len(self._components) < MAX_COMPONENTS:
-            words = f"{name}: {status.get('message')}" if status.get("message") else name
-            self._components[name] = (level == ERROR, words)
+        words = f"{name}: {status.get('message')}" if status.get("message") else name
+        self._components.pop(name, None)
+        self._components[name] = (level == ERROR, words)
+        if len(self._components) > MAX_COMPONENTS:
+            del self._components[next(iter(self._components))]
 
     def _call(
         self,

@@ -72,8 +72,10 @@ export class Diagnostics {
     for (const entry of Array.isArray(status) ? status : []) {
       const { name, level, message } = entry ?? {};
       if (typeof name !== "string") continue;
-      if (!this.byName.has(name) && this.byName.size >= MAX_NAMES) continue;
+      this.byName.delete(name);
       this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
+      // The newest stay: names may change without end, and an error must not be missed.
+      if (this.byName.size > MAX_NAMES) this.byName.delete(this.byName.keys().next().value);
     }
   }
 

@@ -79,10 +79,12 @@ test("a part that says nothing for ten seconds is silent, however well it was", 
   assert.equal(diagnostics.worst(10_001).level, "stale");
 });
 
-test("nothing is known before the first message, and names without end are bounded", () => {
+test("nothing is known before the first message, and of names without end the newest count", () => {
   const diagnostics = new Diagnostics();
   assert.equal(diagnostics.worst(0), null);
   diagnostics.receive({}, 0);
   for (let i = 0; i < 1000; i++) diagnostics.receive(status(`part ${i}`, 0), 0);
   assert.equal(diagnostics.list(0).length, 500);
+  diagnostics.receive(status("motor", 2), 0);
+  assert.deepEqual([diagnostics.list(0).length, diagnostics.worst(0).level], [500, "error"]);
 });

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from robotether_agent.fields import FieldError
 from robotether_agent.help.rules import (
     CLEAR_AFTER_S,
+    MAX_COMPONENTS,
     HelpConfig,
     HelpRules,
     call_in,
@@ -112,6 +113,13 @@ def test_component_fails_until_it_says_otherwise():
     )
     assert rules.on_diagnostics(diagnostics(lamp=0), 100) is None
     assert rules.on_diagnostics(diagnostics(motor=2), 200) is None
+
+
+def test_component_fails_however_many_there_were_before_it():
+    rules = HelpRules(CONFIG)
+    for number in range(MAX_COMPONENTS):
+        rules.on_diagnostics(diagnostics(**{f"part_{number}": 0}), 0)
+    assert rules.on_diagnostics(diagnostics(motor=2), 1) is not None
 
 
 def test_navigation_asks_after_its_silence():
