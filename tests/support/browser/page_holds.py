@@ -27,7 +27,8 @@ MAX_PRESSES = 5
 
 _NOTE = """() => {
   const state = document.querySelector('[data-testid=state]');
-  let [last, longestMs, held] = [performance.now(), 0, false];
+  // From the frame before on, in which the page looked last.
+  let [last, longestMs, held] = [document.timeline.currentTime, 0, state.dataset.shown === 'held'];
   new MutationObserver(() => (held ||= state.dataset.shown === 'held'))
     .observe(state, {attributes: true, attributeFilter: ['data-shown']});
   const look = () => {
@@ -38,7 +39,7 @@ _NOTE = """() => {
     look();
     requestAnimationFrame(lookInEachFrame);
   };
-  lookInEachFrame();
+  requestAnimationFrame(lookInEachFrame);
   window.noted = () => {
     look();
     return {longestMs, held};
