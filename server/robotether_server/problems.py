@@ -321,7 +321,7 @@ class GuardSilentError(RobotetherError, code="guard_silent", status=504):
 
 
 class ServiceTimeoutError(RobotetherError, code="service_timeout", status=504):
-    """A service of the robot's ROS did not answer in time; it may still run."""
+    """A service of the robot's ROS did not answer in time; the detail says whether it may still run."""
 
 
 class TopicDownError(RobotetherError, code="topic_down", status=502):

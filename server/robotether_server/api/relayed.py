@@ -149,8 +149,9 @@ RELAYED = (
         summary="Call a service of the robot's ROS; the body has the members of its request",
         details="What the robot's policy lets the user call. Beyond rosapi's look-ups it needs level drive and the "
         "lease: that of the user's own drive, or one that lasts for the call and that the user's other calls share. "
-        "Else 409: lease_held, robot_stopped, lease_lost, or superseded (a page of the same user drives). One that "
-        "ends while it waits may have run, as may one of 504 service_timeout. The audit log has these calls.",
+        "Else 409: lease_held, robot_stopped, lease_lost, or superseded (a page of the same user drives). A stop, or "
+        "any other end, does not end what the robot runs: `detail` says whether the service may still run, unless the "
+        "answer is 503 service_away, after which it may. The audit log has these calls.",
         who="user",
         tag="ros",
         body=ServiceArgs,

@@ -2,13 +2,13 @@
 
 Whoever sees the robot may call what observers may on /robots/NAME/ros. All else is a driver's: it needs the right to
 drive, and the lease. A call shares its user's lease, or holds one until it is answered, so nobody calls while another
-user drives or the robot is stopped.
+user drives or the robot is stopped. What ends a call that was sent ends nothing at the robot, and its answer says so.
 """
 
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from aiohttp import WebSocketError, WSMsgType, web
 from msgspec import Raw, Struct
@@ -52,15 +52,21 @@ class ServiceResponse(Struct):
     msg: str = ""
 
 
-@dataclass(frozen=True)
+@dataclass
 class ServiceCall:
-    """A call that is allowed: rosbridge's message, and as what it is made."""
+    """A call that is allowed: rosbridge's message, as what it is made, and whether it was sent to the robot."""
 
     service: str
     message: bytes
     use: Use
     timeout_s: int
     address: str | None
+    is_sent: bool = False
+
+    @property
+    def outcome(self) -> str:
+        """What is known of the service when the call ends without an answer."""
+        return f"{self.service} may still run" if self.is_sent else f"{self.service} was not called"
 
 
 class ServiceApi:
@@ -83,9 +89,13 @@ class ServiceApi:
         service = request.match_info["service"]
         call = _allowed_call(request, permit, service, query, await _args(request))
         self._dialer.check_online(permit.robot)
-        return await self._calls.answer(
-            request, permit, call.use, lambda connection: self._call(permit, call, connection)
-        )
+        try:
+            return await self._calls.answer(
+                request, permit, call.use, lambda connection: self._call(permit, call, connection)
+            )
+        except ConnectionClosedError as closed:
+            reason = f"{closed.close_reason.reason}; {call.outcome}"
+            raise ConnectionClosedError(replace(closed.close_reason, reason=reason)) from closed
 
     async def _call(
         self, permit: Permit, call: ServiceCall, connection: Connection
@@ -98,7 +108,7 @@ class ServiceApi:
                 return await self._call_as_driver(call, connection)
         except TimeoutError as exc:
             raise ServiceTimeoutError(
-                f"cannot call {call.service}: no answer within {call.timeout_s} s; it may still run"
+                f"cannot call {call.service}: no answer within {call.timeout_s} s; {call.outcome}"
             ) from exc
 
     async def _call_as_driver(self, call: ServiceCall, connection: Connection) -> ServiceAnswer:
@@ -129,6 +139,7 @@ class ServiceApi:
                 # A stop came just when the robot was reached: the call's end waits for its turn.
                 raise ConnectionClosedError(why_lost)
             with self._calls.context.counted_uplink(connection, socket.received_bytes):
+                call.is_sent = True
                 await socket.send_frame(call.message, WSMsgType.TEXT)
                 return await self._response(socket, connection.robot.name)
         except ConnectionError as exc:

@@ -287,7 +287,7 @@ async def test_calls_of_one_user_share_a_lease(*, relay, guarded, sim1, ask, ser
 async def test_a_service_that_does_not_answer_in_time_is_a_problem(guarded, ask):
     status, body = await ask("POST", f"{SERVICES}/a?timeout_s=1", "ann")
     assert (status, body["code"]) == (504, "service_timeout")
-    assert body["detail"] == "cannot call /a: no answer within 1 s; it may still run"
+    assert body["detail"] == "cannot call /a: no answer within 1 s; /a may still run"
 
 
 @pytest.mark.parametrize(
@@ -306,10 +306,12 @@ async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, 
             await guarded.session.close()
         _, body = await calling
     assert body["code"] == code
+    assert body["detail"].endswith("; /a may still run")
     assert stopwatch.s < 2
     if what == "stop":
         status, body = await ask("POST", f"{SERVICES}/a", "ann")
         assert (status, body["code"]) == (409, "robot_stopped")
+        assert body["detail"].endswith("; /a was not called")
 
 
 async def test_a_stop_that_comes_as_the_robot_is_reached_keeps_the_call(
