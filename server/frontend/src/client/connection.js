@@ -134,12 +134,12 @@ export class Connection {
     };
   }
 
-  // Rejects when there is no live link, or when it ends before the answer.
-  async call(service, request = {}, type = undefined) {
+  // Rejects when there is no live link, or when it ends before the answer. `timeoutS` is rosbridge's time limit.
+  async call(service, request = {}, type = undefined, timeoutS = undefined) {
     if (!this.live) throw new Error(`cannot call ${service}: not connected`);
-    const answer = /** @type {Link} */ (this.link).call(service, request, type);
+    const answer = /** @type {Link} */ (this.link).call(service, request, type, timeoutS);
     return new Promise((resolve, reject) => {
-      const end = () => reject(new Error(`cannot call ${service}: the connection ended before the answer`));
+      const end = () => reject(new Error(`cannot call ${service}: the connection ended before the answer; it may still run`));
       this.calls.add(end);
       answer.then(resolve, reject).finally(() => this.calls.delete(end));
     });

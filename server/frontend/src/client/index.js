@@ -159,11 +159,12 @@ export class Robot {
     await this.ask(action, (api) => api.lease(this.name, action, more));
   }
 
-  async ask(what, act) {
+  // `outcome` says what is known when no answer comes.
+  async ask(what, act, outcome = "") {
     if (!this.api) throw new Error(`cannot ${what} ${this.name}: that needs a token or a login`);
     const answer = await act(this.api);
     const { ok, code, detail } = answer;
-    if (!ok) throw Object.assign(new Error(detail || `cannot ${what} ${this.name}: no answer`), { code });
+    if (!ok) throw Object.assign(new Error(detail || `cannot ${what} ${this.name}: no answer${outcome}`), { code });
     return answer;
   }
 
@@ -179,7 +180,7 @@ export class Robot {
   // Without a connection, over HTTP. Resolves with the answer's values.
   async callOnce(service, args = {}, /** @type {{type?: string, timeoutS?: number}} */ { type, timeoutS } = {}) {
     const query = { type, timeout_s: timeoutS };
-    const { body } = await this.ask(`call ${service} of`, (api) => api.service(this.name, service, args, query));
+    const { body } = await this.ask(`call ${service} of`, (api) => api.service(this.name, service, args, query), "; it may still run");
     if (!body.result) throw new Error(`cannot call ${service}: ${body.reason}`);
     return body.values;
   }

@@ -85,8 +85,8 @@ export class Link {
   }
 
   // Settles with {ok, values} for any answer, also for one that says that the call failed, and for the server's refusal.
-  /** @returns {Promise<{ok: boolean, values: any}>} */
-  call(service, args, type) {
+  /** @type {(service: string, args: object, type?: string, timeout?: number) => Promise<{ok: boolean, values: any}>} */
+  call(service, args, type, timeout) {
     const id = this.newId("call_service", service);
     return new Promise((resolve) => {
       const settle = (answer) => {
@@ -98,7 +98,7 @@ export class Link {
         if (reply.op === "service_response") settle({ ok: Boolean(reply.result), values: reply.values });
         else refused(reply);
       });
-      this.send({ op: "call_service", id, service, type, args });
+      this.send({ op: "call_service", id, service, type, args, timeout });
     });
   }
 

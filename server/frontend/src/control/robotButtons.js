@@ -9,11 +9,12 @@ import { buttons as texts } from "../texts/panels.js";
 
 const ASKING_MS = 10_000; // time limit for an answer: a forgotten question must not be hit later
 const SLOW_MS = 30_000;
+const ROSBRIDGE_S = SLOW_MS / 1000 + 1; // time limit for rosbridge, which would call a service failed that it waits for
 
 export class RobotButtons {
   // `connection` as of connection.js; `onChange(action)` reports an action
   // whose `state`, `words` or `open` (a question that can be answered by now) changed. States: idle, asking, pending,
-  // sent, done, failed.
+  // sent, done, failed, unknown.
   constructor({ buttons, connection, onChange }) {
     this.connection = connection;
     this.onChange = onChange;
@@ -43,7 +44,7 @@ export class RobotButtons {
   forget(action) {
     action.publisher?.end();
     action.publisher = null;
-    if (action.state === "pending") this.fail(action, texts.lost);
+    if (action.state === "pending") this.doubt(action, texts.lost);
     if (action.state === "asking") this.set(action, "idle");
   }
 
@@ -98,8 +99,8 @@ export class RobotButtons {
     const { name, service, args, type } = action.button;
     this.set(action, "pending", texts.pendingWords(name));
     const { round } = action;
-    action.timer = setTimeout(() => this.fail(action, texts.slow(SLOW_MS / 1000), round), SLOW_MS);
-    const answer = await this.connection.call(service, args, type || undefined).catch(() => null);
+    action.timer = setTimeout(() => this.doubt(action, texts.slow(SLOW_MS / 1000), round), SLOW_MS);
+    const answer = await this.connection.call(service, args, type || undefined, ROSBRIDGE_S).catch(() => null);
     if (round === action.round) this.settle(action, answer, round);
   }
 
@@ -112,6 +113,11 @@ export class RobotButtons {
 
   fail(action, why, round) {
     this.set(action, "failed", texts.failedWords(action.button.name, why), round);
+  }
+
+  // Nobody here knows whether the robot did it.
+  doubt(action, why, round) {
+    this.set(action, "unknown", texts.unknownWords(action.button.name, why), round);
   }
 
   set(action, state, words = "", round = action.round + 1) {

@@ -86,12 +86,13 @@ export class FleetStops {
 
   settle({ ok, status, detail, body }, site, round, tries) {
     this.results = (ok && body.robots) || [];
-    if (this.results.length > 0) this.list();
-    else if (ok) setText(this.result, texts.stopNone);
-    else if (refusal(status, tries) === "unheard") {
-      setText(this.result, stopTexts.unheard({ guard: commonGuard([...this.controls.values()]) }));
-      this.timer = setTimeout(() => this.attempt(site, round, tries), AGAIN_MS);
-    } else setText(this.result, texts.stopFailed(detail));
+    if (this.results.length > 0) return this.list();
+    if (ok) return setText(this.result, texts.stopNone);
+    const why = refusal(status, tries);
+    /** @type {(facts: {detail: string, guard: string}) => string} */
+    const words = stopTexts[why];
+    setText(this.result, words({ detail, guard: commonGuard([...this.controls.values()]) }));
+    if (why === "unheard") this.timer = setTimeout(() => this.attempt(site, round, tries), AGAIN_MS);
   }
 
   list() {

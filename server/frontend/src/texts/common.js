@@ -120,7 +120,7 @@ export const release = {
   again: "Hold to drive again",
   held: "Keep holding",
   once: "Press again to release",
-  failed: (detail) => `Not released. ${detail ? because(detail) : "The server does not answer."}`,
+  failed: (detail) => (detail ? `Not released. ${because(detail)}` : "Release not confirmed. The server does not answer."),
 };
 
 export const reasons = {

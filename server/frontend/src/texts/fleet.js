@@ -1,7 +1,5 @@
 // Sentences of the pages: the fleet page. No logic beyond filling in.
 
-import { because } from "./common.js";
-
 export const fleet = {
   online: (since) => (since ? `Online since ${since}` : "Online"),
   offline: (since) => (since ? `Offline since ${since}` : "Never seen"),
@@ -32,7 +30,6 @@ export const fleet = {
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
   },
   stopNone: "No robot to stop.",
-  stopFailed: (detail) => `Not stopped. ${detail ? because(detail) : "The server does not answer. Press again."}`,
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
   shown: (count, listed) => `${count}, ${listed} shown`,

@@ -61,7 +61,7 @@ test("a button that asks sends once it is answered", () => {
   press(dock);
   tick(500);
   confirm();
-  assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger"]);
+  assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger", 31]);
 });
 
 // Of the button that asks: what it is after some steps; none of them sends anything.
@@ -86,7 +86,13 @@ for (const [name, button, act, state, words] of [
   ["it waits for the robot", () => scan, () => {}, "pending", "Scan: waiting for the robot."],
   ["it did it", () => scan, () => answer(0, { success: true, message: "found 3" }), "done", "Scan: done. The robot says: found 3"],
   ["it did not", () => scan, () => answer(0, { success: false, message: "no laser" }), "failed", "Scan: failed. no laser"],
-  ["no answer for a while", () => scan, () => tick(30_000), "failed", "Scan: failed. No answer for 30 s. The robot may still do it."],
+  [
+    "no answer for a while",
+    () => scan,
+    () => tick(30_000),
+    "unknown",
+    "Scan: outcome unknown. No answer for 30 s. The robot may still do it.",
+  ],
   ["a late answer counts", () => scan, () => [tick(30_000), answer(0)].at(-1), "done", "Scan: done."],
   ["but not of a newer press", () => scan, () => [tick(30_000), press(scan), answer(0)].at(-1), "pending", "Scan: waiting for the robot."],
   ["the server refuses it", () => lights, () => publishers[0].onRefused("cannot publish"), "failed", "Lights on: failed. cannot publish"],
@@ -94,8 +100,8 @@ for (const [name, button, act, state, words] of [
     "a link that ends leaves open whether it was done",
     () => scan,
     () => robotButtons.use({ live: false, driving: true }),
-    "failed",
-    "Scan: failed. The connection ended before the robot answered. It may have done it.",
+    "unknown",
+    "Scan: outcome unknown. The connection ended before the robot answered. It may have done it, or still do it.",
   ],
   [
     "a call that cannot be sent",
@@ -141,7 +147,7 @@ test("a press while an answer is awaited sends nothing more", () => {
   press(scan);
   assert.deepEqual(
     calls.map(({ how }) => how),
-    [["/scan", { n: 1 }, undefined]],
+    [["/scan", { n: 1 }, undefined, 31]],
   );
 });
 

@@ -92,7 +92,7 @@ test("the focus goes from the release button, which goes, to what came in its pl
 test("a release that failed is said beside the stop that still holds", async () => {
   const { text, fails } = releaseAsked();
   await fails();
-  assert.match(text(), /Stopped by ben .*Not released/);
+  assert.match(text(), /Stopped by ben .*Release not confirmed/);
 });
 
 test("a robot that is released, though the answer was lost, is not said to be not released", async () => {

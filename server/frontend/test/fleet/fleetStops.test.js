@@ -94,7 +94,7 @@ test("a stop of all that the server does not hear is said again, and the person 
 test("its attempts end after a while, or when the server refuses", async () => {
   const lost = await pressed();
   assert.equal(lost.times, 15);
-  assert.match(lost.said.at(-1), /Press again/);
+  assert.match(lost.said.at(-1), /^Stop not confirmed/);
   const refused = await pressed(403);
   assert.equal(refused.times, 1);
   assert.match(refused.said[0], /^Not stopped/);
