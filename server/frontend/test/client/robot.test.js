@@ -1,5 +1,4 @@
 import assert from "node:assert/strict";
-import { getEventListeners } from "node:events";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
@@ -186,14 +185,16 @@ test("what moves gets its zero when the page closes the connection", async () =>
 });
 
 test("a page keeps nothing of a robot that it has closed", async () => {
-  const names = ["online", "offline", "blur", "pagehide"];
-  const heard = () => names.flatMap((name) => getEventListeners(windowHears, name)).length;
+  const names = ["blur", "offline", "online", "pagehide"];
+  // Not what is still in there: once it has collected garbage, Node.js 20 removes one listener of a signal alone.
+  const added = mock.method(windowHears, "addEventListener").mock;
+  const heard = () => added.calls.map(({ arguments: [name, , { signal }] }) => !signal.aborted && name).filter(Boolean);
   const robot = make();
   for (let i = 0; i < 2; i++) {
     await goLive(robot);
-    assert.equal(heard(), names.length);
+    assert.deepEqual(heard().sort(), names);
     robot.close();
-    assert.equal(heard(), 0);
+    assert.deepEqual(heard(), []);
   }
 });
 
