@@ -31,6 +31,7 @@ class AppContext:
     login_lifetime: Lifetime
     wall_robots: int
     backup_record: Path
+    database_record: Path
     metrics: WebMetrics
     ssh_probe: SshProbe
     prometheus: Prometheus

@@ -25,7 +25,12 @@ def get_health(caller: Caller) -> SiteHealth:
     """Get how each part of the site is now, and what to do."""
     app = context()
     return read_health(
-        caller.tx, app.site_certificates, app.ssh_probe, app.backup_record, app.prometheus
+        caller.tx,
+        app.site_certificates,
+        app.ssh_probe,
+        app.prometheus,
+        backup_record=app.backup_record,
+        database_record=app.database_record,
     )
 
 

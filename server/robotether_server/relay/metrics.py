@@ -34,12 +34,7 @@ from prometheus_client.registry import Collector
 from robotether_server import __version__
 from robotether_server.backups import RECORD, age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
-from robotether_server.disks import (
-    DATABASE_CURRENT_S,
-    DATABASE_RECORD,
-    read_space,
-    recorded_space,
-)
+from robotether_server.disks import DATABASE_CURRENT_S, DATABASE_RECORD, DiskSpace, recorded_space
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.peers import Peers
@@ -152,7 +147,7 @@ class Metrics:
         self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
         self._registry.register(_Collector(partial(_read_database, parts.database)))
         self.collect_disks(
-            event_writer.folder, lambda: parts.cells.recordings_free, DATABASE_RECORD, RECORD
+            lambda: parts.cells.disk, lambda: parts.cells.recordings_free, DATABASE_RECORD, RECORD
         )
         self.collect_backups(RECORD)
         self._collect_build(parts.cells.name)
@@ -167,7 +162,7 @@ class Metrics:
 
     def collect_disks(
         self,
-        folder: Path | None,
+        disk: Callable[[], DiskSpace | None],
         recordings_free: Callable[[], float | None],
         database_record: Path,
         backup_record: Path,
@@ -175,16 +170,12 @@ class Metrics:
         """Add how full the disks are of the relay's folder, and of what other parts keep; None: unknown."""
 
         def read() -> Iterator[GaugeMetricFamily]:
-            database = recorded_space(database_record, DATABASE_CURRENT_S)
-            backups = recorded_space(backup_record / "disk")
-            yield _disks(
-                {
-                    "relay": None if folder is None else _free_part(folder),
-                    "recordings": recordings_free(),
-                    "database": None if database is None else database.free_part,
-                    "backups": None if backups is None else backups.free_part,
-                }
-            )
+            spaces = {
+                "relay": disk(),
+                "database": recorded_space(database_record, DATABASE_CURRENT_S),
+                "backups": recorded_space(backup_record / "disk"),
+            }
+            yield _disks(spaces, recordings_free())
 
         self._registry.register(_Collector(read))
 
@@ -328,19 +319,18 @@ def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
     yield from (used, limit)
 
 
-def _free_part(folder: Path) -> float | None:
-    try:
-        return read_space(folder).free_part
-    except OSError:
-        return None
-
-
-def _disks(free_parts: Mapping[str, float | None]) -> GaugeMetricFamily:
+def _disks(
+    spaces: Mapping[str, DiskSpace | None], recordings_free: float | None
+) -> GaugeMetricFamily:
     meaning = "Free part of the disk of a volume, from 0 to 1; of backups when the last was made"
-    family = GaugeMetricFamily("robotether_relay_disk_free_ratio", meaning, labels=["volume"])
-    for volume, free_part in free_parts.items():
-        if free_part is not None:
-            family.add_metric([volume], free_part)
+    labels = ["volume", "device"]
+    family = GaugeMetricFamily("robotether_relay_disk_free_ratio", meaning, labels=labels)
+    for volume, space in spaces.items():
+        if space is not None:
+            family.add_metric([volume, space.device], space.free_part)
+    if recordings_free is not None:
+        # Its recorder does not say of which device.
+        family.add_metric(["recordings", ""], recordings_free)
     return family
 
 

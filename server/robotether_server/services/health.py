@@ -16,6 +16,7 @@ from msgspec import Struct
 from robotether_server.backups import last_backup
 from robotether_server.db import Transaction, cells
 from robotether_server.db.cells import ALIVE_S, Cell
+from robotether_server.disks import DATABASE_CURRENT_S, DiskSpace, recorded_space
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import HistoryUnavailableError, SiteCertificateUnavailableError
 from robotether_server.services.history import FiringAlert, Prometheus
@@ -34,6 +35,7 @@ SSH_HELLO = b"SSH-2.0-health\r\n"
 # What sshd says first, also with as many log-ins under way as it takes.
 SSH_ANSWERS = (b"SSH-2.0-OpenSSH", b"Not allowed at this time")
 ASK_RELAY = "On its machine, see docker compose ps and docker compose logs relay."
+MAKE_ROOM = "On its machine, see docker system df, and delete what is not needed."
 ASK_RECORDER = "On its machine, see docker compose logs recorder."
 
 PartState = Literal["good", "bad", "unknown"]
@@ -88,13 +90,15 @@ def read_health(
     tx: Transaction,
     certificates: SiteCertificates,
     ssh_probe: SshProbe,
-    backup_record: Path,
     prometheus: Prometheus,
+    *,
+    backup_record: Path,
+    database_record: Path,
 ) -> SiteHealth:
     """Judge all parts of the site."""
     parts = [
         PartHealth("web", "good", "It answers."),
-        PartHealth("database", "good", "It answers. How full its disk is, is not known here."),
+        _database(recorded_space(database_record, DATABASE_CURRENT_S)),
         *chain.from_iterable(map(_of_cell, cells.read(tx))),
         _sshd(ssh_probe.answers()),
         _certificate(certificates),
@@ -105,6 +109,14 @@ def read_health(
     except HistoryUnavailableError:
         return SiteHealth([*parts, _prometheus(answers=False)], None)
     return SiteHealth([*parts, _prometheus(answers=True)], alerts)
+
+
+def _database(disk: DiskSpace | None) -> PartHealth:
+    if disk is None:
+        words = "It answers. How full its disk is, is not known on this machine."
+        return PartHealth("database", "good", words)
+    words = f"It answers. {disk.free_part:.0%} of its disk is free."
+    return _judge_free("database", disk.free_part, words, MAKE_ROOM)
 
 
 def _of_cell(cell: Cell) -> list[PartHealth]:
@@ -207,8 +219,7 @@ def _disk(cell: Cell) -> PartHealth:
     if cell.disk_free is None:
         return PartHealth(name, "unknown", "The cell's relay does not say it.", ASK_RELAY)
     words = f"{cell.disk_free:.0%} is free where the relay's volume is."
-    advice = "On its machine, see docker system df, and delete what is not needed."
-    return _judge_free(name, cell.disk_free, words, advice)
+    return _judge_free(name, cell.disk_free, words, MAKE_ROOM)
 
 
 def _recordings(cell: Cell) -> PartHealth:

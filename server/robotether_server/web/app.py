@@ -18,6 +18,7 @@ from robotether_server.api.web_metrics import WebMetrics
 from robotether_server.backups import RECORD
 from robotether_server.db import Database
 from robotether_server.db.credentials import Lifetime
+from robotether_server.disks import DATABASE_RECORD
 from robotether_server.install_line import SiteCertificates
 from robotether_server.problems import OriginRefusedError
 from robotether_server.services.health import SshProbe
@@ -144,6 +145,7 @@ def make_context(settings: WebSettings) -> AppContext:
         ),
         wall_robots=settings.wall_robots,
         backup_record=RECORD,
+        database_record=DATABASE_RECORD,
         metrics=WebMetrics(database, certificates),
         ssh_probe=SshProbe(settings.site_address.tls_front),
         prometheus=Prometheus(settings.prometheus),

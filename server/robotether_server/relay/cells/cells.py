@@ -13,7 +13,7 @@ from pathlib import Path
 
 from robotether_server.db import cells
 from robotether_server.db.cells import ALIVE_S, Cell, CellCounts, SshAddresses
-from robotether_server.disks import read_space
+from robotether_server.disks import DiskSpace, read_space
 from robotether_server.problems import StoreError, StoreUnavailableError
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.settings.server import CellSettings
@@ -54,8 +54,8 @@ class Cells:
         self._problem: str | None = None
         self._settled_at = self._read_at = 0.0
         self._recorders: Callable[[], int] | None = None
-        # When it was read, and what part is free.
-        self._disk: tuple[float, float] | None = None
+        # When it was read, and what it said.
+        self._disk: tuple[float, DiskSpace] | None = None
 
     def count_recorders(self, count: Callable[[], int]) -> None:
         """Say with each heartbeat how many recorders are connected."""
@@ -69,7 +69,7 @@ class Cells:
             except OSError as problem:
                 log.warning("cannot see how full %s is: %s", folder, problem)
             else:
-                self._disk = asyncio.get_running_loop().time(), space.free_part
+                self._disk = asyncio.get_running_loop().time(), space
             await asyncio.sleep(DISK_EVERY_S)
 
     @property
@@ -87,6 +87,14 @@ class Cells:
         """Whether this cell is taken out of service."""
         own_cell = self._cells.get(self.name)
         return own_cell is not None and own_cell.draining
+
+    @property
+    def disk(self) -> DiskSpace | None:
+        """How full the watched disk is; None: unknown."""
+        if self._disk is None:
+            return None
+        read_at, space = self._disk
+        return space if asyncio.get_running_loop().time() - read_at <= DISK_CURRENT_S else None
 
     @property
     def recordings_free(self) -> float | None:
@@ -184,9 +192,7 @@ class Cells:
             self._update({cell.name: cell for cell in site_cells})
 
     def _counts(self) -> CellCounts:
-        now, free = asyncio.get_running_loop().time(), None
-        if self._disk is not None and now - self._disk[0] <= DISK_CURRENT_S:
-            free = self._disk[1]
+        free = None if self.disk is None else self.disk.free_part
         return CellCounts(self._robots(), free, self._recorders() if self._recorders else None)
 
     def _update(self, site_cells: Mapping[str, Cell]) -> None:

@@ -83,6 +83,19 @@ def test_disks_and_recorder_of_each_cell_are_judged(
         assert {parts[f"{kind} of {name}"] for kind in kinds} == {state}, name
 
 
+def test_disk_of_the_database_is_judged_where_it_is_recorded(root, use, tmp_path):
+    use(database_record=tmp_path / "database")
+    for record, state in (("5 95\n8:1\n", "bad"), ("50 50\n", "good"), ("?", "good")):
+        (tmp_path / "database").write_text(record)
+        assert states(root)[0]["database"] == state
+    [words] = [
+        part["words"]
+        for part in root.ask("GET", "/health").json["parts"]
+        if part["name"] == "database"
+    ]
+    assert "not known" in words
+
+
 @pytest.mark.parametrize(("age_s", "state"), [(3600, "good"), (200_000, "bad"), (-3600, "unknown")])
 def test_a_backup_is_good_for_a_day_and_never_with_a_date_in_the_future(
     root, use, tmp_path, age_s, state

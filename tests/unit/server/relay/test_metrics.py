@@ -10,6 +10,7 @@ from robotether_common.frames import VideoStatus
 from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
+from robotether_server.disks import read_space
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedKey, FeedTraffic
 from robotether_server.relay.metrics import Metrics
@@ -64,19 +65,20 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
 
 def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
     database, name = tmp_path / "database", "robotether_relay_disk_free_ratio"
-    database.write_text("1 3\n")
-    metrics.collect_disks(tmp_path, lambda: 0.5, database, tmp_path)
+    database.write_text("1 3\n8:1\n")
+    metrics.collect_disks(lambda: read_space(tmp_path), lambda: 0.5, database, tmp_path)
     shown = {line.rpartition(" ")[0]: line for line in lines(metrics) if line.startswith(name)}
-    assert set(shown) == {
-        f'{name}{{volume="{each}"}}' for each in ("relay", "recordings", "database")
-    }
-    assert f'{name}{{volume="database"}} 0.25' in shown.values()
-    assert f'{name}{{volume="recordings"}} 0.5' in shown.values()
+    assert len(shown) == 3
+    device = tmp_path.stat().st_dev
+    relay = f'device="{os.major(device)}:{os.minor(device)}",volume="relay"'
+    assert f"{name}{{{relay}}}" in shown
+    assert f'{name}{{device="8:1",volume="database"}} 0.25' in shown.values()
+    assert f'{name}{{device="",volume="recordings"}} 0.5' in shown.values()
     os.utime(database, (0, 0))
     (tmp_path / "disk").write_text("     90      10\n")
     shown = lines(metrics)
     assert not [line for line in shown if "database" in line]
-    assert f'{name}{{volume="backups"}} 0.9' in shown
+    assert f'{name}{{device="",volume="backups"}} 0.9' in shown
 
 
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
