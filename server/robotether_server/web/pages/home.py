@@ -153,16 +153,14 @@ def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
 
 def _other_machines(tx: Transaction) -> list[dict[str, str]]:
     """Return the machines of the site whose page this person could open instead, and let this page measure them."""
-    site = cells.read(tx)
-    if len(site) == 1:
-        # It is this one, by whichever of its names the page was opened.
-        return []
-    machines = [
+    # By whichever of its names the page was opened.
+    own = context().site_certificates.settings
+    others = [
         {"name": cell.name, "authority": SiteAddress(cell.host, cell.https_port).authority}
-        for cell in site
+        for cell in cells.read(tx)
         if cell.host is not None and cell.is_listed
+        if (cell.host, cell.https_port) != (own.public_host, own.public_port)
     ]
-    others = [item for item in machines if item["authority"] != request.host]
     g.other_machines = [item["authority"] for item in others]
     return others
 
