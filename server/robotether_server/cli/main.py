@@ -13,7 +13,7 @@ from robotether_server.cli.cells import cell
 from robotether_server.cli.grants import grant, revoke
 from robotether_server.cli.groups_and_sites import group, site
 from robotether_server.cli.robot_keys import rejected
-from robotether_server.cli.robots import robot
+from robotether_server.cli.robots import robot, stop
 from robotether_server.cli.ssh_keys import print_ssh_config, ssh_key
 from robotether_server.cli.tokens import join_token, token
 from robotether_server.cli.users import add_first_admin, ensure_first_admin, user
@@ -115,6 +115,7 @@ for command in (
     robot,
     site,
     ssh_key,
+    stop,
     token,
     user,
 ):

@@ -1,11 +1,17 @@
 """robotether robot ...: the list of commands about robots; those that add, show, change, watch and remove one.
 
+`robotether stop` is for programmers on a machine of their own: it asks the API, and no database.
 A change reaches a live tunnel within 2 s: it is cut, or gets its new settings.
 """
 
+import os
 from dataclasses import asdict
+from http import HTTPStatus
+from http.client import HTTPException, HTTPSConnection
+from urllib.parse import quote
 
 import click
+import msgspec
 
 from robotether_server.cli import robot_texts
 from robotether_server.cli.common import (
@@ -15,6 +21,7 @@ from robotether_server.cli.common import (
     NotDoneError,
     add_list,
     agree,
+    harmless,
     open_database,
     print_fields,
     print_json,
@@ -29,14 +36,61 @@ from robotether_server.cli.robot_keys import (
 )
 from robotether_server.cli.robot_settings import set_settings, show_settings
 from robotether_server.cli.tokens import invite
+from robotether_server.contract.control import ControlObject, StopReason
 from robotether_server.db import Database, seen_robots
 from robotether_server.db import robots as db_robots
+from robotether_server.install_line import SiteAddress, parse_site_address
+from robotether_server.problems import reason_in
 from robotether_server.services import robots
 
 PORT = click.IntRange(1024, 65535)
 
 
 SESSIONS_SHOWN = 5
+# Time limit for the server's answer to a stop, for which it waits for the guard.
+STOP_WITHIN_S = 10.0
+
+
+@click.command()
+@click.argument("name")
+@click.option("--host", required=True, metavar="HOST[:PORT]", help="Where the site is.")
+@click.option("--reason", help="What people read beside the stop.")
+def stop(name: str, host: str, reason: str | None) -> None:
+    """Stop a robot until somebody releases it.
+
+    Over the API, with the token in ROBOTETHER_TOKEN. Fails unless the robot's guard confirms the stop. This is no
+    safety-rated emergency stop.
+    """
+    token = os.environ.get("ROBOTETHER_TOKEN")
+    if not token:
+        raise NotDoneError(f"cannot stop robot {name}: put an API token in ROBOTETHER_TOKEN")
+    stopped = _post_stop(parse_site_address(host), token, name, reason).stopped
+    if stopped is None:
+        raise NotDoneError(f"robot {name} is not stopped: somebody has released it already")
+    if not stopped.confirmed:
+        raise NotDoneError(
+            f"the server has stopped robot {name}, but the robot has not confirmed it and may still move"
+        )
+    click.echo(f"robot {name} is stopped, and its guard has confirmed it")
+
+
+def _post_stop(site: SiteAddress, token: str, name: str, reason: str | None) -> ControlObject:
+    headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
+    body = msgspec.json.encode(StopReason(reason))
+    path = f"/api/v1/robots/{quote(name, safe='')}/stop"
+    connection = HTTPSConnection(site.host, site.port, timeout=STOP_WITHIN_S)
+    try:
+        connection.request("POST", path, body, headers)
+        response = connection.getresponse()
+        answer = response.read()
+        if response.status == HTTPStatus.OK:
+            return msgspec.json.decode(answer, type=ControlObject)
+        why = str(msgspec.json.decode(answer, type=dict)["detail"])
+    except (OSError, HTTPException, KeyError, msgspec.MsgspecError) as error:
+        why = reason_in(error)
+    finally:
+        connection.close()
+    raise NotDoneError(f"nothing confirms that robot {name} is stopped: {harmless(why)}")
 
 
 @click.command()

@@ -2,8 +2,11 @@
 
 import json
 
+import pytest
 from admin_records import ADD, MAC, activate, claim, events
+from dated_certificate import make_certificate
 from robotether_server.db import seen_robots
+from tls_web import running
 
 
 def test_added_robot_is_listed(run, database):
@@ -84,3 +87,42 @@ def test_unknown_robot_is_said(run):
     done = run("robot", "show", "ghost")
     assert (done.status, done.err.count("\n")) == (1, 1)
     assert "cannot find robot ghost" in done.err
+
+
+STOP = {"by": "ann", "at": "2026-01-01T12:00:00Z"}
+CONTROL = {"driver": None, "waiting": None, "reserved": None, "guard": "ok"}
+
+
+@pytest.mark.parametrize(
+    ("status", "answer", "words"),
+    [
+        ("200 OK", CONTROL | {"stopped": STOP | {"confirmed": True}}, ""),
+        ("200 OK", CONTROL | {"stopped": STOP | {"confirmed": False}}, "may still move"),
+        ("200 OK", CONTROL | {"stopped": None}, "is not stopped"),
+        ("403 Forbidden", {"detail": "cannot stop it: no grant"}, "no grant"),
+        ("502 Bad Gateway", "<html>", "nothing confirms"),
+    ],
+)
+def test_stop_succeeds_only_when_the_guard_confirms_it(
+    run, monkeypatch, tmp_path, *, status, answer, words
+):
+    asked = []
+
+    def site(environ, respond):
+        asked.append(
+            (environ["PATH_INFO"], environ["HTTP_AUTHORIZATION"], environ["wsgi.input"].read(18))
+        )
+        respond(status, [])
+        return [json.dumps(answer).encode()]
+
+    certificate = make_certificate(tmp_path)
+    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+    monkeypatch.setenv("ROBOTETHER_TOKEN", "rt_of_ann")
+    with running(site, None, certificate) as web:
+        done = run("stop", "sim1", "--host", web.address, "--reason", "smoke")
+    assert asked == [("/api/v1/robots/sim1/stop", "Bearer rt_of_ann", b'{"reason":"smoke"}')]
+    assert (done.status == 0) is ("has confirmed it" in done.out) is (words == "")
+    assert words in done.err
+    gone = run("stop", "sim1", "--host", web.address)
+    assert gone.status == 1
+    assert "nothing confirms" in gone.err
