@@ -126,11 +126,16 @@ def test_compose_file_runs_this_checkout_and_gives_the_agent_only_the_network() 
     command = ["docker", "compose", "-f", str(ROS / "compose.yaml"), "config", "--format", "json"]
     environ = os.environ | {"SERVER": "robots.example.com"}
     done = subprocess.run(command, check=True, capture_output=True, text=True, env=environ)
-    services = json.loads(done.stdout)["services"]
+    config = json.loads(done.stdout)
+    services = config["services"]
     assert {service["network_mode"] for service in services.values()} == {"host"}
     # What a `git pull` brought runs, and no registry is asked for our image's name.
     assert {service["pull_policy"] for service in services.values()} == {"build"}
     agent = services["agent"]
     assert agent["read_only"]
     assert agent["cap_drop"] == ["ALL"]
-    assert [volume["target"] for volume in agent["volumes"]] == ["/var/lib/robotether-agent"]
+    targets = [volume["target"] for volume in agent["volumes"]]
+    assert targets == ["/var/lib/robotether-agent", "/run/robotether-agent"]
+    # What a killed agent left says whether the robot moves: it goes with the machine, not with the container.
+    assert config["volumes"]["run"]["driver_opts"]["type"] == "tmpfs"
+    assert [volume["source"] for volume in services["ros"]["volumes"]] == ["run"]
