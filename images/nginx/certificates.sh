@@ -31,7 +31,7 @@ subject_alternative_names() { # host
 ensure_self_signed() { # host
   if [ -s "$SELF_SIGNED/cert.pem" ] && [ -s "$SELF_SIGNED/key.pem" ]; then return; fi
   openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 3650 \
-    -subj "/CN=$1" -addext "subjectAltName=$(subject_alternative_names "$1")" \
+    -subj "/CN=$(printf %.64s "$1")" -addext "subjectAltName=$(subject_alternative_names "$1")" \
     -addext basicConstraints=critical,CA:FALSE -addext keyUsage=critical,digitalSignature \
     -addext extendedKeyUsage=serverAuth \
     -keyout "$SELF_SIGNED/key.pem.new" -out "$SELF_SIGNED/cert.pem.new" 2>/dev/null

@@ -8,7 +8,7 @@ and none is ever printed.
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from ipaddress import IPv6Address, ip_network
+from ipaddress import IPv4Address, IPv6Address, ip_network
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_origin, get_type_hints
 
@@ -89,10 +89,10 @@ def whole(lowest: int, highest: int, unit: str = "") -> Kind:
     """Whole numbers from `lowest` to `highest`."""
 
     def parse(text: str) -> int:
-        value = int(text)
-        if not lowest <= value <= highest:
+        # As all other readers of the variable, too: no sign, blank or zero in front.
+        if not re.fullmatch("0|[1-9][0-9]*", text) or not lowest <= int(text) <= highest:
             raise ValueError(text)
-        return value
+        return int(text)
 
     return Kind(f"{lowest} to {highest}" + (f" ({unit})" if unit else ""), parse)
 
@@ -108,12 +108,19 @@ def matching(pattern: str, allowed: str) -> Kind:
     return Kind(allowed, parse)
 
 
+_LABEL = "(?!-)[A-Za-z0-9-]{1,63}(?<!-)"
+_HOST_NAME = re.compile(rf"(?=.{{1,253}}\Z){_LABEL}(\.{_LABEL})*")
+
+
 def _parse_host(text: str) -> str:
-    host: str = matching("[A-Za-z0-9.:-]+", "").parse(text)
-    if ":" in host:
+    if ":" in text:
         # One before a port would become part of the host, in links and for robots.
-        IPv6Address(host)
-    return host
+        IPv6Address(matching("[0-9A-Fa-f:.]+", "").parse(text))
+    elif re.fullmatch("[0-9.]+", text):
+        IPv4Address(text)
+    elif not _HOST_NAME.fullmatch(text):
+        raise ValueError(text)
+    return text
 
 
 def _parse_endpoint(text: str) -> tuple[str, int]:
@@ -127,9 +134,14 @@ def _parse_endpoint_or_empty(text: str) -> str | None:
     return text or None
 
 
+def _parse_origin(text: str) -> str:
+    # As browsers write it: in small letters, and without the usual port.
+    origin: str = matching(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", "").parse(text.strip().lower())
+    return origin.removesuffix(":443" if origin.startswith("https:") else ":80")
+
+
 def _parse_origins(text: str) -> tuple[str, ...]:
-    origin = matching(r"https?://[a-z0-9.-]+(:[0-9]{1,5})?", "")
-    return tuple(origin.parse(part.strip()) for part in text.split(",") if part.strip())
+    return tuple(_parse_origin(part) for part in text.split(",") if part.strip())
 
 
 def _parse_networks(text: str) -> tuple[str, ...]:
@@ -165,10 +177,10 @@ ENDPOINT = Kind("host:port", _parse_endpoint)
 ENDPOINT_OR_EMPTY = Kind("host:port, or empty", _parse_endpoint_or_empty)
 PORTS = Kind(
     "port numbers with commas between",
-    lambda text: tuple(PORT.parse(part) for part in text.split(",")),
+    lambda text: tuple(PORT.parse(part.strip()) for part in text.split(",")),
 )
 ORIGINS = Kind(
-    "origins such as https://lab.example with commas between, or empty: this site only",
+    "origins such as https://lab.example, without a path, with commas between, or empty: this site only",
     _parse_origins,
 )
 HOST_OR_EMPTY = Kind(
