@@ -33,6 +33,7 @@ def setting(checkout, line, **environment):
         ('DB_HOST="192.0.2.1"', "192.0.2.1"),
         ("DB_HOST=a\nDB_HOST=b", "b"),
         ("#DB_HOST=a", ""),
+        (" export DB_HOST = a ", "a"),
         ("", ""),
     ],
 )
