@@ -36,7 +36,7 @@ from robotether_server.schemas import (
     Signature,
     Timestamp,
 )
-from robotether_server.services import drive_pages, grants, pending
+from robotether_server.services import grants, pending
 from robotether_server.services import robots as robot_service
 from robotether_server.services.robots import Registration
 from robotether_server.settings.buttons import GivenButtons
@@ -247,14 +247,22 @@ def list_sessions(caller: Caller, robot: str, query: SessionQuery) -> SessionLis
 @operation("PUT", "/robots/<robot>/page", "manager", tag="robots")
 def set_page(caller: Caller, robot: str, body: PageObject) -> PageSettings:
     """Set the robot's settings of the drive page; for its managers."""
-    return drive_pages.set_page(caller.tx, caller.source, robot, body).page
+    return robot_service.change_settings(
+        caller.tx, caller.source, robot, lambda present: {**present, "page": body}, "page"
+    ).page
 
 
 @operation("PUT", "/robots/<robot>/buttons", "manager", tag="robots")
 def set_buttons(caller: Caller, robot: str, body: ButtonList) -> ButtonList:
     """Set the buttons of the drive page; for the robot's managers."""
     new_buttons = msgspec.to_builtins(body.buttons)
-    settings = drive_pages.set_buttons(caller.tx, caller.source, robot, new_buttons)
+    settings = robot_service.change_settings(
+        caller.tx,
+        caller.source,
+        robot,
+        lambda present: {**present, "buttons": new_buttons},
+        "buttons",
+    )
     buttons = [button.as_dict() for button in settings.buttons]
     return msgspec.convert({"buttons": buttons}, ButtonList)
 
@@ -269,7 +277,8 @@ def _change(caller: Caller, name: str, body: RobotChanges) -> str:
         allow_local_mac = context().join.allow_local_macs
         robot_service.set_mac(tx, source, name, body.mac, allow_local_mac=allow_local_mac)
     if body.settings is not UNSET:
-        robot_service.set_settings(tx, source, name, body.settings)
+        settings = body.settings
+        robot_service.change_settings(tx, source, name, lambda _present: settings)
     if body.site is not UNSET:
         grants.place_robot(tx, source, name, body.site)
     if body.shell is not UNSET:

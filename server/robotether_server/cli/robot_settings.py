@@ -75,7 +75,7 @@ def set_settings(name: str, changes: Sequence[str], shell_user: str | None) -> N
         changed = robots.change_settings(
             tx, SOURCE, name, lambda present: _changed(present, requests)
         )
-    in_force = robot_settings.parse(changed.settings).as_dict()
+    in_force = changed.as_dict()
     now = " ".join(f"{path}={json.dumps(get_path(in_force, path))}" for path, _ in requests)
     click.echo(f"robot {name} has {now}")
 

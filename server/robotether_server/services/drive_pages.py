@@ -6,49 +6,28 @@ robot, and for `allow` that it is an admin. Connections stay; a page applies a c
 
 import json
 from collections.abc import Callable
-from typing import Literal
 
-from robotether_server.db import Transaction, audit, robots
+from robotether_server.db import Transaction
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, NotPossibleError
 from robotether_server.services import robots as robot_service
 from robotether_server.settings import buttons as button_settings
 from robotether_server.settings import robot as robot_settings
 from robotether_server.settings.buttons import Button
-from robotether_server.settings.robot import RobotSettings, Settings, put_path, same_json
+from robotether_server.settings.robot import Settings, put_path
 
-# All settings before a change, to those after it; and the same of the buttons.
-SettingsChange = Callable[[Settings], Settings]
+# The buttons before a change, to those after it.
 Change = Callable[[list[Button]], list[Button]]
 
 
-def set_page(tx: Transaction, source: Source, name: str, page: object) -> RobotSettings:
-    """Replace `page`; what is missing is as by default. Raises FieldInvalidError. Returns all that is in force then."""
-    return _set(tx, source, name, "page", page)
+def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> None:
+    """Replace `buttons` by the result of `change`; no other change comes in between. Raises FieldInvalidError."""
 
+    def changed(present: Settings) -> Settings:
+        buttons = button_settings.parse(present.get("buttons", []))
+        return {**present, "buttons": [button.as_dict() for button in change(list(buttons))]}
 
-def change_page(
-    tx: Transaction, source: Source, name: str, change: SettingsChange
-) -> RobotSettings:
-    """Replace `page` by that of the settings that `change` makes of the present ones; raise FieldInvalidError.
-
-    No other change comes in between.
-    """
-    robots.lock_enrolment(tx)
-    return set_page(tx, source, name, change(robots.get(tx, name).settings).get("page", {}))
-
-
-def set_buttons(tx: Transaction, source: Source, name: str, buttons: object) -> RobotSettings:
-    """Replace `buttons`; raise FieldInvalidError. Returns all that is in force then."""
-    return _set(tx, source, name, "buttons", buttons)
-
-
-def change_buttons(tx: Transaction, source: Source, name: str, change: Change) -> RobotSettings:
-    """Replace `buttons` by the result of `change`; no other change comes in between."""
-    robots.lock_enrolment(tx)
-    present = button_settings.parse(robots.get(tx, name).settings.get("buttons", []))
-    changed = [button.as_dict() for button in change(list(present))]
-    return set_buttons(tx, source, name, changed)
+    robot_service.change_settings(tx, source, name, changed, "buttons")
 
 
 def allow(tx: Transaction, source: Source, name: str, button: Button) -> None:
@@ -99,17 +78,3 @@ def _once(pairs: list[tuple[str, object]]) -> dict[str, object]:
     if len(members) != len(pairs):
         raise ValueError("a member appears twice")
     return members
-
-
-def _set(
-    tx: Transaction, source: Source, name: str, member: Literal["page", "buttons"], value: object
-) -> RobotSettings:
-    robots.lock_enrolment(tx)
-    robot = robots.get(tx, name)
-    settings = robot_settings.parse({**robot.settings, member: value})
-    values, was = settings.as_given(), robot.settings.get(member)
-    if not same_json(values.get(member), was):
-        robots.set_settings(tx, robot.id, values)
-        changed = {"was": was, member: values.get(member)}
-        audit.record(tx, source, f"robot_{member}_set", name, **changed)
-    return settings

@@ -5,6 +5,7 @@ Every action takes the enrolment lock first: joins and other actions wait for th
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from robotether_server import identity
 from robotether_server.db import Transaction, audit, robots
@@ -19,7 +20,7 @@ from robotether_server.problems import (
 from robotether_server.services import joining
 from robotether_server.services.joining import EnrolmentCredential
 from robotether_server.settings import robot as robot_settings
-from robotether_server.settings.robot import Settings
+from robotether_server.settings.robot import RobotSettings, Settings
 
 
 @dataclass(frozen=True)
@@ -219,29 +220,31 @@ def set_shell(tx: Transaction, source: Source, name: str, on: bool) -> RobotRow:
     return changed
 
 
-def set_settings(
-    tx: Transaction, source: Source, name: str, settings: dict[str, object]
-) -> RobotRow:
-    """Replace a robot's settings; {} means the defaults, and only differences are stored. Raises FieldInvalidError.
+def change_settings(
+    tx: Transaction,
+    source: Source,
+    name: str,
+    change: Callable[[Settings], Settings],
+    member: Literal["page", "buttons"] | None = None,
+) -> RobotSettings:
+    """Replace a robot's settings by what `change` makes of the present ones, of a `member` alone if one is named.
 
-    Relay and guard follow by themselves.
+    {} means the defaults; only differences are stored. Returns what is in force then, and raises FieldInvalidError.
+    No other change comes in between. Relay and guard follow by themselves.
     """
     robot = _get(tx, name)
-    values = robot_settings.parse(settings).as_given()
-    if not robot_settings.same_json(values, robot.settings):
+    was, new = robot.settings, change(robot.settings)
+    if member is not None:
+        of_member = {key: value for key, value in new.items() if key == member}
+        new = {key: value for key, value in was.items() if key != member} | of_member
+    settings = robot_settings.parse(new)
+    values = settings.as_given()
+    before, after = (was, values) if member is None else (was.get(member), values.get(member))
+    if not robot_settings.same_json(before, after):
         robots.set_settings(tx, robot.id, values)
-        audit.record(tx, source, "robot_settings_set", name, was=robot.settings, settings=values)
-    return robots.get(tx, name)
-
-
-def change_settings(
-    tx: Transaction, source: Source, name: str, change: Callable[[Settings], Settings]
-) -> RobotRow:
-    """Replace a robot's settings by what `change` makes of the present ones; raise FieldInvalidError.
-
-    No other change comes in between.
-    """
-    return set_settings(tx, source, name, change(_get(tx, name).settings))
+        what = member or "settings"
+        audit.record(tx, source, f"robot_{what}_set", name, **{"was": before, what: after})
+    return settings
 
 
 def rekey(tx: Transaction, source: Source, name: str) -> RobotRow:

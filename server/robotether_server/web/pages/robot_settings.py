@@ -25,7 +25,6 @@ from robotether_server.problems import (
     GrantMissingError,
     RobotetherError,
 )
-from robotether_server.services import drive_pages
 from robotether_server.services import robots as robot_service
 from robotether_server.settings import robot as robot_settings
 from robotether_server.settings.page import MAX_CAMERAS, MAX_LABEL_LENGTH, TURNS, Camera
@@ -119,8 +118,7 @@ def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
         }
         return _changed(present, values | unchanged)
 
-    change = robot_service.change_settings if tab.is_for_admins else drive_pages.change_page
-    change(tx, source, name, changed)
+    robot_service.change_settings(tx, source, name, changed, None if tab.is_for_admins else "page")
     return path_of(name, tab), tab.saved.format(name=name)
 
 

@@ -292,7 +292,9 @@ def test_token_puts_a_robot_in_its_place(site):
         grants.add_collection(tx, ADMIN, GROUPS, "crew")
         grants.place_robot(tx, ADMIN, "sim2", "yard")
         grants.give(tx, ADMIN, crew, Scope("robot", "sim2"), "observe")
-        robot_service.set_settings(tx, ADMIN, "sim2", {"region": "us", "shell_user": "pi"})
+        robot_service.change_settings(
+            tx, ADMIN, "sim2", lambda _present: {"region": "us", "shell_user": "pi"}
+        )
         place = Place("lab", "crew", "eu")
         token = tokens.create_join_token(tx, ADMIN, "lab", 2, ends_at, place=place)
     assert site.ask(token=token).region == "eu"

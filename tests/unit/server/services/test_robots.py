@@ -167,7 +167,7 @@ def test_changes_keep_the_rest_and_are_logged_once(site):
     for _ in range(2):
         robot = do(site, robot_service.set_mac, "sim1", "001b.4400.6102")
         do(site, robot_service.set_shell, "sim1", True)
-        do(site, robot_service.set_settings, "sim1", {"shell_user": "pi"})
+        do(site, robot_service.change_settings, "sim1", lambda _present: {"shell_user": "pi"})
         do(site, robot_service.rotate_key, "sim1")
         do(site, robot_service.rename, "sim1", "sim1")
     moved = do(site, robot_service.move_ports, "sim1")
@@ -190,7 +190,17 @@ def test_changes_keep_the_rest_and_are_logged_once(site):
     ]
     assert details(site, "robot_mac_set") == {"was": MAC, "mac": OTHER_MAC}
     assert do(site, robot_service.set_shell, "turtle", False).shell_port is None
-    assert do(site, robot_service.set_settings, "turtle", {}).settings == {}
+    do(site, robot_service.change_settings, "turtle", lambda _present: {})
+    assert site.robot("turtle").settings == {}
+
+
+def test_change_of_the_page_changes_nothing_else(site):
+    """Managers set the page, and only admins the guard's limits."""
+    page = {"kind": "holonomic"}
+    wider = {"page": page, "guard": {"max_speed_m_s": 9}}
+    do(site, robot_service.change_settings, "sim1", lambda _present: wider, "page")
+    assert site.robot("sim1").settings == {"page": page}
+    assert details(site, "robot_page_set") == {"was": None, "page": page}
 
 
 def test_wrong_changes_are_refused(site):
