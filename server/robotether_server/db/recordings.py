@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields
 from typing import Literal
 
 from robotether_server.db.database import Row, Transaction
+from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import User
 from robotether_server.problems import RecordMissingError
 from robotether_server.schemas import Count, Level, RobotName, Timestamp, UserName
@@ -107,11 +108,6 @@ _STATE = (
 _COLUMNS = ", ".join(
     f"{_STATE} AS state" if field.name == "state" else field.name for field in fields(Recording)
 )
-_HIGHER: dict[Level, tuple[Level, ...]] = {
-    "observe": ("observe", "drive", "manage"),
-    "drive": ("drive", "manage"),
-    "manage": ("manage",),
-}
 
 
 def ask(tx: Transaction, robot_id: int, robot: str, user: User) -> int:
@@ -169,7 +165,7 @@ def _select(
         | {
             "is_admin": viewer.is_admin,
             "viewer_id": viewer.id,
-            "levels": _HIGHER[level],
+            "levels": LEVELS[LEVELS.index(level) :],
             "silent_s": PROGRESS_WITHIN.total_seconds(),
             "limit": limit,
         },
