@@ -10,11 +10,11 @@ import json
 from dataclasses import dataclass, field
 from datetime import datetime
 
+from robotether_server.db.audit import MAX_ADDRESS_LENGTH
 from robotether_server.db.database import Transaction
 from robotether_server.problems import RecordMissingError
 
 MAX_NAME = 63
-MAX_ADDRESS = 45
 MAX_REASON = 255
 
 
@@ -257,7 +257,7 @@ def _add_drive(tx: Transaction, drive: DriveEntry, cell: str | None) -> int:
         "fence": drive.fence,
         "cell": cell,
         "started_at": drive.started_at,
-        "address": None if drive.address is None else drive.address[:MAX_ADDRESS],
+        "address": None if drive.address is None else drive.address[:MAX_ADDRESS_LENGTH],
         **progress,
     }
     places = ", ".join(f"%({column})s" for column in values)

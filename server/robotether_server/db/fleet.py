@@ -17,7 +17,7 @@ from robotether_common.services import SERVICES, ServiceName
 from robotether_common.session import HelpSource
 
 from robotether_server.db import audit, control, routes
-from robotether_server.db.audit import Source
+from robotether_server.db.audit import MAX_ADDRESS_LENGTH, Source
 from robotether_server.db.cells import LOST_CODE
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, StopEntry
 from robotether_server.db.database import Row, Transaction
@@ -33,10 +33,8 @@ log = logging.getLogger(__name__)
 # For a robot whose settings cannot be read: nobody sends it anything that moves it.
 LOCKED = RobotSettings(policy=Policy(drive=LevelPolicy(), manage=LevelPolicy()))
 
-# Maximum lengths, those of the columns of robot_sessions: a text from a robot must not make the row
-# fail.
+# Maximum length, that of the column of robot_sessions: a text from a robot must not make the row fail.
 MAX_VERSION = 32
-MAX_ADDRESS = 45
 
 
 @dataclass(frozen=True)
@@ -383,7 +381,7 @@ def _add_session(tx: Transaction, entry: SessionEntry, cell: str | None) -> int:
             "robot_id": entry.robot_id,
             "cell": cell,
             "started_at": entry.started_at,
-            "address": entry.address[:MAX_ADDRESS],
+            "address": entry.address[:MAX_ADDRESS_LENGTH],
             **_session_progress(entry),
         },
     )
