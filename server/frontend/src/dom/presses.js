@@ -77,19 +77,15 @@ function mark(control, ms) {
 export const isNew = (control) => control.getAttribute("aria-disabled") === "true";
 
 // Asks for something once, unless it fails: of the second press of a double one the answer would be that it is done already.
-export class AskedOnce {
-  constructor() {
-    this.keys = new Set();
-  }
+const asked = new Set(); // by the page's own keys
 
-  // `ask()` gives an answer as of client/api.js; null for what was asked for already.
-  async run(key, ask) {
-    if (this.keys.has(key)) return null;
-    this.keys.add(key);
-    const answer = await ask();
-    if (!answer.ok) this.keys.delete(key);
-    return answer;
-  }
+// `ask()` gives an answer as of client/api.js; null for what was asked for already.
+export async function askOnce(key, ask) {
+  if (asked.has(key)) return null;
+  asked.add(key);
+  const answer = await ask();
+  if (!answer.ok) asked.delete(key);
+  return answer;
 }
 
 const SENT_MS = 3000; // time for which a form that was sent is not sent again

@@ -2,7 +2,7 @@
 
 import { api } from "../dom/calls.js";
 import { freshPage, make, part, setText, withoutTokens } from "../dom/page.js";
-import { AskedOnce } from "../dom/presses.js";
+import { askOnce } from "../dom/presses.js";
 import { routes as texts } from "../texts/routes.js";
 import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
 
@@ -130,7 +130,6 @@ class RoutesPage {
     this.live = new Map();
     this.refreshedAt = performance.now();
     this.answered = ""; // the list as the server had it last
-    this.removals = new AskedOnce();
     this.diagram = /** @type {RouteDiagram | null} */ (null);
     this.topics = /** @type {Topics | null} */ (null);
   }
@@ -170,7 +169,7 @@ class RoutesPage {
   }
 
   async remove(id) {
-    const answer = await this.removals.run(id, () => api.ask(`/api/v1/routes/${id}`, { method: "DELETE" }));
+    const answer = await askOnce(id, () => api.ask(`/api/v1/routes/${id}`, { method: "DELETE" }));
     if (answer) await this.settle(answer.ok, texts.removed, texts.notRemoved(answer.detail));
   }
 

@@ -4,7 +4,7 @@
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
 import { byTestId, part, setText } from "../dom/page.js";
-import { AskedOnce, Presses } from "../dom/presses.js";
+import { askOnce, Presses } from "../dom/presses.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { fillRequest, keyOfRequest, showDataState } from "../queue/requestRows.js";
@@ -22,7 +22,6 @@ const newRow = madeBy("open-row");
 const bodyOf = (testId) => byTestId(main, testId).tBodies[0];
 const charts = part(main, "charts");
 const periodButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[data-by]")]);
-const closes = new AskedOnce();
 /** @type {any[]} */
 let operators = [];
 let by = "hour"; // the length of the periods that the charts have
@@ -120,7 +119,7 @@ async function assign(id, robot, select) {
 // What nobody has accepted is cancelled: it was not answered.
 async function close(id, robot, state) {
   const path = `/api/v1/requests/${id}/${state === "accepted" ? "close" : "cancel"}`;
-  const answer = await closes.run(id, () => api.post(path, {}));
+  const answer = await askOnce(id, () => api.post(path, {}));
   if (!answer) return;
   setText(outcome, answer.ok ? texts.closed(robot) : texts.notClosed(robot, answer.detail));
   poller.askNow();

@@ -2,7 +2,7 @@
 
 import { KeyedRows } from "../dom/keyedRows.js";
 import { make, makeButton, part, setText } from "../dom/page.js";
-import { AskedOnce } from "../dom/presses.js";
+import { askOnce } from "../dom/presses.js";
 import { help as texts } from "../texts/queue.js";
 import { keyOfRequest, requestFacts } from "./requestRows.js";
 
@@ -23,7 +23,6 @@ export class AskForHelp {
     this.form = part(root, "help-form"); // who only watches has none
     this.list = part(this.panel, "help-list");
     this.rows = new KeyedRows({ container: this.list, keyOf: keyOfRequest, make: (request) => this.make(request), fill: fillItem });
-    this.withdrawals = new AskedOnce();
     this.form?.addEventListener("submit", (event) => this.ask(event));
   }
 
@@ -59,7 +58,7 @@ export class AskForHelp {
   }
 
   async withdraw(id) {
-    const answer = await this.withdrawals.run(id, () => this.post(`/api/v1/requests/${id}/cancel`));
+    const answer = await askOnce(id, () => this.post(`/api/v1/requests/${id}/cancel`));
     if (!answer) return;
     this.say(answer.ok ? texts.cancelled : texts.notWithdrawn(answer.detail));
     this.onAsked();

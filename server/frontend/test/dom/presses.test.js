@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { AskedOnce, Presses, markOpened, sendOnce } from "../../src/dom/presses.js";
+import { Presses, askOnce, markOpened, sendOnce } from "../../src/dom/presses.js";
 import { FakeElement } from "../fakes.js";
 
 // As much of the document as presses see: what an element is, and which control it is part of.
@@ -95,8 +95,8 @@ test("a page that was just opened takes no second press of a double one, and wha
 });
 
 test("what is under way or done is not asked for again, and what failed is", async () => {
-  const [once, asked] = [new AskedOnce(), []];
-  const ask = (ok) => once.run("a", async () => (asked.push(ok), { ok }));
+  const asked = [];
+  const ask = (ok) => askOnce("a", async () => (asked.push(ok), { ok }));
   assert.deepEqual(await Promise.all([ask(false), ask(true)]), [{ ok: false }, null]);
   assert.deepEqual([await ask(true), await ask(true), asked], [{ ok: true }, null, [false, true]]);
 });
