@@ -54,6 +54,8 @@ NEARLY_ONE = 0.99
 # battery without a charger would be flat by then.
 STEADY_S = 900.0
 STEADY_CHANGE = 0.15
+# Number of successive messages over MAX_FRACTION that show percent: drivers write such numbers for unknown, too.
+PERCENT_MESSAGES = 3
 # Maximum difference between a charge in Ah and a percentage that agree.
 SAME_LEVEL = 0.1
 # Voltages, empty and full, of a cell of lithium ion, a cell of LFP, and a block of lead of 6 V.
@@ -92,7 +94,7 @@ class UnitMemory:
         return self._units[topic]
 
     def keep(self, topic: str, unit: Unit) -> None:
-        """Remember what the topic has shown; a value over 1 ends every doubt."""
+        """Remember what the topic has shown; percent ends every doubt."""
         if self.of(topic) in {unit, "percent"}:
             return
         self._units[topic] = unit
@@ -115,15 +117,21 @@ class UnitMemory:
 
 
 class LevelTrend:
-    """Knows a fraction by how slowly it changes, where nothing else shows the unit. Pure."""
+    """Knows the unit by several messages: percent, or a fraction by its slow change where nothing else shows it."""
 
     def __init__(self) -> None:
+        self._percents = 0
         # None: nothing counts yet.
         self._since_s: float | None = None
         self._lowest = self._highest = 0.0
 
     def unit_shown(self, message: JsonObject, now_s: float) -> Unit | None:
         """Return the unit that the levels up to this one show beyond doubt."""
+        unit, steady_unit = unit_shown(message), self._steady_unit(message, now_s)
+        self._percents = self._percents + 1 if unit == "percent" else 0
+        return None if 0 < self._percents < PERCENT_MESSAGES else unit or steady_unit
+
+    def _steady_unit(self, message: JsonObject, now_s: float) -> Unit | None:
         level = number_in(message, "percentage")
         charges = message.get("power_supply_status") == CHARGING
         if level is None or not STEADY_CHANGE < level < NEARLY_ONE or charges:
@@ -194,8 +202,8 @@ class Vitals:
             trend = LevelTrend()
             while settings() == current:
                 message = await within(SILENT_S, rosbridge.message())
-                trend_unit = trend.unit_shown(message, asyncio.get_running_loop().time())
-                self._read(message, topic, current.unit, unit_shown(message) or trend_unit)
+                detected_unit = trend.unit_shown(message, asyncio.get_running_loop().time())
+                self._read(message, topic, current.unit, detected_unit)
 
     def _read(
         self, message: JsonObject, topic: str, unit: Unit | None, detected_unit: Unit | None

@@ -211,9 +211,12 @@ def test_only_what_is_beyond_doubt_shows_the_unit(message, unit):
         # Percent that a charger lifts slowly at first.
         ([0.6] * 9, 1, None),
         ([0.6, 0.6, None, 0.6, 0.6], 2, None),
+        # 255 as a fraction: unknown.
+        ([0.57, 2.55, 2.55, 0.57, 2.55], 2, None),
+        ([3.0, 2.9, 2.8], 2, "percent"),
     ],
 )
-def test_a_level_that_stays_is_a_fraction(levels, status, unit):
+def test_several_levels_show_the_unit(levels, status, unit):
     """Where neither voltage nor charge shows it; what is nearly empty does not last."""
     trend, message = LevelTrend(), {"power_supply_status": status}
     shown = [
