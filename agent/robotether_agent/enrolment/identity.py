@@ -137,7 +137,10 @@ def find_interface(
     """Return `interface`, or the primary physical interface when None; raise InterfaceMissingError."""
     if interface is not None:
         return _named(interface, allow_local=allow_local, root=root)
-    chosen = choose(physical_interfaces(root, allow_local=allow_local), default_routes(root))
+    routes = default_routes(root)
+    chosen = choose(physical_interfaces(root, allow_local=allow_local), routes)
+    if chosen is None and (local := choose(physical_interfaces(root, allow_local=True), routes)):
+        return _named(local.name, allow_local=allow_local, root=root)
     if chosen is None:
         raise InterfaceMissingError(
             "cannot find the MAC address of this robot: it has no physical network interface with one",
