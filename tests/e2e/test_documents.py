@@ -47,6 +47,9 @@ NOT_RUN = {
     "needs a person's SSH key on a robot: tests/ansible/test_shell.py": (
         r"ssh turtle|robotether (ssh-config|fleet run ')"
     ),
+    "stops a robot of all tests, with a token: tests/unit/server/cli/test_robots.py": (
+        r"robotether stop "
+    ),
     "takes away what a robot of all tests has: tests/unit/agent/test_cli.py": (
         r"robotether-agent forget "
     ),
