@@ -96,7 +96,7 @@ def _without_braces(quoted):
 
 
 def test_connections_of_strangers_fit_in_the_containers_memory():
-    """With headers that never end, too. A machine with many cores has no more of them: nginx ends only idle ones."""
+    """Headers may be large and never end: nginx closes only idle connections. More cores bring no more of them."""
     text = (IMAGES / "nginx" / "nginx.conf").read_text()
     said = dict(re.findall(r"(worker_\w+) +(\w+);", text))
     most = int(said["worker_processes"]) * int(said["worker_connections"])
