@@ -76,9 +76,9 @@ function mark(control, ms) {
 
 export const isNew = (control) => control.getAttribute("aria-disabled") === "true";
 
-// Asks for something once, unless it fails: of the second press of a double one the answer would be that it is done already.
 const asked = new Set(); // by the page's own keys
 
+// Asks for something once, unless it fails: of the second press of a double one the answer would be that it is done already.
 // `ask()` gives an answer as of client/api.js; null for what was asked for already.
 export async function askOnce(key, ask) {
   if (asked.has(key)) return null;
