@@ -74,8 +74,9 @@ def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(
                 _expect_shown(page, "held", "Paused")
                 # A late frame may end it once more, and a button that comes back takes no press at first.
                 expect(age).to_have_text(re.compile(r"^([2-9]|[1-9]\d)\d{3} ms$"))
-                page.get_by_test_id("state-action").focus()
-                page.keyboard.press("Enter")
+                action = page.get_by_test_id("state-action")
+                expect(action).to_be_enabled()
+                action.press("Enter")
                 _expect_shown(page, "blind", "You cannot see")
                 expect(page.get_by_test_id("state")).to_be_focused()
                 page_holds.drive(page, watch)

@@ -200,16 +200,14 @@ const bannerTexts = { ...connection, ...states };
 
 export class Banner {
   // `onRetry()`: try to connect now; `onBlind()`: a person wants to drive without video.
-  constructor(root, { onRetry, onBlind, now = () => performance.now() }) {
+  constructor(root, { onRetry, onBlind }) {
     this.element = byTestId(root, "state");
     this.pill = byTestId(root, "control");
     this.button = part(this.element, "state-action");
     this.button.addEventListener("click", () => this.act());
     this.onRetry = onRetry;
     this.onBlind = onBlind;
-    this.now = now;
     this.offered = undefined;
-    this.changedAt = -Infinity; // who presses within NEW_MS of it meant what the button was before
   }
 
   // `state` as of connection.js; `facts` are those of `selectStatus` and what the sentences need.
@@ -228,7 +226,7 @@ export class Banner {
   }
 
   offer(action) {
-    if (this.offered && action !== this.offered) this.changedAt = this.now();
+    if (this.offered && action !== this.offered) markNew(this.button);
     this.offered = action;
     setText(this.button, action ?? "");
     keepFocus(() => (this.button.hidden = !action), [], this.element);
@@ -236,10 +234,11 @@ export class Banner {
 
   act() {
     const page = this.nextPage;
+    if (isNew(this.button)) return;
     if (page) location.assign(page);
     else if (this.shown === "not_allowed") location.reload();
-    else if (this.shown !== "held") this.onRetry();
-    else if (this.now() - this.changedAt >= NEW_MS) this.onBlind();
+    else if (this.shown === "held") this.onBlind();
+    else this.onRetry();
   }
 
   // Where the button leads; empty where it stays on this page.

@@ -139,13 +139,12 @@ test("what takes the place of another button acts on no second press, by pointer
   assert.equal(driveMode.mode, "observe");
 });
 
-let clock, actions, button, banner;
+let actions, button, banner;
 
 beforeEach(() => {
-  clock = 1000;
   actions = [];
   button = part(byTestId(root, "state"), "state-action");
-  banner = new Banner(root, { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind"), now: () => clock });
+  banner = new Banner(root, { onRetry: () => actions.push("retry"), onBlind: () => actions.push("blind") });
 });
 
 const held = () => banner.show(LIVE, { control: {}, driving: true, video: "missing" });
@@ -156,7 +155,7 @@ test("a press that was meant for what the button was before lets nobody drive wi
   press();
   held();
   press();
-  clock += 1199;
+  mock.timers.tick(1199);
   held();
   press();
   assert.deepEqual(actions, ["retry"]);
@@ -175,18 +174,19 @@ test("a server that gives a ticket and opens no connection is no fault of this d
 test("who has had the time to read it, or saw no button before, may drive without video", () => {
   banner.show(LINK_LOST, {});
   held();
-  clock += 1200;
+  mock.timers.tick(1200);
   press();
   banner.show(LIVE, { control: {}, driving: true, video: "seen" });
-  clock += 1200;
+  mock.timers.tick(1200);
   held();
   press();
   assert.deepEqual(actions, ["blind", "blind"]);
 });
 
-let busy, element, question;
+let clock, busy, element, question;
 
 beforeEach(() => {
+  clock = 1000;
   busy = false;
   element = new FakeElement();
   question = new Question(element, { busy: () => busy, now: () => clock });
