@@ -39,21 +39,6 @@ def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
     assert age.at(0.1, 1001.0) == age.at(0.1, 1000.0) == MAX_SEEN_S
 
 
-def test_no_age_of_a_million_allows_more_than_may_be_driven_unseen() -> None:
-    """The speed also comes back no faster than it may, whatever ages follow each other."""
-    chance, age, now, before = random.Random(1), LimitingAge(), 1000.0, 0.0
-    for _ in range(10**6):
-        step_s = chance.random() * 0.2
-        seen_s = chance.choice((None, chance.random() * 0.3, chance.expovariate(1.0)))
-        now += step_s
-        limiting_s = age.at(seen_s, now)
-        unseen_s = (MAX_SEEN_S if seen_s is None else seen_s) + LIMITS.camera_s
-        assert LIMITS.speed(limiting_s) * unseen_s <= 0.25
-        assert LIMITS.turn(limiting_s) * unseen_s <= 0.5
-        assert limiting_s >= before * 0.5 ** (step_s / HALVED_IN_S) * (1 - 1e-9)
-        before = limiting_s
-
-
 def test_a_slower_command_keeps_its_direction() -> None:
     command = CheckedCommand("twist", (3.0, 4.0, 0.0), (0.0, 0.0, -2.0), steering=0.3)
     slower = slowed(command, 1.0, 0.5)

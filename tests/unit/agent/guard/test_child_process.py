@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from fake_cloud import echo, eventually
-from fake_guard import births, fake_guard_command, heard
+from fake_guard import births, fake_guard_command
 from openssh_server import is_alive
 from robotether_agent.guard.child_process import (
     TICK_S,
@@ -109,13 +109,6 @@ async def test_a_guard_that_has_just_begun_can_be_ended(place):
         assert await served(guard) == "the guard was ended by SIGTERM"
         await guard.kill()
     server.close()
-
-
-async def test_is_asked_to_end_and_waited_for(start, place):
-    guard = await start("serves")
-    await eventually(lambda: bool(births(place)), lambda: "it runs")
-    await guard.end()
-    assert heard(place)[-1]["type"] == "exit"
 
 
 async def test_one_that_does_not_end_is_killed(start, place, monkeypatch):

@@ -96,16 +96,6 @@ def test_a_zero_that_cannot_be_sent_stays_owed() -> None:
     assert not deadman.owes
 
 
-def test_a_lost_connection_owes_all_zeros_again() -> None:
-    """It owes even more, as a rosbridge that has just started is not heard at once."""
-    deadman = moving()
-    deadman.stop([TOPIC], 0.1)
-    run_zeros(deadman, 0.1, 0.4)
-    deadman.restart_zeros()
-    assert deadman.owes
-    assert len(run_zeros(deadman, 0.4, 60.0)) == ZEROS_AFTER_RECONNECT
-
-
 def test_topics_have_phases_of_their_own() -> None:
     """One arm of the robot that stands does not keep the other from its zeros."""
     deadman = moving()

@@ -376,19 +376,6 @@ async def test_a_last_zero_that_may_be_lost_is_sent_again(world: World) -> None:
     assert world.publisher.speeds == [0.0] * ZEROS_AFTER_RECONNECT
 
 
-async def test_zeros_of_a_lost_rosbridge_are_sent_again(world: World) -> None:
-    await world.drive(0.5)
-    world.controller.halt()
-    await world.pass_time(0.2)
-    assert 0 < world.publisher.speeds.count(0.0) < ZEROS
-    world.publisher.read_until = world.now
-    world.publisher.sent = []
-    world.controller.on_rosbridge_lost()
-    world.controller.on_rosbridge_connected()
-    await world.pass_time(5)
-    assert world.publisher.speeds == [0.0] * ZEROS_AFTER_RECONNECT
-
-
 @pytest.mark.parametrize("left_by_the_last_guard", [False, True])
 async def test_a_stop_also_zeroes_what_an_earlier_driver_moved(world, left_by_the_last_guard):
     """A new driver makes room of what only had a name."""

@@ -321,12 +321,6 @@ def test_a_stop_is_a_stop(before: CheckedCommand, step_s: float, within: DriveLi
     assert not limited(CheckedCommand("twist"), before, step_s, within).moves
 
 
-def test_a_pause_is_not_made_up_for() -> None:
-    """After ten seconds a robot that stood begins as slowly as always."""
-    got = limited(driven(5), None, 10, DriveLimits(max_acceleration_m_s2=2))
-    assert math.isclose(got.linear[0], 2 * MAX_STEP_S)
-
-
 @pytest.mark.parametrize(("wanted", "allowed"), [(9.0, 2.0), (-9.0, -2.0), (1.0, 1.0)])
 def test_the_acceleration_that_a_car_is_told_is_limited(wanted: float, allowed: float) -> None:
     command = CheckedCommand("ackermann", rates=(0.5, wanted, 3.0))

@@ -17,16 +17,6 @@ from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
 from sim_client import until
 
 
-def test_a_stop_is_kept_with_its_name(tmp_path: Path) -> None:
-    file = StopFile(tmp_path)
-    assert file.read() is None
-    file.write("ben")
-    assert StopFile(tmp_path).read() == "ben"
-    file.remove()
-    file.remove()
-    assert file.read() is None
-
-
 @pytest.mark.parametrize("data", [b"", b"{", b"[]", b"{}", b'{"by": 3}', b"\xff", None])
 def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, data: bytes | None) -> None:
     file = tmp_path / "stop.json"

@@ -10,7 +10,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.drive_messages import (
     CheckedCommand,
-    DriveMessageRefusedError,
 )
 from robotether_agent.guard.topics import (
     MAX_TOPICS,
@@ -28,16 +27,6 @@ def stays(_: Topic) -> bool:
 
 def goes(_: Topic) -> bool:
     return True
-
-
-def test_their_number_is_bounded() -> None:
-    topics = Topics()
-    for number in range(MAX_TOPICS):
-        topics.ensure(f"/t{number}", 1.0, stays)
-    with pytest.raises(DriveMessageRefusedError):
-        topics.ensure("/one_more", 2.0, stays)
-    assert topics.ensure("/t3", 3.0, stays).name == "/t3"
-    assert len(list(topics)) == MAX_TOPICS
 
 
 def test_the_one_that_was_used_the_longest_ago_makes_room() -> None:
@@ -101,14 +90,6 @@ def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
     assert {topics.ensure(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
-def test_topics_that_moved_keep_their_places_for_a_new_driver() -> None:
-    topics = Topics()
-    topics.ensure("/t", 0.0, goes).moved = True
-    topics.ensure("/other", 0.0, goes)
-    topics.free_unmoved(goes)
-    assert [topic.name for topic in topics] == ["/t"]
-
-
 def test_what_a_source_sent_goes_with_it() -> None:
     """What waits is forgotten, and no reference to it stays."""
     topics, on_disconnected, other = Topics(), FakeSource(), FakeSource()
@@ -148,16 +129,6 @@ async def test_other_types_are_no_drive_types(world: World, name: object) -> Non
 
 
 STAMPED = {"twist": {"linear": {"x": 0.0}}}
-
-
-async def test_standing_still_in_another_type_is_refused(world: World) -> None:
-    """The robot would not take it and drive on; so the deadman still runs, and a stop is of the type that moved it."""
-    await world.drive(0.5)
-    await world.drive(0.0, msg=STAMPED)
-    assert world.source.kinds == ["shape"]
-    assert world.controller.moving
-    await world.pass_time(0.6)
-    assert world.publisher.speeds[:2] == [0.5, 0.0]
 
 
 async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World) -> None:
