@@ -352,6 +352,11 @@ def test_a_gamepad_drives_while_its_button_is_held(
     gamepad.plug_in()
     _expect_gamepad(page, "stuck")
     gamepad.release(LB)
+    _expect_gamepad(page, "uncentred")
+    gamepad.push(LEFT_Y, 0)
+    gamepad.push(LEFT_X, 0)
+    _expect_gamepad(page, "ready")
+    gamepad.push(LEFT_X, -1)
     _press_enable(page, gamepad, lambda: watch.wait_pose("turning by a new press", _turning))
     try:
         gamepad.press(B)

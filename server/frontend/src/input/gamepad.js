@@ -1,6 +1,7 @@
 // A gamepad as an input of teleop.js. It drives only while its enable button is held, and only by a press that was
 // seen while it counted: one that is stuck, or was held through a drop, a loss or a late look, moves nothing until it
-// is released and pressed anew. Its stop button stops whether it may drive or not. Pure.
+// is released and pressed anew. A stick counts once it was seen at its centre: one that rests elsewhere drives nothing.
+// Its stop button stops whether it may drive or not. Pure.
 
 // Time limit between two polls: in a longer gap a release may have been missed.
 export const MAX_POLL_GAP_MS = 250;
@@ -8,11 +9,12 @@ export const MAX_POLL_GAP_MS = 250;
 export class Gamepad {
   // `accepts()` says whether driving counts now. `onHold` gets the input and the timestamp of the poll; `onStop()` comes
   // with each press of the stop button; `onState` reports "unknown" (no profile), "off" (nothing counts now),
-  // "stuck" (enable must be released first), "ready", "driving" or "turbo".
+  // "stuck" (enable must be released first), "uncentred" (a stick drives nothing yet), "ready", "driving" or "turbo".
   constructor({ accepts, ...handlers }) {
     this.accepts = accepts;
     this.handlers = handlers;
     this.profile = null;
+    this.centred = new Set(); // the axes that were seen in the dead zone
     this.forget();
   }
 
@@ -20,6 +22,7 @@ export class Gamepad {
   use(profile) {
     this.release();
     this.profile = profile;
+    this.centred.clear();
   }
 
   // `sample` is {axes, buttons} of now, by the clock of event.timeStamp: positions, and true for what is pressed.
@@ -28,6 +31,7 @@ export class Gamepad {
     this.seenAt = at;
     if (!this.profile) return this.handlers.onState("unknown");
     this.watchStop(sample.buttons);
+    this.watchCentres(sample.axes);
     this.watchEnable(sample, at);
     this.handlers.onState(this.state(sample.buttons));
   }
@@ -58,6 +62,15 @@ export class Gamepad {
     if (pressed) this.handlers.onStop();
   }
 
+  watchCentres(axes) {
+    const { deadZone } = this.profile;
+    for (const axis of this.sticks) if (Math.abs(axes[axis]) <= deadZone) this.centred.add(axis);
+  }
+
+  get sticks() {
+    return MOTIONS.flatMap((name) => this.profile[name]?.axis ?? []);
+  }
+
   watchEnable(sample, at) {
     const down = sample.buttons[this.profile.enable];
     if (!down || !this.ready || !this.accepts()) {
@@ -66,15 +79,18 @@ export class Gamepad {
       return;
     }
     this.held = true;
-    const input = readInput(this.profile, sample);
+    const axes = sample.axes.map((value, axis) => (this.centred.has(axis) ? value : 0));
+    const input = readInput(this.profile, { ...sample, axes });
     this.turbo = input.turbo;
     this.handlers.onHold(input, at);
   }
 
   state(buttons) {
-    if (this.held) return this.turbo ? "turbo" : "driving";
     if (!this.accepts()) return "off";
-    return buttons[this.profile.enable] ? "stuck" : "ready";
+    if (buttons[this.profile.enable] && !this.held) return "stuck";
+    if (this.sticks.some((axis) => !this.centred.has(axis))) return "uncentred";
+    if (!this.held) return "ready";
+    return this.turbo ? "turbo" : "driving";
   }
 }
 
@@ -157,8 +173,8 @@ const PRESSED = 0.5; // value from which a trigger counts as pressed: some brows
 
 export class GamepadLoop {
   // `onFound({id, mapping, axes, buttons})` comes with the device that is polled from now on (axes, buttons: how
-  // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, id, chosen}])`
-  // with all that there are. `rank(device)`: of several devices the one with the highest is polled, unless a person chose;
+  // many), `onSeen({axes, buttons}, at)` with each look, `onLost()` when that device is gone, `onAll([{index, chosen, ...device}])`
+  // with all that there are, `onOther(index, {axes, buttons}, at)` with each look at one that is not chosen. `rank(device)`: of several devices the one with the highest is polled, unless a person chose;
   // one with a higher rank that comes later takes over while `mayChange()`.
   constructor({
     pads = browserPads,
@@ -200,7 +216,7 @@ export class GamepadLoop {
     const all = this.connected();
     const better = this.better(all);
     if (better) return this.change(better);
-    this.handlers.onAll(all.map(({ index, id }) => ({ index, id, chosen: index === this.chosen?.index })));
+    this.handlers.onAll(all.map((pad) => ({ index: pad.index, ...described(pad), chosen: pad.index === this.chosen?.index })));
     if (all.length > 0) this.wait();
     else this.lose(); // also while no frame is drawn
   }
@@ -232,6 +248,7 @@ export class GamepadLoop {
     const at = this.now();
     const all = this.connected();
     const pad = this.ofChosen(all);
+    for (const other of all) if (other !== pad) this.handlers.onOther(other.index, sampled(other), at);
     if (pad) this.handlers.onSeen(sampled(pad), at);
     else this.change(all.length ? this.best(all) : null);
     if (all.length > 0) this.wait();

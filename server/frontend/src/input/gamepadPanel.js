@@ -6,7 +6,7 @@ import { DEAD_ZONE, Gamepad, GamepadLoop, MAX_POLL_GAP_MS, MOTIONS, fits, madeOf
 import { Learner, stepsOf } from "./gamepadLearn.js";
 
 const INPUT = "gamepad";
-const TROUBLE = ["lost", "stuck"]; // said over the video, too
+const TROUBLE = ["lost", "stuck", "uncentred"]; // said over the video, too
 const CHOICE = "gamepad"; // the name under which the id of the chosen device is kept
 const storedAs = ({ id }) => `gamepad ${id}`;
 
@@ -22,6 +22,8 @@ export class GamepadPanel {
     this.free = false; // whether its enable button would take the control
     this.device = null;
     this.learner = null;
+    this.onStop = onStop;
+    this.others = new Map(); // the devices that do not drive, by their index, for their stop buttons
     this.gamepad = new Gamepad({
       accepts: () => (teleop.armed || (teleop.watching && this.free)) && document.hasFocus(),
       onHold: (input, at) => teleop.hold(INPUT, input, at, MAX_POLL_GAP_MS),
@@ -32,6 +34,7 @@ export class GamepadPanel {
     this.loop = new GamepadLoop({
       onFound: (device) => this.found(device),
       onSeen: (sample, at) => (this.learner ?? this.gamepad).see(sample, at),
+      onOther: (index, sample, at) => this.others.get(index)?.see(sample, at),
       onLost: () => this.lost(),
       onAll: (all) => this.offer(all),
       rank: (device) => this.rank(device),
@@ -177,9 +180,16 @@ export class GamepadPanel {
   }
 
   offer(all) {
+    this.others = new Map(all.filter(({ chosen }) => !chosen).map((device) => [device.index, this.stopOnly(device)]));
     const choice = this.part("pad-choice");
     choice.replaceChildren(...all.map(({ id, index, chosen }) => new Option(id, index, chosen, chosen)));
     this.part("pad-choices").hidden = all.length < 2;
+  }
+
+  stopOnly(device) {
+    const other = new Gamepad({ accepts: () => false, onStop: this.onStop, onState() {}, onHold() {}, onRelease() {} });
+    other.use(this.profileOf(device));
+    return other;
   }
 
   // Words change with what the person has to do, not with each push, so that a screen reader is not kept talking.

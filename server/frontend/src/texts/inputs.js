@@ -31,6 +31,7 @@ export const gamepad = {
   unknown: () => "This gamepad is new here. Set it up to drive with it.",
   off: () => "Gamepad found. It works when you drive.",
   stuck: ({ enable }) => `Release ${enable} first, then hold it to drive.`,
+  uncentred: () => "A stick is off its centre, so it drives nothing. Let go of it; if it rests there, widen its dead zone.",
   ready: ({ enable }) => `Gamepad ready. Hold ${enable} to drive.`,
   learning: () => "Setting up the gamepad. Meanwhile it neither drives nor stops the robot.",
 };

@@ -23,7 +23,12 @@ beforeEach(() => {
   });
   gamepad.use(PROFILE);
   see();
+  centre();
 });
+
+function centre() {
+  gamepad.see({ axes: [0, 0, 0, 0], buttons: Array(17).fill(false) }, (at += FRAME_MS));
+}
 
 // One look, a frame after the last, at a stick that is pushed forward and these buttons.
 function see(...pressed) {
@@ -75,6 +80,7 @@ for (const [state, act] of Object.entries({
   turbo: () => see(enable, turbo),
   stuck: () => [gamepad.forget(), see(enable)],
   off: () => [(armed = false), see(enable)],
+  uncentred: () => [gamepad.use(PROFILE), see(), see(enable)],
   unknown: () => [gamepad.use(null), see(enable)],
 })) {
   test(`the state ${state} is reported`, () => {
@@ -82,6 +88,16 @@ for (const [state, act] of Object.entries({
     assert.equal(states.at(-1), state);
   });
 }
+
+test("a stick that was never seen at its centre drives nothing", () => {
+  gamepad.use(PROFILE);
+  see();
+  see(enable);
+  assert.equal(told.at(-1).forward, 0);
+  centre();
+  see(enable);
+  assert.equal(told.at(-1).forward, 1);
+});
 
 test("a stop lets go before the same look could drive on", () => {
   gamepad.handlers.onStop = () => {

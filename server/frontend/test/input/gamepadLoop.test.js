@@ -27,6 +27,7 @@ beforeEach(() => {
   loop = new GamepadLoop({
     onFound: (device) => told.push(["found", device]),
     onSeen: (sample, timestamp) => told.push(["seen", sample, timestamp]),
+    onOther() {},
     onLost: () => told.push(["lost"]),
     onAll: (all) => (loop.all = all),
     pads: () => pads,

@@ -10,12 +10,17 @@ const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
 let kept, root, limits;
 
 beforeEach(() => {
-  Object.assign(globalThis, { document: { hasFocus: () => true }, window: new EventTarget(), requestAnimationFrame() {} });
+  Object.assign(globalThis, {
+    document: { hasFocus: () => true },
+    window: new EventTarget(),
+    Option: FakeElement,
+    requestAnimationFrame() {},
+  });
   kept = new Map();
 });
 
 // A page that is opened, and the gamepad on it.
-function openPanel() {
+function openPanel(onStop = () => {}) {
   root = new FakeElement();
   limits = { share: 1 };
   const store = {
@@ -23,7 +28,7 @@ function openPanel() {
     write: (name, value) => kept.set(name, value),
     forget: (name) => kept.delete(name),
   };
-  const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {} }, limits, onStop() {}, store });
+  const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {} }, limits, onStop, store });
   panel.found(DEVICE);
   return panel;
 }
@@ -56,4 +61,17 @@ test("a device that can drive comes first, and of those the one that a person ch
   const later = openPanel();
   assert.ok(later.rank(other) > later.rank(DEVICE));
   assert.ok(later.rank(DEVICE) > later.rank(ghost));
+});
+
+test("the stop button of each known gamepad stops, not only of the chosen one", () => {
+  let stops = 0;
+  const panel = openPanel(() => (stops += 1));
+  const pad = (index) => ({ ...DEVICE, index, connected: true, axes: [0, 0, 0, 0], buttons: Array(17).fill({}) });
+  const second = pad(1);
+  panel.loop.pads = () => [pad(0), second];
+  panel.loop.choose(0);
+  second.buttons = second.buttons.with(1, { pressed: true });
+  panel.loop.poll();
+  panel.loop.poll();
+  assert.equal(stops, 1);
 });
