@@ -29,23 +29,6 @@ def large(size):
     return begin + "x" * (size - len(begin) - len(end)) + end
 
 
-async def test_a_message_as_large_as_the_limit_passes(wide, robot, ros):
-    """10 MB to the byte is allowed, in both directions; an observer's small limit is for what it says."""
-    message = large(MESSAGE_LIMIT)
-    async with (
-        ros(max_msg_size=0) as socket,
-        ros("observe", BOB, max_msg_size=0) as observer,
-    ):
-        # To mask 10 MB takes the loop that the handshake with rosbridge needs, too.
-        await robot.connections(2)
-        # Who reads answers pings, too.
-        observed = asyncio.create_task(observer.receive_str(timeout=20))
-        await socket.send_str(message)
-        assert await socket.receive_str(timeout=20) == message
-        await robot.send_to_clients(message.encode())
-        assert await observed == message
-
-
 @pytest.mark.usefixtures("no_command_is_late")
 async def test_a_driver_does_not_wait_for_what_observers_take(robot, monkeypatch, ros):
     """A large message to observers goes in pieces, and a driver's messages between these."""
@@ -247,20 +230,6 @@ async def test_the_slowest_observer_goes_when_all_have_too_much_to_read(
     await until(lambda: not relay.relay.traffic.taking, "nobody takes anything")
 
 
-@pytest.mark.parametrize("is_reset", [False, True])
-async def test_the_robot_learns_that_the_operator_left(relay, robot, is_reset, ros):
-    socket = await ros()
-    await until(lambda: robot.clients, "the operator has reached rosbridge")
-    if is_reset:
-        socket._response.connection.transport.abort()
-    else:
-        await socket.close()
-    with Stopwatch() as stopwatch:
-        await until(lambda: not robot.clients, "rosbridge's connection is closed")
-    assert stopwatch.s < 0.5
-    assert relay.relay.connections.count("drive") == 0
-
-
 @pytest.mark.parametrize(
     ("frames", "name"),
     [
@@ -271,8 +240,10 @@ async def test_the_robot_learns_that_the_operator_left(relay, robot, is_reset, r
         ([], "client_vanished"),
     ],
 )
-async def test_a_client_that_closes_and_cuts_has_left(robot, memory_database, frames, name, ros):
-    """Who says goodbye and does not wait for the answer has not vanished."""
+async def test_a_client_that_closes_and_cuts_has_left(
+    *, relay, robot, memory_database, frames, name, ros
+):
+    """Who says goodbye and does not wait for the answer has not vanished; the robot learns of both."""
     socket = await ros()
     await until(lambda: robot.clients, "the operator has reached rosbridge")
     for frame in frames:
@@ -280,6 +251,8 @@ async def test_a_client_that_closes_and_cuts_has_left(robot, memory_database, fr
     socket._response.connection.transport.abort()
     await until(lambda: len(audit_lines(memory_database)) == 2, "the end is written")
     assert audit_lines(memory_database)[1].details["end_code"] == name
+    await until(lambda: not robot.clients, "rosbridge's connection is closed")
+    assert relay.relay.connections.count("drive") == 0
 
 
 async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, ros, program):

@@ -141,14 +141,14 @@ def reports():
     return []
 
 
-@pytest.fixture
-def refused():
-    return Counter()
+def drive_log(*counters, fence=1, **options):
+    entry = DriveEntry(7, "sim1", "ann", fence, NOON)
+    return DriveLog(entry, 0.5, Counter(), *counters, **options)
 
 
 @pytest.fixture
-def log(refused):
-    return DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused)
+def log():
+    return drive_log()
 
 
 @pytest.fixture
@@ -156,16 +156,11 @@ def socket():
     return FullSocket()
 
 
-@pytest.fixture
-def max_age_s():
-    return 0.5
-
-
 @pytest_asyncio.fixture
-async def path(socket, log, reports, max_age_s):
+async def path(request, socket, log, reports):
     lease = DriveLease(
         fence=1,
-        max_age_s=max_age_s,
+        max_age_s=getattr(request, "param", 0.5),
         clock=None,
         log=log,
         on_command=lambda: None,
@@ -198,7 +193,7 @@ def test_a_car_that_follows_the_rates_alone_does_not_stand(drive, stands):
     assert command(0.0, msg={"drive": drive}).stands is stands
 
 
-@pytest.mark.parametrize("max_age_s", [0.1])
+@pytest.mark.parametrize("path", [0.1], indirect=True)
 async def test_a_command_that_waited_too_long_does_not_go(path, socket, log):
     await path.submit(command(0.1))
     await asyncio.sleep(0.15)
@@ -214,20 +209,14 @@ async def test_many_topics_do_not_make_a_queue(path):
 
 
 def test_a_pong_says_that_what_follows_is_younger_than_its_ping():
-    """The newest ping whose pong came counts; older pongs that come late say nothing new."""
+    """The newest ping whose pong came counts; late pongs, and those that answer nothing, say nothing."""
     timestamps = CommandTimestamps(0.0)
     first, second, third = (timestamps.ping(float(at)) for at in (1, 2, 3))
     for pong, sent_s, counts_s in ((second, 2.0, 2.0), (first, None, 2.0), (third, 3.0, 3.0)):
         assert timestamps.pong(pong) == sent_s
+        for payload in (b"", b"x", struct.pack("!Q", 99), struct.pack("!Q", 0)):
+            assert timestamps.pong(payload) is None
         assert timestamps.of(None, 4.0) == counts_s
-
-
-def test_pongs_that_answer_nothing_say_nothing():
-    timestamps = CommandTimestamps(1.0)
-    timestamps.ping(2.0)
-    for payload in (b"", b"x", struct.pack("!Q", 99), struct.pack("!Q", 0)):
-        assert timestamps.pong(payload) is None
-    assert timestamps.of(None, 4.0) == 1.0
 
 
 def test_a_stamp_counts_and_is_never_to_come():
@@ -249,30 +238,24 @@ def test_open_pings_are_bounded():
     assert len(timestamps._open) == MAX_PINGS_OPEN
 
 
-def test_distance_is_speed_times_the_time_to_the_next_command(log):
-    log.command(10.0, 1.0, 0.5)
-    log.command(10.2, 2.0, 0.1)
+@pytest.mark.parametrize(
+    ("commands", "distance_m", "turned_rad", "top"),
+    [
+        ([(10.0, 1.0, 0.5), (10.2, 2.0, 0.1)], 0.4, 0.11, (2.0, 0.5)),
+        # After the deadman the robot stands, however long the silence.
+        ([(0.0, 1.0, 0.0), (10.0, 0.0, 0.0)], 0.5, 0, (1.0, 0)),
+        # How far a steered robot turned is unknown from its first motion on.
+        ([(10.0, 0.0, None)], 0, 0, (0, 0)),
+        ([(10.0, 0.0, None), (10.1, 1.0, None), (10.2, 1.0, 0.5)], 0.2, None, (1.0, None)),
+    ],
+)
+def test_a_command_counts_until_the_next(log, commands, distance_m, turned_rad, top):
+    for command in commands:
+        log.command(*command)
     entry = log.end(10.3, NOON, "client_left")
-    assert entry.distance_m == pytest.approx(0.2 + 0.2)
-    assert entry.turned_rad == pytest.approx(0.1 + 0.01)
-    assert (entry.top_speed_m_s, entry.top_turn_rad_s) == (2.0, 0.5)
-
-
-def test_a_command_counts_no_longer_than_the_guard_lets_it(log):
-    """After the deadman the robot stands, however long the silence."""
-    log.command(10.0, 1.0, None)
-    log.command(100.0, 0.0, None)
-    assert log.end(200.0, NOON, "client_left").distance_m == pytest.approx(0.5)
-
-
-def test_how_far_a_steered_robot_turned_is_unknown_from_its_first_motion_on(log):
-    log.command(10.0, 0.0, None)
-    assert (log.entry.turned_rad, log.entry.top_turn_rad_s) == (0, 0)
-    log.command(10.1, 1.0, None)
-    log.command(10.2, 1.0, 0.5)
-    entry = log.end(10.3, NOON, "client_left")
-    assert (entry.turned_rad, entry.top_turn_rad_s) == (None, None)
-    assert entry.distance_m == pytest.approx(0.2)
+    assert entry.distance_m == pytest.approx(distance_m)
+    assert entry.turned_rad == pytest.approx(turned_rad)
+    assert (entry.top_speed_m_s, entry.top_turn_rad_s) == top
 
 
 class Counts:
@@ -285,9 +268,9 @@ class Counts:
         return DriveCounters(lambda: self.bytes, lambda: self.rtt_ms, lambda: self.viewer_counts)
 
 
-def test_bytes_and_frames_are_those_of_the_drive(refused):
+def test_bytes_and_frames_are_those_of_the_drive():
     counts = Counts()
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
+    log = drive_log(counts.counters())
     counts.bytes, counts.viewer_counts = 700, ViewerCounts(130, 8000, 62.5)
     entry = log.written()
     assert (entry.bytes, entry.frames, entry.frame_bytes, entry.viewed_s) == (700, 30, 3000, 2.5)
@@ -299,20 +282,20 @@ def test_bytes_and_frames_are_those_of_the_drive(refused):
     assert (entry.bytes, entry.frames, entry.refused) == (800, 30, {"guard_old": 1})
 
 
-def test_positions_are_those_of_start_and_end(refused):
+def test_positions_are_those_of_start_and_end():
     """Unknown ones are None, also of a robot whose position was known before."""
     places = iter([(1.0, 2.0), None, (3.0, 4.0)])
     counters = DriveCounters(position=lambda: next(places))
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counters)
+    log = drive_log(counters)
     assert (log.entry.start_x_m, log.entry.start_y_m) == (1.0, 2.0)
     assert (log.written().end_x_m, log.entry.end_y_m) == (None, None)
     ended = log.end(1.0, NOON, "client_left")
     assert (ended.start_x_m, ended.end_x_m, ended.end_y_m) == (1.0, 3.0, 4.0)
 
 
-def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
+def test_latency_is_the_way_from_the_driver_to_the_robot():
     counts = Counts()
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 1, NOON), 0.5, refused, counts.counters())
+    log = drive_log(counts.counters())
     log.round_trip(10.0)
     assert log.written().latency_p50_ms is None
     counts.rtt_ms = 20.0
@@ -325,9 +308,9 @@ def test_latency_is_the_way_from_the_driver_to_the_robot(refused):
     assert entry.latency_p95_ms == pytest.approx(200, rel=0.01)
 
 
-def test_what_the_driver_saw_is_counted_by_its_age(refused):
+def test_what_the_driver_saw_is_counted_by_its_age():
     shown = []
-    log = DriveLog(DriveEntry(7, "sim1", "ann", 5, NOON), 0.5, refused, show_seen=shown.append)
+    log = drive_log(fence=5, show_seen=shown.append)
     log.on_seen(SeenReport(4, (9000.0,)))
     log.on_seen(SeenReport(5, ()))
     entry = log.written()

@@ -6,13 +6,12 @@ from dataclasses import replace
 from datetime import timedelta
 
 import pytest
-from relay_clients import audit_lines, closing
+from relay_clients import closing
 from relay_server import ANN, FAST, running_relay, until
 from robotether_server.db.cells import Cell
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.times import utc_now
-from stopwatch import Stopwatch
 
 
 async def refusal(http, url, **headers):
@@ -109,15 +108,6 @@ async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick
         await until(lambda: guarded.clients_ever == 2, "the driver is there")
 
 
-async def test_a_tunnel_without_its_port_is_told_within_a_second(robot, ros):
-    await robot._close_ports()
-    with Stopwatch() as stopwatch:
-        async with ros() as socket:
-            assert (await closing(socket))[0] == 4504
-    assert stopwatch.clock_s > 0.5
-    assert stopwatch.s < 1
-
-
 async def test_a_ticket_outlives_its_login_by_nothing(robot, ros):
     gone = credential_of("login", "a login that ended before the ticket was shown")
     async with ros("drive", ANN, gone) as socket:
@@ -164,15 +154,3 @@ async def test_a_right_that_ends_during_the_upgrade_ends_the_connection(
     async with ros() as socket:
         assert (await closing(socket))[0] == 4001
     assert robot.clients_ever == 0
-
-
-async def test_waiting_for_an_offline_robot_is_no_driving(relay, memory_database, ros):
-    with relay.relay.fleet_events.subscribed(1) as subscriber:
-        subscriber.first_event()
-        for _ in range(3):
-            async with ros() as socket:
-                assert (await closing(socket))[0] == 4503
-        assert subscriber.pop_events() == []
-    await relay.relay.event_writer.flush(5)
-    assert audit_lines(memory_database) == []
-    assert memory_database.fences == {}
