@@ -1,31 +1,23 @@
 """The frames protocol (docs/reference/media.md) between agent, relay and viewer."""
 
-from __future__ import annotations
-
 import asyncio
 import hashlib
 import json
 import re
 import struct
-from collections.abc import AsyncIterator, Callable
 from dataclasses import replace
-from typing import Any, Self
 
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer
-from fake_frames import FakeFrames
-from fake_robot import FakeRobot
 from local_network import free_port
 from relay_clients import closing
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from relay_server import until
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import receiver
 from robotether_agent.video.frames_service import FramesService
 from robotether_agent.video.sources import SourceSettings
-from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.options import Timing
-from syrupy.assertion import SnapshotAssertion
+from timed_websocket import timed_session
 from transcripts import UPGRADE, Transcript, problem_line
 
 WAIT_S = 60.0
@@ -43,17 +35,22 @@ BROKEN = [
 ]
 
 
-def header_of(message: bytes) -> dict[str, Any]:
+def header_of(message):
     names = ("codec", "flags", "quality", "sequence", "timestamp_ms")
     return dict(zip(names, HEADER.unpack_from(message), strict=True))
 
 
-def digest(message: bytes) -> str:
+def digest(message):
     """A short sum of the frame behind the header."""
     return hashlib.sha256(message[HEADER.size :]).hexdigest()[:12]
 
 
-async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
+def frames_url(world, topic="topic=/a%20b/c"):
+    ticket = world.relay.ticket(world.sim1, "observe")
+    return f"{world.relay.url}/robots/sim1/video/frames?{topic}&ticket={ticket}"
+
+
+async def ending_of(socket):
     code, reason = await closing(socket)
     return f"{code} {reason}".rstrip()
 
@@ -61,10 +58,10 @@ async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
 class RawViewer:
     """A WebSocket client that shows each byte of what comes."""
 
-    def __init__(self, url: str) -> None:
+    def __init__(self, url):
         self._url = url
 
-    async def __aenter__(self) -> Self:
+    async def __aenter__(self):
         host, _, path = self._url.removeprefix("http://").partition("/")
         address, port = host.split(":")
         self._reader, self._writer = await asyncio.open_connection(address, int(port))
@@ -78,15 +75,15 @@ class RawViewer:
         self.head = (await self._reader.readuntil(b"\r\n\r\n")).decode()
         return self
 
-    async def __aexit__(self, *_: object) -> None:
+    async def __aexit__(self, *_):
         self._writer.transport.abort()
 
-    def send(self, **message: object) -> None:
+    def send(self, **message):
         """Send a text, with a mask of zeros."""
         text = json.dumps(message).encode()
         self._writer.write(bytes((0x81, 0x80 | len(text))) + b"\0" * 4 + text)
 
-    async def message(self) -> tuple[bytes, bytes]:
+    async def message(self):
         """Wait for the next message that is no ping: the WebSocket header as it is, and what it holds."""
         async with asyncio.timeout(WAIT_S):
             while True:
@@ -99,51 +96,15 @@ class RawViewer:
                     return head + longer, data
 
 
-class World:
-    """A relay with robot sim1, and its camera."""
-
-    def __init__(self, relay: RelayServer, database: MemoryDatabase) -> None:
-        self.relay = relay
-        self.database = database
-        self.robot = FakeRobot(7, SESSION_KEY)
-
-    async def start(self) -> FakeFrames:
-        await self.robot.start(self.relay.relay.session_port)
-        presence = self.relay.relay.registry.presence
-        await until(lambda: presence(7).ros == "ok", "sim1 is well", WAIT_S)
-        self.robot.frames.mode = "behaves"
-        return self.robot.frames
-
-    def url(self, topic: str = "topic=/a%20b/c") -> str:
-        ticket = self.relay.ticket(self.database.robots[7], "observe", RelayUser(1, "ann"))
-        return f"{self.relay.url}/robots/sim1/video/frames?{topic}&ticket={ticket}"
-
-
-@pytest.fixture
-async def world(patient: Timing) -> AsyncIterator[World]:
-    database = MemoryDatabase()
-    database.add_robot(7, "sim1", u1="drive")
-    async with running_relay(database, patient) as relay:
-        made = World(relay, database)
-        yield made
-        await made.robot.stop()
-
-
-@pytest.fixture
-async def http() -> AsyncIterator[aiohttp.ClientSession]:
-    connector = aiohttp.TCPConnector(force_close=True)
-    async with aiohttp.ClientSession(connector=connector) as session:
-        yield session
-
-
-async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> None:
+async def test_relay_and_viewer(world, recorded):
     """Each byte that a viewer gets but those of a clock, and what the robot is asked for meanwhile."""
-    transcript, camera = Transcript(("sender_ms", "timestamp_ms")), await world.start()
-    async with RawViewer(world.url()) as viewer:
+    transcript = Transcript(("sender_ms", "timestamp_ms"))
+    camera = (await world.robot("guard_off")).frames
+    async with RawViewer(frames_url(world)) as viewer:
         head = re.sub("Server: .*\r", "Server: <aiohttp>\r", viewer.head.rstrip())
         transcript.add("relay:", *head.split("\r\n"))
 
-        async def add(what: str) -> None:
+        async def add(what):
             header, data = await viewer.message()
             # How long it is depends on the clock's digits.
             shown = header[:1] if b'"clock_sync"' in data else header
@@ -180,21 +141,19 @@ async def test_relay_and_viewer(world: World, recorded: SnapshotAssertion) -> No
     assert transcript == recorded
 
 
-async def _refusal(
-    http: aiohttp.ClientSession, case: str, url: str, **headers: str
-) -> tuple[str, str]:
+async def _refusal(http, case, url, **headers):
     async with http.get(url, headers=headers) as answer:
         problem = await answer.json(content_type=None)
         return f"{case}: {answer.status}", problem_line(answer.status, problem)
 
 
 async def _ending(
-    http: aiohttp.ClientSession,
-    url: str,
-    act: Callable[[aiohttp.ClientWebSocketResponse], Any],
+    http,
+    url,
+    act,
     *,
-    wants: bool,
-) -> str:
+    wants,
+):
     """Connect, have `act` end that, and return how it ended."""
     async with http.ws_connect(url) as socket:
         if wants:
@@ -205,21 +164,18 @@ async def _ending(
         return await ending_of(socket)
 
 
-async def test_how_viewers_connections_end(
-    world: World, http: aiohttp.ClientSession, recorded: SnapshotAssertion
-) -> None:
+async def test_how_viewers_connections_end(world, recorded):
     """The close code and reason of each way, and what is refused before the upgrade."""
     transcript = Transcript()
 
-    async def end(
-        case: str, act: Callable[[aiohttp.ClientWebSocketResponse], Any], *, wants: bool = True
-    ) -> None:
-        transcript.add(f"{case}:", await _ending(http, world.url(), act, wants=wants))
+    async def end(case, act, *, wants=True):
+        transcript.add(f"{case}:", await _ending(world.http, frames_url(world), act, wants=wants))
 
-    transcript.add(*await _refusal(http, "no camera", world.url("x=1"), **UPGRADE))
-    transcript.add(*await _refusal(http, "no upgrade", world.url()))
+    transcript.add(*await _refusal(world.http, "no camera", frames_url(world, "x=1"), **UPGRADE))
+    transcript.add(*await _refusal(world.http, "no upgrade", frames_url(world)))
     await end("never connected", lambda _: None, wants=False)
-    camera = await world.start()
+    robot = await world.robot("guard_off")
+    camera = robot.frames
     for mode in ("no_service", "any_page", "full"):
         camera.mode = mode
         await end(mode, lambda _: None)
@@ -234,7 +190,7 @@ async def test_how_viewers_connections_end(
     await end("too many", lambda _: None, wants=False)
     connections.caps = usual
 
-    async def without_right(_: object) -> None:
+    async def without_right(_):
         await camera.wait_for("stream_request")
         world.database.grants.clear()
 
@@ -242,12 +198,11 @@ async def test_how_viewers_connections_end(
     world.database.grants[1, 7] = "drive"
     await world.relay.relay.fleet.poll()
     # Its ports stay open, so that nothing but the session ends.
-    world.robot.mode = "port_taken"
-    await end("link lost", lambda _: world.robot.session.close())
-    await world.robot.stop()
-    stopping: list[asyncio.Task[None]] = []
-    world.robot = FakeRobot(7, SESSION_KEY)
-    camera = await world.start()
+    robot.mode = "port_taken"
+    await end("link lost", lambda _: robot.session.close())
+    await robot.stop()
+    stopping = []
+    await world.robot("guard_off")
     await end(
         "relay stops", lambda _: stopping.append(asyncio.create_task(world.relay.relay.stop()))
     )
@@ -258,7 +213,7 @@ async def test_how_viewers_connections_end(
 class Service:
     """The agent's frames service in front of a camera."""
 
-    def __init__(self, camera: FakeVideoServer, http: aiohttp.ClientSession) -> None:
+    def __init__(self, camera, http):
         self.camera = camera
         self.http = http
         rosbridge_url = f"ws://127.0.0.1:{free_port()}"
@@ -266,14 +221,14 @@ class Service:
             SourceSettings(camera.url, rosbridge_url, "web_video_server"), RosGraph(rosbridge_url)
         )
 
-    async def start(self) -> None:
+    async def start(self):
         self.url = f"http://127.0.0.1:{await self.service.start()}"
 
-    async def connect(self, topic: str) -> aiohttp.ClientWebSocketResponse:
+    async def connect(self, topic):
         url = f"{self.url}/robotether/frames?topic={topic}"
         return await self.http.ws_connect(url, max_msg_size=0)
 
-    async def text(self, socket: aiohttp.ClientWebSocketResponse) -> Any:
+    async def text(self, socket):
         """Wait for the next text, and take the frames that come before it."""
         async with asyncio.timeout(WAIT_S):
             while (message := await socket.receive()).type is aiohttp.WSMsgType.BINARY:
@@ -282,19 +237,17 @@ class Service:
 
 
 @pytest.fixture
-async def service(
-    http: aiohttp.ClientSession, monkeypatch: pytest.MonkeyPatch
-) -> AsyncIterator[Service]:
+async def service(monkeypatch):
     # Before a slow machine makes the agent try lower rates.
     monkeypatch.setattr(receiver, "STATUS_EVERY_S", 0.01)
-    async with FakeVideoServer() as camera:
+    async with FakeVideoServer() as camera, timed_session() as http:
         made = Service(camera, http)
         await made.start()
         yield made
         await made.service.close()
 
 
-async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) -> None:
+async def test_agent_and_relay(service, recorded):
     """A clock sync, statuses, a frame of a camera that stamps them, and what is not the protocol."""
     transcript = Transcript(("sender_ms", "timestamp_ms", "fps", "sequence"))
     transcript.name(service.camera.port, "camera's port")
@@ -340,7 +293,7 @@ async def test_agent_and_relay(service: Service, recorded: SnapshotAssertion) ->
     assert transcript == recorded
 
 
-async def test_agent_over_http(service: Service, recorded: SnapshotAssertion) -> None:
+async def test_agent_over_http(service, recorded):
     """What who has no WebSocket gets."""
     transcript = Transcript()
     for path in (

@@ -1,16 +1,11 @@
 """What passes between the agent and its guard, and what the guard writes to the relay and to rosbridge."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import os
 import re
 import signal
-from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
-from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
@@ -20,7 +15,6 @@ from guard_process import KEY, GuardClient, GuardHere
 from robotether_agent.guard import agent_messages, child_process, fork_server
 from robotether_agent.guard.supervisor import GuardSupervisor
 from sim_client import until
-from syrupy.assertion import SnapshotAssertion
 from transcripts import UPGRADE, Transcript
 
 WAIT_S = 60.0
@@ -29,15 +23,13 @@ PATIENCE_MS = 60_000
 
 
 @pytest.fixture
-async def rosbridge() -> AsyncIterator[FakeRosbridge]:
+async def rosbridge():
     async with FakeRosbridge() as running:
         yield running
 
 
 @pytest.fixture
-async def guard(
-    tmp_path: Path, rosbridge: FakeRosbridge, monkeypatch: pytest.MonkeyPatch
-) -> AsyncIterator[GuardHere]:
+async def guard(tmp_path, rosbridge, monkeypatch):
     """A guard to whom nobody is silent, and no command late, because the machine is busy."""
     for name in (
         "authorizer.AGENT_SILENT_S",
@@ -52,9 +44,7 @@ async def guard(
         yield running
 
 
-async def test_what_the_agent_writes(
-    tmp_path: Path, recorded: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_what_the_agent_writes(tmp_path, recorded, monkeypatch):
     """Each line to a guard, and those that the next one gets when it is killed."""
     monkeypatch.setattr(child_process, "SILENCE_S", LONG_S)
     monkeypatch.setattr(child_process, "START_S", LONG_S)
@@ -64,8 +54,8 @@ async def test_what_the_agent_writes(
     agent = GuardSupervisor("ws://127.0.0.1:9090/", fake_guard_command(tmp_path, "serves"))
     running = asyncio.ensure_future(agent.run())
 
-    async def ready(guards: int) -> None:
-        def is_ready() -> bool:
+    async def ready(guards):
+        def is_ready():
             ports = [birth["port"] for birth in births(tmp_path)]
             return len(ports) == guards and agent.view.port == ports[-1]
 
@@ -97,19 +87,17 @@ async def test_what_the_agent_writes(
     assert transcript == recorded
 
 
-async def test_what_the_guard_writes(
-    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
-) -> None:
+async def test_what_the_guard_writes(guard, rosbridge, recorded):
     """Its lines to the agent at its start, and when something changes."""
     transcript = Transcript()
     transcript.name(guard.port, "guard's port")
     position = 0
 
-    async def add(event: str, **members: Any) -> None:
+    async def add(event, **members):
         """Add the next line on the guard's state with these members."""
         nonlocal position
 
-        def found() -> list[int]:
+        def found():
             lines = enumerate(guard.lines)
             return [at for at, line in lines if at >= position and members.items() <= line.items()]
 
@@ -145,7 +133,7 @@ async def test_what_the_guard_writes(
     assert transcript == recorded
 
 
-async def _handshake(port: int, upgrade: Mapping[str, str], **headers: str) -> str:
+async def _handshake(port, upgrade, **headers):
     """Return the answer to a handshake that opens nothing."""
     sent = {f"Robotether-{name}": value for name, value in headers.items()}
     url = f"http://127.0.0.1:{port}/"
@@ -156,17 +144,15 @@ async def _handshake(port: int, upgrade: Mapping[str, str], **headers: str) -> s
         return f"{got.status} {got.reason}, {got.content_type}: {await got.text()}".rstrip("\n")
 
 
-async def test_who_is_admitted(
-    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
-) -> None:
+async def test_who_is_admitted(guard, rosbridge, recorded):
     """The answer to each handshake that opens nothing, and the close code of each connection that ends."""
     transcript = Transcript()
     transcript.name(rosbridge.port, "rosbridge's port")
 
-    async def add(case: str, **headers: str) -> None:
+    async def add(case, **headers):
         transcript.add(f"{case}:", await _handshake(guard.port, UPGRADE, **headers))
 
-    async def add_end(case: str, fence: int, end: Any) -> None:
+    async def add_end(case, fence, end):
         async with GuardClient(guard.port, fence) as client:
             await client.send(op="subscribe", topic="/echo")
             assert (await client.receive())["op"] == "subscribe"
@@ -206,7 +192,7 @@ async def test_who_is_admitted(
 
 
 # Each is sent on a connection of its own, which is answered once a second for each kind.
-REFUSED: dict[str, dict[str, Any] | str] = {
+REFUSED = {
     "too old": {"age_ms": 1e9},
     "of the future": {"age_ms": -1e9},
     "without a stamp": {"robotether": None},
@@ -230,13 +216,11 @@ REFUSED: dict[str, dict[str, Any] | str] = {
 }
 
 
-async def test_what_is_refused(
-    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
-) -> None:
+async def test_what_is_refused(guard, rosbridge, recorded):
     """The status that each message gets which goes no further."""
     transcript = Transcript()
 
-    async def add(case: str, message: dict[str, Any] | str, fence: int | None = 13) -> None:
+    async def add(case, message, fence=13):
         async with GuardClient(guard.port, fence) as client:
             if isinstance(message, str):
                 await client.socket.send_str(message)
@@ -259,16 +243,14 @@ async def test_what_is_refused(
     assert transcript == recorded
 
 
-def is_zero(text: str) -> bool:
+def is_zero(text):
     """Whether it is a command to stand still."""
     operation = json.loads(text)
     is_drive = operation["op"] == "publish" and operation["topic"].endswith("/cmd_vel")
     return is_drive and not re.search("[1-9]", json.dumps(operation["msg"]))
 
 
-async def test_guard_and_rosbridge(
-    guard: GuardHere, rosbridge: FakeRosbridge, recorded: SnapshotAssertion
-) -> None:
+async def test_guard_and_rosbridge(guard, rosbridge, recorded):
     """What rosbridge gets of each message, as text: another parser than the guard's reads it and acts on it."""
     transcript = Transcript()
     stamped = {"header": {"frame_id": "base", "stamp": {"sec": 1}}, "twist": {"angular": {"z": 1}}}

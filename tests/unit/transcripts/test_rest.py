@@ -1,27 +1,17 @@
 """The REST API as its clients see it: every path under /api/v1, web's and the relay's, with typical refusals."""
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import Any
 
-import aiohttp
 import pytest
 import tls_front
 from drive_records import add_drive
-from fake_robot import FakeRobot
-from mariadb_server import MariaDb
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
+from relay_server import ANN, BEN, BOB, CARL, EVE, until
 from robot_signer import RobotSigner
-from robotether_server.db import Database, users
-from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.options import Timing
+from robotether_server.db import users
 from robotether_server.web.app import make_app
-from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript, problem_line
 from web_visitor import HASH, Browser, bearer
 
@@ -47,12 +37,12 @@ NOBODY = 999_999_999
 class Conversation:
     """Asks web as several users, and writes down what is asked and answered."""
 
-    def __init__(self, visitor: Browser, database: Database) -> None:
+    def __init__(self, visitor, database):
         self.transcript = Transcript(measured=["id", *MEASURED_TIMES])
         self.visitor = visitor
         self.headers = {name: bearer(database, name) for name in ("root", "ann", "olga")}
 
-    def ask(self, who: str, method: str, path: str, body: Any = None, **numbers: int) -> Any:
+    def ask(self, who, method, path, body=None, **numbers):
         """Send a request; `numbers` are put into the path and not written down."""
         sent = {} if body is None else {"json": body}
         self.note(who, method, path, body)
@@ -62,13 +52,13 @@ class Conversation:
         self.answered(answer.status_code, answer.content_type, shown, answer.text)
         return answer.json
 
-    def note(self, who: str, method: str, path: str, body: Any = None) -> None:
+    def note(self, who, method, path, body=None):
         if body and "signature" in body:
             self.transcript.name(body["signature"], "signature")
         self.transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
 
-    def answered(self, status: int, kind: str | None, headers: dict[str, str], text: str) -> None:
-        body: list[Any] = [text.rstrip()] if text else []
+    def answered(self, status, kind, headers, text):
+        body = [text.rstrip()] if text else []
         if "Allow" in headers:  # a set, in any order
             headers["Allow"] = ", ".join(sorted(headers["Allow"].split(", ")))
         # The database counts on from one test to the next.
@@ -89,19 +79,19 @@ class Conversation:
 
 
 @pytest.fixture
-def front(tmp_path: Path) -> Iterator[tls_front.TlsFront]:
+def front(tmp_path):
     with tls_front.running(tmp_path) as running:
         yield running
 
 
 @pytest.fixture
 def talk(
-    mariadb: MariaDb,
-    database: Database,
-    front: tls_front.TlsFront,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> Conversation:
+    mariadb,
+    database,
+    front,
+    tmp_path,
+    monkeypatch,
+):
     """Web as the image starts it: root is admin, ann and olga are users, and no robot is known."""
     settings = mariadb.settings("web")
     host_keys = tmp_path / "host_keys"
@@ -130,7 +120,7 @@ def talk(
 
 
 @pytest.fixture
-def sim1(talk: Conversation) -> None:
+def sim1(talk):
     """Robot sim1, which ann drives and olga manages, and sim2, which neither may see."""
     begun, talk.transcript = talk.transcript, Transcript()
     for number, name in enumerate(("sim1", "sim2"), 1):
@@ -141,7 +131,7 @@ def sim1(talk: Conversation) -> None:
     talk.transcript = begun
 
 
-def test_who_asks(talk: Conversation, recorded: SnapshotAssertion) -> None:
+def test_who_asks(talk, recorded):
     """Credentials, headers of answers to this and to other sites, and what no path takes.
 
     All headers of the first answer stand there, and of later ones those that are others.
@@ -152,7 +142,7 @@ def test_who_asks(talk: Conversation, recorded: SnapshotAssertion) -> None:
         talk.answered(answer.status_code, answer.content_type, {}, answer.text)
     talk.ask("ann", "GET", "/me")
     talk.ask("root", "GET", "/me")
-    first: dict[str, str] = {}
+    first = {}
     origins = ("https://lab.example", "https://other.example")
     asks = {"Access-Control-Request-Method": "POST"}
     for what, method, sent in (
@@ -182,7 +172,7 @@ def test_who_asks(talk: Conversation, recorded: SnapshotAssertion) -> None:
     assert talk.transcript == recorded
 
 
-def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
+def test_people(talk, recorded):
     talk.ask("ann", "GET", "/users")
     talk.ask("root", "GET", "/users")
     talk.ask("root", "POST", "/users", {"name": "ben", "role": "user"})
@@ -222,7 +212,7 @@ def test_people(talk: Conversation, recorded: SnapshotAssertion) -> None:
     assert talk.transcript == recorded
 
 
-def test_grants(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+def test_grants(talk, sim1, recorded):
     talk.ask("root", "POST", "/sites", {"name": "lab"})
     talk.ask("root", "POST", "/sites", {"name": ""})
     talk.ask("root", "PATCH", "/robots/sim2", {"site": "lab"})
@@ -250,9 +240,7 @@ def test_grants(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> 
     assert talk.transcript == recorded
 
 
-def test_robots(
-    talk: Conversation, sim1: None, admin_database: Database, recorded: SnapshotAssertion
-) -> None:
+def test_robots(talk, sim1, admin_database, recorded):
     """Robots as users see them and as admins change them, their pages, and tickets to connect to them."""
     for who in ("nobody", "ann"):
         talk.ask(who, "GET", "/robots")
@@ -296,7 +284,7 @@ def test_robots(
     assert talk.transcript == recorded
 
 
-def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+def test_enrolment(talk, sim1, recorded):
     """Joining, join tokens, and what admins do about waiting and rejected keys and about ports."""
     mac, other_mac = "02:00:00:00:52:01", "02:00:00:00:52:02"
     name = talk.ask("nobody", "POST", "/join", ROBOTS[3].join(mac))["robot"]
@@ -323,9 +311,7 @@ def test_enrolment(talk: Conversation, sim1: None, recorded: SnapshotAssertion) 
     assert talk.transcript == recorded
 
 
-def test_history(
-    talk: Conversation, sim1: None, admin_database: Database, recorded: SnapshotAssertion
-) -> None:
+def test_history(talk, sim1, admin_database, recorded):
     """Drives and the audit log, in each format."""
     add_drive(admin_database, "sim1", "ann", id=4242)
     for path in ("/drives?format=csv", "/drives?format=jsonl"):
@@ -341,7 +327,7 @@ def test_history(
 
 
 @pytest.mark.usefixtures("sim1")
-def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
+def test_recordings(talk, recorded):
     """A recording that ann asks for, and that olga, who manages the robot, deletes."""
     talk.ask("ann", "POST", "/robots/sim2/recordings")
     number = talk.ask("ann", "POST", "/robots/sim1/recordings")["id"]
@@ -355,7 +341,7 @@ def test_recordings(talk: Conversation, recorded: SnapshotAssertion) -> None:
     assert talk.transcript == recorded
 
 
-def test_metrics(talk: Conversation, recorded: SnapshotAssertion) -> None:
+def test_metrics(talk, recorded):
     """Admins alone are led to the relay's numbers, and get web's and how the site is."""
     talk.ask("root", "GET", "/metrics")
     for path in ("/metrics", "/metrics/web", "/health", "/health/history"):
@@ -364,13 +350,7 @@ def test_metrics(talk: Conversation, recorded: SnapshotAssertion) -> None:
     assert talk.transcript == recorded
 
 
-ANN, BEN, BOB, CARL, EVE = (
-    RelayUser(n, name) for n, name in enumerate(("ann", "ben", "bob", "carl", "eve"), 1)
-)
-Ask = Callable[..., Awaitable[Any]]
-
-
-def test_routes(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+def test_routes(talk, sim1, recorded):
     """Routes of an admin, who manages all robots, and what others may not."""
     route = {
         "source": "sim1",
@@ -390,7 +370,7 @@ def test_routes(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> 
     assert talk.transcript == recorded
 
 
-def test_requests(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -> None:
+def test_requests(talk, sim1, recorded):
     """A request that ann asks for, declines, is assigned and answers; and one that olga, a manager, cancels."""
     talk.ask("root", "PUT", "/users/ann/pools", {"pools": ["night", "arms"]})
     talk.ask("root", "GET", "/users/ann/pools")
@@ -416,81 +396,57 @@ def test_requests(talk: Conversation, sim1: None, recorded: SnapshotAssertion) -
     assert talk.transcript == recorded
 
 
-@pytest.fixture
-async def relay(patient: Timing) -> AsyncIterator[tuple[RelayServer, MemoryDatabase]]:
-    """A relay with robot sim1: ann and ben drive it, bob observes it, carl manages it, eve does not see it."""
-    database = MemoryDatabase()
-    database.add_robot(7, "sim1", u1="drive", u2="drive", u3="observe", u4="manage")
-    async with running_relay(database, patient) as server:
-        yield server, database
-
-
-async def test_relay(
-    relay: tuple[RelayServer, MemoryDatabase], recorded: SnapshotAssertion
-) -> None:
+async def test_relay(world, recorded):
     """Stop, release, lease, topics, services, and the events of the fleet."""
-    server, database = relay
-    sim1 = database.robots[7]
-    transcript = Transcript(measured=["rtt_ms"])
-    headers = {
-        user.name: {"Authorization": f"Bearer {database.add_credential('token', user)}"}
-        for user in (ANN, BEN, BOB, CARL, EVE)
-    }
-    connector = aiohttp.TCPConnector(force_close=True)
-    robot = FakeRobot(sim1.id, SESSION_KEY, "guarded")
-    async with aiohttp.ClientSession(connector=connector) as http:
+    server, transcript = world.relay, Transcript(measured=["rtt_ms"])
+    headers = {user.name: world.database.bearer(user) for user in (ANN, BEN, BOB, CARL, EVE)}
 
-        async def ask(who: str, method: str, path: str, body: Any = None) -> None:
-            transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
-            options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
-            async with http.request(method, server.url + API + path, **options) as answer:
-                shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
-                heading, said = (
-                    f"< {answer.status} {answer.headers['Content-Type']}",
-                    await answer.json(),
-                )
-                if answer.content_type == "application/problem+json":
-                    transcript.add(heading, *shown, problem_line(answer.status, said))
-                else:
-                    as_before, changes = transcript.changes(said)
-                    transcript.add(heading + as_before, *shown, changes)
+    async def ask(who, method, path, body=None):
+        transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
+        options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
+        async with world.http.request(method, server.url + API + path, **options) as answer:
+            shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
+            heading = f"< {answer.status} {answer.headers['Content-Type']}"
+            said = await answer.json()
+            if answer.content_type == "application/problem+json":
+                transcript.add(heading, *shown, problem_line(answer.status, said))
+            else:
+                as_before, changes = transcript.changes(said)
+                transcript.add(heading + as_before, *shown, changes)
 
-        await _refusals(ask)
-        await robot.start(server.relay.session_port)
-        try:
-            await until(lambda: _is_well(server, sim1.id), "sim1 is well")
-            transcript.add(f"> bob: GET {API}/events")
-            async with http.get(f"{server.url}{API}/events", headers=headers["bob"]) as answer:
-                transcript.add(*await _first_event(answer))
-            await _stops(ask)
-            async with http.ws_connect(server.ros_url(sim1, user=ANN)) as socket:
-                await until(lambda: server.relay.control.driver(sim1.id), "ann drives")
-                robot.has_topics = False
-                await ask("bob", "GET", "/robots/sim1/topics/%2Fodom")
-                await ask("carl", "GET", "/robots/sim1/topics/odom?since=")
-                await ask("carl", "POST", "/robots/sim1/services/move?timeout_s=9", {"x": 1})
-                await _lease(ask)
-                await socket.close()
-        finally:
-            await robot.stop()
+    await _refusals(ask)
+    robot = await world.robot()
+    await until(lambda: _is_well(server, world.sim1.id), "sim1 is well")
+    transcript.add(f"> bob: GET {API}/events")
+    async with world.http.get(f"{server.url}{API}/events", headers=headers["bob"]) as answer:
+        transcript.add(*await _first_event(answer))
+    await _stops(ask)
+    async with world.connect() as socket:
+        await until(lambda: server.relay.control.driver(world.sim1.id), "ann drives")
+        robot.has_topics = False
+        await ask("bob", "GET", "/robots/sim1/topics/%2Fodom")
+        await ask("carl", "GET", "/robots/sim1/topics/odom?since=")
+        await ask("carl", "POST", "/robots/sim1/services/move?timeout_s=9", {"x": 1})
+        await _lease(ask)
+        await socket.close()
     assert transcript == recorded
 
 
-async def _first_event(answer: aiohttp.ClientResponse) -> tuple[Any, ...]:
+async def _first_event(answer):
     event = (await answer.content.readuntil(b"\n\n")).decode().strip()
     name, data = event.split("\ndata: ")
     kind = answer.headers["Content-Type"]
     return f"< {answer.status} {kind}", name, "data:", json.loads(data)
 
 
-def _is_well(server: RelayServer, robot_id: int) -> bool:
+def _is_well(server, robot_id):
     presence = server.relay.registry.presence(robot_id)
     states = (presence.guard, presence.ros, presence.video)
     is_well = states == ("ready", "ok", "ok") and presence.rtt_ms is not None
     return is_well and server.relay.control.describe(robot_id).stopped.confirmed
 
 
-async def _refusals(ask: Ask) -> None:
+async def _refusals(ask):
     """While the robot is offline."""
     for who in ("nobody", "eve", "ann"):
         await ask(who, "GET", "/robots/sim1/control")
@@ -508,7 +464,7 @@ async def _refusals(ask: Ask) -> None:
     await ask("ann", "POST", "/robots/sim1/release")
 
 
-async def _stops(ask: Ask) -> None:
+async def _stops(ask):
     await ask("bob", "POST", "/robots/sim1/release")
     await ask("ann", "POST", "/robots/sim1/release", {"by": "eve"})
     await ask("ann", "POST", "/robots/sim1/release", {"by": "eve", "at": "2026-01-31T12:00:00Z"})
@@ -523,7 +479,7 @@ async def _stops(ask: Ask) -> None:
     await ask("ann", "POST", "/robots/sim1/lease", {"action": "ask"})
 
 
-async def _lease(ask: Ask) -> None:
+async def _lease(ask):
     lease = "/robots/sim1/lease"
     for who, action in (
         ("bob", "ask"),
@@ -540,7 +496,7 @@ async def _lease(ask: Ask) -> None:
         await ask(who, "POST", lease, {"action": action})
 
 
-def test_every_path_is_recorded(talk: Conversation) -> None:
+def test_every_path_is_recorded(talk):
     """Each method of each path of the description stands in a transcript."""
     described = talk.visitor.ask("GET", f"{API}/openapi.json").json["paths"]
     files = (HERE / "__snapshots__" / "test_rest").glob("*.txt")

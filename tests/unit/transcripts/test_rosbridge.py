@@ -1,113 +1,27 @@
 """What passes between operators, the relay and robots' rosbridge, and how their connections end."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re
 import struct
-from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import replace
-from typing import Any
 
-import aiohttp
-import pytest
 from aiohttp import WSMsgType
-from fake_robot import FakeRobot, Mode
 from msgspec import structs
 from relay_clients import closing
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay, until
-from robotether_server.db.fleet import RelayRobot, RelayUser
+from relay_server import ANN, BOB, CARL, until
 from robotether_server.relay.channels.rosbridge import message_validator
-from robotether_server.relay.options import Timing
 from robotether_server.settings.robot import Limits
-from syrupy.assertion import SnapshotAssertion
-from timed_websocket import timed_session
 from transcripts import UPGRADE, Transcript, problem_line
 
-ANN, BOB, CARL = RelayUser(1, "ann"), RelayUser(2, "bob"), RelayUser(3, "carl")
 WAIT_S = 60.0
 MEASURED = ("t_ms", "relay_ms")
 # A connection gets ten refusals at once.
 ANSWERS = 8
 
 
-class World:
-    """A relay with robot sim1, which ann drives, bob observes and carl manages; and who connects."""
-
-    def __init__(
-        self, relay: RelayServer, database: MemoryDatabase, http: aiohttp.ClientSession
-    ) -> None:
-        self.relay = relay
-        self.database = database
-        self.http = http
-        self._robots: list[FakeRobot] = []
-
-    @property
-    def sim1(self) -> RelayRobot:
-        return self.database.robots[7]
-
-    async def robot(self, mode: Mode = "guarded") -> FakeRobot:
-        """Bring the robot online, and wait until the relay knows all of it."""
-        made = FakeRobot(7, SESSION_KEY, mode)
-        await made.start(self.relay.relay.session_port)
-        self._robots.append(made)
-        # What the robot says last of all.
-        registry = self.relay.relay.registry
-        await until(lambda: registry.presence(7).ros == "ok", "the robot is online", WAIT_S)
-        return made
-
-    async def change(self, **settings: Any) -> None:
-        row = replace(self.sim1, settings=structs.replace(self.sim1.settings, **settings))
-        self.database.robots = {7: row}
-        await self.relay.relay.fleet.poll()
-
-    def connect(self, mode: str = "drive", user: RelayUser = ANN, **options: Any) -> Any:
-        url = self.relay.ros_url(self.sim1, mode, user)
-        return self.http.ws_connect(url, max_msg_size=0, **options)
-
-    async def ask(self, user: RelayUser, what: str, **members: str) -> None:
-        """Change the control of sim1 over HTTP."""
-        token = self.database.add_credential("token", user)
-        url = f"{self.relay.url}/api/v1/robots/sim1/{what}"
-        headers = {"Authorization": f"Bearer {token}"}
-        async with self.http.post(url, json=members, headers=headers) as answer:
-            assert answer.status == 200, await answer.text()
-
-    async def close(self) -> None:
-        for robot in self._robots:
-            await robot.stop()
-
-
-@asynccontextmanager
-async def running_world(timing: Timing) -> AsyncIterator[World]:
-    database = MemoryDatabase()
-    database.add_robot(7, "sim1", u1="drive", u2="observe", u3="manage")
-    connector = aiohttp.TCPConnector(force_close=True)
-    async with (
-        running_relay(database, timing) as relay,
-        timed_session(connector=connector) as http,
-    ):
-        world = World(relay, database, http)
-        # No command is late because the machine is busy.
-        guard = structs.replace(world.sim1.settings.guard, max_age_ms=60_000)
-        await world.change(guard=guard)
-        try:
-            yield world
-        finally:
-            await world.close()
-
-
-@pytest.fixture
-async def world(patient: Timing) -> AsyncIterator[World]:
-    async with running_world(patient) as made:
-        yield made
-
-
-async def outcomes(
-    world: World, robot: FakeRobot, texts: Sequence[str], user: RelayUser = ANN
-) -> list[tuple[str, str]]:
+async def outcomes(world, robot, texts, user=ANN):
     """Send each message; return who has it in the end, the robot or the relay, and what that one wrote."""
     found = []
     topics = world.relay.relay.shared_topics
@@ -154,7 +68,7 @@ LIMITED = {
 AGE = re.compile(r"\d+ ms old")
 
 
-async def test_what_is_refused(world: World, recorded: SnapshotAssertion) -> None:
+async def test_what_is_refused(world, recorded):
     """How the relay writes messages anew, and the status of each message that goes no further."""
     transcript, robot = Transcript(), await world.robot()
     for text, (what, got) in zip(WRITTEN, await outcomes(world, robot, WRITTEN, CARL), strict=True):
@@ -180,12 +94,12 @@ async def test_what_is_refused(world: World, recorded: SnapshotAssertion) -> Non
     assert transcript == recorded
 
 
-async def test_relay_and_robot(world: World, recorded: SnapshotAssertion) -> None:
+async def test_relay_and_robot(world, recorded):
     """The handshake, a drive command as text with and without a guard, and what passes back as it is."""
     transcript = Transcript(MEASURED)
     transcript.name(world.sim1.ros_port or 0, "ros port")
     varying = {"User-Agent": "<aiohttp>", "Sec-WebSocket-Key": "<random>"}
-    modes: tuple[Mode, ...] = ("guarded", "guard_off")
+    modes = ("guarded", "guard_off")
     for robot_mode in modes:
         robot = await world.robot(robot_mode)
         transcript.name(robot.session.configs[-1]["guard"]["key"], "guard's key")
@@ -227,13 +141,13 @@ async def test_relay_and_robot(world: World, recorded: SnapshotAssertion) -> Non
     assert transcript == recorded
 
 
-async def test_own_operations(world: World, recorded: SnapshotAssertion) -> None:
+async def test_own_operations(world, recorded):
     """Clock syncs, the control object in each of its states, and a stop from an observer."""
     transcript, robot = Transcript(["relay_ms"]), await world.robot()
     async with AsyncExitStack() as stack:
         bob = await stack.enter_async_context(world.connect("observe", BOB))
 
-        async def add(state: str, condition: Callable[[dict[str, Any]], object]) -> None:
+        async def add(state, condition):
             async with asyncio.timeout(WAIT_S):
                 while True:
                     message = await bob.receive_json()
@@ -272,18 +186,18 @@ async def test_own_operations(world: World, recorded: SnapshotAssertion) -> None
 class Ends:
     """Opens connections that end, and adds how to a transcript."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world):
         self.world = world
         self.transcript = Transcript()
-        self.robot: FakeRobot | None = None
+        self.robot = None
 
     async def add(
         self,
-        case: str,
-        act: Callable[[aiohttp.ClientWebSocketResponse], Any] = lambda _: None,
-        mode: str = "drive",
-        user: RelayUser = ANN,
-    ) -> None:
+        case,
+        act=lambda _: None,
+        mode="drive",
+        user=ANN,
+    ):
         """Have a connection ended by `act`, once it has reached the robot if there is one that lets it."""
         before = 0 if self.robot is None else self.robot.clients_ever
         async with self.world.connect(mode, user) as socket:
@@ -296,31 +210,31 @@ class Ends:
         connections = self.world.relay.relay.connections
         await until(lambda: not connections.count(mode), "it has left", WAIT_S)
 
-    async def add_refused(self, case: str, user: RelayUser = ANN) -> None:
+    async def add_refused(self, case, user=ANN):
         """Have a connection that does not reach the robot."""
         async with self.world.connect("drive", user) as socket:
             await self.add_end(case, socket)
 
-    async def add_end(self, case: str, socket: aiohttp.ClientWebSocketResponse) -> None:
+    async def add_end(self, case, socket):
         self.transcript.add(f"{case}:", await ending_of(socket))
 
-    async def online(self) -> FakeRobot:
+    async def online(self):
         self.robot = await self.world.robot()
         return self.robot
 
 
-async def ending_of(socket: aiohttp.ClientWebSocketResponse) -> str:
+async def ending_of(socket):
     code, reason = await closing(socket)
     return f"{code} {reason}"
 
 
-def announced(size: int) -> Callable[[aiohttp.ClientWebSocketResponse], None]:
+def announced(size):
     """Announce a message of this size to the relay."""
     header = b"\x81\xff" + struct.pack("!Q", size)
     return lambda socket: socket._writer.transport.write(header)
 
 
-async def test_how_connections_end(world: World, recorded: SnapshotAssertion) -> None:
+async def test_how_connections_end(world, recorded):
     """The close code and reason of each end."""
     ends = Ends(world)
     await ends.add("never connected")
@@ -330,17 +244,17 @@ async def test_how_connections_end(world: World, recorded: SnapshotAssertion) ->
     assert ends.transcript == recorded
 
 
-async def _ends_by_messages(ends: Ends) -> None:
+async def _ends_by_messages(ends):
     robot = await ends.online()
 
-    def by_robot(data: bytes) -> Callable[[object], None]:
-        def write(_: object) -> None:
+    def by_robot(data):
+        def write(_):
             for client in robot.clients:
                 client._req.transport.write(data)
 
         return write
 
-    def no_websocket(socket: aiohttp.ClientWebSocketResponse) -> None:
+    def no_websocket(socket):
         socket._writer.transport.write(b"\xff\xff\xff\xff")
 
     goodbye = struct.pack("!H", 1000)
@@ -352,7 +266,7 @@ async def _ends_by_messages(ends: Ends) -> None:
     await ends.add("no WebSocket from the robot", by_robot(b"\xff\xff"))
 
 
-async def set_guard(ends: Ends, guard: str) -> None:
+async def set_guard(ends, guard):
     """Have the agent say so, and wait until the relay knows."""
     registry = ends.world.relay.relay.registry
     assert ends.robot is not None
@@ -360,13 +274,13 @@ async def set_guard(ends: Ends, guard: str) -> None:
     await until(lambda: registry.presence(7).guard_mode == guard, f"the guard is {guard}", WAIT_S)
 
 
-async def _ends_by_rights(ends: Ends) -> None:
+async def _ends_by_rights(ends):
     world, database, relay = ends.world, ends.world.database, ends.world.relay.relay
 
-    def broken(_: object) -> None:
+    def broken(_):
         raise RuntimeError("a defect of the test's own")
 
-    async def to_carl(_: object) -> None:
+    async def to_carl(_):
         await world.ask(CARL, "lease", action="ask")
         await world.ask(ANN, "lease", action="hand_over")
 
@@ -401,7 +315,7 @@ async def _ends_by_rights(ends: Ends) -> None:
     await world.ask(ANN, "release")
 
 
-async def _ends_by_robot(ends: Ends) -> None:
+async def _ends_by_robot(ends):
     robot, relay = ends.robot, ends.world.relay.relay
     assert robot is not None
     await ends.add("rosbridge ends", lambda _: next(iter(robot.clients)).close())
@@ -415,30 +329,28 @@ async def _ends_by_robot(ends: Ends) -> None:
     await ends.add("no rosbridge")
     await other.stop()
     await ends.online()
-    stopping: list[asyncio.Task[None]] = []
+    stopping = []
     stop = relay.stop
     await ends.add("relay stops", lambda _: stopping.append(asyncio.create_task(stop())))
     await stopping[0]
 
 
-async def test_how_slow_connections_end(
-    patient: Timing, recorded: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch
-) -> None:
+async def test_how_slow_connections_end(open_world, patient, recorded, monkeypatch):
     """Who says nothing or far too much, and a robot that takes nothing; of all limits only this one is short."""
     transcript, short_s = Transcript(), 0.5
     driver_limits = replace(patient.driver_limits, silent_after_s=short_s)
-    async with running_world(replace(patient, driver_limits=driver_limits)) as world:
+    async with open_world(replace(patient, driver_limits=driver_limits)) as world:
         await world.robot()
         async with world.connect(autoping=False) as socket:
             transcript.add("client says nothing:", await ending_of(socket))
     driver_limits = replace(patient.driver_limits, slow_after_s=short_s)
-    async with running_world(replace(patient, driver_limits=driver_limits)) as world:
+    async with open_world(replace(patient, driver_limits=driver_limits)) as world:
         await world.robot("slow_reader")
         async with world.connect("drive", CARL) as socket:
             large = {"op": "publish", "topic": "/chatter", "msg": {"x": "x" * 500_000}}
             transcript.add("robot takes nothing:", await _end_of_sender(socket, large))
     monkeypatch.setattr(message_validator, "FLOOD_AFTER_S", short_s)
-    async with running_world(patient) as world:
+    async with open_world(patient) as world:
         await world.robot()
         async with world.connect("observe", BOB) as socket:
             large = {"op": "subscribe", "topic": "/a", "x": "x" * 30_000}
@@ -446,10 +358,10 @@ async def test_how_slow_connections_end(
     assert transcript == recorded
 
 
-async def _end_of_sender(socket: aiohttp.ClientWebSocketResponse, message: object) -> str:
+async def _end_of_sender(socket, message):
     """Send a message as often as it is taken, until the relay closes."""
 
-    async def send() -> None:
+    async def send():
         with suppress(ConnectionError):
             while not socket.closed:
                 await socket.send_json(message)
@@ -461,7 +373,7 @@ async def _end_of_sender(socket: aiohttp.ClientWebSocketResponse, message: objec
     return found
 
 
-async def test_what_opens_nothing(world: World, recorded: SnapshotAssertion) -> None:
+async def test_what_opens_nothing(world, recorded):
     """The answer of HTTP to a handshake that is refused before the upgrade; the handler's tests have each ticket."""
     transcript, relay = Transcript(), world.relay
     base, good = f"{relay.url}/robots/sim1/ros", relay.ticket(world.sim1)

@@ -4,27 +4,21 @@ The agent is the real program with its guard, and OpenSSH carries its lines to t
 command is a double; its first line is read from the real one's source.
 """
 
-from __future__ import annotations
-
 import asyncio
 import shutil
 import socket
 import tempfile
-from collections.abc import AsyncIterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import aiohttp
 import pytest
 from fake_cameras import FakeVideoServer, TopicRosbridge
 from fake_cloud import agent_environ, eventually
 from fake_robot import HOST, RobotSession
-from recording_server import RecordingServer, Said, running_agent
-from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
+from recording_server import RecordingServer, running_agent
+from relay_server import SESSION_KEY, MemoryDatabase, running_relay
 from robotether_server.db.fleet import RelayUser
-from robotether_server.relay.options import Timing
-from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 
 TOPICS = {
@@ -37,9 +31,7 @@ WAIT_S = 60.0
 class Session:
     """One agent at a server: waits for lines, and writes each down that was waited for."""
 
-    def __init__(
-        self, server: RecordingServer, relay: RelayServer, database: MemoryDatabase
-    ) -> None:
+    def __init__(self, server, relay, database):
         self.server, self.relay, self.database = server, relay, database
         self.transcript = Transcript(measured=["t_ms", "seq", "epoch"])
         self.transcript.name(socket.gethostname(), "hostname")
@@ -47,18 +39,16 @@ class Session:
             self.transcript.name(port, name)
         self._from = 0
 
-    async def line(
-        self, who: str, kind: str, of: str = "session", *, at: int | None = None, **members: object
-    ) -> Said:
+    async def line(self, who, kind, of="session", *, at=None, **members):
         """Wait for a line of this type with these members; `at` is its place among those of this side.
 
         Without a place it may be any since the last thing that happened.
         """
 
-        def fits(said: Said) -> bool:
+        def fits(said):
             return said["type"] == kind and members.items() <= said.items()
 
-        def found() -> list[Said]:
+        def found():
             lines = self.server.said if at is not None else self.server.said[self._from :]
             of_side = [line[2] for line in lines if line[:2] == (of, who)]
             return list(filter(fits, of_side if at is None else _slice(of_side, at)))
@@ -73,23 +63,23 @@ class Session:
         self.transcript.add(f"{who} ({of}){as_before}:", changes)
         return said
 
-    def happens(self, what: str) -> None:
+    def happens(self, what):
         """Note what happens now; only lines after it are waited for."""
         self.transcript.add(f"--- {what}")
         self._from = len(self.server.said)
 
-    async def change(self, **changes: Any) -> None:
+    async def change(self, **changes):
         robots = self.database.robots
         self.database.robots = {7: replace(robots[7], **changes)}
         await self.relay.relay.fleet.poll()
 
 
-def _slice(lines: list[Said], at: int) -> list[Said]:
+def _slice(lines, at):
     return lines[at:] if at == -1 else lines[at : at + 1]
 
 
 @pytest.fixture
-async def session(patient: Timing) -> AsyncIterator[Session]:
+async def session(patient):
     """An agent whose robot is well, at a relay on which user 1 drives it."""
     database = MemoryDatabase()
     robot = database.add_robot(7, "sim1", u1="drive")
@@ -116,7 +106,7 @@ async def session(patient: Timing) -> AsyncIterator[Session]:
             shutil.rmtree(place)
 
 
-async def battery(rosbridge: TopicRosbridge) -> None:
+async def battery(rosbridge):
     """Have the robot say how full its battery is, as soon as somebody wants to know."""
     await rosbridge.subscription("/battery_state")
     await rosbridge.publish(
@@ -124,13 +114,13 @@ async def battery(rosbridge: TopicRosbridge) -> None:
     )
 
 
-async def call_for_help(rosbridge: TopicRosbridge) -> None:
+async def call_for_help(rosbridge):
     """Have a program on the robot ask for a person."""
     await rosbridge.subscription("/robotether/help")
     await rosbridge.publish("/robotether/help", {"data": "I need a person"})
 
 
-async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
+async def test_session(session, recorded):
     """It has each type of line in both directions, from the first line to the bye."""
     relay, line = session.relay, session.line
     await line("session command", "preface")
@@ -183,7 +173,7 @@ async def test_session(session: Session, recorded: SnapshotAssertion) -> None:
     assert session.transcript == recorded
 
 
-async def connected(relay: RelayServer, **given: Any) -> RobotSession:
+async def connected(relay, **given):
     """Open a connection to the session port, as the session command does."""
     fields = {"robot_id": 7, "kind": "session", "session_key": SESSION_KEY} | given
     session = RobotSession(fields.pop("robot_id"), **fields)
@@ -191,14 +181,14 @@ async def connected(relay: RelayServer, **given: Any) -> RobotSession:
     return session
 
 
-async def ended(session: RobotSession) -> Said | None:
+async def ended(session):
     """Wait for the end, and return the bye."""
     await asyncio.wait_for(session.closed.wait(), WAIT_S)
     await session.close()
     return session.bye
 
 
-async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
+async def test_byes(patient, recorded):
     """What the relay says to who may not connect, does not keep to the protocol, or has to go."""
     database = MemoryDatabase()
     robot = database.add_robot(7, "sim1")
@@ -206,7 +196,7 @@ async def test_byes(patient: Timing, recorded: SnapshotAssertion) -> None:
     transcript.name(robot.ros_port, "ROS port")
     async with running_relay(database, patient) as relay:
 
-        async def add(what: str, data: bytes = b"", **given: Any) -> None:
+        async def add(what, data=b"", **given):
             session = await connected(relay, **given)
             session.send_raw(data)
             transcript.add(f"{what}:", await ended(session))

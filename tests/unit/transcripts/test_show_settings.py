@@ -1,12 +1,9 @@
 """`show-settings` of the agent, and how it refuses a wrong value, as a terminal shows it."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 from pathlib import Path
 
-from syrupy.assertion import SnapshotAssertion
 from transcripts import Transcript
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -28,7 +25,7 @@ AGENT_SETTINGS = {
 }
 
 
-def run(*settings: dict[str, str]) -> Transcript:
+def run(*settings):
     """Run show-settings with nothing but these settings, once for each set of them."""
     transcript = Transcript()
     for given in settings:
@@ -47,12 +44,12 @@ def run(*settings: dict[str, str]) -> Transcript:
     return transcript
 
 
-def test_agent_hides_secrets(recorded: SnapshotAssertion) -> None:
+def test_agent_hides_secrets(recorded):
     """The token is hidden, and so are passwords in URLs."""
     assert run(AGENT_SETTINGS) == recorded
 
 
-def test_agent_refuses(recorded: SnapshotAssertion) -> None:
+def test_agent_refuses(recorded):
     """A wrong value is one sentence with what to do, and an exit status."""
     wrong = (
         {},
