@@ -96,22 +96,22 @@ def report(database):
 async def test_server_and_robot_sign_at_each_drives_end(parts, database):
     """A robot that does not answer is shown as not having signed."""
     parts.end_drive()
-    await until(lambda: parts.robot.asked, "what the relay asks and stores")
+    await until(lambda: parts.robot.asked, "what is asked and signed")
     assert (report(database).fault, report(database).signed) == (None, {"server": 1})
     first = parts.robot.asked[0]
     assert (first["type"], first["chain"], first["newest"]) == ("sign_head", "sim1", None)
     parts.signer.on_signed_head(1, signed(first))
     await until(
         lambda: report(database).signed == {"server": 1, "robot": 1},
-        "what the relay asks and stores",
+        "what is asked and signed",
     )
     parts.end_drive()
-    await until(lambda: len(parts.robot.asked) == 2, "what the relay asks and stores")
+    await until(lambda: len(parts.robot.asked) == 2, "what is asked and signed")
     known = parts.robot.asked[1]["newest"]
     parts.signer.on_signed_head(1, signed(parts.robot.asked[1], previous=known))
     await until(
         lambda: report(database).signed == {"server": 2, "robot": 2},
-        "what the relay asks and stores",
+        "what is asked and signed",
     )
     assert report(database).fault is None
 
@@ -184,7 +184,7 @@ async def test_lines_without_a_drive_are_signed_too(quick_sweeps, parts, databas
     """Once a day, as are lines without a robot."""
     with admin_database.transaction() as tx:
         fleet.write(tx, [AuditEntry(NOON, "ann", "login")])
-    await until(lambda: report(database).signed == {"server": 1}, "what the relay asks and stores")
+    await until(lambda: report(database).signed == {"server": 1}, "what is asked and signed")
 
 
 async def test_what_a_robot_signed_before_a_restore_stays_visible(parts, database, admin_database):
@@ -224,7 +224,7 @@ async def test_what_a_robot_signed_before_a_restore_stays_visible(parts, databas
 @pytest.mark.parametrize("wrong", ["key", "hash", "signature", "unasked"])
 async def test_wrong_answer_is_dropped(parts, database, caplog, wrong):
     parts.end_drive()
-    await until(lambda: parts.robot.asked, "what the relay asks and stores")
+    await until(lambda: parts.robot.asked, "what is asked and signed")
     (request,) = parts.robot.asked
     answers = {
         "key": signed(request, RobotSigner(2)),
@@ -235,5 +235,5 @@ async def test_wrong_answer_is_dropped(parts, database, caplog, wrong):
     parts.signer.on_signed_head(2 if wrong == "unasked" else 1, answers[wrong])
     # What comes behind shows that it was handled.
     parts.end_drive()
-    await until(lambda: len(parts.robot.asked) == 2, "what the relay asks and stores")
+    await until(lambda: len(parts.robot.asked) == 2, "what is asked and signed")
     assert (report(database).fault, report(database).signed) == (None, {"server": 2})
