@@ -108,13 +108,6 @@ def test_cut_end_is_found_by_the_signed_head_and_by_what_was_counted():
         assert report.fault == "line 11 is missing; the newest was line 12"
 
 
-def test_first_line_that_does_not_fit_is_named():
-    lines = chain_of()
-    for place in (3, 7):
-        lines[place] = msgspec.structs.replace(lines[place], actor="ben")
-    assert "line 4 of" in check(lines, []).fault
-
-
 @pytest.mark.parametrize("kept", [True, False])
 def test_deleted_lines_need_a_head_that_the_server_signed(kept):
     lines = chain_of()

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import aiohttp
 import pytest
 from robotether_server import problems
-from robotether_server.problems import HttpError, RobotetherError, reason_in
+from robotether_server.problems import RobotetherError, reason_in
 
 
 def tree(kind):
@@ -36,18 +36,11 @@ def test_every_exception_of_the_server_is_in_the_tree():
     assert roots == ["RobotetherError"]
 
 
-@pytest.mark.parametrize(
-    ("status", "code"),
-    [(404, "not_found"), (414, "request_uri_too_long"), (500, "internal_server_error")],
+# What aiohttp raises, whose text names the object that holds the certificates.
+REFUSED = aiohttp.ClientConnectorError(
+    SimpleNamespace(host="host", port=1, ssl=ssl.create_default_context()),
+    OSError(111, "Connect call failed ('192.0.2.1', 1)"),
 )
-def test_http_errors_have_codes_too(status, code):
-    assert HttpError(status, "x").as_dict()["code"] == code
-
-
-def connection_error(error):
-    """Return what aiohttp raises, whose text names the object that holds the certificates."""
-    key = SimpleNamespace(host="host", port=1, ssl=ssl.create_default_context())
-    return aiohttp.ClientConnectorError(key, error)
 
 
 @pytest.mark.parametrize(
@@ -55,10 +48,7 @@ def connection_error(error):
     [
         (FileNotFoundError(2, "No such file or directory", "/secret/path"), "No such file"),
         (ssl.SSLError(1, "[SSL: WRONG_VERSION_NUMBER] x (_ssl.c:1007)"), "TLS fails"),
-        (
-            connection_error(OSError(111, "Connect call failed ('192.0.2.1', 1)")),
-            "Connection refused",
-        ),
+        (REFUSED, "Connection refused"),
         (aiohttp.WSServerHandshakeError(None, (), status=403), "HTTP 403"),
         (TimeoutError(), "no answer in time"),
         (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte"), "it is not text"),

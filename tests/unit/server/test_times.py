@@ -10,16 +10,7 @@ from robotether_server.problems import FieldInvalidError
 NOON = dt.datetime(2026, 1, 31, 12, tzinfo=dt.UTC)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "2026-01-31T12:00:00Z",
-        "2026-01-31t12:00:00z",
-        "2026-01-31 12:00Z",
-        "2026-01-31T14:00:00+02:00",
-        "2026-01-31T12:00:00.000000Z",
-    ],
-)
+@pytest.mark.parametrize("text", ["2026-01-31 12:00z", "2026-01-31T14:00:00.000000+02:00"])
 def test_moment_is_taken_with_its_offset(text):
     found = times.timestamp("until", text)
     assert (found, found.utcoffset()) == (NOON, dt.timedelta())
@@ -28,16 +19,11 @@ def test_moment_is_taken_with_its_offset(text):
 @pytest.mark.parametrize(
     "text",
     [
-        "",
-        "soon",
-        "2026-01-31",
         "2026-01-31T12:00:00",
         "2026-02-30T12:00:00Z",
-        "2026-01-31T25:00:00Z",
         "0001-01-01T00:00:00+02:00",
         "2026-W05-6T12:00:00Z",
         "٢٠٢٦-01-31T12:00:00Z",
-        "1769860800",
     ],
 )
 def test_what_is_no_moment_is_refused_with_its_field(text):
@@ -52,11 +38,9 @@ def test_day_begins_and_ends_in_utc():
     assert times.day_or_timestamp("d", "2026-01-31T12:00:00Z", is_end=True) == NOON
 
 
-@pytest.mark.parametrize("text", ["2026-02-30", "31.1.2026", "2026-1-31", "tomorrow"])
+@pytest.mark.parametrize("text", ["2026-02-30", "2026-1-31"])
 def test_what_is_no_day_is_refused(text):
-    with pytest.raises(
-        FieldInvalidError, match=r"a day in UTC, such as 2026-01-31, or a timestamp"
-    ):
+    with pytest.raises(FieldInvalidError, match="a day in UTC, such as 2026-01-31, or a timestamp"):
         times.day_or_timestamp("Until", text, is_end=True)
 
 
@@ -72,19 +56,9 @@ def test_end_must_be_to_come_and_not_too_far(wait, why):
         times.check_end("ends_at", now + wait)
 
 
-@pytest.mark.parametrize(
-    ("timestamp", "written"),
-    [
-        (None, None),
-        (dt.datetime(2026, 1, 1, 12, 3, 0, 999_999, dt.UTC), "2026-01-01T12:03:00Z"),
-        (
-            dt.datetime(2026, 1, 1, 14, 3, tzinfo=dt.timezone(dt.timedelta(hours=2))),
-            "2026-01-01T12:03:00Z",
-        ),
-    ],
-)
-def test_moments_are_written_in_utc_and_whole_seconds(timestamp, written):
-    assert times.rfc3339(timestamp) == written
+def test_moments_are_written_in_utc_and_whole_seconds():
+    zone = dt.timezone(dt.timedelta(hours=2))
+    assert times.rfc3339(dt.datetime(2026, 1, 1, 14, 3, 0, 999_999, zone)) == "2026-01-01T12:03:00Z"
 
 
 @pytest.mark.parametrize(

@@ -21,25 +21,19 @@ def test_buttons_can_be_compared_and_be_keys():
     assert parse_one(LIGHTS) != parse_one({**LIGHTS, "msg": {"data": 1}})
 
 
-@pytest.mark.parametrize("ros_type", ["std_msgs/Bool", "std_msgs/msg/Bool", "std_srvs/srv/Trigger"])
-def test_types_are_those_of_either_ros(ros_type):
-    assert parse_one({**LIGHTS, "type": ros_type}).type == ros_type
-
-
-UNREADABLE = ({"a": [[{"b": float("nan")}]]}, {"a": float("inf")}, {"a": 2**64}, {"a": "\ud800"})
-WRONG = {
-    "name": ("", "a" * 41),
-    "kind": ("subscribe",),
-    "topic": ("lights", "/lights*"),
-    "type": ("", "Bool"),
-    "msg": ([], "{}", nested(17), {"a": "x" * MAX_FIELDS_BYTES}, *UNREADABLE),
-}
-
-
 @pytest.mark.parametrize(
     ("button", "member", "value"),
     [
-        *((LIGHTS, member, value) for member, values in WRONG.items() for value in values),
+        (LIGHTS, "name", "a" * 41),
+        (LIGHTS, "kind", "subscribe"),
+        (LIGHTS, "topic", "/lights*"),
+        (LIGHTS, "type", ""),
+        (LIGHTS, "msg", []),
+        (LIGHTS, "msg", nested(17)),
+        (LIGHTS, "msg", {"a": "x" * MAX_FIELDS_BYTES}),
+        (LIGHTS, "msg", {"a": [[{"b": float("nan")}]]}),
+        (LIGHTS, "msg", {"a": 2**64}),
+        (LIGHTS, "msg", {"a": "\ud800"}),
         (DOCK, "service", ""),
         (DOCK, "type", "Trigger"),
     ],
@@ -56,7 +50,6 @@ def test_a_wrong_value_is_named(button, member, value):
         ([LIGHTS] * (MAX_BUTTONS + 1), "buttons: it must be a list of at most"),
         ([LIGHTS, {**DOCK, "name": "Lights on"}], "buttons: there are two of the name 'Lights on'"),
         ([LIGHTS, "Dock"], "buttons.2: it must be a JSON object"),
-        ([{**LIGHTS, "service": "/dock"}], "buttons.1: 'service' is not a setting"),
         ([{**DOCK, "msg": {}}], "buttons.1: 'msg' is not a setting"),
     ],
 )

@@ -26,10 +26,8 @@ RELAY = DATABASE | {"TICKET_KEY": KEY, "SESSION_KEY": "y" * 32}
     ("kind", "environ", "missing"),
     [
         (DatabaseSettings, DATABASE, "DB_USER"),
-        (DatabaseSettings, DATABASE, "DB_PASSWORD"),
         (WebSettings, WEB, "TICKET_KEY"),
         (WebSettings, WEB, "WEB_SECRET_KEY"),
-        (RelaySettings, RELAY, "TICKET_KEY"),
         (RelaySettings, RELAY, "SESSION_KEY"),
         (MigrateSettings, DATABASE, "DB_PASSWORD"),
     ],
@@ -44,29 +42,20 @@ def test_missing_secret_or_account_stops_the_start(kind, environ, missing):
             load(kind, changed)
 
 
-def test_range_must_hold_a_pair():
-    environ = DATABASE | {"PORT_RANGE_FIRST": "30000", "PORT_RANGE_LAST": "30000"}
-    with pytest.raises(SettingsError, match=r"PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"):
-        load(MigrateSettings, environ)
-
-
 @pytest.mark.parametrize(
-    ("first", "last", "why"),
+    ("name", "first", "last", "why"),
     [
-        ("25000", "24999", "SHELL_PORT_LAST=24999.*SHELL_PORT_FIRST=25000"),
-        ("23999", "24999", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
-        ("1024", "65535", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
-        ("19000", "20000", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
+        ("PORT_RANGE", "30000", "30000", "PORT_RANGE_LAST=30000.*PORT_RANGE_FIRST=30000"),
+        ("SHELL_PORT", "25000", "24999", "SHELL_PORT_LAST=24999.*SHELL_PORT_FIRST=25000"),
+        ("SHELL_PORT", "23999", "24999", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
+        ("SHELL_PORT", "1024", "65535", "outside PORT_RANGE_FIRST=20000 to PORT_RANGE_LAST=23999"),
     ],
 )
-def test_shell_ports_are_a_range_of_their_own(first, last, why):
-    """One port may be enough; no port is of both ranges."""
-    item = load(
-        MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"}
-    )
-    assert item.shell_port_last == 24000
+def test_ranges_of_ports_hold_robots_and_are_apart(name, first, last, why):
+    """A robot needs two, its shell one."""
+    load(MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": "24000", "SHELL_PORT_LAST": "24000"})
     with pytest.raises(SettingsError, match=why):
-        load(MigrateSettings, DATABASE | {"SHELL_PORT_FIRST": first, "SHELL_PORT_LAST": last})
+        load(MigrateSettings, DATABASE | {f"{name}_FIRST": first, f"{name}_LAST": last})
 
 
 def test_secret_that_may_be_empty_is_not_masked(tmp_path):
@@ -80,51 +69,24 @@ def test_secret_that_may_be_empty_is_not_masked(tmp_path):
     assert in_force(from_file)["ADMIN_PASSWORD"] == MASK
 
 
-def test_printing_settings_shows_no_secret():
-    loaded = (load(WebSettings, WEB), load(RelaySettings, RELAY))
-    for secret in {*WEB.values(), *RELAY.values()} - {"web"}:
-        assert secret not in repr(loaded)
-
-
 WRONG = {
-    "DB_SERVER_ID": ("0", "a"),
-    "DB_READ_ONLY": ("on",),
-    "SIM2_KIND": ("tracked",),
-    "SIM3_CAMERAS": ("4",),
     "SIM_CAMERA_FPS": ("0.5", "nan", "fast"),
     "DB_HOST": ("my host", "db:3306"),
     "DB_NAME": ("a-b",),
-    "DB_PORT": ("0", "mysql"),
     "TICKET_TTL_S": ("4", "301", "30s"),
-    "LOGIN_TTL_H": ("0",),
-    "LOGIN_IDLE_H": ("721",),
-    "WALL_ROBOTS": ("0", "21"),
-    "PUBLIC_HOST": (
-        "https://a",
-        "robots.example:8443",
-        "2001:db8::1%eth0",
-        "192.168.1.256",
-        "a..b",
-    ),
+    "PUBLIC_HOST": ("https://a", "a:8443", "2001:db8::1%eth0", "192.168.1.256", "a..b"),
     "PUBLIC_PORT": ("0", "443 ", "0443"),
     "TLS_FRONT": ("nginx", "nginx:https"),
     "SSH_PORTS": ("2222,99999", "2222,"),
-    "MESSAGE_LIMIT_MB": ("0",),
     "ALLOWED_ORIGINS": ("lab.example", "https://lab.example/path"),
     "DIRECT_SOURCES": ("10.0.0", "192.0.2.0/24,", "192.0.2.0/33", "0.0.0.0/0", "::/0"),
     "TRUSTED_PROXIES": ("10.0.0", "0.0.0.0/0"),
-    "MAX_PENDING": ("-1",),
     "JOIN_POLICY": ("first",),
     "ALLOW_LOCAL_MACS": ("true",),
-    "SHELL_PORT_FIRST": ("80",),
-    "SHELL_PORT_LAST": ("65536",),
-    "PORT_RANGE_FIRST": ("80",),
-    "PORT_RANGE_LAST": ("65536",),
-    "AUDIT_DAYS": ("-1", "36501"),
+    "SHELL_PORT_LAST": ("80", "65536"),
     "DOMAIN": ("Robots.example.org", "localhost", "https://robots.example.org"),
     "ACME_EMAIL": ("ops",),
     "ACME_SERVER": ("http://acme.example.org",),
-    "LOG_LEVEL": ("loud",),
 }
 
 
@@ -152,10 +114,7 @@ def test_every_default_is_allowed_and_no_secret_has_one(variable):
         ("SSH_PORTS", "443,2222", (443, 2222)),
         ("ALLOWED_ORIGINS", "https://Lab:443, http://a:8080", ("https://lab", "http://a:8080")),
         ("TLS_FRONT", "10.0.0.1:443", ("10.0.0.1", 443)),
-        ("JOIN_POLICY", "first-key", "first-key"),
-        ("JOIN_POLICY", "token-only", "token-only"),
         ("ALLOW_LOCAL_MACS", "yes", True),
-        ("AUDIT_DAYS", "0", 0),
     ],
 )
 def test_value_is_read(name, text, value):
@@ -174,11 +133,6 @@ def test_secret_comes_from_its_file_alone(tmp_path):
     file.unlink()
     with pytest.raises(SettingsError, match=r"DB_PASSWORD_FILE=.*secret"):
         PASSWORD.read(environ)
-
-
-def test_only_secrets_come_from_files():
-    """LOG_LEVEL_FILE is nothing that anybody reads."""
-    assert VARIABLES["LOG_LEVEL"].read({"LOG_LEVEL_FILE": "/etc/passwd"}) == "info"
 
 
 @pytest.mark.parametrize("name", [item.name for item in VARIABLES.values() if item.secret])
