@@ -41,7 +41,6 @@ LONGEST_FIRST = (
     "e2e/test_video.py",
     "images/test_key_lookup.py",
     "images/test_certificate.py",
-    "e2e/test_admin_actions.py",
     "e2e/test_recovery.py",
     "e2e/test_safety.py",
     "images/test_acme.py",

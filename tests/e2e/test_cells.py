@@ -18,17 +18,12 @@ from urllib.parse import quote
 import aiohttp
 import pytest
 from cells import first_cell, second_cell
-from frames_viewer import FramesViewer
 from inside import run_inside
 from jump_people import end
 from local_network import insecure_tls
 from programs import Program, drive_forward, open_echo
 from robot_key import RobotKey, session_line
-from robotether_common.codecs import H264
-from robotether_common.frames import KEY
-from sim_watch import SimWatch
 from stack import Stack
-from video_clips import Decoder
 
 TOPIC = "/camera/image_raw"
 
@@ -64,26 +59,6 @@ def test_cells_are_one_site(first: Stack, second: Stack) -> None:
         status, robots = cell.request("GET", "/api/v1/robots", headers=token)
         assert status == HTTPStatus.OK
         assert {robot["name"] for robot in robots["robots"]} == {"sim1", "sim2", "sim3"}
-
-
-def test_a_cell_has_the_numbers_of_the_other(first: Stack, second: Stack) -> None:
-    """A Prometheus that reaches one of them needs no way to the other."""
-    token = {"Authorization": f"Bearer {first.token('prometheus')}"}
-
-    def build_of(cell: str) -> str:
-        status, text = first.request("GET", f"/api/v1/metrics?cell={cell}", headers=token)
-        lines = str(text).splitlines() if status == HTTPStatus.OK else []
-        return next((line for line in lines if line.startswith("robotether_build_info")), "")
-
-    for name in ("a", "b"):
-        line = first.wait(f"the numbers of {name}", lambda cell=name: build_of(cell), "relay")
-        assert f'cell="{name}"' in line
-
-
-def test_secrets_are_exported_for_their_owner_alone(second: Stack) -> None:
-    folder = second.folder / "secrets"
-    assert folder.stat().st_mode & 0o777 == 0o700
-    assert {file.stat().st_mode & 0o077 for file in folder.iterdir()} == {0}
 
 
 def test_migrations_run_from_a_cell_too(second: Stack) -> None:
@@ -175,32 +150,6 @@ def test_robot_goes_to_its_region_when_it_next_connects(first: Stack, second: St
     first.robotether("robot", "move-ports", "sim1")
     wait_at(first, "b", "sim1")
     first.robotether("robot", "set", "sim1", "region=null")
-
-
-def live_route(cell: Stack) -> Any:
-    """The one route, as the cell has it; empty: it knows none yet."""
-    routes = cell.admin.ask("GET", "/routes/live")["routes"]
-    return routes[0] if routes else {}
-
-
-def test_a_route_leads_to_a_robot_of_another_cell(first: Stack, second: Stack) -> None:
-    """The target's cell runs it; sim2 goes while sim1 is driven, and stops after it."""
-    wait_at(first, "b", "sim1")
-    wait_at(first, "a", "sim2")
-    ends = {"source": "sim1", "source_topic": "/cmd_vel", "target": "sim2"}
-    what = {"target_topic": "/cmd_vel", "type": "geometry_msgs/msg/Twist"}
-    route = first.admin.ask("POST", "/routes", {**ends, **what})
-    try:
-        first.wait("it runs", lambda: live_route(first).get("state") == "runs", "relay")
-        second.wait("b knows", lambda: live_route(second).get("state") == "elsewhere", "relay")
-        program = Program(first, first.token("routes"))
-        with SimWatch(first, "sim2") as follower:
-            begun_at = time.monotonic()
-            assert asyncio.run(drive_forward(program, "sim1")) > 0.4
-            follower.wait_seen("moving", lambda pose: pose["linear_velocity"] > 0, begun_at)
-            follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
-    finally:
-        first.admin.ask("DELETE", f"/routes/{route['id']}")
 
 
 @contextmanager
@@ -300,33 +249,6 @@ async def test_its_video_is_seen(program: Program) -> None:
             assert part
             if time.monotonic() - begun_at > 1:
                 break
-
-
-async def test_its_h264_is_seen_beside_jpeg(program: Program) -> None:
-    """Viewers of one camera get the codec that they decode, through the other cell."""
-    url = f"{program.stack.url}/robots/sim1/video/frames?topic={quote(TOPIC)}"
-    async with (
-        aiohttp.ClientSession(headers=program.headers) as http,
-        http.ws_connect(url, ssl=insecure_tls()) as first,
-        http.ws_connect(url, ssl=insecure_tls()) as second,
-    ):
-        viewer, other = FramesViewer(first), FramesViewer(second)
-        await viewer.ask(codecs=[H264.name])
-        await other.ask()
-        # JPEGs come while the encoder starts.
-        async with asyncio.timeout(30):
-            await viewer.credit()
-            while (frame := await viewer.frame()).codec != H264.number:
-                await viewer.credit()
-        assert frame.flags & KEY
-        decoder = Decoder()
-        for _ in range(10):
-            assert decoder.decode(frame.jpeg).size
-            await viewer.credit()
-            frame = await viewer.frame()
-            assert frame.codec == H264.number
-            await other.credit()
-            assert (await other.frame()).jpeg[:2] == b"\xff\xd8"
 
 
 def test_it_is_stopped_and_released_there(program: Program, first: Stack, second: Stack) -> None:

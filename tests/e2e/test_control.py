@@ -7,29 +7,18 @@ of driveMode.js and of the relay's leases.
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Iterator
 from contextlib import closing
 
 import page_holds
 import pytest
 from page_users import PageUsers
-from pages import answer, expect_armed, expect_mode, take_control, wait_until
+from pages import answer, expect_armed, expect_mode, take_control
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
 
 ROBOT = "sim1"
-# As of teleop.js, less what a machine may need to tell of it.
-TAKE_MS = 900
-STRETCHES = 5
-# How long it took from a moment before the press until what is pressed counts.
-NOTE_TAKING = """() => {
-  const stick = document.querySelector("[data-testid=joystick]");
-  new MutationObserver(() => {
-    if (stick.dataset.armed === "true") window.takenMs = performance.now() - window.pressedAt;
-  }).observe(stick, { attributes: true, attributeFilter: ["data-armed"] });
-}"""
 
 
 @pytest.fixture
@@ -115,47 +104,6 @@ def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(
     expect_mode(admin, "drive")
     expect_mode(ben, "observe")
     expect(note).to_contain_text("You no longer drive")
-
-
-def test_the_first_held_key_takes_the_control_and_drives(
-    page_users: PageUsers, stack: Stack
-) -> None:
-    page = page_users.open("ann", ROBOT)
-    expect(page.get_by_test_id("tile").first).to_have_attribute("data-frame", "live")
-    page.evaluate(NOTE_TAKING)
-    with SimWatch(stack, ROBOT) as watch:
-        for _ in range(STRETCHES):
-            expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "free")
-            page_holds.note(page)
-            page.evaluate("[window.pressedAt, window.takenMs] = [performance.now(), null]")
-            pressed = time.monotonic()
-            page.keyboard.down("w")
-            expect(page.get_by_test_id("control")).to_have_attribute("data-mode", "drive")
-            wait_until(
-                page,
-                "the press that took the control drives, or was held up",
-                lambda since=pressed: _drove(watch, since) or _was_held_up(page),
-            )
-            if _drove(watch, pressed):
-                break
-            page.keyboard.up("w")
-            page.get_by_test_id("control-leave").click()
-        else:
-            raise AssertionError("the machine never gave the control in time")
-        page.keyboard.up("w")
-        watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
-    expect(page.get_by_test_id("control-note")).to_have_text("You took control.")
-
-
-def _drove(watch: SimWatch, since: float) -> bool:
-    """Whether the robot was told to move; the page may have had to let go since."""
-    return any(seen.msg["linear"]["x"] != 0 for seen in watch.commands(since))
-
-
-def _was_held_up(page: Page) -> bool:
-    """Whether the control came late, or the machine or the picture made the page let go."""
-    came_late: bool = page.evaluate("limit => window.takenMs > limit", TAKE_MS)
-    return came_late or page_holds.had_to_let_go(page)
 
 
 def test_another_window_and_another_visit_watch_and_a_reload_drives_on(

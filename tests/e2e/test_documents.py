@@ -90,18 +90,6 @@ def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(
     assert hosts == {stack.url.removeprefix("https://")}
 
 
-def test_reference_comes_from_the_code(page: Page, stack: Stack) -> None:
-    """Settings, close codes, operations and the API stand in it as the code has them."""
-    for path, word in (
-        ("reference/server-settings/", "LOGIN_IDLE_H"),
-        ("reference/codes/", "lease_held"),
-        ("reference/operations/", "call_service"),
-        ("reference/api/", "POST /api/v1/tickets"),
-    ):
-        page.goto(f"{stack.url}/docs/{path}")
-        expect(page.get_by_role("main")).to_contain_text(word)
-
-
 @pytest.fixture
 def readers_world(stack: Stack) -> Iterator[None]:
     """Have the reader's robot there, and another one to remove; leave nothing of what the reader makes."""

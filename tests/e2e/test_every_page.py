@@ -15,13 +15,13 @@ import pytest
 from accessibility import BY_LOOK, RULES, violations
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Page
 from robotether_server.settings.server import DatabaseSettings
 from robotether_server.web import create_app
 from stack import Stack
 from web_visitor import web_settings_of
 
-DESKTOP, PHONE, ZOOMED = (1280, 800), (390, 844), (640, 400)
+DESKTOP, PHONE, SMALL_PHONE, ZOOMED = (1280, 800), (390, 844), (320, 640), (640, 400)
 # They answer a program, or are a site of its own.
 NO_PAGES = re.compile(
     r"/(api|static|docs|agent|healthz|favicon\.ico|join\.sh|agent\.deb)\b|.*/(download|file)$"
@@ -49,7 +49,6 @@ TABLES = {
 }
 # Their rows need not exist: the question that such a page asks has the template of all questions.
 MAY_BE_ABSENT = ("<int:", "/pending/")
-DRIVES = 50
 # What hides more than it shows, but an ellipsis, and words for a screen reader alone.
 CUT = """() => [...document.querySelectorAll('main *, header *')].filter((e) => {
   const style = getComputedStyle(e);
@@ -147,6 +146,8 @@ class Looks:
         self._be(PHONE, color_scheme="light")
         self._axe("on a phone", BY_LOOK)
         self._look_at_contrast()
+        self._be(SMALL_PHONE)
+        expect_no_sideways_scroll(self.page)
         self._be(ZOOMED, reduced_motion="reduce")
         expect_no_sideways_scroll(self.page)
         self._expect_none("cut at 200 %", CUT)
@@ -190,8 +191,7 @@ def operator(stack: Stack, browser: Browser) -> Iterator[Page]:
         admin.ask("POST", "/sites", {"name": SITE})
         stack.sql(
             "INSERT INTO drives (robot, user_name, fence, ended_at, end_code, distance_m, top_speed_m_s) "
-            f"SELECT 'sim1', '{OPERATOR}', seq, NOW(6) + INTERVAL 8 SECOND, 'client_left', 12.3, 0.5 "
-            f"FROM seq_1_to_{DRIVES}"
+            f"VALUES ('sim1', '{OPERATOR}', 1, NOW(6) + INTERVAL 8 SECOND, 'client_left', 12.3, 0.5)"
         )
         yield people.browse(OPERATOR)
     stack.sql(f"DELETE FROM drives WHERE user_name = '{OPERATOR}'")
@@ -236,17 +236,3 @@ def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> No
         path = address(rule, numbers)
         answer = context.request.get(stack.url + path, max_redirects=0)
         assert path == "/login" or answer.headers["location"].startswith("/login"), path
-
-
-def test_rows_are_dense(operator: Page, stack: Stack) -> None:
-    operator.goto(f"{stack.url}/drives?user={OPERATOR}")
-    rows = operator.locator(".line")
-    expect(rows).to_have_count(DRIVES)
-    expect(rows.first.locator("summary time")).to_have_text(
-        re.compile(r"^(today|yesterday) \d\d:\d\d:\d\d$")
-    )
-    assert operator.evaluate("document.documentElement.scrollHeight") < 2200
-    operator.set_viewport_size({"width": 390, "height": 844})
-    box = rows.first.bounding_box()
-    assert box is not None
-    assert box["height"] < 60

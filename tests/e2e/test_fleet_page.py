@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from page_users import release_all
-from pages import expect_mode, expect_no_sideways_scroll, open_page
+from pages import expect_no_sideways_scroll, open_page
 from playwright.sync_api import Page, expect
 from stack import Stack
 
@@ -105,71 +104,6 @@ def test_robots_are_found_sorted_and_shown_as_the_address_says(fleet: Page, stac
     fleet.get_by_test_id("view-cards").click()
     expect(_card(fleet, "sim1").get_by_test_id("card-stopped")).to_contain_text("Stopped by admin")
     expect(_card(fleet, "sim3")).to_be_hidden()
-
-
-def test_nothing_moves_under_a_pointer(fleet: Page, stack: Stack) -> None:
-    """While the mouse is over a card, a robot that goes leaves its place empty, and one that comes is last."""
-    going, coming = "crowd-00-going", "crowd-00-new"  # both stand between crowd-000 and crowd-001
-    add = "INSERT INTO robots (mac, name, state) VALUES ('00:00:5e:00:53:{}', '{}', 'active')"
-    stack.sql(add.format("fe", going))
-    try:
-        fleet.get_by_test_id("fleet-search").fill("crowd-00")
-        expect(_card(fleet, going)).to_be_visible(timeout=10_000)
-        card = _card(fleet, "crowd-005")
-        card.get_by_test_id("card-stop").hover()
-        before = card.bounding_box()
-        stack.sql(f"DELETE FROM robots WHERE name = '{going}'")
-        stack.sql(add.format("ff", coming))
-        expect(_card(fleet, going)).to_have_count(0, timeout=10_000)
-        expect(_card(fleet, coming)).to_be_visible(timeout=10_000)
-        assert card.bounding_box() == before
-        assert _shown(fleet)[-1] == coming
-        fleet.get_by_test_id("fleet-search").hover()
-        stack.wait("the order is right", lambda: _shown(fleet)[:2] == ["crowd-000", coming])
-    finally:
-        stack.sql(f"DELETE FROM robots WHERE name IN ('{going}', '{coming}')")
-
-
-def test_pictures_are_live_while_they_are_on_the_screen(fleet: Page, stack: Stack) -> None:
-    """They are of the settings' first camera; those that are scrolled away are let go and requested no more."""
-    rear = {"topic": "/rear/image_raw", "name": "Rear"}
-    stack.admin.set_robot("sim2", {"page.cameras": [rear]})
-    asked: list[str] = []
-    try:
-        # The page before this one asks for the robot's first topic until it is gone.
-        fleet.reload(wait_until="commit")
-        fleet.on(
-            "request", lambda request: "/snapshot?" in request.url and asked.append(request.url)
-        )
-        fleet.get_by_test_id("fleet-search").fill("sim")
-        thumb = _card(fleet, "sim2").get_by_test_id("card-thumb")
-        expect(thumb).to_have_attribute("data-thumb", "shown", timeout=10_000)
-        image = thumb.get_by_role("img", name=re.compile(r"sim2, taken at \d\d:\d\d"))
-        assert image.evaluate("image => image.decode().then(() => image.naturalWidth)") == 320
-        of_rear = "/robots/sim2/video/robotether/snapshot?topic=/rear/image_raw"
-        with fleet.expect_request(lambda request: of_rear in request.url, timeout=15_000):
-            pass  # the next one comes by itself
-        assert not [url for url in asked if "/sim2/" in url and of_rear not in url]
-        fleet.get_by_test_id("fleet-search").fill("")
-        fleet.evaluate("scrollTo(0, document.body.scrollHeight)")
-        expect(thumb).to_have_attribute("data-thumb", "empty")
-        assert thumb.locator("img").get_attribute("src") is None
-    finally:
-        stack.admin.set_robot("sim2", {"page.cameras": None})
-
-
-def test_drive_on_a_card_drives_and_watch_watches(fleet: Page, stack: Stack) -> None:
-    """Only the page that the press itself opens takes the control, and only once."""
-    fleet.get_by_test_id("fleet-search").fill("sim1")
-    _card(fleet, "sim1").get_by_test_id("card-drive").click()
-    expect_mode(fleet, "drive")
-    address = fleet.url
-    open_page(fleet, stack, "/")
-    fleet.goto(address)
-    expect_mode(fleet, "observe")
-    open_page(fleet, stack, "/")
-    _card(fleet, "sim1").get_by_test_id("card-watch").click()
-    expect_mode(fleet, "observe")
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])

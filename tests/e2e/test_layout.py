@@ -8,7 +8,7 @@ from __future__ import annotations
 import http.client
 from collections.abc import Iterator
 from contextlib import closing
-from itertools import combinations, product
+from itertools import product
 
 import pytest
 from page_users import PASSWORD, PageUsers, release_all
@@ -24,7 +24,7 @@ from pages import (
     resize,
     take_control,
 )
-from playwright.sync_api import Browser, FloatRect, Locator, Page, expect
+from playwright.sync_api import Browser, FloatRect, Page, expect
 from sim_service import frozen_cameras
 from stack import Stack
 
@@ -76,11 +76,6 @@ QUESTIONS = """() => {
   const found = { alone: questions.flatMap((one) => shown([one])), together: shown(questions) };
   shown([]);
   return found;
-}"""
-NOTE = """() => {
-  const note = document.querySelector('[data-testid=control-note]');
-  note.textContent = 'You handed control to ben-of-the-second-shift.';
-  note.dataset.fresh = 'true';
 }"""
 
 
@@ -254,31 +249,6 @@ def _has_room_for_drawer(page: Page) -> bool:
     return screen["width"] >= 600  # else it lies over the whole picture
 
 
-def test_words_on_a_map_leave_the_robot_free(driven: Page, request: pytest.FixtureRequest) -> None:
-    """It is in the middle: of the map beside the stick, of the inset one and of one in the grid."""
-    driven.get_by_test_id("camera").get_by_role("button", name="Map").click()
-    driven.get_by_test_id("view-1").click()
-    for layout in ("inset", "grid"):
-        driven.get_by_test_id("layout").select_option(layout)
-        expect(driven.get_by_test_id("map-pose")).not_to_be_empty()
-        for size in _at_each_size(driven, request):
-            _expect_middle_free(driven.get_by_test_id("map-tile"), f"{size} in the {layout}")
-    driven.get_by_test_id("layout").select_option("one")
-    for size in _at_each_size(driven, request):
-        if driven.get_by_test_id("small-map").is_visible():
-            expect(driven.get_by_test_id("small-map-pose")).not_to_be_empty()
-            _expect_middle_free(driven.get_by_test_id("small-map"), f"{size} beside the stick")
-
-
-def _expect_middle_free(tile: Locator, where: str) -> None:
-    box = tile.bounding_box()
-    assert box is not None, where
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    robot = FloatRect(x=x - 10, y=y - 10, width=20, height=20)
-    words = tile.locator(".tile-facts").bounding_box()
-    assert words is None or not _overlap(robot, words), where
-
-
 def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
     driven: Page, request: pytest.FixtureRequest
 ) -> None:
@@ -293,60 +263,6 @@ def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
     driven.reload()
     for choice in ("stick-right", "speed-slow"):
         expect(driven.get_by_test_id(choice)).to_have_attribute("aria-pressed", "true")
-
-
-def test_more_views_than_have_room_scroll_in_their_place(
-    driven: Page, stack: Stack, request: pytest.FixtureRequest
-) -> None:
-    """Each can be reached and touched; nothing of the picture's tools lies over another, nor over what is told."""
-    cameras = [{"topic": f"/c{n}", "name": f"Camera of the gripper {n}"} for n in range(1, 6)]
-    stack.admin.set_robot(ROBOT, {"page.cameras": cameras})
-    try:
-        # Whoever drives by no picture is held.
-        driven.get_by_test_id("control-leave").click()
-        expect_mode(driven, "observe")
-        driven.reload()
-        expect_live(driven, seconds=15)
-        views = driven.get_by_test_id("camera").get_by_role("button")
-        expect(views).to_have_count(6)
-        expect(driven.get_by_test_id("diagnostics")).to_be_visible()
-        for size in _at_each_size(driven, request):
-            for view in (views.last, views.first):
-                view.click()
-                expect(view).to_have_attribute("aria-pressed", "true")
-                # Each time: the page writes its own note when its state comes anew.
-                driven.evaluate(NOTE)
-                _expect_tools_apart(driven, view, size)
-        is_touched = request.node.callspec.id == "touch"
-        for number in ("1", "5"):
-            key = driven.get_by_test_id(f"view-{number}").locator("small")
-            expect(key).to_be_visible(visible=number == "1" and not is_touched)
-    finally:
-        stack.admin.set_robot(ROBOT, {"page.cameras": None})
-        stack.wait_for_changes(ROBOT)
-
-
-def _expect_tools_apart(page: Page, view: Locator, where: str) -> None:
-    expect_no_sideways_scroll(page)
-    group, button = _box(page, "camera"), view.bounding_box()
-    assert button is not None, where
-    assert min(button["width"], button["height"]) >= 44, where
-    assert group["height"] == 44, where
-    assert group["x"] <= button["x"], where
-    assert button["x"] + button["width"] <= group["x"] + group["width"], where
-    names = (
-        "camera",
-        "diagnostics",
-        "layout",
-        "full",
-        "control",
-        "control-note",
-        "joystick",
-        "stop",
-    )
-    boxes = {name: _box(page, name) for name in names}
-    for name, other in combinations(names, 2):
-        assert not _overlap(boxes[name], boxes[other]), f"{where} {name} lies over {other}"
 
 
 def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(

@@ -39,7 +39,6 @@ BUTTONS = [
 ]  # fmt: skip
 ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock"]}
 CAMERA = "/camera/image_raw"
-PLOTTED = re.compile(r"^Now .+; in the last minute 0 to (1|0\.\d+)\.$")
 
 
 def _set(stack: Stack, **settings: Any) -> None:
@@ -215,28 +214,6 @@ def test_what_fills_the_uplink_can_be_switched_off(page_users: PageUsers) -> Non
         expect(row).to_contain_text("only you", timeout=15_000)
     assert stop.bounding_box() == before
     stop.click(trial=True)
-
-
-def test_a_message_is_looked_into_and_a_number_plotted(dora: Page, stack: Stack) -> None:
-    """The speed that is driven is the one that is plotted; the rate is measured on request."""
-    look = _look(dora, "/odom")
-    expect(look.get_by_test_id("topic-content")).to_contain_text("covariance")
-    look.get_by_test_id("topic-field").select_option("twist.twist.linear.x")
-    words = look.get_by_test_id("topic-plot-words")
-    expect(words).to_contain_text("Now 0;")
-    with SimWatch(stack, ROBOT) as watch:
-        page_holds.drive(dora, watch)
-        expect(words).to_have_text(PLOTTED)
-        dora.keyboard.up("w")
-    drawn = look.get_by_test_id("topic-plot").evaluate(
-        "canvas => canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data.some(Boolean)"
-    )
-    assert drawn
-    expect(look.get_by_test_id("topic-rate")).to_contain_text("At least ")
-    look.get_by_test_id("topic-measure").click()
-    expect(look.get_by_test_id("topic-rate")).to_contain_text(
-        re.compile(r"^\d\d(\.\d)? messages/s, measured"), timeout=10_000
-    )
 
 
 def test_a_drive_that_ends_is_told_and_saved(

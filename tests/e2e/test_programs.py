@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
-import contextlib
 import os
 import re
 import subprocess
@@ -12,9 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import aiohttp
 import pytest
-from programs import Program, drive_on, echo, open_echo
+from programs import Program
 from sim_watch import SimWatch
 from stack import ROOT, Stack
 
@@ -142,26 +139,3 @@ def test_robot_asks_for_help_by_its_topic(stack: Stack, program: Program) -> Non
     assert (request["robot"], request["asked_by"], request["state"]) == ("sim2", "sim2", "waiting")
     assert request["reason"] == "I need a person"
     ask("POST", f"requests/{request['id']}/cancel")
-
-
-async def test_too_large_message_ends_that_connection_only(program: Program) -> None:
-    """11 MB ends the connection that sent it with 1009, and its neighbour does not notice."""
-    big = '{"op":"publish","topic":"/x","msg":{"data":"' + "x" * 11_000_000 + '"}}'
-
-    async def send(socket: aiohttp.ClientWebSocketResponse) -> aiohttp.WSMessage:
-        with contextlib.suppress(ConnectionError, aiohttp.ClientError):  # it may end in mid-message
-            await socket.send_str(big)
-        return await asyncio.wait_for(socket.receive(), 10)
-
-    async with program.connect("sim2") as other:
-        await open_echo(other)
-        # Sends at once: a driver of whom nothing comes, no pong either, is gone after 2.5 s.
-        async with program.connect("sim1") as socket:
-            frame = await drive_on(other, send(socket))
-        assert frame.type in (
-            aiohttp.WSMsgType.CLOSE,
-            aiohttp.WSMsgType.CLOSED,
-            aiohttp.WSMsgType.ERROR,
-        )
-        assert socket.close_code in (1009, 1006)
-        assert await echo(other, "unmoved") == "unmoved"

@@ -9,7 +9,7 @@ from contextlib import closing
 import page_holds
 import pytest
 from page_users import PageUsers
-from pages import expect_armed, expect_mode, open_drawer
+from pages import expect_armed, expect_mode
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -101,36 +101,6 @@ def test_a_request_passes_from_one_operator_to_the_next_who_drives(
     expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
     [closed, *_] = stack.admin.ask("GET", f"/requests?state=closed&robot={ROBOT}")["requests"]
     assert (closed["accepted_by"], closed["reason"], closed["note"]) == ("rosa", REASON, NOTE)
-
-
-def test_a_supervisor_assigns_what_the_drive_page_asks_for(
-    page_users: PageUsers, stack: Stack
-) -> None:
-    """A supervisor can assign to somebody who has just declined; whoever asked can withdraw, a supervisor can close."""
-    tess, sven = _be_available(page_users, "tess"), _supervise(page_users)
-    quinn = page_users.open("quinn", ROBOT)
-    open_drawer(quinn)
-    quinn.get_by_test_id("help-ask").click()
-    quinn.get_by_test_id("help-reason").fill(REASON)
-    quinn.keyboard.press("Enter")
-    expect(quinn.get_by_test_id("help-list")).to_contain_text(REASON)
-    expect(quinn.get_by_test_id("help-badge")).to_have_text("Help requested")
-    _press(tess, "offer-decline")
-    sven.get_by_test_id("assign-operator").select_option("tess")
-    sven.get_by_test_id("assign").click()
-    expect(sven.get_by_test_id("assign-outcome")).to_have_text(f"{ROBOT} is offered to tess.")
-    _expect_offer(tess)
-    expect(sven.get_by_test_id("chart-requests")).to_contain_text("Asked: ")
-    sven.get_by_test_id("by-day").click()
-    expect(sven.get_by_test_id("periods-state")).to_have_text("The last 30 days, by day of UTC.")
-    quinn.get_by_test_id("help-withdraw").click()
-    expect(quinn.get_by_test_id("help-badge")).to_be_hidden()
-    expect(tess.get_by_test_id("offer-robot")).to_be_hidden()
-    expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
-    stack.admin.ask("POST", f"/robots/{ROBOT}/requests", {"reason": REASON})
-    sven.get_by_test_id("close").click()
-    expect(sven.get_by_test_id("assign-outcome")).to_have_text(f"The request of {ROBOT} is closed.")
-    expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
 
 
 def test_the_wall_has_robots_that_ask_first_and_takes_one_by_a_key(

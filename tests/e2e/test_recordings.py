@@ -82,42 +82,24 @@ def people(stack: Stack) -> Iterator[People]:
             stack.admin.remove("users", name)
 
 
-def test_a_drive_is_recorded_and_read_by_rosbags(
+def test_a_drive_is_recorded_played_back_and_read_by_rosbags(
     page: Page, stack: Stack, people: People, tmp_path: Path
 ) -> None:
-    """The page says so meanwhile; who only drives does not get the file, of which training data can be made."""
-    number = people.start()
-    drive_live(page, stack, ROBOT)
-    expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
-    with SimWatch(stack, ROBOT) as watch:
-        page_holds.drive(page, watch)
-        page.wait_for_timeout(3000)
-        page.keyboard.up("w")
-    assert people.ask("rhea", "POST", f"/recordings/{number}/stop")[0] == 200
-    stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
-    expect(page.get_by_test_id("recording")).to_be_empty()
+    """The page records and replays by keyboard; a driver gets no file, of which training data can be made."""
+    number = _record(page, stack, people)
+    _replay(page, stack, number)
+    lines = (
+        "SELECT kind FROM audit_events WHERE kind IN ('recording_viewed', 'recording_downloaded')"
+    )
+    rows = stack.sql(f"{lines} AND JSON_VALUE(details, '$.recording') = {number}")
+    assert [row[0] for row in rows] == ["recording_viewed"]
     assert people.ask("rhea", "GET", f"/recordings/{number}/file")[0] == 404
     status, data = people.file("mark", number)
     assert status == 200
     assert people.file("mark", number, "8-107") == (206, data[8:108])
     file = tmp_path / "drive.mcap"
     file.write_bytes(data)
-    with file.open("rb") as opened:
-        summary = make_reader(opened, validate_crcs=True).get_summary()
-    assert summary is not None
-    with AnyReader([file]) as bag:
-        types = {connection.topic: connection.msgtype for connection in bag.connections}
-        assert types.items() >= WANTED.items()
-        assert {"/camera/image_raw/compressed", "/camera/image_raw/video"} & types.keys()
-        commands = [
-            bag.deserialize(command, connection.msgtype)
-            for connection, _, command in bag.messages()
-            if connection.topic == "/robotether/commands"
-        ]
-    moving = [command for command in commands if command.speed_m_s > 0]
-    assert {command.person for command in moving} == {"admin"}
-    assert {command.outcome for command in moving} == {"sent"}
-    assert any(command.seen_frames.size for command in moving)
+    _expect_drive(file)
     # It refuses a recording of which no episode is left.
     export([file], tmp_path / "dataset", ExportOptions(None, (), "Drive."))
     assert people.ask("mark", "DELETE", f"/recordings/{number}")[0] == 204
@@ -129,15 +111,14 @@ def test_a_drive_is_recorded_and_read_by_rosbags(
     )
 
 
-def test_a_drive_is_recorded_by_the_page_and_played_back(
-    page: Page, stack: Stack, people: People
-) -> None:
-    """The page needs only the keyboard, and reads the file by pieces that are one line of the audit log."""
+def _record(page: Page, stack: Stack, people: People) -> int:
+    """Record a drive on the page; return the recording's number."""
     drive_live(page, stack, ROBOT)
     open_drawer(page)
     record = page.get_by_test_id("record")
     record.click()
     expect(page.get_by_test_id("record-state")).to_contain_text("Recorded since", timeout=10_000)
+    expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
     page.keyboard.press("Escape")
     with SimWatch(stack, ROBOT) as watch:
         page_holds.drive(page, watch)
@@ -146,8 +127,13 @@ def test_a_drive_is_recorded_by_the_page_and_played_back(
     open_drawer(page)
     record.click()
     expect(record).to_have_text("Record", timeout=10_000)
-    number = people.ask("mark", "GET", f"/recordings?robot={ROBOT}")[1]["recordings"][0]["id"]
+    number = int(people.ask("mark", "GET", f"/recordings?robot={ROBOT}")[1]["recordings"][0]["id"])
     stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
+    expect(page.get_by_test_id("recording")).to_be_empty()
+    return number
+
+
+def _replay(page: Page, stack: Stack, number: int) -> None:
     page.goto(f"{stack.url}/recordings/{number}")
     video, root = page.get_by_test_id("replay-video"), page.get_by_test_id("replay")
     expect(page.get_by_test_id("clock")).to_contain_text("0:00 of")
@@ -167,11 +153,26 @@ def test_a_drive_is_recorded_by_the_page_and_played_back(
     expect(root).to_have_attribute("data-playing", "false")
     page.keyboard.press("End")
     expect(page.get_by_test_id("replay-words")).to_be_empty()
-    lines = (
-        "SELECT kind FROM audit_events WHERE kind IN ('recording_viewed', 'recording_downloaded')"
-    )
-    rows = stack.sql(f"{lines} AND JSON_VALUE(details, '$.recording') = {number}")
-    assert [row[0] for row in rows] == ["recording_viewed"]
+
+
+def _expect_drive(file: Path) -> None:
+    """Expect a whole file in which the admin's commands were sent, with what was seen."""
+    with file.open("rb") as opened:
+        summary = make_reader(opened, validate_crcs=True).get_summary()
+    assert summary is not None
+    with AnyReader([file]) as bag:
+        types = {connection.topic: connection.msgtype for connection in bag.connections}
+        assert types.items() >= WANTED.items()
+        assert {"/camera/image_raw/compressed", "/camera/image_raw/video"} & types.keys()
+        commands = [
+            bag.deserialize(command, connection.msgtype)
+            for connection, _, command in bag.messages()
+            if connection.topic == "/robotether/commands"
+        ]
+    moving = [command for command in commands if command.speed_m_s > 0]
+    assert {command.person for command in moving} == {"admin"}
+    assert {command.outcome for command in moving} == {"sent"}
+    assert any(command.seen_frames.size for command in moving)
 
 
 def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(

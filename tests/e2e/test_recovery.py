@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import time
 from collections.abc import Iterator
 from contextlib import suppress
@@ -14,6 +15,9 @@ from docker.models.containers import Container
 from inside import run_inside
 from programs import Program, drive_on, echo, open_echo
 from stack import Stack, wait_until_back
+
+# The robot that gets a new key.
+RENEWED = "sim3"
 
 
 @pytest.fixture(scope="module")
@@ -87,6 +91,35 @@ async def test_health_says_from_outside_what_hangs(program: Program, stack: Stac
         stack.wait, "good health", lambda: stack.request("GET", "/healthz") == (200, "ok\n"), "web"
     )
     await _wait_drivable(program, "sim1")
+
+
+async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) -> None:
+    """A robot makes itself a new key on request while it is driven; restarted, it comes in with that key."""
+
+    def fingerprint() -> str:
+        return str(stack.admin.ask("GET", f"/robots/{RENEWED}")["fingerprint"])
+
+    def shown_by_robot() -> str:
+        status = stack.exec(RENEWED, "cat", "/run/robotether-agent/status.json")
+        return str(json.loads(status)["fingerprint"])
+
+    def wait_renewed() -> None:
+        stack.wait("a new key", lambda: fingerprint() != before, RENEWED)
+
+    await _wait_drivable(program, RENEWED)
+    before = await asyncio.to_thread(fingerprint)
+    async with program.connect(RENEWED) as socket:
+        await open_echo(socket)
+        await asyncio.to_thread(stack.admin.ask, "POST", f"/robots/{RENEWED}/rotate-key")
+        await drive_on(socket, asyncio.to_thread(wait_renewed))
+        # Longer than the relay needs to see the row change.
+        await drive_on(socket, asyncio.sleep(2))
+    # The agent writes it down after the server has taken the key.
+    await asyncio.to_thread(
+        stack.wait, "told by the robot", lambda: shown_by_robot() == fingerprint(), RENEWED
+    )
+    await asyncio.to_thread(stack.container(RENEWED).restart, timeout=5)
+    await _wait_drivable(program, RENEWED)
 
 
 async def test_log_ins_through_443_come_back(stack: Stack) -> None:

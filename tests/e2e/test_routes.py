@@ -122,24 +122,6 @@ def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page: Page, stack:
     assert _driver(stack) is None
 
 
-def test_a_route_is_removed_by_its_line_or_its_list_and_a_loop_is_refused(page: Page) -> None:
-    """The plain form makes one, too."""
-    form = page.get_by_test_id("route-form")
-    start, end = (f"{robot} /cmd_vel geometry_msgs/msg/Twist" for robot in ROBOTS)
-    form.get_by_label("From").select_option(start)
-    form.get_by_label("To").select_option(end)
-    page.get_by_test_id("route-make").click()
-    expect(page.get_by_test_id("done")).to_have_text("The route from sim1 to sim2 is made.")
-    expect(_topic(page, "source", "sim2")).to_be_visible(timeout=30_000)
-    expect(_topic(page, "target", "sim1")).to_be_visible(timeout=30_000)
-    _topic(page, "source", "sim2").click()
-    _topic(page, "target", "sim1").click()
-    expect(page.get_by_test_id("route-problem")).to_contain_text("It would close a loop")
-    page.locator(".knot").dblclick()
-    expect(page.get_by_test_id("routes")).to_have_count(0)
-    expect(page.get_by_test_id("route-problem")).to_be_hidden()
-
-
 def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(
     page: Page, stack: Stack
 ) -> None:

@@ -1,12 +1,10 @@
 """A double of a gamepad: Chromium has no way to plug in one that is not there, so the page is given another list.
 
 It behaves as Chromium's: a snapshot at each question, a timestamp that changes only with the device, an event when it
-comes and one when it goes.
+comes.
 """
 
 from __future__ import annotations
-
-from typing import Literal
 
 from playwright.sync_api import Page
 
@@ -14,21 +12,18 @@ from playwright.sync_api import Page
 LB, RB, B = 4, 5, 1
 LEFT_X, LEFT_Y = 0, 1
 
-Way = Literal["gone", "silently gone"]
-
 _SCRIPT = """
 {
   let pad = null;
   const copied = () => ({ ...pad, axes: [...pad.axes], buttons: pad.buttons.map((one) => ({ ...one })) });
   Object.defineProperty(navigator, "getGamepads", { value: () => [pad && copied(), null, null, null] });
-  const tell = (name) => dispatchEvent(new Event(name));
   window.gamepadDouble = {
-    plugIn(id, mapping, axes, buttons) {
+    plugIn() {
       const released = () => ({ pressed: false, touched: false, value: 0 });
-      pad = { index: 0, id, mapping, connected: true, timestamp: performance.now(),
-        axes: Array(axes).fill(0), buttons: Array.from({ length: buttons }, released) };
+      pad = { index: 0, id: "double", mapping: "standard", connected: true, timestamp: performance.now(),
+        axes: Array(4).fill(0), buttons: Array.from({ length: 17 }, released) };
     },
-    connect: () => tell("gamepadconnected"),
+    connect: () => dispatchEvent(new Event("gamepadconnected")),
     set(axes, pressed) {
       for (const [axis, value] of Object.entries(axes)) pad.axes[axis] = value;
       pad.buttons.forEach((one, i) => {
@@ -37,10 +32,7 @@ _SCRIPT = """
       });
       pad.timestamp = performance.now();
     },
-    unplug(way) {
-      pad = null;
-      if (way === "gone") tell("gamepaddisconnected");
-    },
+    unplug: () => (pad = null),
   };
 }
 """
@@ -56,19 +48,15 @@ class GamepadDouble:
         self._pressed: set[int] = set()
         page.add_init_script(_SCRIPT)
 
-    def plug_in(
-        self, name: str = "double", *, mapping: str = "standard", axes: int = 4, buttons: int = 17
-    ) -> None:
+    def plug_in(self) -> None:
         """Let the device be there, held as it was before."""
-        self._page.evaluate(
-            "(device) => gamepadDouble.plugIn(...device)", [name, mapping, axes, buttons]
-        )
+        self._page.evaluate("gamepadDouble.plugIn()")
         self._set()
         self._page.evaluate("gamepadDouble.connect()")
 
-    def unplug(self, way: Way = "gone") -> None:
-        """Let it go, with the browser's event or without."""
-        self._page.evaluate("(way) => gamepadDouble.unplug(way)", way)
+    def unplug(self) -> None:
+        """Let it go without an event, as some do."""
+        self._page.evaluate("gamepadDouble.unplug()")
 
     def press(self, *buttons: int) -> None:
         self._pressed.update(buttons)

@@ -6,7 +6,6 @@ from playwright.sync_api import Locator
 
 Colour = tuple[int, int, int]
 SCAN: Colour = (255, 107, 107)
-PATH: Colour = (90, 169, 255)
 WALL: Colour = (236, 240, 246)
 
 FIND = """(canvas, [red, green, blue]) => {
