@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import os
 import socket
-from http import HTTPStatus
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from threading import Thread
-from typing import ClassVar
 
 import pytest
-from commands import output_of_command, run_command
+from commands import output_of_command
 from image_names import image
 from secret_files import SECRETS_OF
-from stack import ROOT, Stack
+from stack import Stack
 
 SERVICES = ("nginx", "web", "relay", "recorder", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
@@ -24,44 +19,6 @@ CAPABILITIES = {
     "secrets": {"CAP_CHOWN", "CAP_DAC_OVERRIDE"},
 }
 SECRETS = {name: SECRETS_OF[name] for name in ("web", "relay", "recorder", "sshd", "mysql")}
-
-
-class RecordingRegistry(BaseHTTPRequestHandler):
-    """A stand-in for a registry that has nothing and notes what it is asked for."""
-
-    requested: ClassVar[list[str]] = []
-
-    def do_GET(self) -> None:
-        self.requested.append(self.path)
-        self.send_error(HTTPStatus.NOT_FOUND)
-
-    def do_HEAD(self) -> None:
-        self.do_GET()
-
-    def log_message(self, *_: object) -> None:
-        """Write no log."""
-
-
-@pytest.mark.parametrize(("policy", "pulls"), [("", False), ("missing", True)])
-def test_our_images_are_pulled_only_if_asked_to(policy: str, pulls: bool) -> None:
-    """`pull` and `up` ask a registry for nothing of ours, even one that REGISTRY names, without PULL_POLICY."""
-    RecordingRegistry.requested.clear()
-    with ThreadingHTTPServer(("127.0.0.1", 0), RecordingRegistry) as registry:
-        Thread(target=registry.serve_forever).start()
-        settings = {
-            "REGISTRY": f"127.0.0.1:{registry.server_port}/",
-            "PULL_POLICY": policy,
-            "COMPOSE_PROFILES": "acme,direct,metrics,demo,demo-more",
-            "COMPOSE_PROJECT_NAME": "robotether-pull-test",
-        }
-        for arguments in (["pull"], ["up", "--no-build", "--no-start"]):
-            command = ("docker", "compose", "--project-directory", "compose", *arguments)
-            run_command(*command, cwd=ROOT, env=os.environ | settings, limit_s=300)
-        registry.shutdown()
-    project = ("--project-name", "robotether-pull-test")
-    output_of_command("docker", "compose", *project, "down", "--volumes")
-    asked = {path for path in RecordingRegistry.requested if "robotether" in path}
-    assert bool(asked) == pulls, asked
 
 
 def reached(

@@ -58,23 +58,25 @@ def test_connection_ends_with_its_persons_right(
         assert "Permission denied" in person.reach(robot.shell_port).stderr
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        "UPDATE robots SET shell = FALSE",
-        "UPDATE robots SET state = 'disabled'",
-        "UPDATE robots SET shell_port = NULL",
-        "DELETE FROM robots",
-    ],
+PORT_CHANGES = (
+    "UPDATE robots SET shell = FALSE",
+    "UPDATE robots SET state = 'disabled'",
+    "UPDATE robots SET shell_port = NULL",
+    "DELETE FROM robots",
 )
+
+
 def test_connection_ends_with_its_robots_port(
-    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path, change: str
+    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path
 ) -> None:
-    with ShellRobot.added(stack, tmp_path, "extra", "00:00:5e:00:53:63") as extra:
-        ann.grant(extra, "manage")
-        with ann.connected(robot.shell_port) as running:
-            stack.sql(f"{change} WHERE name = 'extra'")
-            assert ended(running)
+    with ExitStack() as added:
+        for number, change in enumerate(PORT_CHANGES):
+            name, mac = f"extra{number}", f"00:00:5e:00:53:{number + 0xC0:02x}"
+            extra = added.enter_context(ShellRobot.added(stack, tmp_path, name, mac))
+            ann.grant(extra, "manage")
+            with ann.connected(robot.shell_port) as running:
+                stack.sql(f"{change} WHERE name = '{name}'")
+                assert ended(running), change
         assert ann.reach(robot.shell_port).stdout != ""
 
 

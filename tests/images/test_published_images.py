@@ -6,7 +6,6 @@ import json
 import os
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 import robotether_server
@@ -24,12 +23,6 @@ def bake(*arguments: str, **variables: str) -> str:
     environment = {**os.environ, "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""), **variables}
     command = ("docker", "buildx", "bake", *arguments)
     return output_of_command(*command, cwd=ROOT, env=environment, limit_s=600)
-
-
-def described(*targets: str, **variables: str) -> dict[str, dict[str, Any]]:
-    """Each target as buildx understands it."""
-    found: dict[str, dict[str, Any]] = json.loads(bake("--print", *targets, **variables))["target"]
-    return found
 
 
 def in_image(image: str, *command: str) -> str:
@@ -50,31 +43,6 @@ def test_image_says_what_it_is(image: str) -> None:
     show = ("git", "show", "--no-patch", "--format=%cI", labels[f"{OCI}revision"])
     committed = output_of_command(*show, cwd=ROOT)
     assert labels[f"{OCI}created"] == committed.strip()
-
-
-def test_every_target_has_labels() -> None:
-    names = re.findall(r'^target "(\w+)"', (ROOT / "docker-bake.hcl").read_text(), re.MULTILINE)
-    images = set(names) - {"sbom", "release"}
-    for name, target in described(
-        *sorted(images), SOURCE="https://example.test/robotether"
-    ).items():
-        labels = target["labels"]
-        assert labels[f"{OCI}title"] == f"Robotether: {name}"
-        assert labels[f"{OCI}source"] == "https://example.test/robotether"
-
-
-@pytest.mark.release
-def test_release_is_pushed_with_attestations() -> None:
-    targets = described("release")
-    assert set(targets) == {f"release_{image}" for image in BUILT}
-    for name, target in targets.items():
-        assert target["attest"][0] == "type=provenance,mode=max"
-        assert target["attest"][1].startswith("type=sbom,")
-        assert target["output"] == ["type=registry"]
-        assert (
-            target["tags"]
-            == described(name.removeprefix("release_"))[name.removeprefix("release_")]["tags"]
-        )
 
 
 def listed(file: Path) -> set[tuple[str, str]]:

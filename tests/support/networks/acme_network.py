@@ -26,7 +26,7 @@ from openssh_server import wait_until
 
 ROOT = Path(__file__).resolve().parents[3]
 DOMAIN = "robots.example.test"
-AUTHORITY, OTHER = "authority", "other"
+AUTHORITY = "authority"
 
 
 class AcmeNetwork:
@@ -72,13 +72,13 @@ class AcmeNetwork:
             },
         )
 
-    def start_acme(self, domain: str = DOMAIN, authority: str = AUTHORITY) -> Container:
+    def start_acme(self, domain: str = DOMAIN) -> Container:
         return self._run(
             "acme",
             environment={
                 "DOMAIN": domain,
                 "ACME_EMAIL": "admin@example.test",
-                "ACME_SERVER": f"https://{authority}:14000/dir",
+                "ACME_SERVER": f"https://{AUTHORITY}:14000/dir",
             },
             volumes={
                 self._volumes[0].name: {"bind": "/etc/nginx/acme", "mode": "rw"},
@@ -101,15 +101,14 @@ class AcmeNetwork:
         )
         assert done.returncode == 0, done.stderr
 
-    def start_authority(self, name: str = AUTHORITY) -> Container:
-        """Start pebble, and wait until it listens; each has forgotten what another gave."""
+    def start_authority(self) -> None:
+        """Start pebble, and wait until it listens."""
         container = self._run(
             "pebble",
-            name,
+            AUTHORITY,
             volumes={str(self._folder / "pebble"): {"bind": "/etc/pebble", "mode": "ro"}},
         )
         self.wait("pebble listens", lambda: b"Listening on" in container.logs(), container)
-        return container
 
     def served(self, nginx: Container) -> tuple[str, dict[str, str]]:
         """The issuer of the certificate that serves, and the headers of an answer of nginx's own."""
@@ -168,7 +167,7 @@ class AcmeNetwork:
         """Write pebble's settings, and the certificate under which it serves its own directory."""
         place = self._folder / "pebble"
         place.mkdir()
-        make_certificate(place, AUTHORITY, OTHER)
+        make_certificate(place, AUTHORITY)
         settings = {
             "listenAddress": "0.0.0.0:14000",
             "managementListenAddress": "0.0.0.0:15000",
