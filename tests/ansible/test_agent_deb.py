@@ -111,12 +111,11 @@ async def test_settings_written_before_make_a_robot_and_purging_leaves_nothing(
     host.run("apt-get remove -y robotether-agent")
     assert not robot.is_running()
     assert not host.succeeds("ls /opt/robotether-agent || systemctl cat robotether-agent")
-    robot.install()
-    assert await robot.drives()
     host.run("apt-get purge -y robotether-agent")
     assert robot.footprint() ^ before == set()
 
 
+@pytest.mark.release
 async def test_package_without_settings_waits_for_the_line(site: Site, hosts: RobotHosts) -> None:
     """It does not start by itself; the install line finds the agent in place and needs the server alone."""
     robot = boot(site, hosts, "boxed", "bookworm")

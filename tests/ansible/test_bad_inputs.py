@@ -163,14 +163,10 @@ def _add_others(
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_says_what_is_wrong(bad: Bad, name: str) -> None:
+def test_says_what_is_wrong_and_leaves_nothing_behind(bad: Bad, name: str) -> None:
     said = bad.said(name)
     for part in (*CASES[name].says, CASES[name].ends):
         assert part in said, said
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_leaves_nothing_behind(bad: Bad, name: str) -> None:
     assert bad.left_behind[name] == set()
     assert name not in bad.rows
 

@@ -50,7 +50,7 @@ def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:
     before = robot.footprint()
     first = installed.play_well(f"{PLAYBOOKS}.enroll", robot)
     first.must_say("a message went to its rosbridge and back")
-    assert installed.play_well(f"{PLAYBOOKS}.enroll", robot).recaps["roamer"].changed == 0
+    assert installed.play_well(f"{PLAYBOOKS}.enroll", robot).changed["roamer"] == 0
     robot.wait("online in the inventory", lambda: "roamer" in listed(installed))
     installed.play_well(f"{PLAYBOOKS}.retire", robot, retire_confirm="true")
     assert robot.footprint() ^ before == set()

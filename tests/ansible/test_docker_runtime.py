@@ -33,7 +33,7 @@ def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
     first.must_say("a message went to its rosbridge and back")
     assert "connected" in robot.run("robotether-agent status")
     second = site.play_well("enroll.yml", robot, **docker)
-    assert second.recaps["boxed"].changed == 0
+    assert second.changed["boxed"] == 0
 
     robot.switch_off()
     site.stack.wait("boxed offline", lambda: not site.stack.online("boxed"))

@@ -206,20 +206,6 @@ def test_line_makes_a_robot_and_again_changes_nothing(
     stack.wait("turtle offline", lambda: not online(stack, robot.host.mac), "relay")
 
 
-def test_without_a_token_an_admin_approves(stack: Stack, token: str, robot: Robot) -> None:
-    """The line says how to approve, and which key to compare; the robot is online a moment after."""
-    good, said = robot.install(
-        without_token(invite(stack, token)["command"]), f"{USUAL} --no-video"
-    )
-    assert good, said
-    assert 'video_encoder = "off"' in robot.host.run("cat /etc/robotether/agent.toml")
-    assert robot.key() in said
-    assert "robot approve" in said
-    name = rows(stack)[robot.host.mac]["name"]
-    stack.robotether("robot", "approve", name, "--fingerprint", robot.key())
-    stack.wait("online", lambda: online(stack, robot.host.mac), "relay", "sshd", seconds=40)
-
-
 @pytest.mark.release
 def test_missing_packages_are_installed(stack: Stack, token: str, robot: Robot) -> None:
     """A Debian without the module venv gets it by apt."""

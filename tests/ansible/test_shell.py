@@ -73,10 +73,19 @@ class Person:
 
 @pytest.fixture(scope="module")
 def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
-    """A robot with a real sshd, made by the install line; its shell is on."""
+    """A robot with a real sshd, made by the install line and approved by an admin; its shell is on."""
     robot = hosts.boot(NAME)
-    line = invite(stack, token)["command"]
-    robot.run(f"{line} --interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME}")
+    line = re.sub(r" --token \S+", "", invite(stack, token)["command"])
+    options = f"--interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME} --no-video"
+    said = robot.run(f"{line} {options}")
+    assert 'video_encoder = "off"' in robot.run("cat /etc/robotether/agent.toml")
+    key = robot.run("ssh-keygen -lf /var/lib/robotether-agent/id_ed25519.pub").split()[1]
+    # Which key to compare, and how to approve it.
+    assert key in said
+    assert "robot approve" in said
+    [[name]] = stack.sql(f"SELECT name FROM robots WHERE mac = '{robot.mac}'")
+    stack.robotether("robot", "approve", name, "--fingerprint", key)
+    stack.admin.ask("PATCH", f"/robots/{name}", {"name": NAME})
     stack.robotether("robot", "shell", NAME, "on")
     stack.robotether("robot", "set", NAME, "--shell-user", USER)
     return robot
