@@ -127,7 +127,7 @@ experiments: venv images ## a machine's limits, and cells that break, into docs/
 	@IMAGES_ARE_BUILT=yes $(PYTEST) benchmarks/paper $(if $(ONLY),-k "$(subst $(comma), or ,$(ONLY))") \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart)
 
-screenshots: venv ## the documents' pictures, into docs; needs make demo, with COMPOSE_PROFILES=metrics
+screenshots: venv ## the documents' pictures, into docs; needs make demo
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT) $(VENV)/bin/python tests/support/browser/screenshots.py
 

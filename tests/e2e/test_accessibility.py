@@ -63,10 +63,3 @@ def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
         page_holds.release_stop(page)
     finally:
         release_all(stack, [ROBOT])
-
-
-@pytest.mark.release
-def test_documents_are_accessible(page: Page, stack: Stack) -> None:
-    for path in ("howto/driving/", "tutorial/program/"):
-        page.goto(f"{stack.url}/docs/{path}")
-        _assert_accessible(page, path)

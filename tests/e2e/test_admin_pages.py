@@ -5,12 +5,10 @@ from __future__ import annotations
 import datetime as dt
 import shlex
 from collections.abc import Iterator
-from contextlib import closing
-from http import HTTPStatus
 from pathlib import Path
 
 import pytest
-from pages import log_in, open_page
+from pages import open_page
 from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
@@ -67,49 +65,6 @@ def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, sta
     expect(open_before).to_have_url(f"{stack.url}/robots/crane")
     open_before.close()
     _remove(page, stack, "crane")
-
-
-@pytest.fixture
-def password(stack: Stack) -> Iterator[str]:
-    """That of ida, who is gone afterwards, as group and site are."""
-    yield stack.admin.add_user("ida")
-    for kind, name in (("users", "ida"), ("groups", "e2e-crew"), ("sites", "e2e-lab")):
-        # A test that failed early has not made all of them.
-        status, answer = stack.admin.try_to("DELETE", f"/{kind}/{name}")
-        assert status in {HTTPStatus.NO_CONTENT, HTTPStatus.NOT_FOUND}, answer
-
-
-def test_member_of_a_group_sees_the_robots_of_a_site(
-    page: Page, stack: Stack, password: str
-) -> None:
-    page.goto(f"{stack.url}/admin/groups")
-    page.get_by_label("Name").fill("e2e-crew")
-    page.get_by_test_id("group-add").click()
-    page.get_by_label("User", exact=True).select_option("ida")
-    page.get_by_test_id("member-add").click()
-    _done(page, "User ida is a member of group e2e-crew.")
-    page.goto(f"{stack.url}/admin/sites")
-    page.get_by_label("Name").fill("e2e-lab")
-    page.get_by_test_id("site-add").click()
-    page.get_by_label("Who", exact=True).select_option("group:e2e-crew")
-    page.get_by_label("May", exact=True).select_option("observe")
-    page.get_by_test_id("grant-submit").click()
-    _done(page, "Group e2e-crew may observe site e2e-lab.")
-    browser = page.context.browser
-    assert browser is not None
-    with closing(browser.new_context(ignore_https_errors=True)) as context:
-        ida = context.new_page()
-        log_in(ida, stack, "ida", password)
-        expect(ida.get_by_test_id("fleet-empty")).to_be_visible()
-        page.goto(f"{stack.url}/admin/robots/sim3")
-        page.get_by_label("Robot's site").select_option("e2e-lab")
-        page.get_by_test_id("site-save").click()
-        _done(page, "Robot sim3 is at site e2e-lab.")
-        expect(ida.get_by_test_id("robot-card-sim3")).to_be_visible(timeout=10_000)
-        page.goto(f"{stack.url}/admin/groups/e2e-crew/members/ida/remove")
-        page.get_by_test_id("deed-do").click()
-        _done(page, "User ida is no longer a member of group e2e-crew.")
-        expect(ida.get_by_test_id("robot-card-sim3")).to_have_count(0, timeout=10_000)
 
 
 @pytest.mark.parametrize("context", [SYDNEY], indirect=True, ids=["Sydney"])

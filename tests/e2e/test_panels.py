@@ -38,7 +38,6 @@ BUTTONS = [
     {"name": "Dock", "kind": "call", "service": "/dock", "type": "std_srvs/Trigger", "confirm": True},
 ]  # fmt: skip
 ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock"]}
-CAMERA = "/camera/image_raw"
 
 
 def _set(stack: Stack, **settings: Any) -> None:
@@ -189,31 +188,6 @@ def test_an_observer_follows_a_topic_that_nothing_asked_for_before(
         "Not connected. This page reconnects by itself."
     )
     wait_until(page, "closed", subscribed.sockets[-1].is_closed)
-
-
-def test_what_fills_the_uplink_can_be_switched_off(page_users: PageUsers) -> None:
-    """An observer ends a topic and the camera of the own page; nothing of it moves or covers Stop."""
-    page = page_users.open("olga", ROBOT)
-    stop = page.get_by_test_id("stop")
-    before = stop.bounding_box()
-    open_drawer(page)
-    page.get_by_test_id("uplink").locator("summary").click()
-    rows = page.get_by_test_id("uplink-list").locator("li")
-    odometry, camera = (
-        rows.and_(page.locator(f"[data-name='{name}']")) for name in ("/odom", CAMERA)
-    )
-    for row in (odometry, camera):
-        expect(row).to_contain_text(re.compile(r"[1-9]\S* K?B/s · only you"), timeout=15_000)
-        row.get_by_test_id("uplink-switch").click()
-        expect(row).to_contain_text("off on this page")
-    expect(page.get_by_test_id("tile-words").first).to_contain_text("Switched off in the menu")
-    expect(page.get_by_test_id("speed-linear")).to_have_text(re.compile(r"^- "))
-    expect(odometry).not_to_contain_text("B/s", timeout=15_000)
-    for row in (odometry, camera):
-        row.get_by_test_id("uplink-switch").click()
-        expect(row).to_contain_text("only you", timeout=15_000)
-    assert stop.bounding_box() == before
-    stop.click(trial=True)
 
 
 def test_a_drive_that_ends_is_told_and_saved(
