@@ -33,7 +33,7 @@ LONGEST_FIRST = (
     "e2e/test_control.py",
     "e2e/test_documents.py",
     "e2e/test_panels.py",
-    "e2e/test_attacks_on_logins.py",
+    "e2e/test_attacks_inside.py",
     "images/test_compose.py",
     "images/test_sshd.py",
     "e2e/test_client.py",

@@ -1,7 +1,6 @@
-"""The robot's own buttons, its topics, and what is told of a drive when it ends, on the drive page.
+"""The robot's own buttons, and what is told of a drive when it ends, on the drive page.
 
-What a button, a topic or a summary says in which case are unit tests of robotButtons.js, topicProbe.js and
-driveSummary.js.
+What a button or a summary says in which case are unit tests of robotButtons.js and driveSummary.js.
 """
 
 from __future__ import annotations
@@ -9,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
@@ -19,12 +17,9 @@ import page_holds
 import pytest
 from page_users import PageUsers, release_all
 from pages import (
-    hide,
     open_drawer,
-    open_live,
-    wait_until,
 )
-from playwright.sync_api import Browser, Locator, Page, WebSocket, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 from sim_service import call_sim
 from sim_watch import SimWatch
 from stack import Stack
@@ -83,26 +78,6 @@ def dora(page_users: PageUsers) -> Page:
     return page_users.drive("dora", ROBOT)
 
 
-class Subscriptions:
-    """What a page subscribes from now on: the topics of each WebSocket that it opens."""
-
-    def __init__(self, page: Page) -> None:
-        self.sockets: list[WebSocket] = []
-        self.topics: list[str] = []
-        page.on("websocket", self._opened)
-
-    def _opened(self, socket: WebSocket) -> None:
-        if "/ros?" not in socket.url:
-            return
-        self.sockets.append(socket)
-        socket.on("framesent", self._sent)
-
-    def _sent(self, payload: str | bytes) -> None:
-        message = json.loads(payload)
-        if message["op"] == "subscribe":
-            self.topics.append(message["topic"])
-
-
 def _button(page: Page, place: int) -> Locator:
     return page.get_by_test_id(f"button-{place}")
 
@@ -154,40 +129,6 @@ def test_buttons_publish_call_ask_and_work_for_drivers_alone(
     expect(outcome).not_to_contain_text("Lights")
     expect(_button(dora, LIGHTS)).to_have_attribute("aria-disabled", "true")
     expect(dora.get_by_test_id("buttons")).to_contain_text("These work while you drive.")
-
-
-def test_an_observer_follows_a_topic_that_nothing_asked_for_before(
-    page_users: PageUsers, stack: Stack
-) -> None:
-    """On a connection of its own, which a message that is too large may end; a hidden page ends it."""
-    page = page_users.open_fleet("olga")
-    subscribed = Subscriptions(page)
-    open_live(page, stack, ROBOT)
-    expect(_open_topics(page, "no such topic")).to_have_count(0)
-    expect(_open_topics(page).filter(has_text="/battery_state")).to_have_count(1)
-    sockets, asked = len(subscribed.sockets), subscribed.topics.count("/battery_state")
-    _look(page, "/battery_state")
-    expect(page.get_by_test_id("topic-content")).to_contain_text("percentage")
-    assert len(subscribed.sockets) == sockets + 1
-    assert subscribed.topics.count("/battery_state") == asked + 1
-    for name in ("/odom", "/camera/image_raw/compressed"):
-        # Time within which a press on the same place is the second of a double press.
-        time.sleep(0.5)
-        look = _look(page, name)
-    looks = page.get_by_test_id("topic-look")
-    names = [item.get_attribute("data-topic") for item in looks.all()]
-    assert names == ["/odom", "/camera/image_raw/compressed"]
-    expect(look).to_contain_text("can be several MB large.")
-    look.get_by_test_id("topic-get-one").click()
-    expect(look.get_by_test_id("topic-content")).to_contain_text("more characters")
-    look.get_by_test_id("topic-close").click()
-    expect(looks).to_have_count(1)
-    expect(page.get_by_test_id("topic-list").get_by_role("button").first).to_be_focused()
-    hide(page)
-    expect(page.get_by_test_id("topic-notice")).to_have_text(
-        "Not connected. This page reconnects by itself."
-    )
-    wait_until(page, "closed", subscribed.sockets[-1].is_closed)
 
 
 def test_a_drive_that_ends_is_told_and_saved(
