@@ -4,8 +4,7 @@ Played by paper.fleet.worker and paper.cells.worker. Its SSH connections are asy
 and forwards; they are dialled and tried again by the agent's own rules, at the cells of the server's newest list, of
 which it keeps none on disk. What lies behind its forwards, and what it says as a guard, is services.py. It has no guard
 that could stop anything, no camera, no battery, no shell, and does not rotate its key: never let one stand for a robot
-that moves. Its key exchange is the newest of OpenSSH 10's that both ends know. benchmarks/tests/test_virtual.py
-compares it with the agent.
+that moves. Its key exchange is the newest of OpenSSH 10's that both ends know.
 """
 
 from __future__ import annotations

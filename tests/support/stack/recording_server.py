@@ -1,7 +1,4 @@
-"""A server for a robot, with the real relay behind a real sshd, that keeps each line that passes.
-
-`RecordingServer` is for transcripts of sessions, and for comparing another robot's lines with the agent's.
-"""
+"""A server for a robot, with the real relay behind a real sshd, that keeps each line that passes."""
 
 from __future__ import annotations
 
