@@ -67,7 +67,7 @@ test-release: venv images robot-host-image ## before a release, after make test:
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,900) -m release tests/unit tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1 RESTART=1
+	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@tools/lint
@@ -122,10 +122,11 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (ab
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
-experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,..., RESTART=1); needs root
+experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,...); needs root
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) benchmarks/paper $(if $(ONLY),-k "$(subst $(comma), or ,$(ONLY))") \
-	  $(if $(QUICK),--quick) $(if $(FULL),--full) $(if $(RESTART),--restart)
+	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot:benchmarks \
+	  $(VENV)/bin/python -m paper.experiments $(if $(ONLY),--only $(subst $(comma), ,$(ONLY))) \
+	  $(if $(QUICK),--quick) $(if $(FULL),--full)
 
 screenshots: venv ## the documents' pictures, into docs; needs make demo
 	@tools/ensure_test_hosts

@@ -1,79 +1,134 @@
-"""A machine's limits, and cells that break: each step is a test.
+"""`make experiments`: a machine's limits, and cells that break, measured against a stack of its own.
 
-A step that raises has failed and stays failed. What ends the run instead is Ctrl-C, which leaves the step out, and a
-stack that no longer answers, which would fail all that follows without a word.
+A step that raises has failed, and the others run all the same; a part's page is written when its steps have run.
 """
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import json
 import os
+import platform
+import re
+import signal
+import subprocess
+import sys
 import time
-from collections.abc import Mapping
-from typing import Any
+import traceback
+from collections.abc import Iterator
+from dataclasses import asdict
 
-import pytest
+from demo import ROOT
+from openssh_server import wait_until
+from report import commit, machine
 
 from paper.cells import cells
-from paper.conftest import scale_of
 from paper.density import density
-from paper.page import sentence
+from paper.page import Chapter, chapter, sentence, write_page
 from paper.requests import requests
-from paper.step import Outcome, Part, ResultStore, Step, now
+from paper.step import Outcome, Part, Scale, Step, Values, now
 from paper.world import World
 
-# All experiments, in the page's order.
-PARTS = (density.PART, cells.PART, requests.PART)
+PARTS = {part.name: part for part in (density.PART, cells.PART, requests.PART)}
+ARTIFACTS = ROOT / "tests" / "artifacts"
+SAMPLES, QUICK_PAGES = ARTIFACTS / "experiments", ARTIFACTS / "experiments-quick"
+PAGES = ROOT / "docs" / "experiments"
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"
 # A step may end while the services that it has restarted come back.
-ANSWER_S, ASK_AGAIN_S = 60.0, 0.5
+ANSWERS_WITHIN_S, ASK_AGAIN_S = 60.0, 0.5
+# Service, what its daemon is called, and the command that tells its version.
+DAEMONS = (
+    ("nginx", "nginx", "nginx -v"),
+    ("sshd", "OpenSSH", "ssh -V"),
+    ("mysql", "MariaDB", "mariadbd --version"),
+    ("relay", "Python of web and relay", "python3 --version"),
+)
+_VERSION = re.compile(r"\d+\.\d[\w.]*")
 
 
-def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
-    scale = scale_of(metafunc.config)
-    steps = [(part, step) for part in PARTS for step in part.steps(scale)]
-    names = [f"{part.name}-{step.name}" for part, step in steps]
-    metafunc.parametrize(("part", "step"), steps, ids=names)
+def circumstances(world: World) -> Iterator[str]:
+    """On what it is measured: this machine, what runs on it, and the sources."""
+    here = machine()
+    yield (
+        f"Machine: {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB of memory, "
+        f"Linux {here['kernel']}; everything runs on it."
+    )
+    # Most daemons tell their versions on stderr.
+    texts = {name: world.exec(service, "sh", "-c", f"{ask} 2>&1") for service, name, ask in DAEMONS}
+    client = subprocess.run(["ssh", "-V"], capture_output=True, text=True, check=True).stderr
+    texts["OpenSSH of the robots"] = client
+    texts["Python of robots and experiments"] = platform.python_version()
+    texts["Docker"] = str(world.engine.version()["Version"])
+    versions = (f"{name} {(_VERSION.findall(text) or [text])[0]}" for name, text in texts.items())
+    yield f"Versions: {', '.join(versions)}."
+    yield f"Commit: {commit()}."
 
 
-def test_step(
-    part: Part, step: Step, world: World, store: ResultStore, circumstances: Mapping[str, str]
-) -> None:
-    if problem := problem_of(world):
-        pytest.exit(f"cannot go on before {step.title}: {problem}. What was measured is kept")
-    began, load, start = now(), os.getloadavg()[0], time.monotonic()
-
-    def keep(values: Any = None, failure: str = "") -> None:
-        outcome = Outcome(
-            values=values,
-            failure=failure,
-            took_s=time.monotonic() - start,
-            load=load,
-            began=began,
-            **circumstances,
-        )
-        store.add((part.name, step.name), outcome)
-
+def answers(world: World) -> bool:
     try:
-        # What JSON cannot carry is this step's failure, too.
-        keep(json.loads(json.dumps(step.run(world), allow_nan=False)))
-    # And a task that was cancelled by nobody's Ctrl-C.
-    except (Exception, asyncio.CancelledError) as error:
-        keep(failure=sentence(error))
-        raise
+        world.ask("GET", CHEAP_PATH)
+    except OSError:
+        return False
+    return True
 
 
-def problem_of(world: World) -> str:
-    """Why the stack does not answer; empty when it does, if need be after a while."""
-    end = time.monotonic() + ANSWER_S
-    while True:
-        try:
-            world.ask("GET", CHEAP_PATH)
-        except Exception as error:  # noqa: BLE001 (whatever it is, the stack did not answer)
-            if time.monotonic() > end:
-                return f"the stack has not answered for {ANSWER_S:.0f} s ({sentence(error)})"
-        else:
-            return ""
-        time.sleep(ASK_AGAIN_S)
+def run_step(step: Step, world: World) -> Outcome:
+    began, load, start = now(), os.getloadavg()[0], time.monotonic()
+    values: Values | None = None
+    failure = ""
+    try:
+        what = "the stack answers"
+        wait_until(lambda: answers(world), lambda: what, ANSWERS_WITHIN_S, ASK_AGAIN_S)
+        values = step.run(world)
+    # Also a task that was cancelled by nobody's Ctrl-C.
+    except (Exception, asyncio.CancelledError) as error:  # noqa: BLE001 (the border of a step)
+        traceback.print_exc()
+        failure = sentence(error)
+    return Outcome(
+        title=step.title,
+        values=values,
+        failure=failure,
+        took_s=time.monotonic() - start,
+        load=load,
+        began=began,
+    )
+
+
+def run_part(part: Part, scale: Scale, world: World) -> Chapter:
+    outcomes = {}
+    for step in part.steps(scale):
+        sys.stderr.write(f"experiments: {part.name}: {step.title}\n")
+        outcomes[step.name] = run_step(step, world)
+    SAMPLES.mkdir(parents=True, exist_ok=True)
+    samples = {name: asdict(outcome) for name, outcome in outcomes.items()}
+    (SAMPLES / f"{part.name}.json").write_text(json.dumps(samples))
+    return chapter(part, outcomes)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="these parts")
+    parser.add_argument(
+        "--quick", action="store_true", help="all small; pages go to tests/artifacts"
+    )
+    parser.add_argument("--full", action="store_true", help="what lasts, for longer")
+    arguments = parser.parse_args()
+    scale = Scale(quick=arguments.quick, full=arguments.full)
+    # It ends as by Ctrl-C, with the stack, all robots and rows.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    faults = []
+    with World.own() as world:
+        where = list(circumstances(world))
+        for name in arguments.only:
+            done = run_part(PARTS[name], scale, world)
+            page = write_page(QUICK_PAGES if scale.quick else PAGES, done, scale, where)
+            faults += done.faults
+            lines = [f"{len(done.failed)} of {len(done.outcomes)} steps failed", *done.faults]
+            sys.stdout.write("\n  ".join([f"{name}: a page is {page}", *lines]) + "\n")
+    return int(bool(faults))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

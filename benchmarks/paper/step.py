@@ -1,18 +1,14 @@
 """What an experiment is made of: steps that run once each, their outcomes, and what its page says of them.
 
-`experiments.py` runs steps and keeps outcomes. A part's `report` turns outcomes into rows and values for its template
-and must be pure, so that the page can be written again from the outcomes.
+A part's `report` turns what its steps measured into rows and values for its template, and is pure.
 """
 
 from __future__ import annotations
 
-import fcntl
-import json
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from report import Row, cell, plain
@@ -22,8 +18,6 @@ if TYPE_CHECKING:
 
 # What JSON can carry.
 Values = Mapping[str, Any]
-# A step by the names of its part and its own.
-Key = tuple[str, str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,12 +28,6 @@ class Scale:
     quick: bool = False
     # What lasts, for longer.
     full: bool = False
-
-    @property
-    def name(self) -> str:
-        if self.quick:
-            return "quick"
-        return "full" if self.full else "default"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,22 +46,14 @@ class Step:
 class Outcome:
     """What became of one step."""
 
-    values: Values | None = None
-    # Why it failed, in a sentence; empty when it did not.
-    failure: str = ""
-    took_s: float = 0.0
-    # The machine's load average over a minute, when the step began.
-    load: float = 0.0
-    # RFC 3339, UTC.
-    began: str = ""
-    # `git describe` of the sources that measured it, on what, and which versions ran.
-    commit: str = ""
-    machine: str = ""
-    versions: str = ""
-
-
-# Outcomes by their steps' names, in the steps' order; a step that has not run is not in it.
-Results = Mapping[str, Outcome]
+    title: str
+    # None: it failed.
+    values: Values | None
+    failure: str
+    took_s: float
+    # The machine's load average over a minute, and the time in RFC 3339, when the step began.
+    load: float
+    began: str
 
 
 @dataclass(frozen=True)
@@ -89,11 +69,6 @@ class Comparison:
     better: str
 
     @property
-    def ratio(self) -> float | None:
-        """Ours divided by the reference; None where that is zero."""
-        return None if self.reference == 0 else self.ours / self.reference
-
-    @property
     def is_short(self) -> bool:
         """Whether ours is worse than the reference; what is no number is."""
         is_equal = self.ours == self.reference
@@ -106,7 +81,7 @@ class Comparison:
             "against": plain(self.against),
             "reference": plain(f"{cell(self.reference)} {self.unit}"),
             "ours": plain(f"{cell(self.ours)} {self.unit}"),
-            "ratio": self.ratio,
+            "ratio": self.ours / self.reference if self.reference else None,
             "better is": self.better,
             "verdict": "**falls short**" if self.is_short else "met",
         }
@@ -117,9 +92,9 @@ def against_aim(what: str, aim: float, ours: float | None, unit: str) -> Compari
     return Comparison(what, "aim", aim, math.nan if ours is None else ours, unit, "lower")
 
 
-def exactly(what: str, against: str, reference: float, ours: float, unit: str) -> Comparison:
-    """Our value beside the one that it has to be: another one fails the run."""
-    return Comparison(what, against, reference, ours, unit, "equal")
+def never(what: str, ours: float, unit: str = "times") -> Comparison:
+    """What a rule forbids, and how often it was: any fails the run."""
+    return Comparison(what, "rule", 0, ours, unit, "equal")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,59 +116,10 @@ class Part:
     name: str
     title: str
     steps: Callable[[Scale], Sequence[Step]]
-    # Only of steps of this scale.
-    report: Callable[[Scale, Results], Report]
-
-
-def succeeded(results: Results) -> dict[str, Values]:
-    """What was measured in the steps that did not fail."""
-    return {name: result.values for name, result in results.items() if result.values is not None}
+    # Of what was measured in the steps that did not fail, by their names.
+    report: Callable[[Mapping[str, Values]], Report]
 
 
 def now() -> str:
     """RFC 3339 in UTC, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-class ResultStore:
-    """Outcomes of one scale, a line each in FOLDER/SCALE.jsonl; a file with a date has what is measured anew."""
-
-    def __init__(self, folder: Path, scale: Scale) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.path = folder / f"{scale.name}.jsonl"
-
-    def lock(self) -> None:
-        """Keep other processes from measuring until this one ends; BlockingIOError if one does."""
-        self._lock = self.path.with_suffix(".lock").open("a")
-        fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-    def add(self, key: Key, outcome: Outcome) -> None:
-        part, step = key
-        line = {"part": part, "step": step, "outcome": asdict(outcome)}
-        with self.path.open("a") as file:
-            file.write(f"{json.dumps(line)}\n")
-
-    def keys(self) -> set[Key]:
-        return {(line["part"], line["step"]) for line in self._lines()}
-
-    def outcomes(self, part: Part, scale: Scale) -> dict[str, Outcome]:
-        """What is kept of a part's steps, in their order; those that have not run are left out."""
-        lines = self._lines()
-        kept = {
-            line["step"]: Outcome(**line["outcome"]) for line in lines if line["part"] == part.name
-        }
-        return {step.name: kept[step.name] for step in part.steps(scale) if step.name in kept}
-
-    def set_aside(self, keys: Collection[Key]) -> None:
-        """Begin anew without what is kept of these steps; the file as it was gets another name."""
-        if not self.keys() & set(keys):
-            return
-        lines = self._lines()
-        self.path.rename(self.path.with_stem(f"{self.path.stem}-{now()}"))
-        kept = [line for line in lines if (line["part"], line["step"]) not in keys]
-        self.path.write_text("".join(f"{json.dumps(line)}\n" for line in kept))
-
-    def _lines(self) -> list[dict[str, Any]]:
-        if not self.path.exists():
-            return []
-        return [json.loads(line) for line in self.path.read_text().splitlines()]

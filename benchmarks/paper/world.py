@@ -12,10 +12,8 @@ import asyncio
 import hashlib
 import os
 import shutil
-import signal
 import ssl
 import tempfile
-import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -50,7 +48,9 @@ class World(LiveServer):
     @contextmanager
     def own(cls) -> Iterator[World]:
         """A stack of this run alone, without simulated robots."""
-        with _on_terminate(), _folder() as folder:
+        # With a short name, as agents make sockets below it.
+        with tempfile.TemporaryDirectory(prefix="rt-x-", ignore_cleanup_errors=True) as name:
+            folder = Path(name)
             stack = Stack(folder / "stack")
             try:
                 stack.up(robots=False)
@@ -117,30 +117,6 @@ class World(LiveServer):
         rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in robots)
         statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
         self.exec("mysql", "mariadb", "robotether", "-e", statement)
-
-
-@contextmanager
-def _on_terminate() -> Iterator[None]:
-    """Let a SIGTERM end what runs as a Ctrl-C does, with all robots and rows; threads but the main one cannot."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def leave(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, leave)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _folder() -> Iterator[Path]:
-    """A folder with a short name, as agents make sockets below it."""
-    with tempfile.TemporaryDirectory(prefix="rt-x-", ignore_cleanup_errors=True) as name:
-        yield Path(name)
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,6 @@ BENCHMARKS = Path(__file__).parents[1]
 MODULES = [
     ".".join(path.relative_to(BENCHMARKS).with_suffix("").parts)
     for path in sorted([*BENCHMARKS.glob("*.py"), *BENCHMARKS.glob("paper/**/*.py")])
-    # It gives pytest options, which the tests have not got.
-    if path.name not in ("conftest.py", "experiments.py")
 ]
 
 
@@ -22,11 +20,16 @@ def test_module_finds_what_it_imports(module: str) -> None:
     importlib.import_module(module)
 
 
-def test_bench_starts_with_the_path_that_make_gives() -> None:
+@pytest.mark.parametrize(
+    ("verb", "program"), [("bench", "bench.py"), ("experiments", "paper.experiments")]
+)
+def test_program_starts_with_the_path_that_make_gives(verb: str, program: str) -> None:
     """Pytest has one of its own, which hides what `make bench` cannot find."""
-    asked = ["make", "--dry-run", "bench", "BENCH=--help"]
     root = BENCHMARKS.parent
-    lines = subprocess.run(asked, cwd=root, check=True, capture_output=True, text=True).stdout
-    command = next(line for line in lines.splitlines() if "bench.py" in line)
-    done = subprocess.run(["bash", "-c", command], cwd=root, check=False, capture_output=True)
+    asked = ["make", "--dry-run", verb]
+    said = subprocess.run(asked, cwd=root, check=True, capture_output=True, text=True).stdout
+    commands = said.replace("\\\n", "").splitlines()
+    [command] = [line for line in commands if program in line]
+    words = ["bash", "-c", f"{command} --help"]
+    done = subprocess.run(words, cwd=root, check=False, capture_output=True)
     assert done.returncode == 0, done.stderr.decode()

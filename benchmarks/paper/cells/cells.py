@@ -102,5 +102,5 @@ PART = Part(
     name="cells",
     title="Cells that break",
     steps=steps_of,
-    report=lambda scale, results: report(results),
+    report=report,
 )

@@ -136,5 +136,5 @@ PART = Part(
     name="density",
     title="How many robots a machine carries",
     steps=steps,
-    report=lambda scale, results: report(results),
+    report=report,
 )

@@ -10,7 +10,7 @@ from report import Row, plain, quantiles
 
 from paper.fleet.fleet import AGENTS, FAILED_AFTER_S
 from paper.histogram import Histogram
-from paper.step import Comparison, Report, Results, Values, against_aim, succeeded
+from paper.step import Comparison, Report, Values, against_aim
 
 RATE_HZ = 50
 # Of issue 17, on two cores for everything, and of issue 35; those of a start, of idle robots and memory are a robot's.
@@ -90,9 +90,8 @@ def _times(value: float | None, factor: float) -> float | None:
     return None if value is None else value * factor
 
 
-def report(results: Results) -> Report:
-    """The part's report, of the steps that have run."""
-    fleets = list(succeeded(results).values())
+def report(measured: Mapping[str, Values]) -> Report:
+    fleets = list(measured.values())
     titles = [{"robots": f"{fleet['count']}, {fleet['agents']} of them agents"} for fleet in fleets]
     starts = [FleetOutcome(fleet["count"], fleet["start"]) for fleet in fleets]
     returns = [FleetOutcome(fleet["count"], fleet["return"]) for fleet in fleets]
