@@ -22,28 +22,6 @@ def config(folder):
     return json.loads(done.stdout)
 
 
-def published(service):
-    return {(port["host_ip"], port["published"], port["target"]) for port in service["ports"]}
-
-
-def test_example_changes_what_it_says(tmp_path):
-    shutil.copy(COMPOSE / "compose.yaml", tmp_path)
-    before = config(tmp_path)
-    shutil.copy(COMPOSE / "compose.override.yaml.example", tmp_path / "compose.override.yaml")
-    after = config(tmp_path)
-    assert set(after["services"]) == set(before["services"])
-    assert set(after["networks"]) == set(before["networks"])
-    nginx = [stack["services"]["nginx"] for stack in (before, after)]
-    assert published(nginx[1]) - published(nginx[0]) == {("127.0.0.1", "8443", 8443)}
-    assert published(nginx[0]) < published(nginx[1])
-    assert nginx[1]["logging"] == {"driver": "journald", "options": {"tag": "{{.Name}}"}}
-    assert int(after["services"]["mysql"]["mem_limit"]) == 2**30
-    assert after["services"]["web"]["cpus"] == 2
-    assert after["networks"]["data"]["internal"]
-    assert after["networks"]["data"]["ipam"]["config"] == [{"subnet": "10.213.3.0/24"}]
-    assert after["volumes"]["mysql"]["driver_opts"]["device"] == "/srv/robotether/mysql"
-
-
 @pytest.mark.parametrize(
     ("setting", "services"),
     [

@@ -182,18 +182,6 @@ def test_files_that_decide_are_there():
     assert files == named != []
 
 
-def test_migrations_that_decide_have_the_last_word():
-    """A later migration may replace a view or procedure: then it is the one to read."""
-    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
-    named = re.findall(r"`(sql/\w+\.sql)`, the (?:view|procedures?) `(\w+)`", text)
-    migrations = [*sorted((ROOT / "sql").glob("*.sql"))]
-    for file, name in named:
-        made = re.compile(rf"CREATE .*\b{name}\b")
-        last = [item for item in migrations if made.search(item.read_text())][-1]
-        assert f"sql/{last.name}" == file, name
-    assert named
-
-
 def test_each_path_of_the_relay_has_its_place_in_nginx():
     """Nginx leads what the relay's code routes to the relay, and the description of the API names it."""
     sources = ("control/control_api.py", "channels/kinds.py")
@@ -209,16 +197,3 @@ def test_each_path_of_the_relay_has_its_place_in_nginx():
         for sign, path in re.findall(r"location (=|~) (\S+) \{", text)
     ]
     assert [path for path in paths if not any(re.match(item, path) for item in located)] == []
-
-
-def test_each_decision_has_its_parts():
-    """Each record has status, date and alternatives, and the index by subject names it once."""
-    folder = ROOT / "docs" / "adr"
-    records = sorted(folder.glob("0*.md"))
-    named = re.findall(r"\]\((0[^)]+)\)", (folder / "index.md").read_text())
-    assert sorted(named) == [record.name for record in records]
-    for record in records:
-        text = record.read_text()
-        assert re.search(r"^Status: [a-z]+\. Date: \d{4}-\d\d-\d\d\.$", text, re.MULTILINE), record
-        for part in ("Context", "Decision", "Considered"):
-            assert f"\n## {part}\n" in text, f"{record.name}: {part}"

@@ -15,12 +15,6 @@ BIN = Path(sys.executable).parent
 NAME = "robotether.robotether"
 # Of files whose names come from the folder: what a user of the collection can name.
 PLAYBOOKS = sorted(path.stem for path in (ANSIBLE / "playbooks").glob("*.yml"))
-PLUGINS = sorted(
-    (folder, f"{NAME}.{path.stem}")
-    for folder in ("modules", "inventory")
-    for path in (ANSIBLE / "plugins" / folder).glob("*.py")
-)
-ROLES = sorted(path.name for path in (ANSIBLE / "roles").iterdir())
 END_S = 120
 STEPS = ("pre_tasks", "roles", "tasks")
 
@@ -45,15 +39,6 @@ def archive(tmp_path_factory):
     ansible("ansible-galaxy", *build, cwd=folder)
     [built] = folder.glob("*.tar.gz")
     return built
-
-
-@pytest.fixture(scope="module")
-def home(archive, tmp_path_factory):
-    """Where it is installed, with the collections that it needs found, and nothing fetched."""
-    folder = tmp_path_factory.mktemp("home")
-    install = ("collection", "install", "--offline", "-p", folder, archive)
-    ansible("ansible-galaxy", *install, cwd=folder)
-    return folder
 
 
 def test_archive_has_what_belongs_to_it(archive):
@@ -95,35 +80,6 @@ def keys_of(found):
     if isinstance(found, dict):
         return set(found).union(*(keys_of(item) for item in found.values()))
     return set()
-
-
-@pytest.mark.parametrize(("folder", "plugin"), PLUGINS)
-def test_plugin_is_documented(home, folder, plugin):
-    """ansible-doc finds it, with every option described, and examples; a module says what it returns."""
-    kind = {"modules": "module"}.get(folder, folder)
-    printed = ansible("ansible-doc", "--json", "-t", kind, plugin, cwd=home)
-    shown = json.loads(printed)[plugin]
-    assert shown["doc"]["collection"] == NAME
-    assert all(option["description"] for option in shown["doc"]["options"].values())
-    assert yaml.safe_load(shown["examples"])
-    assert shown["return"] or kind != "module"
-
-
-def test_every_role_is_documented(home):
-    names = [f"{NAME}.{role}" for role in ROLES]
-    printed = ansible("ansible-doc", "--json", "-t", "role", *names, cwd=home)
-    shown = json.loads(printed)
-    assert sorted(shown) == names
-    assert all(shown[name]["entry_points"]["main"]["options"] for name in names)
-
-
-def test_playbooks_have_full_names(home):
-    (home / "hosts.ini").write_text("[robots]\nturtle\n[robotether_server]\ncloud\n")
-    names = [f"{NAME}.{name}" for name in PLAYBOOKS]
-    printed = ansible("ansible-playbook", "-i", "hosts.ini", "--syntax-check", *names, cwd=home)
-    for name in PLAYBOOKS:
-        place = home / "ansible_collections" / NAME.replace(".", "/") / "playbooks" / f"{name}.yml"
-        assert f"playbook: {place}" in printed
 
 
 def untagged(tasks):

@@ -7,11 +7,9 @@ import re
 import ssl
 
 import pytest
-import yaml
 from ansible_module import ANSIBLE, of_role, play, run_module
 from commands import write_programs
 from fake_proxy import PASSWORD, USER, FakeProxy
-from jinja2 import Template
 
 pytestmark = pytest.mark.release
 
@@ -50,37 +48,11 @@ async def test_server_is_reached_through_the_robots_proxy(certificate, pin):
     assert "check its network, robotether_agent_http_proxy" in problem
 
 
-async def test_no_text_of_python_stands_in_a_problem(tmp_path):
-    """A server that speaks something else, and certificates that are not there."""
-    server = await asyncio.start_server(
-        lambda _, writer: writer.write(b"SSH-2.0-OpenSSH_9.2\r\n"), "127.0.0.1", 0
-    )
-    asked = {"server": f"localhost:{server.sockets[0].getsockname()[1]}"}
-    ca_file = str(tmp_path / "ca.pem")
-    async with server:
-        (speaks_ssh,) = await problems_of(asked)
-        (lacks_file,) = await problems_of({**asked, "ca_file": ca_file})
-    assert "(TLS fails (WRONG_VERSION_NUMBER)): check its network" in speaks_ssh
-    assert lacks_file.startswith(f"cannot use ca_file '{ca_file}': allowed is a readable file")
-
-
 async def test_room_is_needed_in_each_folder():
     """Docker may keep its images on another file system than the agent's own folder."""
     folders = ["/", "/proc/self"]
     (full, *_) = await problems_of({"server": "127.0.0.1:1", "folders": folders, "free_mb": 1})
     assert "/proc/self has 0 MB free and the agent needs 1 MB" in full
-
-
-@pytest.mark.parametrize(
-    ("current", "megabytes"), [("", "150"), ("versions/1-a", "150"), ("versions/2-b", "1")]
-)
-def test_room_is_needed_for_another_version(current, megabytes):
-    """On a robot with a full disk a second run may still change a setting."""
-    tasks = yaml.safe_load((ANSIBLE / "roles/robotether_agent/tasks/preflight.yml").read_text())
-    [asked] = [task[MODULE]["free_mb"] for task in tasks if MODULE in task]
-    known = {"robotether_wheel_version": "2-b", "robotether_agent_free_mb": 150}
-    said = Template(asked).render(robotether_agent_found={"current": current}, **known)
-    assert said == megabytes
 
 
 @pytest.mark.parametrize("name", ["modules/preflight.py", "module_utils/server.py"])

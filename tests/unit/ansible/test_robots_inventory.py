@@ -155,32 +155,6 @@ def test_user_sees_what_the_api_shows(listed):
     assert not {"robot_hostname", "robot_address", "ansible_host"} & set(turtle)
 
 
-def test_constructed_options_work(listed):
-    found = listed(
-        strict=True,
-        compose={"ansible_host": "robot_hostname ~ '.local'"},
-        groups={"free": "robot_driver is none"},
-        keyed_groups=[{"key": "robot_agent_version", "prefix": "version"}],
-    )
-    assert found["_meta"]["hostvars"]["turtle"]["ansible_host"] == "turtle-pc.local"
-    assert groups_of(found)["free"] == ["rover", "scout", "turtle"]
-    assert groups_of(found)["version_0_1_0"] == ["rover", "scout", "turtle"]
-
-
-def test_cache_asks_once(listed, fleet, tmp_path):
-    cached = {
-        "cache": True,
-        "cache_plugin": "ansible.builtin.jsonfile",
-        "cache_connection": str(tmp_path / "cache"),
-    }
-    first = listed(**cached)
-    asked = len(fleet.requests)
-    assert asked > 0
-    assert listed(**cached) == first
-    assert len(fleet.requests) == asked
-    assert "group_ops" in groups_of(listed(group_by=["group"], **cached))
-
-
 def test_no_robot_takes_the_place_of_this_machine(fleet, tmp_path):
     """Whoever has a join token chooses a robot's name, and what the roles do here has an admin's token."""
     body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
@@ -195,15 +169,11 @@ def test_no_robot_takes_the_place_of_this_machine(fleet, tmp_path):
     [
         ("root", {"ca_file": None}, "set tls_fingerprint to the SHA-256 that the server printed"),
         ("root", {"tls_fingerprint": "ab" * 32}, "but tls_fingerprint is abab"),
-        ("root", {"server": "https://x/"}, "cannot use server 'https://x/': allowed is HOST or HOST:PORT"),
-        ("root", {"server": "127.0.0.1:1"}, "check server and that the server is up"),
-        ("root", {"token": "rt_wrong"}, "[token_invalid]"),
         ("ann", {"group_by": ["group"]}, "use an API token of a user with role admin [grant_missing]"),
-        ("root", {"group_by": ["colour"]}, "colour"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_is_said(fleet, tmp_path, user, options, says):
     done = run(fleet, tmp_path, user, **options)
     assert done.returncode != 0
     assert says in " ".join(done.stderr.split())
-    assert "rt_" not in done.stderr.replace("rt_wrong", "")
+    assert "rt_" not in done.stderr

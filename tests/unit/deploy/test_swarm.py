@@ -65,49 +65,6 @@ def test_docker_reads_the_files(files):
     assert "${" not in done.stdout
 
 
-@pytest.mark.parametrize("missing", ["CELL", "PUBLIC_HOST"])
-def test_a_cell_needs_its_name_and_address(missing):
-    settings = {"CELL": "a", "PUBLIC_HOST": "a.example"}
-    del settings[missing]
-    done = config("cell.yaml", **settings)
-    assert done.returncode != 0
-    assert f"required variable {missing} is missing" in done.stderr
-
-
-@pytest.mark.parametrize(("file", "name"), BOTH)
-def test_swarm_heeds_all_of_a_service(file, name):
-    """It would leave out limits, mounts of a part of a volume and more, and start the service without."""
-    assert set(IN_SWARM[file][name]) <= HEEDED
-
-
-@pytest.mark.parametrize(("file", "name"), BOTH)
-def test_services_are_what_they_are_in_compose(file, name):
-    ours, theirs = IN_SWARM[file][name], IN_COMPOSE[name]
-    same = ("image", "cap_add", "cap_drop", "read_only", "init", "logging", "sysctls")
-    for key in (*same, "stop_grace_period", *(["command"] if "command" in theirs else [])):
-        assert ours.get(key) == theirs.get(key), key
-    limits = ours["deploy"]["resources"]["limits"]
-    assert limits == {"memory": theirs["mem_limit"], "pids": theirs["pids_limit"]}
-    if "healthcheck" in theirs:
-        # Swarm replaces what is unhealthy by itself.
-        command = [word for word in theirs["healthcheck"]["test"] if word != WATCHDOG]
-        asked = {"test": OF_THE_IMAGE, **ours["healthcheck"]}
-        assert asked == {**theirs["healthcheck"], "test": command}
-
-
-@pytest.mark.parametrize(("file", "name"), BOTH)
-def test_settings_are_those_of_compose(file, name):
-    ours = dict(IN_SWARM[file][name].get("environment", {}))
-    theirs = dict(IN_COMPOSE[name].get("environment", {}))
-    # A few that only one of these programs reads are given to both.
-    known = set().union(
-        *(IN_COMPOSE[item].get("environment", {}) for item in ("web", "relay", name))
-    )
-    assert set(theirs) - SET_OTHERWISE <= set(ours) <= known | SET_OTHERWISE
-    for variable in set(ours) & set(theirs) - SET_OTHERWISE:
-        assert ours[variable] == theirs[variable], variable
-
-
 def in_memory(service):
     """Folders in memory, however they are written."""
     short = {entry.split(":")[0] for entry in service.get("tmpfs", [])}
@@ -126,14 +83,6 @@ def kept(service):
     return {name for name in names if not name.startswith(("acme_", "backup_", "disk_"))}
 
 
-@pytest.mark.parametrize(("file", "name"), BOTH)
-def test_services_have_the_folders_of_compose(file, name):
-    """What they write must be a volume or in memory, as all else is read-only."""
-    ours, theirs = IN_SWARM[file][name], IN_COMPOSE[name]
-    assert in_memory(ours) == in_memory(theirs)
-    assert kept(ours) == kept(theirs)
-
-
 def published(service):
     """(what it is at the machine, what it is in the container) of each port."""
     found = set()
@@ -147,9 +96,36 @@ def published(service):
 
 
 @pytest.mark.parametrize(("file", "name"), BOTH)
-def test_ports_are_those_of_compose(file, name):
+def test_service_is_what_it_is_in_compose(file, name):
+    """Swarm leaves out what it does not heed, and starts the service without; what is no volume is read-only."""
+    ours, theirs = IN_SWARM[file][name], IN_COMPOSE[name]
+    assert set(ours) <= HEEDED
+    same = ("image", "cap_add", "cap_drop", "read_only", "init", "logging", "sysctls")
+    for key in (*same, "stop_grace_period", *(["command"] if "command" in theirs else [])):
+        assert ours.get(key) == theirs.get(key), key
+    limits = ours["deploy"]["resources"]["limits"]
+    assert limits == {"memory": theirs["mem_limit"], "pids": theirs["pids_limit"]}
+    if "healthcheck" in theirs:
+        # Swarm replaces what is unhealthy by itself.
+        command = [word for word in theirs["healthcheck"]["test"] if word != WATCHDOG]
+        asked = {"test": OF_THE_IMAGE, **ours["healthcheck"]}
+        assert asked == {**theirs["healthcheck"], "test": command}
+    assert (in_memory(ours), kept(ours)) == (in_memory(theirs), kept(theirs))
     peers = {("${PEER_PORT:-8444}", "8444")} if name == "nginx" else set()
-    assert published(IN_SWARM[file][name]) == published(IN_COMPOSE[name]) | peers
+    assert published(ours) == published(theirs) | peers
+
+
+@pytest.mark.parametrize(("file", "name"), BOTH)
+def test_settings_are_those_of_compose(file, name):
+    ours = dict(IN_SWARM[file][name].get("environment", {}))
+    theirs = dict(IN_COMPOSE[name].get("environment", {}))
+    # A few that only one of these programs reads are given to both.
+    known = set().union(
+        *(IN_COMPOSE[item].get("environment", {}) for item in ("web", "relay", name))
+    )
+    assert set(theirs) - SET_OTHERWISE <= set(ours) <= known | SET_OTHERWISE
+    for variable in set(ours) & set(theirs) - SET_OTHERWISE:
+        assert ours[variable] == theirs[variable], variable
 
 
 def handed_out(service):

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 from commands import path_with, run_command, write_programs
-from tls_front import openssl
 
 NGINX = Path(__file__).resolve().parents[3] / "images" / "nginx"
 
@@ -37,19 +36,3 @@ def test_port_that_is_none_stops_the_start(tmp_path):
     done = start(tmp_path, '1";')
     assert done.returncode == 1
     assert "PUBLIC_PORT is '1\";'" in done.stderr
-
-
-def test_certificate_that_serves_under_a_new_name_is_reported(tmp_path):
-    """Swarm has no service that tries it beforehand."""
-    own, served = tmp_path / "etc/nginx/own", tmp_path / "etc/nginx/tls/served"
-    programs = tmp_path / "usr/lib/robotether"
-    for folder in (own, served, programs):
-        folder.mkdir(parents=True)
-    options = "req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 9 -subj /CN=a"
-    openssl(*options.split(), "-keyout", str(own / "key.pem"), "-out", str(own / "cert.pem"))
-    for name in ("cert.pem", "key.pem"):
-        (served / name).write_bytes((own / name).read_bytes())
-    write_programs(programs, {"try-certificate": "echo it is for another name\nexit 1"})
-    done = start(tmp_path, "443")
-    assert done.returncode == 9
-    assert "would not be taken now: it is for another name." in done.stderr

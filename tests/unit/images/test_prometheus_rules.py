@@ -31,16 +31,6 @@ def test_each_alert_has_a_section_and_each_section_an_alert():
         assert rule["annotations"]["what_to_do"] == f"{page}#{rule['alert'].lower()}"
 
 
-def test_times_of_alerts_are_tested_by_the_intervals_in_use():
-    rules = yaml.safe_load((ROOT / "images" / "prometheus" / "prometheus.yml").read_text())[
-        "global"
-    ]
-    tested = yaml.safe_load((ROOT / "tests" / "images" / "prometheus_times.yml").read_text())
-    intervals = {test["interval"] for test in tested["tests"]}
-    assert intervals == {rules["scrape_interval"]}
-    assert tested["evaluation_interval"] == rules["evaluation_interval"]
-
-
 def test_dashboard_has_the_queries_of_the_page_health():
     shown = [target["expr"] for panel in DASHBOARD["panels"] for target in panel.get("targets", ())]
     charts = {"": CHARTS_OF_SITE, 'robot="$robot"': CHARTS_OF_ROBOT}

@@ -4,21 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shutil
-import signal
 import subprocess
 import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 from xml.etree import ElementTree
 
 import pytest
 from catkin_pkg.package import parse_package
-from local_network import free_port
 from robotether_agent import __version__
 from robotether_agent.settings import Settings
 
@@ -56,54 +50,6 @@ def test_ros_1_starts_these_nodes() -> None:
 
     assert nodes() == ["/rosbridge_websocket", "/rosapi", "/web_video_server"]
     assert nodes("video:=false") == ["/rosbridge_websocket", "/rosapi"]
-
-
-@contextmanager
-def ros_master(environ: dict[str, str]) -> Iterator[None]:
-    """ROS 1's master, with the parameter that roscore gives it; killed at the end."""
-    port = str(urlsplit(environ["ROS_MASTER_URI"]).port)
-    with subprocess.Popen(["rosmaster", "--core", "-p", port], env=environ) as master:
-        try:
-            wait_until_done(["rosparam", "set", "/run_id", "one"], environ)
-            yield
-        finally:
-            master.kill()
-
-
-def wait_until_done(command: list[str], environ: dict[str, str]) -> None:
-    """Try a command until it succeeds."""
-    end = time.monotonic() + 30
-    while subprocess.run(command, check=False, env=environ).returncode:
-        assert time.monotonic() < end, f"after 30 s still not done: {command}"
-
-
-def test_boot_unit_of_ros_1_ends_with_its_roscore(tmp_path: Path) -> None:
-    """The unit in the docs runs with another program in roslaunch's place: no node registers at the next roscore."""
-    unit = (ROS.parent / "docs" / "howto" / "ros1-robot.md").read_text()
-    found = re.search(r"^ExecStart=/bin/bash -c '(.+?)'$", unit, re.MULTILINE | re.DOTALL)
-    assert found is not None
-    script = found[1].replace("$$", "$").replace("\\\n", "").replace("sleep 5", "sleep 0.1")
-    begun = tmp_path / "begun"
-    for theirs, ours in (
-        (". /opt/ros/noetic/setup.bash;", ""),
-        ("roslaunch --wait /etc/robotether.launch", "sleep infinity"),
-        ("while [", f"touch {begun}; while ["),
-    ):
-        assert theirs in script
-        script = script.replace(theirs, ours)
-    environ = os.environ | {
-        "ROS_MASTER_URI": f"http://127.0.0.1:{free_port()}",
-        "ROS_HOSTNAME": "127.0.0.1",
-        "ROS_LOG_DIR": str(tmp_path),
-    }
-    with subprocess.Popen(["bash", "-c", script], env=environ) as started:
-        try:
-            with ros_master(environ):
-                wait_until_done(["test", "-e", str(begun)], environ)
-                assert started.poll() is None
-            assert started.wait(timeout=30) == -signal.SIGTERM
-        finally:
-            started.kill()
 
 
 @pytest.mark.parametrize("file", [ROS_1, ROS_2])

@@ -175,15 +175,6 @@ def test_copy_gets_the_path_and_is_recorded_once_it_succeeded(checkout):
 
 
 @pytest.mark.parametrize(
-    ("file", "text", "sentence"),
-    [("container", "", "there is no database yet"), ("services", "web\n", "on another machine")],
-)
-def test_no_database_is_a_sentence(checkout, file, text, sentence):
-    (checkout / file).write_text(text)
-    assert sentence in run(checkout, "backup", "backups", status=1).stderr
-
-
-@pytest.mark.parametrize(
     ("tool", "arguments"),
     [("backup", ()), ("backup", ("f", "0")), ("backup", ("f", "all")), ("restore", ())],
 )

@@ -6,8 +6,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 
 import docker
@@ -48,15 +46,18 @@ exit 25
 """
 
 
-@dataclass
 class Machine:
-    """Where the tool runs: its PATH has these programs first."""
+    """A machine without a registry, where the tool runs: its PATH has these programs first."""
 
-    folder: Path
+    def __init__(self, folder):
+        self.folder = folder
+        self.put(docker=DOCKER, sudo=SUDO)
+        self.put(**{"apt-get": APT_GET})
 
-    def put(self, name, text):
-        filled = text.format(folder=self.folder, docker=shutil.which("docker"))
-        write_programs(self.folder / "bin", {name: filled})
+    def put(self, **programs):
+        places = {"folder": self.folder, "docker": shutil.which("docker")}
+        filled = {name: text.format(**places) for name, text in programs.items()}
+        write_programs(self.folder / "bin", filled)
 
     def ensure(self, suite=SUITE):
         """Run the tool."""
@@ -76,28 +77,21 @@ def engine():
 
 @pytest.fixture
 def machine(tmp_path):
-    """A machine without a registry."""
-    made = Machine(tmp_path)
-    for name, text in (("docker", DOCKER), ("sudo", SUDO), ("apt-get", APT_GET)):
-        made.put(name, text)
-    return made
+    return Machine(tmp_path)
 
 
 def test_image_is_whole_or_not_there(machine, engine):
     """What failed once is tried again, and does not count as done."""
-    machine.put("mmdebstrap", BREAKS)
+    machine.put(mmdebstrap=BREAKS)
     done = machine.ensure()
     assert done.returncode != 0
     assert "E: the mirror is gone" in done.stderr
     assert f"cannot make {IMAGE}: mmdebstrap failed" in done.stderr
     with pytest.raises(ImageNotFound):
         engine.images.get(IMAGE)
-    machine.put("mmdebstrap", MAKES)
+    machine.put(mmdebstrap=MAKES)
     done = machine.ensure()
-    assert (done.returncode, done.stdout.splitlines()[-1]) == (
-        0,
-        f"ensure_base_image: done: made {IMAGE}",
-    ), done.stderr
+    assert done.returncode == 0, done.stderr
     assert engine.images.get(IMAGE).attrs["Size"] >= 12_000_000
     assert "nothing to do" in machine.ensure().stdout
     assert list(machine.folder.glob("*.tar")) == []
@@ -113,19 +107,8 @@ def test_base_of_a_registry_is_the_one_of_this_commit(machine, digests, pulls):
     config = json.loads((ROOT / "renovate.json").read_text())["customManagers"][0]
     [pattern] = config["matchStrings"]
     assert re.search(pattern.replace("?<", "?P<"), TOOL.read_text())["currentDigest"] == digest
-    machine.put("docker", REGISTRY.replace("DIGESTS", digests.format(digest=digest)))
+    machine.put(docker=REGISTRY.replace("DIGESTS", digests.format(digest=digest)))
     assert machine.ensure("trixie").returncode == 0
     calls = (machine.folder / "calls").read_text()
     assert (f"pull --quiet debian@{digest}" in calls) == pulls
     assert (f"tag debian@{digest} debian:trixie-slim" in calls) == pulls
-
-
-def test_empty_image_of_an_earlier_failure_is_made_again(machine, engine):
-    """`docker import` makes one of nothing, and calls that a success."""
-    subprocess.run(["docker", "import", "-", IMAGE], input=b"", check=True, capture_output=True)
-    assert engine.images.get(IMAGE).attrs["Size"] == 0
-    machine.put("mmdebstrap", MAKES)
-    done = machine.ensure()
-    assert done.returncode == 0, done.stderr
-    assert f"removing {IMAGE}: it is empty" in done.stdout
-    assert engine.images.get(IMAGE).attrs["Size"] >= 12_000_000

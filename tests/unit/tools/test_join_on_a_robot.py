@@ -57,13 +57,6 @@ def test_line_of_another_server_brings_its_token(robot):
     assert (robot.place / "token").read_text() == "rj_x\n"
 
 
-@pytest.mark.parametrize("quote", ["'", '"'])
-def test_settings_with_either_quote(robot, quote):
-    """TOML has both; a package starts the agent of a robot that has a server."""
-    robot.settings.write_text(f"server = {quote}old.example{quote}  # ours\n")
-    assert robot.run('echo "$server"', "--package", "/none") == "old.example\n"
-
-
 def test_settings_whose_last_line_does_not_end(robot):
     """Some editors leave it so."""
     robot.settings.write_text('server = "old.example"\nlog_level = "debug"')
@@ -103,42 +96,6 @@ def test_settings_come_whole_and_with_their_mode(robot):
     assert robot.settings.stat().st_mode & 0o777 == 0o640
 
 
-def test_room_is_needed_for_what_is_installed(robot):
-    """Of a robot with a full disk a line that has nothing to install may still change a setting."""
-    version = robot.place / "versions/1"
-    places = f"ROOT={robot.place}/opt/robotether-agent venv={version}"
-    few = f'df() {{ printf "%s\\n" "$2" "- - - 20480"; [ "$2" = {robot.place} ]; }}; fail() {{ echo "$*"; }}'
-    assert robot.run(f"{places}; {few}; check_room") == (
-        f"cannot install: {robot.place} has 20 MB free, and 150 MB are needed. Free some space\n"
-    )
-    (version / "bin").mkdir(parents=True)
-    (version / "bin/robotether-agent").symlink_to("/bin/true")
-    assert robot.run(f"{places}; {few}; check_room") == ""
-
-
-@pytest.mark.parametrize(
-    ("options", "settings", "cores", "is_tried"),
-    [
-        ((), "", 2, True),
-        ((), "", 1, False),
-        (("--no-video",), "", 2, False),
-        ((), 'video_encoder = "off"', 2, False),
-    ],
-)
-def test_video_is_installed_where_it_will_run(robot, options, settings, cores, is_tried):
-    """The choice stays in the settings, so that the next upgrade knows it, and a failure ends nothing."""
-    with robot.settings.open("a") as file:
-        file.write(f"{settings}\n")
-    (robot.place / "versions/1").mkdir(parents=True)
-    fails = "echo 'cannot install PyAV: no way' >&2; exit 1"
-    write_programs(robot.place / "versions/1/bin", {"robotether-agent": fails})
-    places = f"venv={robot.place}/versions/1; nproc() {{ echo {cores}; }}"
-    said = robot.run(f"{places}; ensure_video; ensure_config", "--server", "old.example", *options)
-    assert ("cannot install PyAV: no way. Without it cameras send JPEG" in said) is is_tried
-    written = tomllib.loads((robot.place / "new/agent.toml").read_text())
-    assert (written.get("video_encoder") == "off") is ("off" in settings or bool(options))
-
-
 def upgrade(robot, words):
     """Let a robot with version 1 run version 2."""
     for name in ("1", "2"):
@@ -156,14 +113,6 @@ def test_upgrade_starts_an_agent_that_had_failed(robot):
     """`switch` leaves such a service alone, and the line says at its end that the agent runs."""
     assert "switching from 1 to 2" in upgrade(robot, "changed=1")
     assert systemctl_calls(robot)[-1] == "restart robotether-agent"
-
-
-def test_upgrade_that_fails_leaves_the_reason_to_the_switch(robot):
-    """Only that knows whether the version did not start, or did not connect, or whether another switch runs."""
-    (robot.place / "bin/systemd-run").unlink()
-    (robot.place / "bin/systemd-run").symlink_to("/bin/false")
-    said = upgrade(robot, "fail() { echo $*; }").splitlines()
-    assert "cannot upgrade to 2: see above, and journalctl -u robotether-agent" in said
 
 
 def test_upgrade_of_an_agent_that_does_not_start(robot):

@@ -26,15 +26,6 @@ def test_no_image_holds_an_api_token():
     assert "rt_x" not in done.stderr
 
 
-def test_certificate_that_authorities_know_needs_no_fingerprint():
-    """The line that the server prints then has none; what stops this run comes after the options."""
-    done = run("--server", "robots.example", "--wheelhouse", "/nowhere")
-    assert done.returncode == 1
-    assert "cannot use --wheelhouse /nowhere" in done.stderr
-    wrong = run("--server", "robots.example", "--tls-fingerprint", "abc")
-    assert "cannot use --tls-fingerprint abc" in wrong.stderr
-
-
 @pytest.mark.parametrize(
     "value", ["a b", "a;id", "$(id)", "`id`", 'a"b', "a\\b", "a\nb", "-x", "", "a'b", "a|b", "a>b"]
 )

@@ -69,10 +69,6 @@ async def test_proxy_gets_its_password(server, tmp_path):
     assert "Tunnel connection failed: 407" in refused
 
 
-async def test_without_a_proxy_the_way_is_straight(server, tmp_path):
-    assert await fetch(server, tmp_path, https_proxy="http://127.0.0.1:1") == "all of it"
-
-
 async def test_failure_has_no_text_of_a_library(tmp_path):
     """Its class, or the line of its source, stood where people search for the reason."""
 

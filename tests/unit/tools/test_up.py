@@ -1,6 +1,5 @@
 """tools/up, with programs in the place of Docker and the other tools that note how they are called."""
 
-import re
 import shutil
 from pathlib import Path
 
@@ -88,42 +87,6 @@ def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout):
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_cell_without_a_database_makes_no_password(checkout):
-    """The site has its admin already."""
-    (checkout / "database").write_text("")
-    assert "the one that admin has on the other machines" in up(checkout).stdout
-    assert not (checkout / "compose" / "secrets" / "admin_password").exists()
-
-
-@pytest.mark.parametrize(
-    ("option", "profiles", "count"), [("--demo", "demo", 3), ("--demo-more", "demo,demo-more", 5)]
-)
-def test_demo_is_a_profile_beside_others(checkout, option, profiles, count):
-    (checkout / "env").write_text("COMPOSE_PROFILES=acme\n")
-    up(checkout, option)
-    assert f"[acme,{profiles}] up --detach --wait" in calls(checkout)
-    waits = re.findall(r"robotether robot wait-online (\w+) --timeout 60", calls(checkout))
-    assert waits == [f"sim{number + 1}" for number in range(count)]
-
-
-def test_images_from_elsewhere_are_taken_as_they_are(checkout):
-    """With --no-build nothing is built or pulled, and no base image is wanted."""
-    up(checkout, "--no-build")
-    assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
-    assert "ensure_base_image" not in calls(checkout)
-    assert "build default" not in calls(checkout)
-
-
-def test_images_are_built_as_they_are_for_a_registry(checkout):
-    """By tools/build, so that they have their labels; the simulator's for those who have it started."""
-    up(checkout)
-    assert calls(checkout).index("ensure_base_image") < calls(checkout).index("build default")
-    assert "up --detach --wait --no-build --pull never secrets web mysql" in calls(checkout)
-    (checkout / "services").write_text("sim1\n")
-    up(checkout)
-    assert "build demo" in calls(checkout)
-
-
 def test_nothing_waits_for_an_authority(checkout):
     """The service acme is started when all others are healthy."""
     (checkout / "services").write_text("acme\n")
@@ -158,8 +121,3 @@ def test_setting_and_its_service_go_together(checkout, service, setting):
     (checkout / "env").unlink()
     up(checkout)
     assert f"--profile {service} rm --stop --force {service}" in calls(checkout)
-
-
-def test_address_has_the_port_of_outside(checkout):
-    (checkout / "env").write_text("PUBLIC_HOST=robots.example\nHTTPS_PORT=443\nPUBLIC_PORT=8443\n")
-    assert "open      https://robots.example:8443/\n" in up(checkout).stdout
