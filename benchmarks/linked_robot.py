@@ -15,7 +15,6 @@ import math
 import os
 import shutil
 import signal
-import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
@@ -28,7 +27,7 @@ from link import Link, why_not_here
 from link_queue import Shape
 from namespaces import Namespace
 from openssh_server import OpenSshServer
-from paper.programs import Program, our_environment
+from paper.programs import Program
 from paper.world import environment
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
 from roaming import RoamingNetwork
@@ -112,9 +111,8 @@ class Subject:
             "shell_address": "none",
             "log_level": "debug",
         }
-        words = (sys.executable, "-m", "robotether_agent", "run")
-        environ = our_environment() | environment(settings)
-        self._agent = Program(self.network.robot, words, self._folder / "agent.log", environ)
+        words, log = ("robotether_agent", "run"), self._folder / "agent.log"
+        self._agent = Program(self.network.robot, words, log, environment(settings))
 
     def signal_agent(self, number: signal.Signals) -> None:
         """Send a signal to the agent, and to nothing that it started."""
@@ -205,8 +203,7 @@ async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple
             "SIM_CAMERA_FPS": str(camera_fps),
             "SIM_LOG_LEVEL": "error",
         }
-        words = (sys.executable, "-m", "sim_robot")
-        simulator = Program(link.robot, words, folder / "log", our_environment() | given)
+        simulator = Program(link.robot, ("sim_robot",), folder / "log", given)
         stack.callback(simulator.end)
         network = Network(link.server.address, link.robot)
         yield site, await start_subject(stack, site, network, robot)

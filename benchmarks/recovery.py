@@ -20,7 +20,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from linked_robot import ROS_PORT, Subject, start_site, start_subject
-from paper.programs import Program, our_environment
+from paper.programs import Program
 from report import Row, Section, quantiles
 from roaming import RoamingNetwork, roaming_networks
 
@@ -115,8 +115,8 @@ async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) 
     subjects = []
     for network, robot in zip(networks, robots, strict=True):
         log = Path(stack.enter_context(TemporaryDirectory(prefix="rt-ros-"))) / "log"
-        words = (sys.executable, "-m", "paper.bus_robot", "127.0.0.1", str(ROS_PORT))
-        stack.callback(Program(network.robot, words, log, our_environment()).end)
+        words = ("paper.bus_robot", "127.0.0.1", str(ROS_PORT))
+        stack.callback(Program(network.robot, words, log, {}).end)
         subjects.append(await start_subject(stack, site, network, robot))
     return subjects
 

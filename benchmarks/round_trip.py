@@ -13,7 +13,6 @@ import asyncio
 import json
 import re
 import socket
-import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack, ExitStack, contextmanager
@@ -28,7 +27,7 @@ from demo import Demo
 from local_network import insecure_tls
 from namespaces import Namespace
 from openssh_server import wait_until
-from paper.programs import Program, our_environment
+from paper.programs import Program
 from paper.world import World, environment
 from report import Row, Section, quantiles
 
@@ -140,9 +139,8 @@ def whole_robot(demo: Demo, *publishes: str) -> Iterator[tuple[World, str, Names
             ("paper.bus_robot", "127.0.0.1", str(ROSBRIDGE_PORT), *publishes),
             ("robotether_agent", "run"),
         ):
-            command = (sys.executable, "-m", *words)
-            environ = {**our_environment(), **environment(settings)}
-            program = Program(inside, command, robot.folder / f"{words[0]}.log", environ)
+            log = robot.folder / f"{words[0]}.log"
+            program = Program(inside, words, log, environment(settings))
             stack.callback(program.end)
             programs.append(program)
         wait_online(world, robot.name, programs)

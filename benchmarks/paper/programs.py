@@ -42,21 +42,17 @@ def our_environment() -> dict[str, str]:
 
 
 class Program:
-    """One program in a namespace; its words go to the end of the file `log`."""
+    """A module of ours, run in a namespace; its words go to the end of the file `log`."""
 
     def __init__(
-        self,
-        namespace: Namespace,
-        words: Sequence[str],
-        log: Path,
-        environ: Mapping[str, str] | None = None,
+        self, namespace: Namespace, words: Sequence[str], log: Path, environ: Mapping[str, str]
     ) -> None:
         self._name = f"{' '.join(words):.80}"
         self._log = log
         with log.open("ab") as out:
             self._process = subprocess.Popen(
-                namespace.command(*words),
-                env=environ,
+                namespace.command(sys.executable, "-m", *words),
+                env={**our_environment(), **environ},
                 stdin=subprocess.DEVNULL,
                 stdout=out,
                 stderr=subprocess.STDOUT,
@@ -65,22 +61,17 @@ class Program:
             )
         self.pid = self._process.pid
 
-    def ended(self) -> str:
-        """Say that it has ended by itself, or nothing."""
-        code = self._process.poll()
-        return "" if code is None else f"{self._name} ended with {code}"
-
     def check(self) -> None:
         """Raise with its last words if it has ended."""
-        if ended := self.ended():
-            raise RuntimeError(f"{ended}; its last words:\n{self.tail()}")
+        if (code := self._process.poll()) is not None:
+            raise RuntimeError(f"{self._name} ended with {code}; its last words:\n{self.tail()}")
 
     def tail(self) -> str:
         return "\n".join(self._log.read_text(errors="replace").splitlines()[-LOG_LINES:])
 
     def end(self) -> None:
         """End it in order, and kill what is left of it and of what it started."""
-        if self.ended():
+        if self._process.poll() is not None:
             return
         started = descendants(self.pid)
         self._process.terminate()
@@ -119,9 +110,11 @@ class LineProgram:
                 text=True,
                 bufsize=1,
                 env=our_environment(),
-                # A Ctrl-C is for the experiment, which then ends its programs in order.
                 start_new_session=True,
             )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._input, self._output = self._process.stdin, self._process.stdout
         self.pid = self._process.pid
         # Its lines that are waited for, and GONE when it has ended.
         self._lines: queue.SimpleQueue[Any] = queue.SimpleQueue()
@@ -135,9 +128,8 @@ class LineProgram:
         self.end(ENDS_WITHIN_S)
 
     def send(self, value: object) -> None:
-        assert self._process.stdin is not None
-        self._process.stdin.write(json.dumps(value) + "\n")
-        self._process.stdin.flush()
+        self._input.write(json.dumps(value) + "\n")
+        self._input.flush()
 
     def handle(self, message: Any) -> bool:
         """Whether a line was for nobody who waits; called in a thread of its own."""
@@ -162,30 +154,22 @@ class LineProgram:
 
     def end_input(self) -> None:
         """End its input; it may write last words, and ends."""
-        assert self._process.stdin is not None
         with suppress(BrokenPipeError):
-            self._process.stdin.close()
+            self._input.close()
 
     def end(self, within_s: float) -> None:
         """Let it end in order, as its input ends; what does not is killed."""
         self.end_input()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(within_s)
-        self.close()
-
-    def close(self) -> None:
         self._process.kill()
         self._process.wait()
         # What it started may hold its output still.
         self._reading.join(2)
-        for stream in (self._process.stdin, self._process.stdout):
-            if stream is not None:
-                with suppress(BrokenPipeError):
-                    stream.close()
+        self._output.close()
 
     def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        for line in self._output:
             message = json.loads(line)
             if not self.handle(message):
                 self._lines.put(message)

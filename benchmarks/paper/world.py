@@ -41,6 +41,8 @@ class World(LiveServer):
     def __init__(self, container: Callable[[str], Container], folder: Path) -> None:
         super().__init__()
         self._container = container
+        self._enrolled: list[Enrolled] = []
+        self._tokens: dict[str, str] = {}
         # Robots' state and logs; gone at the end.
         self.folder = folder
 
@@ -72,12 +74,18 @@ class World(LiveServer):
         """New names for a part's robots, not given before by this process."""
         return [f"x-{part}-{os.getpid()}-{next(_numbers)}" for _ in range(how_many)]
 
+    def robots(self, how_many: int) -> list[Enrolled]:
+        """The first robots of this world; those that are missing join now."""
+        missing = how_many - len(self._enrolled)
+        self._enrolled += self.enrol(self.names("robot", missing)) if missing > 0 else []
+        return self._enrolled[:how_many]
+
     def enrol(self, names: Sequence[str]) -> list[Enrolled]:
         """Announce robots and let them join with a token of the admin's. None is online then."""
         made = [self._robot(name) for name in names]
         for at in range(0, len(made), ROWS_A_STATEMENT):
             self._announce(made[at : at + ROWS_A_STATEMENT])
-        join_all(made, self.token)
+        asyncio.run(join_all(made, self.token))
         return made
 
     def remove(self, robots: Sequence[Enrolled]) -> None:
@@ -97,10 +105,12 @@ class World(LiveServer):
         with ExitStack() as made:
             yield [make_joined(made, "uplink")[0] for _ in range(how_many)]
 
-    def add_admin(self, user: str) -> str:
-        """Add an admin; an API token of theirs."""
-        self.ask("POST", "/users", {"name": user, "role": "admin"})
-        return self.token_of(user)
+    def admin_token(self, user: str) -> str:
+        """An API token of an admin, who is added now if this world has none of the name."""
+        if user not in self._tokens:
+            self.ask("POST", "/users", {"name": user, "role": "admin"})
+            self._tokens[user] = self.token_of(user)
+        return self._tokens[user]
 
     def _robot(self, name: str) -> Enrolled:
         number = next(_numbers)
@@ -159,12 +169,8 @@ def local_mac(pid: int, number: int) -> str:
     return ":".join(digits[at : at + 2] for at in range(0, len(digits), 2))
 
 
-def join_all(robots: Sequence[Enrolled], token: str) -> None:
+async def join_all(robots: Sequence[Enrolled], token: str) -> None:
     """Let each make its key and join with the token, as an agent does at its first start."""
-    asyncio.run(_join_all(robots, token))
-
-
-async def _join_all(robots: Sequence[Enrolled], token: str) -> None:
     slots = asyncio.Semaphore(AT_ONCE)
 
     async def join(robot: Enrolled) -> None:

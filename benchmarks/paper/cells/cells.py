@@ -9,10 +9,6 @@ tests/artifacts/cells.
 from __future__ import annotations
 
 import asyncio
-import json
-import os
-import secrets
-import shutil
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -25,8 +21,18 @@ from paper.cells.checker import check, find_crowds, find_ignored_stops, find_ret
 from paper.cells.history import read
 from paper.cells.report import report
 from paper.cells.site import Site
-from paper.cells.workload import WRITES_WITHIN_S, Size, Workload, read_database
-from paper.step import Part, Scale, Step, Values, now
+from paper.cells.workload import (
+    DONE_WITHIN_S,
+    SETTLES_WITHIN_S,
+    WRITES_WITHIN_S,
+    Size,
+    Workload,
+    at_work,
+    judged,
+    new_run,
+    read_database,
+)
+from paper.step import Part, Scale, Step, Values
 from paper.world import World
 
 KEPT = ROOT / "tests" / "artifacts" / "cells"
@@ -34,7 +40,6 @@ WHOLE = Size(cells=3, agents=30, virtual=300, drivers=10, observers=10, operator
 QUICK = Size(cells=2, agents=4, virtual=16, drivers=4, observers=2, operators=2, seconds=120.0)
 FULL_S = 1800.0
 ONLINE_AGAIN_S = 120.0
-MOST_VIOLATIONS = 30
 # Without one of these a rule would have had nothing to judge.
 JUDGED = ("arrived", "moved", "zeroed", "session", "stopped", "released", "stop_done", "recorded")
 
@@ -47,26 +52,23 @@ def steps_of(scale: Scale) -> Sequence[Step]:
 
 def run_nemesis(size: Size, world: World) -> Values:
     """Break and mend a site while people are at work, and check the history of it."""
-    with Site.started(world, size.cells) as site:
-        return _nemesis(site, size)
-
-
-def _nemesis(site: Site, size: Size) -> Values:
-    seed = int(os.environ.get("SEED") or secrets.randbelow(1 << 32))
-    # pytest shows it of a step that fails; the page and the folder's name have it, too.
-    print(f"SEED={seed}")  # noqa: T201
-    folder = KEPT / f"{now().replace(':', '')}-{seed}"
-    with Workload.running(site, size, folder, seed) as workload:
-        with workload.people() as people:
+    seed, folder = new_run(KEPT)
+    with (
+        Site.started(world, size.cells) as site,
+        Workload.running(site, size, folder, seed) as workload,
+    ):
+        with at_work("paper.cells.people", folder, workload.order()) as people:
             done = asyncio.run(workload.nemesis(size.seconds))
-            seen = people.seen()
+            people.send("settle")
+            seen = people.receive("what people have seen", DONE_WITHIN_S)
             online_s = workload.wait_online(ONLINE_AGAIN_S)
-            people.settle()
+            people.receive("that operators have settled", SETTLES_WITHIN_S)
             failed = workload.end_route()
             time.sleep(WRITES_WITHIN_S)
             # What is released afterwards is no part of it.
             history, database = read(folder), read_database(site)
-            people.end()
+            people.send("end")
+            people.receive("that all is released", SETTLES_WITHIN_S)
         failed += workload.failed
     follower = workload.routed[1]
     violations = check(history, database, follower)
@@ -80,22 +82,14 @@ def _nemesis(site: Site, size: Size) -> Values:
         "size": asdict(size),
         "faults": dict(Counter(done)),
         "events": dict(events),
-        "violations": [asdict(violation) for violation in violations[:MOST_VIOLATIONS]],
-        "broken": len(violations),
         "returns": [asdict(violation) for violation in find_returns(history, site.names)],
         "crowds": find_crowds(history),
         "ignored_stops_s": [round(violation, 3) for violation in find_ignored_stops(history)],
         "seen": seen,
         "failed": [*failed, *seen["failed"], *unseen],
         "online_s": online_s,
-        "kept": "",
     }
-    if violations or values["failed"]:
-        values["kept"] = str(folder.relative_to(ROOT))
-        (folder / "result.json").write_text(json.dumps(values, indent=1))
-    else:
-        shutil.rmtree(folder)
-    return values
+    return judged(folder, violations, values)
 
 
 PART = Part(

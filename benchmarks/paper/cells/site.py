@@ -26,7 +26,7 @@ from commands import output_of_command, run_command
 from inside import run_inside
 from local_network import request_json
 
-from paper.world import Enrolled, World
+from paper.world import World
 
 if TYPE_CHECKING:
     from docker.models.containers import Container
@@ -163,8 +163,6 @@ class Site:
         self.cells = list(cells)
         # Its stack is the first cell.
         self.world = world
-        self._enrolled: list[Enrolled] = []
-        self._tokens: dict[str, str] = {}
 
     @classmethod
     @contextmanager
@@ -191,19 +189,6 @@ class Site:
     def ssh_addresses(self) -> dict[str, str]:
         """The names of the cells by HOST:PORT at which robots log in."""
         return {f"{cell.host}:{port}": cell.name for cell in self.cells for port in cell.ssh_ports}
-
-    def robots(self, count: int) -> list[Enrolled]:
-        """The first so many robots of the site; those that are missing join now."""
-        if len(self._enrolled) < count:
-            names = self.world.names("cells", count - len(self._enrolled))
-            self._enrolled += self.world.enrol(names)
-        return self._enrolled[:count]
-
-    def tokens(self, user: str) -> str:
-        """An API token of a user of this name, who is an admin."""
-        if user not in self._tokens:
-            self._tokens[user] = self.world.add_admin(user)
-        return self._tokens[user]
 
     @property
     def database_ports(self) -> list[int]:

@@ -9,26 +9,30 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import secrets
 import shutil
+import sys
 import time
 import urllib.request
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from random import Random
 from typing import Any
 
+from demo import ROOT
 from local_network import insecure_tls
 from namespaces import Namespace
 
-from paper.cells.checker import Database
+from paper.cells.checker import Database, Violation
 from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
 from paper.client import TOPIC, TYPE
-from paper.fleet.fleet import VIRTUAL_IN_A_WORKER, Worker, shares
+from paper.fleet.fleet import Worker, shares
 from paper.programs import LineProgram
+from paper.step import Values, now
 from paper.world import Enrolled
 
 RATE_HZ = 20
@@ -41,6 +45,7 @@ ONLINE_WITHIN_S, ASK_EVERY_S = 240.0, 0.5
 # What the relays have to write after everything was mended, and what an operator needs to have the last word.
 WRITES_WITHIN_S, SETTLES_WITHIN_S = 20.0, 240.0
 SETTLES_S = 20.0
+MOST_VIOLATIONS = 30
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +59,6 @@ class Size:
     observers: int = 0
     operators: int = 0
     seconds: float = 0.0
-
-    @property
-    def robots(self) -> int:
-        return self.agents + self.virtual
 
 
 class RobotProcess(Worker):
@@ -111,7 +112,7 @@ class Workload:
         self, site: Site, size: Size, folder: Path, seed: int, processes: Sequence[RobotProcess]
     ) -> None:
         self.site, self.size, self.folder, self.seed = site, size, folder, seed
-        self.robots = [robot.name for robot in site.robots(size.robots)]
+        self.robots = [robot.name for robot in site.world.robots(size.agents + size.virtual)]
         self.cameras = self.robots[: size.agents]
         # The second follows the first by a route, and nobody else drives or stops them.
         self.routed = self.robots[HOT_ROBOTS // 2 :][:2]
@@ -121,12 +122,8 @@ class Workload:
     @contextmanager
     def running(cls, site: Site, size: Size, folder: Path, seed: int) -> Iterator[Workload]:
         """Start the robots, and wait until all are online."""
-        robots = site.robots(size.robots)
-        parts: list[tuple[Sequence[Enrolled], Sequence[Enrolled]]] = [
-            *((some, []) for some in shares(robots[: size.agents], MOST_AGENTS_IN_A_WORKER)),
-            *(([], some) for some in shares(robots[size.agents :], VIRTUAL_IN_A_WORKER)),
-        ]
-        folder.mkdir(parents=True, exist_ok=True)
+        robots = site.world.robots(size.agents + size.virtual)
+        parts = shares(robots, size.agents, MOST_AGENTS_IN_A_WORKER)
         with ExitStack() as stack:
             uplinks = stack.enter_context(site.world.uplinks(len(parts)))
             place = site.world.folder / f"run-{time.monotonic_ns()}"
@@ -201,21 +198,9 @@ class Workload:
             pass
         return set()
 
-    @contextmanager
-    def people(self) -> Iterator[People]:
-        """Drivers, observers and operators at work."""
-        log = self.folder.parent / f"people-{os.getpid()}.log"
-        program = LineProgram("paper.cells.people", log)
-        try:
-            program.send(self._order())
-            program.receive("that people have begun", OPENS_WITHIN_S)
-            yield People(program)
-        finally:
-            program.end(DONE_WITHIN_S)
-            log.unlink()
-
-    def _order(self) -> dict[str, Any]:
-        size, tokens = self.size, self.site.tokens
+    def order(self) -> dict[str, Any]:
+        """What the process of drivers, observers and operators has to know."""
+        size, tokens = self.size, self.site.world.admin_token
         kinds = {
             "drivers": ("driver", size.drivers),
             "observers": ("observer", size.observers),
@@ -260,25 +245,42 @@ class Workload:
         return [words for process in self.processes.values() for words in process.failed]
 
 
-class People:
-    """They work until `seen`."""
+@contextmanager
+def at_work(module: str, folder: Path, order: Values) -> Iterator[LineProgram]:
+    """A process of people who have begun; its log stays when it fails."""
+    log = folder.parent / f"people-{os.getpid()}.log"
+    program = LineProgram(module, log)
+    try:
+        program.send(order)
+        program.receive("that people have begun", OPENS_WITHIN_S)
+        yield program
+    finally:
+        program.end(DONE_WITHIN_S)
+    log.unlink()
 
-    def __init__(self, program: LineProgram) -> None:
-        self._program = program
 
-    def seen(self) -> dict[str, Any]:
-        """End their work; what they saw."""
-        self._program.send("settle")
-        return dict(self._program.receive("what people have seen", DONE_WITHIN_S))
+def new_run(place: Path) -> tuple[int, Path]:
+    """A seed, which SEED in the environment sets, and a folder for the history."""
+    seed = int(os.environ.get("SEED") or secrets.randbelow(1 << 32))
+    sys.stderr.write(f"SEED={seed}\n")
+    folder = place / f"{now().replace(':', '')}-{seed}"
+    folder.mkdir(parents=True)
+    return seed, folder
 
-    def settle(self) -> None:
-        """Wait until each operator has had the last word; then the database may be read."""
-        self._program.receive("that operators have settled", SETTLES_WITHIN_S)
 
-    def end(self) -> None:
-        """Let them release all robots."""
-        self._program.send("end")
-        self._program.receive("that all is released", SETTLES_WITHIN_S)
+def judged(folder: Path, violations: Sequence[Violation], values: Values) -> Values:
+    """The values of a run with its violations; its folder is kept if a rule is broken, or something failed."""
+    values = {
+        **values,
+        "violations": [asdict(violation) for violation in violations[:MOST_VIOLATIONS]],
+        "broken": len(violations),
+        "kept": str(folder.relative_to(ROOT)) if violations or values["failed"] else "",
+    }
+    if values["kept"]:
+        (folder / "result.json").write_text(json.dumps(values, indent=1))
+    else:
+        shutil.rmtree(folder)
+    return values
 
 
 def read_database(site: Site) -> Database:

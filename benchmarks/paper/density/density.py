@@ -7,10 +7,9 @@ the server's containers and starts them again.
 from __future__ import annotations
 
 import asyncio
-import os
-from collections.abc import Awaitable, Iterator, Sequence
+from collections.abc import Awaitable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +17,7 @@ from typing import Any
 
 from paper.costs import cpu_between
 from paper.density.report import RATE_HZ, report
-from paper.fleet.fleet import AGENTS, SERVICES, Fleet, robots_of, with_fleet
+from paper.fleet.fleet import AGENTS, SERVICES, Fleet, with_fleet
 from paper.programs import LineProgram
 from paper.step import Part, Scale, Step, Values
 from paper.world import World
@@ -60,14 +59,10 @@ def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World
         values["drive"] = await _unless_failed(
             _drive(world, fleet, _chosen(world, count, agents), driven_s)
         )
-        values["return"] = await fleet.run(lambda: _restart(world))
+        values["return"] = await fleet.run(lambda: asyncio.to_thread(restart_all, world))
         return values
 
     return with_fleet(world, count, use, agents)
-
-
-async def _restart(world: World) -> None:
-    await asyncio.to_thread(restart_all, world)
 
 
 def restart_all(world: World) -> None:
@@ -89,24 +84,17 @@ async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:
 
 def _chosen(world: World, count: int, agents: int) -> list[tuple[str, str]]:
     """Which robots of a fleet are driven, agents and virtual ones: their names and kinds."""
-    names = [robot.name for robot in robots_of(world, count)]
+    names = [robot.name for robot in world.robots(count)]
     real = names[: min(agents, DRIVEN_AGENTS)]
     virtual = names[agents : agents + DRIVEN - len(real)]
     return [(name, "agent") for name in real] + [(name, "virtual") for name in virtual]
 
 
-@contextmanager
-def tokens(world: World, how_many: int) -> Iterator[list[str]]:
-    """An API token for each drive: the world's own for as many as one user may have, then those of more users."""
-    names = [
-        f"x-density-{os.getpid()}-{at}" for at in range(DRIVES_A_USER, how_many, DRIVES_A_USER)
-    ]
-    given = [world.token]
-    with ExitStack() as made:
-        for name in names:
-            given.append(world.add_admin(name))
-            made.callback(world.ask, "DELETE", f"/users/{name}")
-        yield [given[number // DRIVES_A_USER] for number in range(how_many)]
+def tokens(world: World, how_many: int) -> list[str]:
+    """An API token for each drive, of as many users as these connections need."""
+    users = range(-(-how_many // DRIVES_A_USER))
+    of_users = [world.admin_token(f"x-density-{number}") for number in users]
+    return [of_users[number // DRIVES_A_USER] for number in range(how_many)]
 
 
 async def _drive(
@@ -115,7 +103,7 @@ async def _drive(
     """Drive all of these at once, and return what their drivers saw, and what the fleet cost meanwhile."""
     with ExitStack() as stack:
         place = Path(stack.enter_context(TemporaryDirectory(prefix="rt-drivers-")))
-        given = await asyncio.to_thread(stack.enter_context, tokens(world, len(chosen)))
+        given = await asyncio.to_thread(tokens, world, len(chosen))
         drives = [
             {"robot": name, "kind": kind, "token": token}
             for (name, kind), token in zip(chosen, given, strict=True)

@@ -18,7 +18,6 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequenc
 from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any, TypeVar
-from weakref import WeakKeyDictionary
 
 from namespaces import Namespace
 from openssh_server import descendants
@@ -51,27 +50,23 @@ POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
 # The relay takes a robot for used for a while after its last operator has left; and two heartbeats more.
 UNUSED_AFTER_S = USE_KEPT_S + 4.0
 T = TypeVar("T")
-# What a world's stack has enrolled is kept for the next fleet in it.
-_enrolled: WeakKeyDictionary[World, list[Enrolled]] = WeakKeyDictionary()
+# The agents and the virtual robots of one worker.
+Share = tuple[Sequence[Enrolled], Sequence[Enrolled]]
 
 
-def robots_of(world: World, count: int) -> list[Enrolled]:
-    """The world's first `count` robots of fleets; those that are missing join now."""
-    known = _enrolled.setdefault(world, [])
-    if len(known) < count:
-        known += world.enrol(world.names("fleet", count - len(known)))
-    return known[:count]
+def shares(robots: Sequence[Enrolled], agents: int, most: int = MOST_IN_A_WORKER) -> list[Share]:
+    """Divide robots among workers, of which none has more than `most` agents."""
+    real, virtual = robots[:agents], robots[agents:]
+    return [
+        *((some, []) for some in _nearly_equal(real, most)),
+        *(([], some) for some in _nearly_equal(virtual, VIRTUAL_IN_A_WORKER)),
+    ]
 
 
-def shares(robots: Sequence[Enrolled], most: int) -> list[Sequence[Enrolled]]:
-    """Nearly equal parts for workers: at least two, if there are as many robots, and none with more than `most`."""
+def _nearly_equal(robots: Sequence[Enrolled], most: int) -> list[Sequence[Enrolled]]:
+    """Parts for at least two workers, if there are as many robots."""
     workers = max(min(LEAST_WORKERS, len(robots)), -(-len(robots) // most))
     return [robots[number::workers] for number in range(workers)]
-
-
-def watched_s(count: int) -> float:
-    """How long it is waited for a fleet's last message."""
-    return max(FAILED_AFTER_S, count * WATCHED_A_ROBOT_S)
 
 
 class Worker(LineProgram):
@@ -136,7 +131,8 @@ class Fleet:
             side.failed.clear()
         self._operators.begin()
         await order()
-        seen = await self._operators.drive_all(self._names, watched_s(len(self._names)))
+        watched_s = max(FAILED_AFTER_S, len(self._names) * WATCHED_A_ROBOT_S)
+        seen = await self._operators.drive_all(self._names, watched_s)
         # The robots have their second connections too when it has settled.
         last, settled = self.reading(), await self._settled()
         missing = None in seen["drivable_s"]
@@ -188,11 +184,8 @@ def with_fleet(
     agents: int = AGENTS,
 ) -> T:
     """What `use` returns of a fleet none of which has started yet: `agents` light robots, and the others virtual."""
-    robots = robots_of(world, count)
-    parts: list[tuple[Sequence[Enrolled], Sequence[Enrolled]]] = [
-        *((some, []) for some in shares(robots[:agents], MOST_IN_A_WORKER)),
-        *(([], some) for some in shares(robots[agents:], VIRTUAL_IN_A_WORKER)),
-    ]
+    robots = world.robots(count)
+    parts = shares(robots, agents)
     allow_files(FILES_OF_OPERATORS)
     with (
         world.uplinks(len(parts)) as uplinks,
@@ -227,9 +220,7 @@ def no_longer_aside(pids: Sequence[int]) -> None:
 
 @asynccontextmanager
 async def workers(
-    parts: Sequence[tuple[Sequence[Enrolled], Sequence[Enrolled]]],
-    uplinks: Sequence[Namespace],
-    logs: Path,
+    parts: Sequence[Share], uplinks: Sequence[Namespace], logs: Path
 ) -> AsyncIterator[list[Worker]]:
     """A worker for the agents and virtual robots of each part; all have their rosbridge, and no agent yet."""
     made: list[Worker] = []

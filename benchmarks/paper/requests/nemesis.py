@@ -7,12 +7,10 @@ are never online. First nothing is broken, so that there are offers to judge who
 from __future__ import annotations
 
 import asyncio
-import json
 import os
-import secrets
-import shutil
 import time
 from collections import Counter
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from random import Random
@@ -22,10 +20,10 @@ from demo import ROOT
 from paper.cells.history import History, read
 from paper.cells.nemesis import FAULTS, Context, Nemesis
 from paper.cells.site import Site
-from paper.programs import LineProgram
+from paper.cells.workload import at_work, judged, new_run
 from paper.requests.checker import Record, Records, check, find_late_passes
 from paper.requests.people import SETTLED_WITHIN_S
-from paper.step import Values, now
+from paper.step import Values
 from paper.world import World, local_mac
 
 KEPT = ROOT / "tests" / "artifacts" / "requests"
@@ -40,8 +38,7 @@ FAULTS_HERE = (
     "relay_killed",
     "relay_restarted",
 )
-BEGINS_WITHIN_S, ENDS_WITHIN_S = 30.0, 30.0
-MOST_VIOLATIONS = 30
+ENDS_WITHIN_S = 30.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,10 +55,7 @@ class QueueSize:
 
 def run_nemesis(size: QueueSize, world: World) -> Values:
     """Break and mend a site while people ask and answer, and check the history of it."""
-    seed = int(os.environ.get("SEED") or secrets.randbelow(1 << 32))
-    print(f"SEED={seed}")  # noqa: T201
-    folder = KEPT / f"{now().replace(':', '')}-{seed}"
-    folder.mkdir(parents=True)
+    seed, folder = new_run(KEPT)
     with Site.started(world, size.cells) as site:
         done, seen = _run(site, size, folder, seed)
         records = read_records(site)
@@ -73,38 +67,27 @@ def run_nemesis(size: QueueSize, world: World) -> Values:
         "size": asdict(size),
         "faults": dict(Counter(done)),
         "log": dict(Counter(record.kind for record in records.log)),
-        "violations": [asdict(violation) for violation in violations[:MOST_VIOLATIONS]],
-        "broken": len(violations),
         "late_s": late_s,
         "failed": seen["failed"],
         "met": seen["met"],
     }
-    if violations or seen["failed"]:
-        (folder / "result.json").write_text(json.dumps(values, indent=1))
-    else:
-        shutil.rmtree(folder)
-    return values
+    return judged(folder, violations, values)
 
 
 def _run(site: Site, size: QueueSize, folder: Path, seed: int) -> tuple[list[str], Values]:
-    log = folder.parent / f"people-{os.getpid()}.log"
-    program = LineProgram("paper.requests.people", log)
     history = History.open(folder, "nemesis")
-    try:
-        program.send(_order(site, size, folder, seed))
-        program.receive("that people have begun", BEGINS_WITHIN_S)
+    with (
+        closing(history),
+        at_work("paper.requests.people", folder, _order(site, size, folder, seed)) as people,
+    ):
         time.sleep(size.calm_s)
         faults = {name: FAULTS[name] for name in FAULTS_HERE}
         nemesis = Nemesis(Context(site, {}, Random(seed)), history, faults)
         asyncio.run(nemesis.run(size.seconds))
-        program.send("settle")
-        seen = program.receive("that no request is open", SETTLED_WITHIN_S + ENDS_WITHIN_S)
-        program.send("end")
-        program.receive("that people have ended", ENDS_WITHIN_S)
-    finally:
-        history.close()
-        program.end(ENDS_WITHIN_S)
-    log.unlink()
+        people.send("settle")
+        seen = people.receive("that no request is open", SETTLED_WITHIN_S + ENDS_WITHIN_S)
+        people.send("end")
+        people.receive("that people have ended", ENDS_WITHIN_S)
     return nemesis.done, dict(seen)
 
 
@@ -115,7 +98,7 @@ def _order(site: Site, size: QueueSize, folder: Path, seed: int) -> Values:
         "seed": seed,
         "cells": [{"name": cell.name, "address": cell.address} for cell in site.cells],
         "admin": site.world.token,
-        "operators": [{"name": name, "token": site.tokens(name)} for name in operators],
+        "operators": [{"name": name, "token": site.world.admin_token(name)} for name in operators],
         "robots": _add_robots(site, size.robots),
     }
 
