@@ -214,7 +214,7 @@ async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> 
     """Take frames until this is cancelled."""
     if setup.video == PLAIN:
         url = address(f"video/stream?topic={FAST_CAMERA}&quality={PLAIN_QUALITY}&", "observe")
-        await view_stream(http, url, setup.frames.append)
+        await view_stream(http, setup.frames.append, url)
     else:
         url = frames_url(address, FAST_CAMERA)
         await view_frames(http, url, setup.frames.append, {"codecs": [setup.video]})

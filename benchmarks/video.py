@@ -15,6 +15,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -149,7 +150,7 @@ async def view_frames(
         raise ConnectionError(f"the frames ended with {socket.close_code}")
 
 
-async def view_stream(http: aiohttp.ClientSession, url: str, on_frame: OnFrame, **how: Any) -> None:
+async def view_stream(http: aiohttp.ClientSession, on_frame: OnFrame, url: str, **how: Any) -> None:
     """Take frames out of a multipart stream until it ends or the task is cancelled; `how` goes to get."""
     timeout = aiohttp.ClientTimeout(total=None)
     async with http.get(url, timeout=timeout, **how) as answer:
@@ -235,88 +236,76 @@ def demo_address(demo: Demo) -> Address:
 
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     """The demo's robot as a viewer outside sees it."""
-    where = "loopback"
-
-    rows = await ours_viewed(where, demo_address(demo), seconds, ssl=insecure_tls())
+    where, both = "loopback", (CAMERA, FAST_CAMERA)
+    how = {"ssl": insecure_tls()}
+    rows = await ours_viewed(where, demo_address(demo), seconds, {}, both, **how)
+    rows.append(await stream_viewed(where, demo_address(demo), seconds, **how))
     with bare_tunnel(f"{demo.address_of(ROBOT)}:{VIDEO_PORT}") as port:
-        view = plain(port, PLAIN_QUALITIES[0])
-        rows.append(await viewed(where, plain_name(PLAIN_QUALITIES[0]), view, seconds))
-    return rows
+        return [*rows, await plain_viewed(where, port, PLAIN_QUALITIES[0], seconds)]
 
 
-def plain(port: int, quality: int) -> View:
+async def plain_viewed(where: str, port: int, quality: int, seconds: float) -> Row:
     url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
-    return lambda http, on_frame: view_stream(http, url, on_frame)
+    name = f"plain MJPEG, quality {quality}, bare ssh -R"
+    return await viewed(where, name, partial(view_stream, url=url), seconds)
 
 
-async def ours_viewed(where: str, address: Address, seconds: float, **how: Any) -> list[Row]:
-    """Look at each camera by each codec, and at the first one's stream."""
+async def ours_viewed(
+    where: str,
+    address: Address,
+    seconds: float,
+    request: Mapping[str, int],
+    cameras: Sequence[str],
+    **how: Any,
+) -> list[Row]:
+    """Look at each camera by each codec."""
 
     def frames_view(camera: str, codec: str) -> View:
+        wanted = {**request, "codecs": [codec]}
         return lambda http, on_frame: view_frames(
-            http, frames_url(address, camera), on_frame, {"codecs": [codec]}, **how
+            http, frames_url(address, camera), on_frame, wanted, **how
         )
 
-    async def stream_view(http: aiohttp.ClientSession, on_frame: OnFrame) -> None:
-        url = address(f"video/stream?topic={CAMERA}&", "observe")
-        await view_stream(http, url, on_frame, **how)
-
     await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
-    rows = [
+    return [
         await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
-        for camera in (CAMERA, FAST_CAMERA)
+        for camera in cameras
         for codec in CODECS_VIEWED
     ]
-    return [*rows, await viewed(where, "Robotether, multipart stream", stream_view, seconds)]
 
 
-def plain_name(quality: int) -> str:
-    return f"plain MJPEG, quality {quality}, bare ssh -R"
+async def stream_viewed(where: str, address: Address, seconds: float, **how: Any) -> Row:
+    url = address(f"video/stream?topic={CAMERA}&", "observe")
+    view = partial(view_stream, url=url, **how)
+    return await viewed(where, "Robotether, multipart stream", view, seconds)
 
 
-async def over_link(link: Link, seconds: float) -> list[Row]:
-    """A robot behind the link."""
-    where = f"38 ms, {UP_MBIT_S} Mbit/s up"
-    async with linked_robot(link) as (site, subject):
-        rows = await ours_viewed(where, site.address_of(subject.robot), seconds)
-        for quality in PLAIN_QUALITIES:
+async def over_link(
+    link: Link,
+    where: str,
+    seconds: float,
+    request: Mapping[str, int],
+    cameras: Sequence[str],
+    *,
+    qualities: Sequence[int],
+) -> list[Row]:
+    """Look at the cameras of a robot behind the link, and at the first by plain MJPEG of these qualities."""
+    async with linked_robot(link, request.get("fps", FPS)) as (site, subject):
+        address = site.address_of(subject.robot)
+        rows = await ours_viewed(where, address, seconds, request, cameras)
+        if not request:
+            rows.append(await stream_viewed(where, address, seconds))
+        for quality in qualities:
             port = free_port()
             forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
             with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
-                rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
-    return rows
+                rows.append(await plain_viewed(where, port, quality, seconds))
+        return rows
 
 
 def shape_of(mbit_s: float, delay_ms: float) -> Shape:
     """One direction of a network, with half of its delay."""
     return Shape(rate_bit_s=mbit_s * 1e6, delay_s=delay_ms / 2000, queue_bytes=UP.queue_bytes)
-
-
-async def by_codec(
-    link: Link, where: str, seconds: float, request: Mapping[str, int], cameras: Sequence[str]
-) -> list[Row]:
-    """Look at the cameras of a robot behind the link by each codec, and at the first by plain MJPEG."""
-    async with linked_robot(link, request["fps"]) as (site, subject):
-        address = site.address_of(subject.robot)
-
-        def frames_view(camera: str, codec: str) -> View:
-            wanted = {**request, "codecs": [codec]}
-            return lambda http, on_frame: view_frames(
-                http, frames_url(address, camera), on_frame, wanted
-            )
-
-        await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
-        rows = [
-            await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
-            for camera in cameras
-            for codec in CODECS_VIEWED
-        ]
-        if cameras == (CAMERA,):
-            port, quality = free_port(), PLAIN_QUALITIES[1]
-            forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
-            with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
-                rows.append(await viewed(where, plain_name(quality), plain(port, quality), seconds))
-        return rows
 
 
 def measure_networks(seconds: float = SECONDS) -> Section:
@@ -331,7 +320,10 @@ def measure_networks(seconds: float = SECONDS) -> Section:
     for (down, up, delay_ms), what, request, cameras in lines:
         where = f"{down:g}/{up:g} Mbit/s, {delay_ms:g} ms{what}"
         with emulated(shape_of(up, delay_ms), shape_of(down, delay_ms)) as link:
-            rows += asyncio.run(by_codec(link, where, seconds, request, cameras))
+            qualities = PLAIN_QUALITIES[1:] if len(cameras) == 1 else ()
+            rows += asyncio.run(
+                over_link(link, where, seconds, request, cameras, qualities=qualities)
+            )
     return Section(
         title="Age of a frame on the paper's networks, by codec",
         text=(
@@ -359,7 +351,8 @@ async def until_seen(view: View) -> None:
 def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
     rows = asyncio.run(on_loopback(demo, seconds))
     with emulated() as link:
-        rows += asyncio.run(over_link(link, seconds))
+        where, both = f"38 ms, {UP_MBIT_S} Mbit/s up", (CAMERA, FAST_CAMERA)
+        rows += asyncio.run(over_link(link, where, seconds, {}, both, qualities=PLAIN_QUALITIES))
     return Section(
         title="Age of a frame at the viewer",
         text=(
