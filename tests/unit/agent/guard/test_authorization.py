@@ -82,13 +82,6 @@ def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
     assert kind(rights, new, 14) == "fence"
 
 
-def test_the_line_of_an_older_lease_ends_nobodys_drive() -> None:
-    rights = authorizer(fence=None)
-    driver = rights.authorize(headers(fence=14))
-    rights.lease(13, held=True)
-    assert rights.holds(driver)
-
-
 def test_a_new_guard_holds_nothing() -> None:
     """The driver before its start must come with a newer number, whatever the line of its lease says."""
     rights = Authorizer(NOW, 13)

@@ -62,19 +62,6 @@ def test_each_command_begins_the_time_anew() -> None:
     assert deadman.state == "moving"
 
 
-def test_a_drivers_own_zero_is_the_end() -> None:
-    deadman = moving()
-    deadman.commanded(TOPIC, 0.1, moves=False)
-    assert run_zeros(deadman, 0.1, 60.0) == []
-
-
-def test_who_never_moved_gets_no_zero() -> None:
-    deadman = Deadman(TIMEOUT_S)
-    deadman.commanded(TOPIC, 0.0, moves=False)
-    deadman.stop([TOPIC, "/other"], 0.0)
-    assert run_zeros(deadman, 0.0, 60.0) == []
-
-
 def test_a_loss_does_not_prolong_zeros_that_run() -> None:
     deadman = moving()
     deadman.stop([TOPIC], 0.1)
