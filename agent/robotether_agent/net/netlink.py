@@ -10,11 +10,10 @@ import asyncio
 import errno
 import logging
 import socket
-import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-# Numbers of linux/rtnetlink.h and linux/netlink.h.
+# Numbers of linux/rtnetlink.h.
 GROUPS = {
     "link": 0x1,
     "IPv4 address": 0x10,
@@ -22,29 +21,11 @@ GROUPS = {
     "IPv6 address": 0x100,
     "IPv6 route": 0x400,
 }
-KINDS = {16: "link", 17: "link", 20: "address", 21: "address", 24: "route", 25: "route"}
-# Length, type, flags, sequence number and sender of each message.
-HEADER = struct.Struct("=IHHII")
-ALIGNMENT = 4
 BUFFER = 64 * 1024
 # Maximum number of messages read at once; one change of network causes as many.
 READS = 64
 
 log = logging.getLogger(__name__)
-
-
-def kinds_of(data: bytes) -> set[str]:
-    """Return what the messages in one datagram are about; what is cut short or unknown is left out."""
-    kinds = set()
-    at = 0
-    while at + HEADER.size <= len(data):
-        length, number, *_ = HEADER.unpack_from(data, at)
-        if length < HEADER.size or at + length > len(data):
-            break
-        if number in KINDS:
-            kinds.add(KINDS[number])
-        at += -(-length // ALIGNMENT) * ALIGNMENT
-    return kinds
 
 
 class Network:
@@ -59,18 +40,18 @@ class Network:
         self._event.clear()
 
     def read(self, listener: socket.socket) -> None:
-        """Take what the kernel has sent."""
+        """Take what the kernel has sent: in these groups each message is a change."""
         for _ in range(READS):
             try:
-                kinds = kinds_of(listener.recv(BUFFER))
+                listener.recv(BUFFER)
             except BlockingIOError:
                 return
             except OSError as error:
                 # More happened than the buffer holds, so surely something did.
-                kinds = {"link"} if error.errno == errno.ENOBUFS else set()
-            if kinds:
-                log.debug("the network changed: %s", ", ".join(sorted(kinds)))
-                self._event.set()
+                if error.errno != errno.ENOBUFS:
+                    return
+            log.debug("the network changed")
+            self._event.set()
 
 
 @contextmanager
