@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 from collections.abc import Sequence
 
 import pytest
@@ -114,14 +113,3 @@ async def test_a_silent_camera_is_given_up(monkeypatch):
 async def test_without_pyav_the_reason_says_what_to_install(monkeypatch):
     monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
     assert "robotether-agent install-video" in await down_reason("rtsp://127.0.0.1/")
-
-
-@pytest.mark.parametrize(
-    ("code", "reason"),
-    [
-        ("raise SystemExit(3)", "exit code 3"),
-        ("import os, time; os.write(1, bytes((0, 0, 0, 1, 9))); time.sleep(60)", "makes no sense"),
-    ],
-)
-async def test_a_broken_process_is_a_reason(code, reason):
-    assert reason in await down_reason("/dev/video0", (sys.executable, "-c", code))

@@ -82,21 +82,6 @@ async def test_every_frame_that_goes_out_can_be_decoded_after_those_before_it(ma
     assert list(world.open)[-1] == SourceRequest("/camera", 90, 320, 240, 15.0, passes_h264=True)
 
 
-async def test_the_agent_hears_what_encodes_or_why_nothing_does(make_world):
-    world, broken = make_world(), make_world(sys.executable, "-c", "raise SystemExit(3)")
-    await until_encoding(world)
-    await world.pass_on(jpeg_of(next(clip(1, step=0))))
-    world.socket.ask("stream_request")
-    broken.socket.ask("stream_request", codecs=CODECS)
-    for each, last in ((world, ""), (broken, "none: the encoder ended: exit code 3")):
-        await eventually(
-            lambda each=each, last=last: each.reports[-1:] == [last],
-            lambda each=each: str(each.reports),
-            STARTS_WITHIN_S,
-        )
-    assert world.reports == ["libx264", ""]
-
-
 async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(
     make_world, monkeypatch
 ):
@@ -125,27 +110,6 @@ async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):
     assert qualities == 3 * [60] + 5 * [50]
     assert shapes == 6 * [(240, 320)] + 2 * [(180, 240)]
     assert list(world.open) == [SourceRequest("/camera", 0, None, None, 15.0, passes_h264=True)]
-
-
-async def test_encoded_frames_begin_with_the_best_quality(make_world, tmp_path):
-    """Though the line did not carry it as JPEG, while the encoder started."""
-    begins = tmp_path / "begins"
-    code = (
-        "import pathlib, runpy, time\n"
-        f"while not pathlib.Path({str(begins)!r}).exists(): time.sleep(0.02)\n"
-        "runpy.run_module('robotether_agent.video.encoder_process', run_name='__main__')"
-    )
-    world = make_world(sys.executable, "-c", code)
-    world.socket.ask("stream_request", codecs=CODECS, latency_ms=100, quality_max=60)
-    await world.until_open()
-    for picture in clip(9, step=2):
-        message = await world.pass_on(jpeg_of(picture))
-        await world.have_taken(0.3)
-    assert (unpacked(message).codec, unpacked(message).quality) == (JPEG, 20)
-    begins.touch()
-    await until_encoding(world, latency_ms=100, quality_max=60)
-    message = await world.pass_on(jpeg_of(picture))
-    assert (unpacked(message).codec, unpacked(message).quality) == (H264, 60)
 
 
 async def test_a_clock_sync_is_answered_while_a_frame_is_encoded(make_world):

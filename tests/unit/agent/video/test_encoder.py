@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
-import logging
 import os
 import resource
 import struct
 import sys
 from collections.abc import Awaitable, Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +14,6 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from openssh_server import descendants
-from robotether_agent.doctor import encoder as doctor
-from robotether_agent.settings import Settings
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video import encoder_process
 from robotether_agent.video.encoder import COMMAND, VideoEncoder
@@ -247,33 +242,3 @@ async def test_a_driver_that_hangs_or_crashes_costs_one_process(start, monkeypat
         await encoder.encode(request)
     await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
     assert (await encoder.encode(request)).encoder == "libx264"
-
-
-async def test_the_doctor_finds_the_encoder_that_is_left(monkeypatch):
-    monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
-    command = broken_driver(FAULTS[1][0])
-    monkeypatch.setattr(doctor, "VideoEncoder", lambda *how: VideoEncoder(*how, command))
-    finding = await doctor.check_encoder(Settings(server="a.example", video_encoder="auto"))
-    assert "libx264 encodes H.264" in finding.detail
-
-
-async def test_pauses_between_failed_starts_grow(program, monkeypatch, caplog):
-    pauses: list[float] = []
-    real_sleep = asyncio.sleep
-
-    async def sleep(delay: float) -> None:
-        pauses.append(delay)
-        await real_sleep(0)
-
-    caplog.set_level(logging.WARNING, encoder_module.__name__)
-    monkeypatch.setattr(encoder_module.asyncio, "sleep", sleep)
-    encoder = VideoEncoder(lambda: None, "/camera", (sys.executable, "-c", "raise SystemExit(1)"))
-    task = asyncio.ensure_future(encoder.run())
-    while len([pause for pause in pauses if pause >= 2]) < 3:
-        await real_sleep(0.01)
-    assert encoder.down_reason == "the encoder ended: exit code 1"
-    task.cancel()
-    with suppress(asyncio.CancelledError):
-        await task
-    assert [pause for pause in pauses if pause >= 2][:3] == [2, 4, 8]
-    assert "no encoder of /camera for 2 s" in caplog.messages[0]

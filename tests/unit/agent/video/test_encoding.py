@@ -4,26 +4,11 @@ from __future__ import annotations
 
 import pytest
 from robotether_agent.video.encoding import (
-    KeyFrameLimiter,
     PresetSteps,
-    bits_per_s,
     encoded_size,
 )
 
-VGA = (640, 480)
 INTERVAL_S = 1 / 15
-
-
-def test_bits_follow_quality_and_size():
-    rates = [bits_per_s(quality, VGA, 15) for quality in (20, 50, 80)]
-    assert rates == [pytest.approx(rate, rel=0.01) for rate in (291_000, 922_000, 2_914_000)]
-    assert bits_per_s(50, (320, 240), 15) == pytest.approx(rates[1] / 4**0.75, rel=0.01)
-    assert bits_per_s(1, (16, 16), 0.1) == 20_000
-
-
-def test_twice_the_rate_is_less_than_twice_the_bits():
-    assert 1.6 < bits_per_s(50, VGA, 30) / bits_per_s(50, VGA, 15) < 1.8
-    assert bits_per_s(50, VGA, 2) == pytest.approx(2 * bits_per_s(50, VGA, 1), rel=0.01)
 
 
 @pytest.mark.parametrize(
@@ -89,16 +74,3 @@ def test_the_fastest_preset_is_given_up_after_seconds_of_overload():
     assert clock.run(2, 0.9)
     assert clock.run(1, 0.3)
     assert not clock.run(6, 0.9)
-
-
-def test_key_frames_by_request_keep_their_interval():
-    limiter = KeyFrameLimiter()
-    assert not limiter.is_due(0.0)
-    limiter.request()
-    assert limiter.is_due(0.0)
-    limiter.on_key_frame(0.0)
-    assert not limiter.is_due(1.0)
-    limiter.on_key_frame(1.0)
-    limiter.request()
-    assert not limiter.is_due(1.4)
-    assert limiter.is_due(1.5)

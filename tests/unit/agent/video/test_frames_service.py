@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 from collections.abc import AsyncIterator
 
 import aiohttp
@@ -158,14 +157,3 @@ async def test_whoever_looks_whether_video_works_is_told(world):
     world.has_video = False
     with pytest.raises(aiohttp.ClientError):
         await world.get("/")
-
-
-async def test_a_close_that_is_cancelled_leaves_nothing() -> None:
-    service = FramesService(SourceSettings("", "", "rosbridge"), RosGraph(""))
-    await service.start()
-    closing = asyncio.ensure_future(service.close())
-    await asyncio.sleep(0)
-    closing.cancel()
-    with pytest.raises(asyncio.CancelledError):
-        await closing
-    assert service._http.closed

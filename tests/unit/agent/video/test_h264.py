@@ -6,9 +6,7 @@ from fractions import Fraction
 from typing import Any
 
 import av
-import pytest
-from h264_frames import encoded_frames
-from robotether_agent.video.h264 import MAX_UNITS, AccessUnit, access_unit
+from robotether_agent.video.h264 import MAX_UNITS, access_unit
 from video_clips import clip
 
 
@@ -26,13 +24,6 @@ def encoded(**options: str) -> list[tuple[bytes, Any]]:
     return [(bytes(packet), packet) for packet in packets]
 
 
-def test_key_frames_are_those_of_the_encoder():
-    for data, is_key in encoded_frames(10):
-        assert access_unit(data) == AccessUnit(
-            has_slice=True, is_key=is_key, is_complete=is_key, is_bidirectional=False
-        )
-
-
 def test_frames_that_depend_on_later_ones_are_told():
     """A frame that is shown later than it is decoded is one."""
     packets = encoded(bf="2", **{"x264-params": "b-adapt=0"})
@@ -47,11 +38,6 @@ def test_frames_that_depend_on_later_ones_are_told():
         unit is None or unit.is_bidirectional
         for unit in (access_unit(d) for d, _ in encoded(bf="0"))
     )
-
-
-@pytest.mark.parametrize("data", [b"", b"\0\0\0\x10\x65abc", b"\0\0\1", b"x\0\0\1\x65"])
-def test_what_is_not_in_annex_b_is_nothing(data):
-    assert access_unit(data) is None
 
 
 def test_only_what_a_frame_begins_with_is_read():

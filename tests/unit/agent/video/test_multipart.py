@@ -48,12 +48,6 @@ def test_the_boundary_as_cameras_name_it(content_type):
     assert boundary_of(content_type) == b"--b"
 
 
-@pytest.mark.parametrize("content_type", ["", "text/html", "multipart/x-mixed-replace"])
-def test_what_is_no_stream_is_named(content_type):
-    with pytest.raises(MultipartBrokenError, match="not multipart frames"):
-        boundary_of(content_type)
-
-
 def test_nothing_grows_without_bound(monkeypatch):
     monkeypatch.setattr(multipart, "MAX_FRAME_BYTES", 1000)
     for stream in (

@@ -6,7 +6,7 @@ import itertools
 from dataclasses import dataclass, field
 
 import pytest
-from robotether_agent.video.quality import MAX_UP_AFTER_S, RATES, SCALES, Level, Steps, ladder
+from robotether_agent.video.quality import RATES, SCALES, Level, Steps, ladder
 from robotether_common.frames import StreamRequest
 
 
@@ -62,10 +62,6 @@ def test_sharp_lowers_the_rate_before_the_quality_and_never_below_five_a_second(
     assert {level.rate for level in levels[len(rates) :]} == {rates[-1]}
 
 
-def test_a_good_link_keeps_the_best():
-    assert drive(Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6), 0, 60) == []
-
-
 def test_a_slow_link_gets_what_it_carries_within_seconds():
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(0.62e6, whole=400_000)
     changes = drive(steps, link, 0, 120)
@@ -92,13 +88,6 @@ def test_a_link_that_gets_better_gets_the_best_again():
     assert min(gaps) >= 4
 
 
-def test_very_late_frames_are_left_soon():
-    steps = Steps(LEVELS, LATENCY_S, 0)
-    assert not steps.on_taken(1.0, 1.0)
-    assert steps.on_taken(2.0, 1.0)
-    assert steps.level == LEVELS[2]
-
-
 def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
     """At 0.2 s there and back, smaller frames would come no more often, so the quality goes back up."""
     steps, link = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6, round_trip_s=0.2)
@@ -115,20 +104,6 @@ def test_a_rate_that_bytes_limit_steps_down():
     drive(sharp, link, 0, 40)
     assert sharp.level.quality >= 70
     assert sharp.level.rate < 1
-
-
-def test_the_way_up_comes_later_each_time_it_led_down():
-    steps, now_s, ups = Steps(LEVELS, LATENCY_S, 0), 0.0, []
-    for _ in range(6000):
-        now_s += 1 / FPS
-        before = steps.level
-        steps.on_taken(now_s, 0.1 if steps.level.quality <= 50 else 0.35)
-        if steps.level.quality > before.quality:
-            ups.append(now_s)
-    gaps = [after - before for before, after in itertools.pairwise(ups)]
-    assert gaps[0] < 10
-    assert max(gaps) >= MAX_UP_AFTER_S
-    assert all(after >= before * 0.9 for before, after in itertools.pairwise(gaps))
 
 
 @pytest.mark.parametrize(("low", "high", "at"), [(20, 40, 40), (20, 90, 60), (70, 90, 70)])

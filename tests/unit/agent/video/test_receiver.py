@@ -13,11 +13,10 @@ from frame_header import SIZE, unpacked
 from receiver_world import FIRST, World
 from robotether_agent.fields import FieldError
 from robotether_agent.video import receiver as receiver_module
-from robotether_agent.video.frame_messages import ClockSync, Credit, KeyFrameRequest, parse
+from robotether_agent.video.frame_messages import parse
 from robotether_agent.video.receiver import FrameRateLimiter
 from robotether_agent.video.sources import SourceRequest
 from robotether_common.codecs import H264
-from robotether_common.frames import StreamRequest
 
 
 def passed(limiter: FrameRateLimiter, times: list[float]) -> list[int]:
@@ -95,14 +94,6 @@ async def take_late(world: World, count: int) -> None:
         await world.have_taken(0.15)
 
 
-async def test_sharp_keeps_the_quality_and_lowers_the_rate(world):
-    world.socket.ask("stream_request", prefers="sharp", fps=30, latency_ms=100)
-    world.socket.ask("credit")
-    request = await world.until_open()
-    await take_late(world, 3)
-    assert (world.receiver._limiter.fps, list(world.open)) == (pytest.approx(20.1), [request])
-
-
 async def test_h264_of_the_robot_is_passed_on_untouched(world):
     """All frames come in order from a key frame on, at any rate; the source is not asked for another size."""
     world.socket.ask("stream_request", codecs=["h264"], fps=1)
@@ -165,18 +156,6 @@ async def test_the_status_comes_at_changes_and_seldom(world, monkeypatch):
     world.now_s += 1
     await eventually(lambda: len(world.socket.texts) == 2, lambda: str(world.socket.texts))
     assert world.socket.texts[1]["state"] == "live"
-
-
-def test_each_request_with_its_defaults():
-    assert parse('{"op": "stream_request"}') == StreamRequest(20, 80, 15, 300, None, None)
-    assert parse(
-        '{"op": "stream_request", "fps": 0.5, "width": 320, "height": 240, "new": 1}'
-    ) == StreamRequest(fps=0.5, width=320, height=240)
-    assert parse('{"op": "credit"}') == Credit(1, None)
-    assert parse('{"op": "credit", "frames": 99, "taken": 41}') == Credit(2, 41)
-    assert parse('{"op": "clock_sync", "t_ms": 81.2}') == ClockSync(81.2)
-    assert parse('{"op": "key_frame"}') == KeyFrameRequest()
-    assert parse('{"op": "of a newer side"}') is None
 
 
 def test_codecs_that_nobody_knows_are_skipped():

@@ -78,18 +78,6 @@ async def test_the_condition_follows_the_frames(shared_sources, source):
     assert shared.condition().state == "live"
 
 
-async def test_a_topic_that_gives_nothing_is_named(shared_sources, source):
-    source.kind = "web_video_server"
-    shared = shared_sources.follow(REQUEST, "a", lambda _: None)
-    await until_open(source)
-    source.now_s += 4
-    assert (
-        shared.condition().detail
-        == "no frames from /camera: the topic does not exist or nothing publishes it"
-    )
-    assert source.opened == 1
-
-
 async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
     monkeypatch.setattr(shared_sources_module, "MAX_PAUSE_S", 0.02)
     source.fault = KeyError("a defect")
