@@ -69,26 +69,6 @@ async def test_cancelled_at_any_moment_nothing_that_came_is_lost(attempts, turns
     assert attempts.dropped == ([] if won == "works" else came)
 
 
-async def test_what_came_together_with_a_cancellation_is_dropped(attempts):
-    async def attempt() -> str:
-        attempts.started.append("late")
-        current = asyncio.current_task()
-        assert current is not None
-        try:
-            await asyncio.Event().wait()
-        except asyncio.CancelledError:
-            current.cancel()
-        return "late"
-
-    racing = asyncio.ensure_future(
-        HappyEyeballs([attempt], pause=never, drop=attempts.dropped.append).winner()
-    )
-    await eventually(lambda: bool(attempts.started), lambda: "it has started")
-    racing.cancel()
-    await asyncio.wait({racing})
-    assert attempts.dropped == ["late"]
-
-
 async def test_a_busy_server_ends_the_attempts(attempts):
     """Its other ports are not asked: they lead to the same server."""
     ways = [attempts.that("busy", ServerBusyError("full")), attempts.that("second", "works")]

@@ -30,15 +30,6 @@ def test_the_password_is_in_no_text():
 
 
 @pytest.mark.parametrize(
-    ("host", "authority"), [("h.example", "h.example:443"), ("::1", "[::1]:443")]
-)
-def test_the_request(host, authority):
-    """The proxy gets the name as it is, since only it may know the name."""
-    expected = f"CONNECT {authority} HTTP/1.1\r\nHost: {authority}\r\n\r\n"
-    assert request(Proxy("p", 1), host, 443).decode() == expected
-
-
-@pytest.mark.parametrize(
     ("head", "kind", "words"),
     [
         (b"HTTP/1.1 200 Connection established\r\n\r\n", None, ""),
@@ -72,15 +63,16 @@ async def ask(url: str) -> None:
         await ask_for(connection, proxy, "127.0.0.1", 9)
 
 
-async def test_a_proxy_that_closes_the_connection():
-    async with FakeProxy("closes") as proxy:
-        with pytest.raises(ServerUnreachableError, match="closes the connection") as caught:
+@pytest.mark.parametrize(
+    ("mode", "kind", "words"),
+    [
+        ("closes", ServerUnreachableError, "closes the connection"),
+        ("silent", NoAnswerError, "does not answer"),
+    ],
+)
+async def test_a_proxy_without_an_answer_is_named(monkeypatch, mode, kind, words):
+    monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
+    async with FakeProxy(mode) as proxy:
+        with pytest.raises(kind, match=words) as caught:
             await ask(proxy.url)
         assert f"the HTTP proxy 127.0.0.1 port {proxy.port}" in str(caught.value)
-
-
-async def test_a_silent_proxy(monkeypatch):
-    monkeypatch.setattr("robotether_agent.net.http_proxy.TIMEOUT_S", 0.1)
-    async with FakeProxy("silent") as proxy:
-        with pytest.raises(NoAnswerError, match="does not answer"):
-            await ask(proxy.url)

@@ -196,16 +196,6 @@ async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(quiet_network,
         assert busy.connections == 1
 
 
-async def test_a_silent_cell_that_speaks_at_last_wins(quiet_network, monkeypatch):
-    monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.1)
-    monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (0.2, 0.2))
-    async with SshPort("late") as late, SshPort("silent") as other, asyncio.timeout(WAIT_S):
-        finding = asyncio.ensure_future(ServerDialer().find(cells(late.port, other.port)))
-        await eventually(lambda: other.connections == 1, lambda: "the next is tried")
-        late.may_speak.set()
-        assert await finding == at(late.port)
-
-
 async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.0)
     monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
@@ -218,31 +208,6 @@ async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
         ssh_port.may_speak.set()
         assert await words(await dialer.open(await finding)) == BANNER
         assert ssh_port.connections == 1
-
-
-async def test_a_busy_server_that_ends_its_connection_is_not_waited_for(monkeypatch):
-    monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.2)
-    monkeypatch.setattr(server_dialer, "SPEAK_AFTER_S", 0.1)
-    monkeypatch.setattr(server_dialer, "BANNER_TIMEOUT_S", 0.3)
-    async with SshPort("silent") as ssh_port:
-        with pytest.raises(NoAnswerError, match="it accepts the connection but stays silent"):
-            await asyncio.wait_for(ServerDialer().find([at(ssh_port.port)]), 5)
-
-
-async def test_a_connection_in_hand_that_ended_is_not_used():
-    dialer = ServerDialer()
-    async with SshPort() as ssh_port:
-        target = await dialer.find([at(ssh_port.port)])
-    with pytest.raises(ServerUnreachableError):
-        await dialer.open(target)
-
-
-async def test_nothing_is_kept_for_long(monkeypatch):
-    monkeypatch.setattr(server_dialer, "SPARE_S", 0.05)
-    async with SshPort() as ssh_port:
-        dialer = ServerDialer()
-        await dialer.find([at(ssh_port.port)])
-        await eventually(lambda: not dialer._spares, lambda: "it is let go", 5)
 
 
 async def test_a_proxy_that_lets_only_443_out():

@@ -7,7 +7,6 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from unittest.mock import Mock
 
 import pytest
 from local_network import free_port
@@ -18,7 +17,6 @@ from robotether_agent.net.tcp import (
     interleaved,
     is_established,
     is_stuck,
-    peek,
     prepare,
 )
 from robotether_agent.problems import NoAnswerError, ServerUnreachableError
@@ -36,12 +34,6 @@ def test_a_dead_path_is_given_up_in_seconds(connection):
     prepare(connection)
     assert option(connection, socket.TCP_NODELAY)
     assert option(connection, tcp.TCP_USER_TIMEOUT) == tcp.USER_TIMEOUT_MS
-
-
-def test_what_is_not_allowed_is_left_out(connection):
-    """A kernel without BBR serves as well."""
-    tcp._set(connection, tcp.TCP_CONGESTION, b"no such thing")
-    tcp._set(connection, 9999, 1)
 
 
 def test_a_live_path_is_not_stuck(connection):
@@ -113,17 +105,6 @@ async def test_questions_that_hang_do_not_pile_up(names, monkeypatch):
         assert names.asked == 1 + tcp.THREADS
 
 
-async def test_a_machine_without_room_for_a_thread(names, monkeypatch):
-    known = Resolver(names)
-    await known.addresses("h", 22)
-    with monkeypatch.context() as full:
-        full.setattr("threading.Thread.start", Mock(side_effect=RuntimeError("can't start")))
-        for _ in range(2 * tcp.THREADS):
-            assert await known.addresses("h", 22) == FOUR
-    names.answer = SIX
-    assert await known.addresses("h", 22) == SIX
-
-
 async def test_a_name_service_that_never_answered(names, monkeypatch):
     monkeypatch.setattr(tcp, "RESOLVE_TIMEOUT_S", 0.05)
     with names.hanging(), pytest.raises(OSError, match="no answer from the name service"):
@@ -156,19 +137,3 @@ async def test_an_unknown_name_is_no_answer():
 
     with pytest.raises(NoAnswerError, match=r"cannot reach it: .*not known"):
         await connect("h", 22, Resolver(unknown), "it")
-
-
-async def test_a_look_waits_for_enough(pair):
-    ours, theirs = pair
-    theirs.send(b"SS")
-    looking = asyncio.ensure_future(peek(ours, lambda seen: len(seen) >= 4, 64))
-    with pytest.raises(asyncio.TimeoutError):
-        await asyncio.wait_for(asyncio.shield(looking), 0.1)
-    theirs.send(b"H-")
-    assert await asyncio.wait_for(looking, 5) == b"SSH-"
-
-
-async def test_a_look_is_bounded(pair):
-    ours, theirs = pair
-    theirs.send(b"x" * 1000)
-    assert len(await asyncio.wait_for(peek(ours, lambda _: False, 100), 5)) == 100

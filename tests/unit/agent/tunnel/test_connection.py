@@ -205,23 +205,6 @@ async def test_the_guard_learns_of_a_lost_session_before_the_client_ends(cloud, 
     await eventually(lambda: guard.on_session_lost.called, lambda: "the guard was told")
 
 
-async def test_the_session_asks_for_checks_with_a_pause(cloud, robot, monkeypatch):
-    """Nothing is asked before a forward stands; however much changes then, the server is not pressed."""
-    monkeypatch.setattr("robotether_agent.tunnel.connection.CHECK_PAUSE_S", 0.6)
-    recheck = asyncio.Event()
-    robot.connect(robot.trust(cloud.ssh), Up(), no_services(), recheck)
-    link = await cloud.link("session")
-    await eventually(lambda: len(link.of_type("ping")) > 2, lambda: f"pings in {link.received}")
-    assert link.of_type("check") == []
-    recheck.set()
-    await eventually(lambda: len(link.of_type("check")) == 1, lambda: f"{link.received}")
-    recheck.set()
-    pings = len(link.of_type("ping"))
-    await eventually(lambda: len(link.of_type("check")) == 2, lambda: f"{link.received}")
-    # Between the two lay most of the pause, in which the session pings every 0.2 s.
-    assert len(link.of_type("ping")) - pings >= 2
-
-
 @pytest.mark.parametrize("idle_heartbeat_s", [None, 0.3])
 async def test_a_robot_that_nobody_uses_asks_for_checks_seldom(
     cloud, robot, monkeypatch, idle_heartbeat_s

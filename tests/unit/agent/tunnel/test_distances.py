@@ -13,7 +13,7 @@ from robotether_agent.fields import ListedCell
 from robotether_agent.net.http_proxy import proxy_of
 from robotether_agent.net.server_dialer import ServerDialer
 from robotether_agent.tunnel import distances as module
-from robotether_agent.tunnel.distances import Distances, is_clearly_less
+from robotether_agent.tunnel.distances import Distances
 from tcp_service import TcpService
 
 HOST = "127.0.0.1"
@@ -76,26 +76,6 @@ async def test_robot_is_at_its_nearest_cell_within_one_move(cells, spawn, begin,
         asking.cancel()
     assert places == [cells[begin]] + ([] if begin == nearest else [cells[nearest]])
     assert distances.by_distance(cells)[0] == cells[nearest]
-
-
-async def test_round_trips_of_connections_are_measured(cells):
-    gone = ListedCell(HOST, (1,))
-    distances = Distances(ServerDialer())
-    await distances.measure([*cells, gone])
-    rtts_s = distances._rtts_s
-    assert rtts_s.keys() == set(cells)
-    assert all(0 < rtt_s < 1 for rtt_s in rtts_s.values())
-    before = dict(rtts_s)
-    await distances.measure([*cells, gone])
-    assert rtts_s == before
-
-
-@pytest.mark.parametrize(
-    ("rtt_ms", "other_ms", "is_clear"),
-    [(1, 20, False), (1, 21, True), (100, 121, False), (100, 126, True), (5, 5, False)],
-)
-def test_clear_gain_is_of_both_time_and_share(rtt_ms, other_ms, is_clear):
-    assert is_clearly_less(rtt_ms / 1000, other_ms / 1000) is is_clear
 
 
 def test_server_decides_among_cells_about_equally_near():

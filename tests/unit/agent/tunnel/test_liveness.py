@@ -13,7 +13,7 @@ import pytest
 from fake_cloud import eventually
 from robotether_agent.fields import ListedCell
 from robotether_agent.net import netlink
-from robotether_agent.net.server_dialer import SETTLED_AFTER_S, SshAddress
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import NetworkChangedError, NoAnswerError, Retry, ServerSilentError
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.liveness import (
@@ -54,15 +54,6 @@ def test_an_address_that_ipv6_renews(monkeypatch, now, path):
     monkeypatch.setattr(liveness, "_source_towards", lambda *_: now)
     both = ("2001:db8::a", 1, 0, 0), ("2001:db8:9::1", 2222, 0, 0)
     assert path_of(ends(*both, socket.AF_INET6)) is path
-
-
-def test_no_route():
-    assert path_of(ends(("127.0.0.1", 1), ("255.255.255.255", 2))) is Path.SAME
-
-
-def test_a_connection_that_has_ended():
-    with socket.socket() as never_connected:
-        assert path_of(never_connected) is Path.SAME
 
 
 @pytest.mark.parametrize(
@@ -168,17 +159,6 @@ async def test_a_silent_cell_may_be_answered_for_by_another(watched):
     assert abs(dialer.unreached_s - 1.7) < 1e-6
 
 
-async def test_a_robot_that_nobody_uses_waits_for_its_slower_heartbeats(watched):
-    """Behind a proxy, which acknowledges for the server, silence alone counts."""
-    session, dialer, task = watched
-    session.idle_delay_s = 1.5
-    session.silent_s = 2.0
-    await asyncio.wait({task}, timeout=0.2)
-    assert dialer.asked == 0
-    session.idle_delay_s = 0.0
-    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
-
-
 async def test_a_session_that_speaks_again_is_kept(watched):
     session, dialer, task = watched
     session.silent_s = 2.0
@@ -197,13 +177,6 @@ async def test_without_any_answer_it_ends_after_some_seconds(watched):
     session.silent_s = liveness.HOPELESS_AFTER_S
     with pytest.raises(ServerSilentError):
         await asyncio.wait_for(task, 5)
-
-
-async def test_an_attempt_that_fails_is_made_again_while_silence_lasts(watched):
-    session, dialer, _ = watched
-    dialer.fails = True
-    session.silent_s = 2.0
-    await eventually(lambda: dialer.asked >= 3, lambda: f"{dialer}")
 
 
 @pytest.mark.parametrize("idle_delay_s", [0.0, 1.5])
@@ -237,19 +210,6 @@ async def test_a_change_of_the_network_is_looked_at_at_once(network, watched, mo
     network._event.set()
     with pytest.raises(NetworkChangedError):
         await asyncio.wait_for(task, 5)
-
-
-async def test_a_change_during_an_attempt_has_another_follow(network, watched, monkeypatch):
-    """The first may have gone the way that was there before."""
-    _, dialer, _ = watched
-    monkeypatch.setattr(liveness, "path_of", lambda _: Path.MOVED)
-    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
-    network._event.set()
-    await eventually(lambda: not network._event.is_set(), lambda: "the change was seen")
-    await asyncio.sleep(2 * SETTLED_AFTER_S)
-    dialer.fails = True
-    dialer.answers.set()
-    await eventually(lambda: dialer.asked == 2, lambda: f"{dialer}")
 
 
 async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,8 +16,6 @@ from robotether_agent.tunnel.openssh import (
     control_command,
     host_key_command,
     target_of,
-    why_ended,
-    why_no_forward,
     why_not_connected,
 )
 
@@ -48,15 +45,6 @@ def test_ssh_understands_the_options_as_meant():
     assert options["controlpath"] == "/r/session.ctl"
     assert options["serveraliveinterval"] == "5"
     assert options["updatehostkeys"] in {"false", "no"}
-
-
-def test_two_keys_are_shown_in_their_order():
-    files = replace(FILES, keys=(Path("/s/old"), Path("/s/new")))
-    command = connect_command(SshAddress("h", 22, "tunnel"), files, "session")
-    assert [word for word in command if word.startswith("IdentityFile")] == [
-        "IdentityFile=/s/old",
-        "IdentityFile=/s/new",
-    ]
 
 
 @pytest.mark.parametrize(
@@ -97,11 +85,6 @@ def test_forwards_listen_on_all_addresses(url, spec):
     assert forward.spec == spec
     command = control_command(Path("/r/x.ctl"), "forward", forward)
     assert command[-4:] == ["-R", spec, "--", "robotether-server"]
-
-
-def test_a_url_without_a_port_is_refused():
-    with pytest.raises(ValueError, match="no host and port"):
-        target_of("ws://127.0.0.1")
 
 
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
@@ -152,25 +135,3 @@ def test_a_damaged_key_is_no_matter_of_its_mode(why):
     assert "/s/id_ed25519" in problem.message
     assert "remove it" in problem.advice
     assert "chmod" not in problem.advice
-
-
-def test_a_client_that_was_connected():
-    words = ["Timeout, server robots.example.com not responding."]
-    problem = why_ended(words, 255, TARGET)
-    assert problem.code == "link_lost"
-    assert "not responding" in problem.message
-    assert "ssh was killed" in why_ended([], -9, TARGET).message
-    assert "gave no reason" in why_ended([], 255, TARGET).message
-    assert "the server ended the session" in why_ended([], 0, TARGET).message
-
-
-def test_a_forward_that_was_refused():
-    forward = Forward(20000, "127.0.0.1", 9090)
-    words = [
-        "mux_client_forward: forwarding request failed: remote port forwarding failed for listen port 20000"
-    ]
-    problem = why_no_forward(words, forward, "forward")
-    assert problem.code == "port_taken"
-    assert "port 20000" in problem.message
-    other = why_no_forward(["Control socket connect(/x): Connection refused"], forward, "forward")
-    assert other.code == "forward_failed"

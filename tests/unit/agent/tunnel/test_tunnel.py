@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import os
-import signal
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
-from typing import NoReturn
 
 import pytest
 from fake_cloud import eventually
@@ -18,9 +15,9 @@ from openssh_server import command_line, descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import LinkLostError, SshMissingError
+from robotether_agent.problems import SshMissingError
 from robotether_agent.tunnel.openssh import Forward, SshFiles
-from robotether_agent.tunnel.tunnel import Tunnel, _run, _signal
+from robotether_agent.tunnel.tunnel import Tunnel
 
 # The differentiated services code point, of which TOS has the upper six bits.
 AF21 = 18
@@ -58,16 +55,6 @@ async def test_a_client_that_an_agent_left_is_ended(dialer):
     _, target, files = dialer
     async with opened(target, files) as left, opened(target, files):
         assert (await left.why_ended(was_connected=True)).code == "link_lost"
-
-
-async def test_notice_of_the_log_in_does_not_explain_the_end(dialer):
-    """A client that ends without a message is not explained by what the server printed before."""
-    _, target, files = dialer
-    async with opened(target, files) as tunnel:
-        tunnel.on_connected()
-        [client] = clients()
-        os.kill(client, signal.SIGKILL)
-        assert "ssh was killed" in (await tunnel.why_ended(was_connected=True)).message
 
 
 @pytest.fixture
@@ -111,28 +98,6 @@ async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
         with pytest.raises(SshMissingError, match="openssh-client"):
             await Tunnel.open(target, files, "session")
     await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
-
-
-async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch):
-    """A robot whose memory is full keeps the connections that it has, and tries this one again."""
-    _, target, files = dialer
-
-    async def fail(*_: object, **__: object) -> NoReturn:
-        raise OSError(errno.ENOMEM, os.strerror(errno.ENOMEM))
-
-    monkeypatch.setattr(asyncio, "create_subprocess_exec", fail)
-    with pytest.raises(LinkLostError, match="Cannot allocate memory"):
-        await Tunnel.open(target, files, "media")
-
-
-async def test_a_command_that_hangs_is_ended():
-    assert await _run(["sleep", "60"], 0.05) == (None, [])
-
-
-async def test_a_client_that_has_ended_is_no_harm():
-    ended = await asyncio.create_subprocess_exec("true")
-    await ended.wait()
-    _signal(ended, signal.SIGTERM)
 
 
 def clients() -> list[int]:
