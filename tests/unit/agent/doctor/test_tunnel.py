@@ -73,18 +73,6 @@ async def test_a_path_that_loses_large_packets(settings, cloud, monkeypatch):
     assert "MTU" in found.advice
 
 
-async def test_each_cell_is_checked(cloud, place):
-    gone = {"host": "127.0.0.1", "ports": [cloud.other_ports[0]]}
-    cloud.cells = [gone, cloud.cell]
-    settings = load(None, agent_environ(cloud, place))
-    await Enroller(settings).enrolment()
-    found = await tunnel.check_ssh(settings, None, ())
-    assert [(item.state, item.step) for item in found] == [
-        (SKIPPED, f"ssh {cloud.other_ports[0]}"),
-        (OK, f"ssh {cloud.ssh.port}"),
-    ]
-
-
 async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
     fresh = replace(settings, state_dir=place / "fresh")
     access = SshAccess("tunnel", None, (cloud.ssh.port,))
@@ -93,12 +81,6 @@ async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
     assert "no host key is pinned" in found.detail
     (unknown,) = await tunnel.check_ssh(fresh, None, ())
     assert "has not said at which ports" in unknown.detail
-
-
-async def test_without_ssh(settings, place, monkeypatch):
-    monkeypatch.setenv("PATH", str(place))
-    (found,) = await tunnel.check_ssh(settings, None, ())
-    assert (found.state, "openssh-client" in found.advice) == (FAIL, True)
 
 
 READY = replace(UP, guard="ready")

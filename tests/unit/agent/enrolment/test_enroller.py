@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import errno
 import json
 import resource
 import threading
@@ -52,10 +51,6 @@ def full_disk() -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-def read_only(*_: object, **__: object) -> NoReturn:
-    raise OSError(errno.EROFS, "Read-only file system")
 
 
 @pytest.fixture
@@ -121,21 +116,6 @@ async def test_the_newest_list_of_cells_is_kept(cloud, settings):
     assert (await enroller.enrolment()).ssh.cells == ()
 
 
-async def test_a_disk_that_takes_no_list_costs_nothing_but_the_file(
-    cloud, settings, monkeypatch, caplog
-):
-    """The list counts until the agent's end, and the kept file is whole."""
-    enroller = Enroller(settings)
-    await enroller.enrolment()
-    newest = (ListedCell("b.example", (2222,)),)
-    with monkeypatch.context() as broken:
-        broken.setattr("robotether_agent.files.tempfile.mkstemp", read_only)
-        enroller.keep_cells(newest)
-    assert "state_unusable" in caplog.text
-    assert (await enroller.enrolment()).ssh.cells == newest
-    assert (await Enroller(settings).enrolment()).ssh.cells == ()
-
-
 async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     enroller = await enrol(settings)
     await enroller.key()
@@ -146,18 +126,6 @@ async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     assert (await Enroller(settings).enrolment()).robot == "turtle"
     await enroller.enrolment()
     assert len(cloud.joins) == 3
-
-
-async def test_the_address_is_doubted_once_a_minute(cloud, settings, monkeypatch):
-    enroller = Enroller(settings)
-    await enroller.enrolment()
-    enroller.doubt_address()
-    await enroller.enrolment()
-    assert len(cloud.joins) == 1
-    monkeypatch.setattr("robotether_agent.enrolment.enroller.ASK_ADDRESS_EVERY_S", 0.0)
-    enroller.doubt_address()
-    await enroller.enrolment()
-    assert len(cloud.joins) == 2
 
 
 async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, settings, monkeypatch):
@@ -176,16 +144,6 @@ async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, setting
     joins = len(cloud.joins)
     assert await enroller.enrolment() == known
     assert len(cloud.joins) == joins
-
-
-async def test_a_refresh_only_tells_what_goes_wrong(cloud, settings):
-    enroller = Enroller(settings)
-    known = await enroller.enrolment()
-    cloud.answer = renamed(cloud)
-    await enroller.refresh()
-    assert (await enroller.enrolment()).robot != known.robot
-    await cloud.stop_web()
-    await enroller.refresh()
 
 
 async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
@@ -244,12 +202,6 @@ async def test_another_server_in_the_settings_is_joined_and_pinned(cloud, settin
     assert (await enroller.enrolment()).server == moved.server
     assert f"another server now, {moved.server}" in caplog.text
     assert pins(enroller.known_hosts) == {cloud.ssh.host_keys[0].split()[1]}
-
-
-async def test_a_request_for_a_name_goes_with_a_token_only(cloud, settings):
-    await Enroller(replace(settings, name="turtle")).join()
-    await Enroller(replace(settings, name="turtle", token="rj_x")).join()
-    assert [said.get("name") for said in cloud.joins] == [None, "turtle"]
 
 
 @pytest.fixture
@@ -330,19 +282,6 @@ async def test_a_disk_that_takes_no_new_key_keeps_the_old_one(cloud, settings):
     assert await enroller.key() == old
 
 
-async def test_a_disk_that_became_read_only_keeps_both_keys(cloud, settings, monkeypatch, caplog):
-    enroller = await enrol(settings)
-    await ensure_next_key(settings.state_dir)
-    with monkeypatch.context() as patch:
-        patch.setattr("pathlib.Path.replace", read_only)
-        await enroller.join()
-    assert "so both are kept: the disk is read-only" in caplog.text
-    coming = await enroller.next_key()
-    assert coming is not None
-    await enroller.join()
-    assert (await enroller.key()).public == coming.public
-
-
 def rejected() -> web.Response:
     refusal = {"code": "key_rejected", "detail": "this key was rejected"}
     return web.json_response(refusal, status=403)
@@ -354,14 +293,6 @@ async def test_a_key_that_an_admin_rejected_is_given_up(cloud, settings):
     with pytest.raises(JoinRefusedError, match="rejected"):
         await enroller.rotate()
     assert await enroller.next_key() is None
-    assert (await enroller.enrolment()).robot == "sim1"
-
-
-async def test_a_rejected_key_on_a_read_only_disk_keeps_no_robot_out(cloud, settings, monkeypatch):
-    enroller = await enrol(settings)
-    await ensure_next_key(settings.state_dir)
-    cloud.refuses_rotation = rejected
-    monkeypatch.setattr("pathlib.Path.unlink", read_only)
     assert (await enroller.enrolment()).robot == "sim1"
 
 

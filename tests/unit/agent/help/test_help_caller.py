@@ -120,50 +120,6 @@ async def test_position_is_sent_while_somebody_uses_the_robot(start, monkeypatch
         task.cancel()
 
 
-async def test_robot_without_rules_is_left_alone(start):
-    async with TopicRosbridge(ALL) as robot:
-        world = start(robot.url, HelpConfig())
-        world.stopped, world.battery = True, Battery(5, charging=False)
-        await asyncio.sleep(0.3)
-        assert (robot.got, world.sent) == ([], [])
-
-
-class Clock:
-    """Shows the time that a test sets, and counts who looks."""
-
-    def __init__(self) -> None:
-        self.now_s = 0.0
-        self._looks = 0
-
-    def __call__(self) -> float:
-        self._looks += 1
-        return self.now_s
-
-    async def is_seen(self) -> None:
-        """Wait until what was begun before has surely looked since."""
-        enough = self._looks + 3
-        await eventually(lambda: self._looks >= enough, lambda: f"{self._looks} looks at the clock")
-
-
-async def test_rosbridge_that_is_down_is_no_silent_navigation(start, monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(caller_module, "_now_s", clock)
-    config = HelpConfig(navigation_topic="/plan", navigation_silent_s=1.0)
-    async with TopicRosbridge(ALL) as robot:
-        world = start(robot.url, config)
-        await robot.subscription("/plan")
-        await clock.is_seen()
-        await robot.stop()
-        await clock.is_seen()
-        clock.now_s = 1.2
-        await robot.start()
-        await robot.subscription("/plan", 2)
-        await clock.is_seen()
-        assert world.sent == []
-        clock.now_s = 2.3
-        await world.has_sent("navigation")
-
-
 async def test_flood_is_one_call_at_a_time_and_the_newest(start, monkeypatch):
     monkeypatch.setattr(caller_module, "SEND_EVERY_S", 1.0)
     async with TopicRosbridge(ALL) as robot:
@@ -190,13 +146,3 @@ async def test_call_waits_for_a_server_that_reads_it(start):
         world.new_session()
         await asyncio.sleep(0.2)
         await world.has_sent("stop", "stop")
-
-
-async def test_other_settings_begin_anew(start):
-    async with TopicRosbridge(ALL) as robot:
-        world = start(robot.url, HelpConfig(battery_below=20))
-        world.battery = Battery(30, charging=False)
-        await asyncio.sleep(0.2)
-        assert world.sent == []
-        world.caller.use(HelpConfig(battery_below=40))
-        await world.has_sent("battery")

@@ -106,15 +106,6 @@ def test_battery_that_is_charged_asks_for_nobody():
     assert rules.on_battery(battery(5), 2) == HelpCall("battery", "battery at 5 %")
 
 
-def test_component_fails_until_it_says_otherwise():
-    rules = HelpRules(CONFIG)
-    assert rules.on_diagnostics(diagnostics(motor=2), 0) == HelpCall(
-        "diagnostics", "error: motor: hot"
-    )
-    assert rules.on_diagnostics(diagnostics(lamp=0), 100) is None
-    assert rules.on_diagnostics(diagnostics(motor=2), 200) is None
-
-
 def test_component_fails_however_many_there_were_before_it():
     rules = HelpRules(CONFIG)
     for number in range(MAX_COMPONENTS):
@@ -212,7 +203,3 @@ def test_no_message_breaks_a_rule(value):
 def test_settings_that_cannot_be_meant_are_named(members):
     with pytest.raises(FieldError, match="|".join((*members, "x", "y"))):
         help_config(members)
-
-
-def test_server_that_names_nothing_turns_all_off():
-    assert help_config({}) == HelpConfig()
