@@ -12,7 +12,7 @@ from collections.abc import Iterator
 import aiohttp
 import pytest
 from fake_proxy import FakeProxy
-from robotether_agent.describe_error import BY_ERRNO, UNKNOWN, cause_of, describe_error
+from robotether_agent.describe_error import UNKNOWN, cause_of, describe_error
 
 # What no person can use: a class, an object, an address in memory.
 FOREIGN = re.compile(r"0x[0-9a-f]|<|\bobject at\b|\w(?:Error|Exception)\b|\.py\b|_ssl|\w\(['\"]")
@@ -115,10 +115,3 @@ async def test_proxys_password_is_not_told():
         with pytest.raises(aiohttp.ClientHttpProxyError) as refused:
             await http.get("https://robots.example/", proxy=url)
     assert describe_error(refused.value, 4) == "the HTTP proxy answers 403 Forbidden"
-
-
-def test_faults_that_are_not_the_servers_come_with_their_advice():
-    for number in (errno.ENETUNREACH, errno.EHOSTUNREACH, errno.EMFILE, errno.ENOMEM, errno.EPERM):
-        advice = cause_of(OSError(number, NASTY), 4).advice
-        assert advice == BY_ERRNO[number].advice != ""
-    assert "name service" in cause_of(socket.gaierror(socket.EAI_AGAIN, NASTY), 4).advice

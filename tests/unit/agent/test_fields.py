@@ -12,23 +12,13 @@ from robotether_agent.fields import FieldError
 @pytest.mark.parametrize(
     ("get", "why"),
     [
-        (lambda: fields.parse_object(b"[1]", "the line"), "the line must be a JSON object"),
         (lambda: fields.parse_object(b"\xff\x00", "the line"), "the line is not JSON"),
         (lambda: fields.parse_object(b"[" * 60000, "the line"), "the line is not JSON"),
-        (lambda: fields.get_object({"ssh": 1}, "ssh"), "ssh must be a JSON object"),
-        (lambda: fields.get_text({}, "detail"), "field detail is missing"),
         (lambda: fields.get_text({"detail": 7}, "detail"), "field detail must be text, not 7"),
         (lambda: fields.get_int({"seq": True}, "seq", 0, 9), "field seq must be a whole number"),
-        (lambda: fields.get_int({"seq": 10}, "seq", 0, 9), "from 0 to 9, not 10"),
-        (lambda: fields.get_number({"t": "7"}, "t", 0, 9), "field t must be a number"),
         (lambda: fields.get_number({"t": float("nan")}, "t", 0, 9), "from 0 to 9, not nan"),
         (lambda: fields.get_number({"t": 10**400}, "t", 0, 9), "from 0 to 9, not 1000"),
-        (lambda: fields.get_number({"t": 9.5}, "t", 0, 9), "field t must be from 0 to 9"),
-        (lambda: fields.get_flag({"on": 1}, "on", default=False), "on must be true or false"),
-        (lambda: fields.get_optional_port({"p": 0}, "p"), "field p must be a whole number"),
-        (lambda: fields.get_texts({"keys": []}, "keys"), "field keys must be a list of 1 to 8"),
         (lambda: fields.get_texts({"keys": ["a", 1]}, "keys"), r"field keys\[1\] must be text"),
-        (lambda: fields.get_ports({"ports": [22, 0]}, "ports"), r"field ports\[1\] must be"),
         (lambda: fields.get_cells({"cells": {}}, "cells"), "cells must be a list of cells, not"),
         (lambda: fields.get_cells({"cells": ["a"]}, "cells"), r"cells\[0\] must be a JSON object"),
         (

@@ -67,34 +67,6 @@ async def test_goes_down_and_comes_back(watch, services):
     await until(health, lambda report: report.ros == report.video == "ok")
 
 
-async def test_video_server_is_asked_by_http_seldom_and_missed_at_once(
-    watch, services, monkeypatch
-):
-    """ROS logs each request, and a closed port shows without one."""
-    monkeypatch.setattr(health_module, "SELDOM", 10_000)
-    health = watch("ws://127.0.0.1:9", services.http_url)
-    await until(health, lambda report: report.video == "ok")
-    probes = count_probes(monkeypatch)
-    await eventually(lambda: len(probes) > 3, lambda: f"{len(probes)} probes")
-    assert services.pages == 1
-    await services.stop()
-    await until(health, lambda report: report.video == "down")
-    await services.start_again()
-    await until(health, lambda report: report.video == "ok")
-
-
-def count_probes(monkeypatch) -> list[str]:
-    probes: list[str] = []
-    is_open = health_module._is_open
-
-    async def noting(url: str) -> bool:
-        probes.append(url)
-        return await is_open(url)
-
-    monkeypatch.setattr(health_module, "_is_open", noting)
-    return probes
-
-
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
 

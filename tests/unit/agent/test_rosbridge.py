@@ -35,17 +35,6 @@ async def test_messages_of_a_subscription(caplog):
             await asyncio.wait_for(rosbridge.message(), 5)
 
 
-async def test_too_large_a_message_ends_the_connection():
-    async with (
-        TopicRosbridge({}) as robot,
-        connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
-    ):
-        await rosbridge.subscribe("/a", "std_msgs/String", throttle_ms=0)
-        await robot.publish("/a", {"data": "x" * BYTES_MAX})
-        with pytest.raises(ConnectionError):
-            await asyncio.wait_for(rosbridge.message(), 5)
-
-
 def test_of_a_broken_answer_the_topics_count_that_are_as_they_should_be():
     assert topics_in({"topics": [], "types": []}) == {}
     mixed = {"topics": ["/a", 5, "/c"], "types": ["a/A", "b/B", None]}

@@ -171,16 +171,11 @@ def test_run_dir_keeps_room_for_the_control_sockets():
         PARSERS["run_dir"](longest + "x")
 
 
-def test_wrong_value_in_the_file_names_file_and_key(tmp_path):
-    file = written(tmp_path, 'server = "a.example"\nssh_ports = "no"\n')
-    with pytest.raises(SettingsInvalidError, match=f"{file}: ssh_ports = 'no': allowed is"):
-        load(file, {})
-
-
 @pytest.mark.parametrize(
     ("text", "environ", "why"),
     [
         ("sever = 1", {}, "the key 'sever' in .* is not known"),
+        ('server = "a"\nssh_ports = "no"', {}, r"agent\.toml: ssh_ports = 'no': allowed is"),
         ("server =", {}, "cannot read the settings"),
         ('server = "a"\ntoken = "x"', {"ROBOTETHER_TOKEN_FILE": "/x"}, "cannot use both"),
         ('server = "a"\nmac = "02:42:ac:11:00:02"', {}, "allow_local_mac"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from robotether_agent.exposure import PAST_GUARD
-from robotether_agent.problems import KeyRefusedError, LinkLostError
+from robotether_agent.problems import KeyRefusedError
 from robotether_agent.status import (
     STALE_S,
     Status,
@@ -42,17 +42,6 @@ UP = Status(
 @pytest.mark.parametrize(
     ("changes", "lines"),
     [
-        (
-            {"interface": ""},
-            ["mac           00:1b:44:11:3a:b7 (no interface of this machine has it now)"],
-        ),
-        (
-            {"shell_tunnel": "open", "end_to_end_shell": "ok"},
-            ["end to end    rosbridge unknown, video down, shell ok"],
-        ),
-        ({"new_key": "it is disabled [x]"}, ["new key       it is disabled [x]"]),
-        ({"fingerprint": ""}, ["key           (none yet)"]),
-        ({"encoder": "libx264"}, ["encoder       libx264"]),
         # The installer and the playbook print this line.
         (
             {"ros_exposed": "192.0.2.1", "ros_exposed_advice": "close it"},
@@ -110,17 +99,6 @@ def test_a_problem_that_is_over(place):
     assert headline(writer.status) == "stopped"
 
 
-def test_a_new_problem_is_not_over(place):
-    writer = StatusWriter(place, "a.example", on_state=lambda _: None, clock=lambda: NOW)
-    writer.report_problem(KeyRefusedError("cannot log in"), "waiting")
-    writer.set(state="connected", video_tunnel="open")
-    writer.report_problem(
-        LinkLostError("lost the video tunnel"), "connected", video_tunnel="closed"
-    )
-    assert has_problem(writer.status)
-    assert "problem       lost the video tunnel [link_lost]" in render(writer.status, NOW)
-
-
 def test_an_agent_that_no_longer_writes_is_not_running():
     assert is_alive(UP, NOW + STALE_S - 1)
     assert not is_alive(UP, NOW + STALE_S + 1)
@@ -142,10 +120,3 @@ def test_no_or_broken_file_is_no_status(place):
     assert read_status(place) is None
     (place / "status.json").write_text('{"state": 7}')
     assert read_status(place) is None
-
-
-def test_a_directory_that_is_gone_ends_nothing(place, caplog):
-    writer = StatusWriter(place / "none", "a.example", on_state=lambda _: None)
-    writer.refresh()
-    writer.refresh()
-    assert [record.levelname for record in caplog.records] == ["WARNING"]

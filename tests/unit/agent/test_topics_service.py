@@ -130,15 +130,6 @@ async def test_what_rosbridge_repeats_to_a_newcomer_is_named_up_to_the_first_tha
     assert (await relay.receive(timeout=5)).type is aiohttp.WSMsgType.CLOSE
 
 
-async def test_why_rosbridge_closes_is_passed_on(world):
-    relay = await world.open()
-    [socket] = world.rosbridge._sockets
-    closing = asyncio.create_task(socket.close(message=b"too slow"))
-    message = await relay.receive(timeout=5)
-    assert (message.type, message.extra) == (aiohttp.WSMsgType.CLOSE, "too slow")
-    await closing
-
-
 async def test_a_message_over_the_limit_ends_its_topic_and_the_limit_is_said(world, monkeypatch):
     monkeypatch.setattr(rosbridge_socket, "FROM_ROBOT_BYTES", 1024 * 1024)
     relay = await world.open()

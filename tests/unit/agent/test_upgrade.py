@@ -16,7 +16,6 @@ from robotether_agent.files import only_one, write_atomic
 from robotether_agent.problems import AlreadyRunningError, StateUnusableError, UpgradeFailedError
 from robotether_agent.status import FILE, Status, read_status
 from robotether_agent.upgrade import (
-    BOOT,
     COMMAND,
     NEW_UNIT,
     PENDING_NAME,
@@ -115,14 +114,6 @@ def test_only_a_whole_version_in_its_place_is_one(robot, name):
     robot.layout.check(version(robot.layout, "2"))
 
 
-def test_a_place_that_cannot_be_written_is_told(tmp_path):
-    (tmp_path / BOOT / PENDING_NAME).mkdir(parents=True)
-    with pytest.raises(StateUnusableError, match="cannot make"):
-        PendingUpgrade(tmp_path).note(WAS, TARGET, "connected", 60)
-    with pytest.raises(StateUnusableError, match="cannot remove"):
-        PendingUpgrade(tmp_path).clear()
-
-
 def test_a_folder_that_cannot_be_changed_is_told(robot, tmp_path):
     """Upgrade lacks sudo, the disk is read-only, or nothing is installed yet."""
     (robot.layout.base / ".current.new").mkdir()
@@ -205,13 +196,6 @@ def test_a_service_that_somebody_stopped_stays_stopped(robot):
     report = robot.switch(robot.add("2"))
     assert (report.result, robot.in_use) == ("done", "2")
     assert robot.calls == ["restart", "reload"]
-
-
-def test_the_version_in_use_is_left_alone(robot):
-    calls = list(robot.calls)
-    report = robot.switch(robot.layout.in_use())
-    assert report.result == "done"
-    assert robot.calls == calls
 
 
 def test_two_versions_are_kept(robot):
