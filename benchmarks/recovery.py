@@ -30,13 +30,16 @@ AIM_S = 2.0
 GIVE_UP_S = 30.0
 
 
+# Loses the robot, and returns the moment in which it had a network again.
+Make = Callable[[Subject], Awaitable[float]]
+
+
 @dataclass
 class Cut:
     """One way to lose a robot, and how long it took each time until it was drivable."""
 
     name: str
-    # Does it, and returns the moment in which the robot had a network again.
-    make: Callable[[Subject], Awaitable[float]]
+    make: Make
     took_s: list[float] = field(default_factory=list)
 
     @property
@@ -47,31 +50,17 @@ class Cut:
         return {"after": self.name, **quantiles(good, 0.5, 0.99, 1), "failures": failures}
 
 
-def network_of(subject: Subject) -> RoamingNetwork:
-    assert isinstance(subject.network, RoamingNetwork)
-    return subject.network
-
-
-def dropped_for(seconds: float) -> Callable[[Subject], Awaitable[float]]:
+def with_network(*steps: Callable[[RoamingNetwork], None], for_s: float = 0.0) -> Make:
+    """Do one thing with the robot's network, or one after the other with a time between."""
 
     async def make(subject: Subject) -> float:
-        await asyncio.to_thread(network_of(subject).cut)
-        await asyncio.sleep(seconds)
-        await asyncio.to_thread(network_of(subject).mend)
+        assert isinstance(subject.network, RoamingNetwork)
+        for number, step in enumerate(steps):
+            await asyncio.sleep(for_s * (number > 0))
+            await asyncio.to_thread(step, subject.network)
         return time.monotonic()
 
     return make
-
-
-async def readdressed(subject: Subject) -> float:
-    await asyncio.to_thread(network_of(subject).readdress)
-    return time.monotonic()
-
-
-async def roamed(subject: Subject) -> float:
-    """Move the robot to another network; the one before is gone."""
-    await asyncio.to_thread(network_of(subject).roam)
-    return time.monotonic()
 
 
 async def frozen(subject: Subject) -> float:
@@ -91,9 +80,16 @@ async def rebooted(subject: Subject) -> float:
 
 def cuts() -> list[Cut]:
     return [
-        *(Cut(f"packets dropped for {seconds} s", dropped_for(seconds)) for seconds in (3, 10, 20)),
-        Cut("another address", readdressed),
-        Cut("default route to another network", roamed),
+        *(
+            Cut(
+                f"packets dropped for {seconds} s",
+                with_network(RoamingNetwork.cut, RoamingNetwork.mend, for_s=seconds),
+            )
+            for seconds in (3, 10, 20)
+        ),
+        Cut("another address", with_network(RoamingNetwork.readdress)),
+        # The one before is gone.
+        Cut("default route to another network", with_network(RoamingNetwork.roam)),
         Cut("agent frozen for 10 s", frozen),
         Cut("agent killed and started, as by a reboot", rebooted),
     ]

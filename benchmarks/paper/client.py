@@ -88,18 +88,11 @@ class Client:
                 raise RefusedError(f"{path.rpartition('/')[2]}: {answer.status} {code}".strip())
             return dict(said)
 
-    async def ticket(self, robot: str, mode: str) -> dict[str, Any]:
-        return await self.ask("/tickets", {"robot": robot, "mode": mode})
-
     async def connect(
         self, robot: str, mode: str = "drive", path: str = "ros", *, straight: bool = False
     ) -> aiohttp.ClientWebSocketResponse:
         """Open a WebSocket with a fresh ticket: at this address, or straight at the cell that the ticket names."""
-        return await self.open(robot, path, await self.ticket(robot, mode), straight=straight)
-
-    async def open(
-        self, robot: str, path: str, ticket: Mapping[str, Any], *, straight: bool = False
-    ) -> aiohttp.ClientWebSocketResponse:
+        ticket = await self.ask("/tickets", {"robot": robot, "mode": mode})
         there = ticket.get("cell") if straight else None
         address = f"{there['host']}:{there['port']}" if there else self.address
         mark = "&" if "?" in path else "?"

@@ -17,7 +17,7 @@ from functools import partial
 
 from demo import ROOT
 
-from paper.cells.checker import check, find_crowds, find_ignored_stops, find_returns
+from paper.cells.checker import check, find_ignored_stops, find_returns
 from paper.cells.history import read
 from paper.cells.report import report
 from paper.cells.site import Site
@@ -83,7 +83,6 @@ def run_nemesis(size: Size, world: World) -> Values:
         "faults": dict(Counter(done)),
         "events": dict(events),
         "returns": [asdict(violation) for violation in find_returns(history, site.names)],
-        "crowds": find_crowds(history),
         "ignored_stops_s": [round(violation, 3) for violation in find_ignored_stops(history)],
         "seen": seen,
         "failed": [*failed, *seen["failed"], *unseen],

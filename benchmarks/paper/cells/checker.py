@@ -9,7 +9,6 @@ A rule yields a violation for each event that breaks it, with the robot, the tim
 from __future__ import annotations
 
 from bisect import bisect_left, bisect_right
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -419,22 +418,6 @@ def find_ignored_stops(history: Sequence[Event]) -> list[float]:
                 found += [moved_s] * (done is not None and moved_s > TOLERANCE_S)
                 done = None
     return found
-
-
-def find_crowds(history: Sequence[Event]) -> list[int]:
-    """How many robots were at one cell at most, and at the end."""
-    where: dict[str, str] = {}
-    most = last = 0
-    for event in history:
-        if event.kind == "session":
-            where[event.robot] = event.cell
-        elif event.kind == "session_lost":
-            where.pop(event.robot, None)
-        else:
-            continue
-        last = max(Counter(where.values()).values(), default=0)
-        most = max(most, last)
-    return [most, last]
 
 
 def find_returns(history: Sequence[Event], cells: Sequence[str]) -> list[Return]:

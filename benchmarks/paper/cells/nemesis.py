@@ -57,9 +57,6 @@ class Context:
         """What fills the disk of a process."""
         return self.robots[target.source].disk / "full"
 
-    def others(self, target: Target) -> list[Cell]:
-        return [item for item in self.site.cells if item.name != target.cell]
-
 
 Do = Callable[[Context, Target], None]
 
@@ -93,8 +90,14 @@ def _unpause(context: Context, target: Target) -> None:
     context.cell(target).wait_live()
 
 
-def _step_clock(context: Context, target: Target) -> None:
-    context.cell(target).step_clock(context.rng.uniform(-MOST_STEPPED_S, MOST_STEPPED_S))
+def _step_clock(most_s: float) -> Do:
+    return lambda context, target: context.cell(target).step_clock(
+        context.rng.uniform(-most_s, most_s)
+    )
+
+
+def _order(order: str) -> Do:
+    return lambda context, target: context.cell(target).order(order)
 
 
 def _robots_cut(*, to_drop: bool) -> Do:
@@ -115,7 +118,8 @@ def _peers_cut(*, to_drop: bool) -> Do:
     """Cut a cell from all others, both ways."""
 
     def do(context: Context, target: Target) -> None:
-        cell, others = context.cell(target), context.others(target)
+        cell = context.cell(target)
+        others = [item for item in context.site.cells if item is not cell]
         cell.drop_to(OF_PEERS, [item.peer_port for item in others], to_drop=to_drop)
         for item in others:
             item.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
@@ -157,13 +161,8 @@ FAULTS: Mapping[str, Fault] = {
     ),
     "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
     "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
-    "clock_stepped": Fault(
-        _step_clock, lambda context, target: context.cell(target).step_clock(0.0)
-    ),
-    "cell_drained": Fault(
-        lambda context, target: context.cell(target).drain(),
-        lambda context, target: context.cell(target).resume(),
-    ),
+    "clock_stepped": Fault(_step_clock(MOST_STEPPED_S), _step_clock(0.0)),
+    "cell_drained": Fault(_order("drain"), _order("resume")),
     "database_away": Fault(_kill_database, _start_database, of_cell=False),
     "disk_full": Fault(
         _fill,
@@ -256,16 +255,14 @@ class Nemesis:
 
     def mend_all(self) -> None:
         """Mend what is broken still, the last first; what cannot be mended does not keep the others from it."""
-        tried = [self._try_to_mend(fault) for fault in reversed(list(self._open))]
-        if problems := [problem for problem in tried if problem is not None]:
+        problems = []
+        for fault in reversed(list(self._open)):
+            try:
+                self._mend(fault)
+            except Exception as error:  # noqa: BLE001, PERF203 (the others must be mended)
+                problems.append(error)
+        if problems:
             raise RuntimeError(f"cannot mend all: {problems}") from problems[0]
-
-    def _try_to_mend(self, item: _Open) -> Exception | None:
-        try:
-            self._mend(item)
-        except Exception as error:  # noqa: BLE001 (whatever it is, the others must be mended)
-            return error
-        return None
 
     def _mend(self, item: _Open) -> None:
         self.faults[item.name].mend(self.context, item.target)

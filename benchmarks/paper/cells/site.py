@@ -90,16 +90,8 @@ class Cell:
         elif {"kill": is_running, "start": not is_running}.get(do, True):
             getattr(container, do)(**how)
 
-    def drain(self) -> None:
-        """Take it out of service, as an admin at its machine does."""
-        self._order("drain")
-
-    def resume(self) -> None:
-        """Put it back into service; one that is in service stays so."""
-        self._order("resume")
-
-    def _order(self, order: str) -> None:
-        """Run a command of the site on this cell, in its own web."""
+    def order(self, order: str) -> None:
+        """`drain` it or `resume` it, as an admin at its machine does."""
         end = time.monotonic() + ORDERED_WITHIN_S
         command = ("robotether", "cell", order, self.name)
         # No cell is drained while no other is in service, and one that has just come back is not yet for a second.

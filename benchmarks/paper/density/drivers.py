@@ -14,7 +14,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
@@ -31,22 +30,14 @@ BEFORE = -1
 REQUEST_S = 20.0
 
 
-@dataclass(frozen=True)
-class Drive:
-    """One robot to drive, as JSON carries it."""
-
-    robot: str
-    token: str
-    # "agent" or "virtual": figures are kept apart.
-    kind: str
-
-
 class Driver:
-    """One operator with one robot."""
+    """One operator with one robot; figures of agents and virtual robots are kept apart by its kind."""
 
-    def __init__(self, drive: Drive, site: str, http: aiohttp.ClientSession) -> None:
-        self.drive = drive
-        self._client = Client(http, site, drive.token, REQUEST_S)
+    def __init__(
+        self, http: aiohttp.ClientSession, site: str, robot: str, token: str, kind: str
+    ) -> None:
+        self._robot, self._kind = robot, kind
+        self._client = Client(http, site, token, REQUEST_S)
         self._socket: aiohttp.ClientWebSocketResponse
         self._echoes = Echoes()
         self._sent = 0
@@ -73,7 +64,7 @@ class Driver:
         async with asyncio.timeout(READY_WITHIN_S):
             while True:
                 with suppress(*FAILURES):
-                    self._socket = await self._client.connect(self.drive.robot)
+                    self._socket = await self._client.connect(self._robot)
                     return await begin(self._socket)
                 await asyncio.sleep(AGAIN_S)
 
@@ -90,8 +81,8 @@ class Driver:
 
     def result(self) -> Mapping[str, Any]:
         return {
-            "robot": self.drive.robot,
-            "kind": self.drive.kind,
+            "robot": self._robot,
+            "kind": self._kind,
             "sent": self._sent,
             "unsent": self._unsent,
             "lost": len(self._echoes.sent_at),
@@ -124,23 +115,21 @@ class Driver:
             await self._dial()
 
 
-def begins(drivers: int, rate_hz: float) -> list[float]:
-    """When each driver begins: not in step, as operators are not."""
-    now = time.monotonic() + 0.1
-    return [now + at / rate_hz / drivers for at in range(drivers)]
-
-
 async def work() -> None:
     order = await read_line()
     rate_hz, seconds = order["rate_hz"], order["seconds"]
     async with new_http() as http:
-        drivers = [Driver(Drive(**drive), order["site"], http) for drive in order["drives"]]
+        drivers = [Driver(http, order["site"], **drive) for drive in order["drives"]]
         await asyncio.gather(*(driver.open() for driver in drivers))
         write_line({"ready": True})
         await read_line()
         began, cpu_s = time.monotonic(), time.process_time()
-        starts = begins(len(drivers), rate_hz)
-        runs = (item.run(at, rate_hz, seconds) for item, at in zip(drivers, starts, strict=True))
+        # Not in step, as operators are not.
+        step_s = 1 / rate_hz / len(drivers)
+        runs = (
+            driver.run(began + 0.1 + number * step_s, rate_hz, seconds)
+            for number, driver in enumerate(drivers)
+        )
         await asyncio.gather(*runs)
         write_line(
             {
