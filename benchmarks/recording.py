@@ -34,14 +34,8 @@ CODECS = {"JPEG": (1, 30_000), "H.264": (2, 8_000)}
 SECONDS, SETTLE_S = 20.0, 5.0
 AIM_PERCENT = 30
 # What rosapi says of the topics' types.
-VECTOR = (
-    "geometry_msgs/Vector3",
-    {"x": ("float64", -1), "y": ("float64", -1), "z": ("float64", -1)},
-)
-TWIST = (
-    "geometry_msgs/Twist",
-    {"linear": (VECTOR[0], -1), "angular": (VECTOR[0], -1)},
-)
+VECTOR = ("geometry_msgs/Vector3", dict.fromkeys("xyz", ("float64", -1)))
+TWIST = ("geometry_msgs/Twist", dict.fromkeys(("linear", "angular"), (VECTOR[0], -1)))
 SCAN = ("demo/Scan", {"stamp": ("time", -1), "ranges": ("float32", 0)})
 AHEAD = {"x": 0.5, "y": 0.0, "z": 0.0}
 # By topic: its type, its rate as a robot's rosbridge throttles it, and a message.
@@ -193,25 +187,21 @@ class RowsInMemory(RecorderStore):
         self._rows = 0
 
     async def read(self) -> tuple[list[RecordingRow], list[RecordableRobot]]:
-        """Return the robots."""
-        names = (f"robot{number}" for number in range(1, ROBOTS + 1))
-        return [], [
-            RecordableRobot(number, name, "always", CAMERAS) for number, name in enumerate(names, 1)
-        ]
+        numbers = range(1, ROBOTS + 1)
+        return [], [RecordableRobot(at, f"robot{at}", "always", CAMERAS) for at in numbers]
 
     async def add(self, robot: RecordableRobot, cause: RecordingCause, started_at: object) -> int:
-        """Number a recording."""
         self._rows += 1
         return self._rows
 
     async def write_progress(self, progress: dict[int, Progress]) -> None:
-        """Write nothing down."""
+        pass
 
     def end(self, recording_end: object) -> None:
-        """Write nothing down."""
+        pass
 
     async def flush(self) -> None:
-        """Write nothing down."""
+        pass
 
 
 async def record(port: int, folder: Path) -> None:
