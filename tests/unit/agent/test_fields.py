@@ -51,11 +51,3 @@ def test_of_a_long_list_of_cells_the_first_count():
 def test_text_from_outside_cannot_forge_log_lines():
     assert fields.printable("a\nERROR\x1b[31m b") == "a ERROR [31m b"
     assert len(fields.printable("x" * 10_000, 100)) == 100
-
-
-def test_a_line_is_read_back_as_it_was_written() -> None:
-    message = {"type": "stop", "by": "a\nb \u00fc"}
-    line = fields.line_of(message)
-    assert line.endswith(b"\n")
-    assert line.count(b"\n") == 1
-    assert fields.parse_object(line, "the line") == message

@@ -34,12 +34,6 @@ def test_the_new_name_is_on_the_disk_too(place, monkeypatch):
     assert synced[-1] == place.resolve()
 
 
-def test_missing_is_none_and_unreadable_is_a_problem(place):
-    assert read_text(place / "none") is None
-    with pytest.raises(StateUnusableError, match="cannot read"):
-        read_text(place)
-
-
 def test_a_pipe_in_a_files_place_keeps_nobody_waiting(place):
     """Root reads and locks the agent's files too, and whoever replaced one must not hold root up."""
     os.mkfifo(place / "pipe")

@@ -56,17 +56,6 @@ async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch, cap
     await eventually(lambda: held() == 2, lambda: f"{held()} clients beside those that were lost")
 
 
-async def test_goes_down_and_comes_back(watch, services):
-    health = watch(services.ws_url, services.http_url)
-    await until(health, lambda report: report.ros == report.video == "ok")
-    await services.stop()
-    report = await until(health, lambda report: report.ros == report.video == "down")
-    assert "rosbridge at ws://" in report.detail
-    assert "web_video_server at http://" in report.detail
-    await services.start_again()
-    await until(health, lambda report: report.ros == report.video == "ok")
-
-
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
 
 

@@ -46,14 +46,6 @@ def test_reads_file_and_environment(tmp_path):
     assert settings.rosbridge_url == "ws://127.0.0.1:9090"
 
 
-def test_environment_alone_is_enough():
-    environ = {"ROBOTETHER_SERVER": "[2001:db8::1]:443", "ROBOTETHER_SSH_PORTS": "22, 443"}
-    environ["ROBOTETHER_TLS_FINGERPRINT"] = ""
-    settings = load(None, environ)
-    assert settings.server_host == "2001:db8::1"
-    assert settings.ssh_ports == (22, 443)
-
-
 # What TOML and the environment can give.
 SCALARS = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
 NEARLY_RIGHT = st.text(string.ascii_letters + string.digits + "[]:./@%-_?# \n", max_size=40)

@@ -102,20 +102,6 @@ async def test_join_proves_the_key(cloud, settings, token):
     assert is_signed(said["public_key"], JOIN_NAMESPACE, message, said["signature"])
 
 
-async def test_the_newest_list_of_cells_is_kept(cloud, settings):
-    cloud.cells = [cloud.cell]
-    enroller = Enroller(settings)
-    (listed,) = (await enroller.enrolment()).ssh.cells
-    assert listed.ports == (cloud.ssh.port,)
-    newest = (ListedCell("b.example", (2222, 443)), ListedCell("2001:db8::1", (2222,)))
-    enroller.keep_cells(newest)
-    for asked in (enroller, Enroller(settings)):
-        assert (await asked.enrolment()).ssh.cells == newest
-    cloud.cells = None
-    assert (await enroller.join()).ssh.cells == ()
-    assert (await enroller.enrolment()).ssh.cells == ()
-
-
 async def test_a_doubt_asks_until_the_server_answered(cloud, settings):
     enroller = await enrol(settings)
     await enroller.key()

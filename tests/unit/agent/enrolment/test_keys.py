@@ -18,7 +18,6 @@ from robotether_agent.enrolment.keys import (
     ensure_next_key,
     next_key,
     pinned_host_keys,
-    present_key,
     promote,
 )
 from robotether_agent.problems import (
@@ -70,13 +69,6 @@ async def test_two_processes_make_one_key(place):
     assert await ensure_key(place) == made[0]
     # The public half may be missing, as it can be told from the private one.
     assert {path.name for path in place.iterdir()} <= {"id_ed25519", "id_ed25519.pub"}
-
-
-async def test_a_key_that_is_not_there_is_not_made_by_looking(place):
-    assert await present_key(place) is None
-    assert await next_key(place) is None
-    assert list(place.iterdir()) == []
-    assert await ensure_key(place) == await present_key(place)
 
 
 @pytest.mark.parametrize("steps", range(4))

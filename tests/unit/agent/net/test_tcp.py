@@ -9,7 +9,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from local_network import free_port
 from robotether_agent.net import tcp
 from robotether_agent.net.tcp import (
     Resolver,
@@ -19,7 +18,6 @@ from robotether_agent.net.tcp import (
     is_stuck,
     prepare,
 )
-from robotether_agent.problems import NoAnswerError, ServerUnreachableError
 from ssh_ports import SshPort
 
 FOUR = [(socket.AF_INET, (f"192.0.2.{number}", 22)) for number in (1, 2)]
@@ -120,20 +118,3 @@ async def test_an_address_that_refuses_is_passed_over():
         with await connect("h", door.port, at("127.0.0.2", "127.0.0.1"), "it") as connection:
             assert connection.getpeername() == ("127.0.0.1", door.port)
             assert connection.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
-
-
-async def test_all_addresses_refuse():
-    """A refusal is an answer: the name and each address are told, and the reason once."""
-    words = (
-        r"cannot reach it: Connection refused \(127.0.0.1, 127.0.0.2\); see that the server runs"
-    )
-    with pytest.raises(ServerUnreachableError, match=words):
-        await connect("h", free_port(), at("127.0.0.1", "127.0.0.2"), "it")
-
-
-async def test_an_unknown_name_is_no_answer():
-    def unknown(*_: object):
-        raise socket.gaierror(-2, "Name or service not known")
-
-    with pytest.raises(NoAnswerError, match=r"cannot reach it: .*not known"):
-        await connect("h", 22, Resolver(unknown), "it")

@@ -119,17 +119,6 @@ async def test_after_a_cell_that_hangs_the_others_come_first(took_s, tried, dial
     assert targets_tried == tried
 
 
-async def test_silence_is_no_reason_to_doubt(cloud, agent, monkeypatch):
-    joins = len(cloud.joins)
-    monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 0.2)
-    with monkeypatch.context() as cut:
-        cut.setattr("robotether_agent.net.tcp._connect", _never)
-        cloud.ssh.drop_connections()
-        await agent.until(lambda status: status.problem_code == "no_answer", "no answer")
-    await agent.until_connected()
-    assert len(cloud.joins) == joins
-
-
 async def test_a_server_that_moved_is_found_by_the_web(cloud, start_agent, monkeypatch):
     monkeypatch.setattr("robotether_agent.net.server_dialer.FIND_TIMEOUT_S", 1.0)
     monkeypatch.setattr("robotether_agent.tunnel.connector.ASK_WEB_AFTER_S", 0.0)

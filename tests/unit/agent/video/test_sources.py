@@ -210,15 +210,6 @@ async def test_what_cannot_be_shown_is_named(run, mode, source, topics, why):
         await fails(running, why)
 
 
-async def test_a_camera_of_the_settings(run):
-    async with FakeVideoServer() as camera:
-        url = f"{camera.url}/stream?user=a%2Fb"
-        given = source_settings(rear=url)
-        _, taken = run(given, SourceRequest("rear", 0, None, None, 15))
-        await eventually(taken.some(), taken.describe)
-        assert (taken.kinds, camera.asked) == (["mjpeg"], [{"user": "a/b"}])
-
-
 @pytest.mark.parametrize(
     ("mode", "why"), [("ends", "ended the stream"), ("silent", "no frame for")]
 )
