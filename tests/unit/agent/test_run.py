@@ -18,9 +18,11 @@ import pytest
 from fake_cloud import WAIT_S, FakeCloud, agent_environ, eventually
 from openssh_server import descendants, is_alive
 from robotether_agent import cli as command
-from robotether_agent.problems import AlreadyRunningError, ServerKeyChangedError
+from robotether_agent import systemd
+from robotether_agent.problems import AlreadyRunningError, ServerKeyChangedError, UpgradeFailedError
 from robotether_agent.settings import Settings
 from robotether_agent.status import read_status
+from robotether_agent.systemd import Notifier
 
 
 @pytest.fixture
@@ -101,7 +103,7 @@ def environ(place):
 
 
 @pytest.fixture
-def systemd(place):
+def notify_socket(place):
     before = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGINT)}
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
         listening.bind(str(place / "notify"))
@@ -119,16 +121,16 @@ def failing(error: Exception) -> type:
     return Failing
 
 
-def said(systemd: socket.socket) -> list[str]:
+def said(notify_socket: socket.socket) -> list[str]:
     found = []
     with suppress(BlockingIOError):
         while True:
-            found.append(systemd.recv(1000).decode())
+            found.append(notify_socket.recv(1000).decode())
     return found
 
 
 def test_failed_start_pauses_before_systemd_starts_the_agent_again(
-    monkeypatch, place, environ, systemd, capsys
+    monkeypatch, place, environ, notify_socket, capsys
 ):
     """The pause is no hanging loop: the watchdog gets its signs of life. The journal has what a developer needs."""
     monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
@@ -136,7 +138,7 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     began = time.monotonic()
     assert command.run(Settings(server="a.example", run_dir=place, guard="off"), environ) == 1
     assert time.monotonic() - began >= 0.5
-    output = said(systemd)
+    output = said(notify_socket)
     assert output[0] == "STATUS=failed; starts again in 0 s"
     assert output[-1] == "STOPPING=1"
     assert output.count("WATCHDOG=1") >= 2
@@ -145,7 +147,7 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     assert "ZeroDivisionError: a defect" in printed
 
 
-def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, systemd):
+def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, notify_socket):
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
     monkeypatch.setattr(command, "before_restart", lambda *_: 60.0)
     stop = threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM))
@@ -156,7 +158,7 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, sys
     stop.join()
 
 
-def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, systemd, capsys):
+def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, notify_socket, capsys):
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
     settings = Settings(server="a.example", run_dir=place, guard="off")
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
@@ -169,3 +171,30 @@ def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, syst
 
 def teardown_module() -> None:
     logging.getLogger().handlers.clear()
+
+
+def test_without_systemd_there_is_no_state(tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert systemd.state() is None
+    with pytest.raises(UpgradeFailedError, match="cannot run systemctl"):
+        systemd.reload_units()
+
+
+def test_speaks_to_an_abstract_socket():
+    name = f"robotether-test-{os.getpid()}"
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
+        listening.bind(f"\0{name}")
+        listening.settimeout(5)
+        Notifier(f"@{name}").ready()
+        assert listening.recv(100) == b"READY=1"
+
+
+async def test_without_systemd_nothing_happens():
+    Notifier.from_environ({}).ready()
+    Notifier("/nowhere/notify").ready()
+    environ = {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": str(os.getpid() + 1)}
+    task = asyncio.ensure_future(Notifier.from_environ(environ).keep_watchdog())
+    await asyncio.sleep(0)
+    assert not task.done()
+    task.cancel()
+    await asyncio.wait({task})

@@ -1,4 +1,4 @@
-"""The session's protocol, with a real pair of sockets in the place of SSH."""
+"""The session's protocol, with a real pair of sockets in the place of SSH, and the clocks that it reports."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from unittest.mock import Mock, call
 import pytest
 from fake_cloud import eventually
 from robotether_agent import clock
-from robotether_agent.clock import robot_time
+from robotether_agent.clock import EpochClock, robot_time
 from robotether_agent.fields import FieldError, ListedCell
 from robotether_agent.problems import (
     ProtocolBrokenError,
@@ -299,3 +299,15 @@ async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists
         await asyncio.wait_for(session.run(), 5)
     assert caught.value.retry is Retry.AT_ONCE
     assert lists == [(), (), (ListedCell("b.example", (2222,)),)]
+
+
+def test_a_later_session_has_a_greater_number(monkeypatch):
+    now = [time.time_ns()]
+    monkeypatch.setattr(clock.time, "time_ns", lambda: now[0])
+    epochs = EpochClock()
+    first = epochs.next()
+    assert first == now[0] // 1_000_000
+    now[0] -= 10**12
+    assert [epochs.next(), epochs.next()] == [first + 1, first + 2]
+    now[0] += 2 * 10**12
+    assert epochs.next() == now[0] // 1_000_000 < 2**53

@@ -1,10 +1,13 @@
-"""One SSH connection: its children and its control socket never stay behind."""
+"""One SSH connection: OpenSSH's command lines, its last words, and what stays behind."""
 
 from __future__ import annotations
 
 import asyncio
 import os
+import re
+import shlex
 import socket
+import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -16,8 +19,148 @@ from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import SshMissingError
-from robotether_agent.tunnel.openssh import Forward, SshFiles
+from robotether_agent.tunnel import openssh
+from robotether_agent.tunnel.openssh import (
+    Forward,
+    SshFiles,
+    _proxy_options,
+    child_environment,
+    connect_command,
+    control_command,
+    host_key_command,
+    target_of,
+    why_not_connected,
+)
 from robotether_agent.tunnel.tunnel import Tunnel
+
+FILES = SshFiles((Path("/s/id_ed25519"),), Path("/s/known_hosts"), Path("/r/session.ctl"))
+TARGET = SshAddress("robots.example.com", 2222, "tunnel")
+CHANGED = "@    WARNING: REMOTE HOST IDENTIFICATION HAS CHANGED!     @"
+
+
+def in_force(command: list[str]) -> dict[str, str]:
+    asked = [command[0], "-G", *command[1:]]
+    text = subprocess.run(asked, check=True, capture_output=True, text=True).stdout
+    return dict(line.partition(" ")[::2] for line in text.splitlines())
+
+
+def test_ssh_understands_the_options_as_meant():
+    options = in_force(connect_command(TARGET, FILES, "session"))
+    assert options["hostname"] == "robots.example.com"
+    assert options["port"] == "2222"
+    assert options["user"] == "tunnel"
+    assert options["batchmode"] == "yes"
+    assert options["stricthostkeychecking"] in {"true", "yes"}
+    assert options["userknownhostsfile"] == "/s/known_hosts"
+    assert options["hostkeyalias"] == "robotether-server"
+    assert options["identityfile"] == "/s/id_ed25519"
+    assert options["identitiesonly"] == "yes"
+    assert options["exitonforwardfailure"] == "yes"
+    assert options["controlpath"] == "/r/session.ctl"
+    assert options["serveraliveinterval"] == "5"
+    assert options["updatehostkeys"] in {"false", "no"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "class_of_service"),
+    # The name is that of OpenSSH before 10.
+    [("session", "af21"), ("media", "throughput|0x08"), ("shell", "throughput|0x08")],
+)
+def test_control_goes_before_a_file_copy(kind, class_of_service):
+    options = in_force(connect_command(TARGET, FILES, kind))
+    assert re.match(rf"({class_of_service}) ", options["ipqos"])
+
+
+def test_the_host_key_is_checked_without_a_key():
+    """The doctor logs in nowhere, and meets the same pin as the agent."""
+    command = host_key_command(SshAddress("h", 2222, "tunnel"), Path("/s/known_hosts"))
+    options = in_force(command)
+    assert options["preferredauthentications"] == "none"
+    assert options["userknownhostsfile"] == "/s/known_hosts"
+    assert options["stricthostkeychecking"] in {"true", "yes"}
+    assert "-M" not in command
+
+
+def test_the_host_can_be_no_option():
+    command = connect_command(SshAddress("h", 22, "tunnel"), FILES, "media")
+    assert command[-3:] == ["--", "tunnel@h", "media"]
+
+
+@pytest.mark.parametrize(
+    ("url", "spec"),
+    [
+        ("ws://127.0.0.1:9090", "0.0.0.0:20000:127.0.0.1:9090"),
+        ("http://[::1]:8080", "0.0.0.0:20000:[::1]:8080"),
+    ],
+)
+def test_forwards_listen_on_all_addresses(url, spec):
+    """The server's port is open for the relay, which is another machine to sshd."""
+    forward = Forward(20000, *target_of(url))
+    assert forward.spec == spec
+    command = control_command(Path("/r/x.ctl"), "forward", forward)
+    assert command[-4:] == ["-R", spec, "--", "robotether-server"]
+
+
+def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
+    monkeypatch.setenv("SSH_AUTH_SOCK", "/x")
+    assert set(child_environment()) == {"PATH", "LC_ALL"}
+    assert Forward(1, "h", 2).spec == "0.0.0.0:1:h:2"
+
+
+@pytest.mark.parametrize(
+    ("words", "status", "code"),
+    [
+        (f"{CHANGED}\nHost key verification failed.", 255, "host_key_changed"),
+        ("No RSA host key is known for robotether-server and you have", 255, "host_key_changed"),
+        ("tunnel@a: Permission denied (publickey).", 255, "key_refused"),
+        ("Received disconnect: Too many authentication failures", 255, "key_refused"),
+        (
+            "Permissions 0644 for '/state/id_ed25519' are too open.\n"
+            'Load key "/state/id_ed25519": bad permissions\n'
+            "tunnel@a: Permission denied (publickey).",
+            255,
+            "key_unusable",
+        ),
+        ("ssh: connect to host a port 2222: Connection refused", 255, "server_unreachable"),
+        ("ssh: connect to host a port 2222: No route to host", 255, "server_unreachable"),
+        ("ssh: connect to host a port 2222: Connection timed out", 255, "server_unreachable"),
+        ("ssh: Could not resolve hostname a: Name or service", 255, "server_unreachable"),
+        ("Connection timed out during banner exchange", 255, "server_unreachable"),
+        ("kex_exchange_identification: Connection closed", 255, "server_unreachable"),
+        ("Connection closed by 192.0.2.1 port 2222", 255, "server_unreachable"),
+        ("Unable to negotiate with 192.0.2.1: no matching host key", 255, "ssh_incompatible"),
+        ("command-line: line 0: Bad configuration option: x", 255, "ssh_incompatible"),
+        ("robotether: cannot reach the relay: it does not answer", 255, "session_refused"),
+        ("This account is currently not available.", 1, "session_refused"),
+        ("", 1, "session_refused"),
+        ("Something new", 255, "link_lost"),
+    ],
+)
+def test_a_client_that_never_connected(words, status, code):
+    assert why_not_connected(words.splitlines(), status, TARGET, FILES).code == code
+
+
+@pytest.mark.parametrize("why", ["invalid format", "error in libcrypto"])
+def test_a_damaged_key_is_no_matter_of_its_mode(why):
+    """As memory cards leave it; ssh says which of the two keys it is."""
+    words = [f'Load key "/s/id_ed25519": {why}', "tunnel@a: Permission denied (publickey)."]
+    problem = why_not_connected(words, 255, TARGET, FILES)
+    assert problem.code == "key_unusable"
+    assert "/s/id_ed25519" in problem.message
+    assert "remove it" in problem.advice
+    assert "chmod" not in problem.advice
+
+
+def helper() -> list[str]:
+    return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
+
+
+def test_a_strange_place_is_quoted(monkeypatch):
+    """Python may live where a shell, or ssh, would read something else."""
+    monkeypatch.setattr(openssh.sys, "executable", "/o p't/%h/python")
+    assert helper()[0] == "/o p't/%h/python"
+    assert "%%h" in _proxy_options()[0]
+
 
 # The differentiated services code point, of which TOS has the upper six bits.
 AF21 = 18

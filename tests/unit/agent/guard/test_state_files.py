@@ -1,8 +1,9 @@
-"""The stop in memory and on the disk."""
+"""What the guard keeps on the disk: the stop, the newest number of a lease, and the motion."""
 
 from __future__ import annotations
 
 import asyncio
+import logging
 import tempfile
 import threading
 from collections.abc import AsyncIterator
@@ -13,7 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import ReleaseRequest, StopRequest
+from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
+from robotether_agent.guard.topics import REMOVED_AFTER_S, Driven, MotionFile, MotionTracker
+from robotether_agent.problems import StateUnusableError
 from sim_client import until
 
 
@@ -24,16 +28,18 @@ def test_a_stop_that_cannot_be_read_is_a_stop(tmp_path: Path, data: bytes | None
     assert StopFile(tmp_path).read() == ""
 
 
-class SlowFile(StopFile):
+class SlowStopFile(StopFile):
+    """Waits in a write until the disk may `go` on; `begun` keeps what came to it."""
+
     def __init__(self, state_dir: Path) -> None:
         super().__init__(state_dir)
         self.go = threading.Event()
         self.go.set()
-        self.written = list[str]()
+        self.begun = list[str]()
 
     def write(self, by: str) -> None:
+        self.begun.append(by)
         assert self.go.wait(5)
-        self.written.append(by)
         super().write(by)
 
     def remove(self) -> None:
@@ -60,7 +66,7 @@ async def running(
 
 
 async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_path: Path) -> None:
-    file, answers = SlowFile(tmp_path), list[str]()
+    file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
         latch.handle(StopRequest("5f", "ben"))
@@ -75,7 +81,7 @@ async def test_a_stop_counts_before_the_disk_has_it_and_is_answered_after(tmp_pa
 
 
 async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
-    file, answers = SlowFile(tmp_path), list[str]()
+    file, answers = SlowStopFile(tmp_path), list[str]()
     file.write("ben")
     async with running(file, answers) as latch:
         assert (latch.stopped, latch.by) == (True, "ben")
@@ -90,7 +96,7 @@ async def test_a_release_counts_when_the_disk_has_it(tmp_path: Path) -> None:
 
 async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
     """In memory at once, and on the disk in the end; no answer on the way says that the robot is released."""
-    file, answers, reports = SlowFile(tmp_path), list[str](), list[str | None]()
+    file, answers, reports = SlowStopFile(tmp_path), list[str](), list[str | None]()
     async with running(file, answers, reports) as latch:
         latch.handle(StopRequest("1", "ben"))
         await latch.settled()
@@ -107,7 +113,7 @@ async def test_a_stop_during_a_release_wins(tmp_path: Path) -> None:
 
 async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_path: Path) -> None:
     """The newest is written and answered, for which the agent waits; those that it overtook are not."""
-    file, answers = SlowFile(tmp_path), list[str]()
+    file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
         latch.handle(StopRequest("first", "ben"))
@@ -117,13 +123,13 @@ async def test_repeats_of_a_stop_do_not_pile_up_before_a_disk_that_hangs(tmp_pat
         assert (latch.stopped, latch.by) == (True, "p999")
         file.go.set()
         await latch.settled()
-        assert (file.written, file.read()) == (["ben", "p999"], "p999")
+        assert (file.begun, file.read()) == (["ben", "p999"], "p999")
         assert (answers, latch.reported_by) == (["first", "999"], "p999")
 
 
 async def test_what_waits_for_a_disk_is_bounded(tmp_path: Path) -> None:
     """That holds whatever the messages; releases are dropped first, so that the robot stays stopped."""
-    file, answers = SlowFile(tmp_path), list[str]()
+    file, answers = SlowStopFile(tmp_path), list[str]()
     async with running(file, answers) as latch:
         file.go.clear()
         for number in range(10 * MAX_WAITING):
@@ -145,7 +151,7 @@ STEPS = st.lists(
 def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
     """However the disk hangs and comes back meanwhile; each release and the newest stop are answered."""
 
-    async def scenario(file: SlowFile) -> None:
+    async def scenario(file: SlowStopFile) -> None:
         last: str | None = None
         answers = list[str]()
         async with running(file, answers) as latch:
@@ -171,7 +177,7 @@ def test_disk_and_memory_end_as_the_last_order_says(steps: list[str]) -> None:
         assert set(answers) >= {*releases, *stops[-1:]}
 
     with tempfile.TemporaryDirectory() as place:
-        asyncio.run(scenario(SlowFile(Path(place))))
+        asyncio.run(scenario(SlowStopFile(Path(place))))
 
 
 async def test_a_disk_that_fails_leaves_the_robot_stopped(tmp_path: Path) -> None:
@@ -192,3 +198,157 @@ async def test_a_stop_that_no_disk_takes_is_told_and_logged(tmp_path, caplog):
         assert (latch.stopped, latch.reported_by) == (True, "ben")
     assert "stop.json" in caplog.text
     assert "loss of power" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "{}", '{"fence": "3"}', '{"fence": -1}', "\udcff"])
+def test_a_number_that_cannot_be_read_is_none(tmp_path, text, caplog):
+    (tmp_path / "fence.json").write_bytes(text.encode(errors="surrogateescape"))
+    assert FenceFile(tmp_path).read() == 0
+    assert "so the server's number counts" in caplog.text
+    FenceFile(tmp_path).write(3)
+    assert FenceFile(tmp_path).read() == 3
+
+
+class SlowFenceFile(FenceFile):
+    def __init__(self, state_dir: Path) -> None:
+        super().__init__(state_dir)
+        self.go = threading.Event()
+        self.begun = list[int]()
+
+    def write(self, fence: int) -> None:
+        self.begun.append(fence)
+        assert self.go.wait(5)
+        super().write(fence)
+
+
+async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_path: Path) -> None:
+    FenceFile(tmp_path).write(13)
+    file = SlowFenceFile(tmp_path)
+    store = FenceStore(file)
+    await store.keep(13)
+    keeping = asyncio.create_task(store.keep(14))
+    await until("it writes", lambda: file.begun == [14])
+    assert not keeping.done()
+    file.go.set()
+    await keeping
+    assert file.read() == store.on_disk == 14
+    await store.keep(12)
+    assert file.begun == [14]
+
+
+async def test_the_disk_gets_one_number_after_the_other(tmp_path: Path) -> None:
+    """Also when whoever waited has gone: two writes at once could leave the older one there."""
+    file = SlowFenceFile(tmp_path)
+    store = FenceStore(file)
+    gone = asyncio.create_task(store.keep(14))
+    await until("it writes", lambda: file.begun == [14])
+    gone.cancel()
+    await asyncio.gather(gone, return_exceptions=True)
+    keeping = [asyncio.create_task(store.keep(fence)) for fence in (15, 16, 15)]
+    # A second write would have begun by the time that another thread has.
+    await asyncio.sleep(0)
+    await asyncio.to_thread(lambda: None)
+    assert file.begun == [14]
+    file.go.set()
+    await asyncio.gather(*keeping)
+    assert file.begun == [14, 16]
+    assert file.read() == 16
+
+
+async def test_a_disk_that_fails_keeps_nobody_waiting_and_may_work_again(tmp_path, caplog):
+    caplog.set_level(logging.ERROR)
+    store = FenceStore(FenceFile(tmp_path / "gone"))
+    with pytest.raises(StateUnusableError, match=r"cannot write .*fence\.json"):
+        await store.keep(14)
+    assert store.on_disk == 0
+    assert "nobody can drive with lease 14" in caplog.text
+    (tmp_path / "gone").mkdir()
+    await store.keep(14)
+    assert FenceFile(tmp_path / "gone").read() == 14
+
+
+async def test_a_number_that_is_noted_is_written_without_anybody_waiting(tmp_path: Path) -> None:
+    store = FenceStore(FenceFile(tmp_path))
+    store.note(14)
+    store.note(3)
+    await until("it is written", lambda: store.on_disk == 14)
+    assert FenceFile(tmp_path).read() == 14
+
+
+DRIVEN = [
+    Driven("/cmd_vel", "twist"),
+    Driven("/base/cmd_vel", "ackermann", "ackermann_msgs/AckermannDriveStamped", "base"),
+    Driven("/other/cmd_vel", "unknown"),
+]
+A, B = Driven("/a", "twist"), Driven("/b", "twist")
+
+
+def test_motion_is_kept_for_the_next_guard(tmp_path: Path) -> None:
+    file = MotionFile(tmp_path)
+    assert file.read() is None
+    file.write(DRIVEN)
+    assert MotionFile(tmp_path).read() == DRIVEN
+    file.remove()
+    assert file.read() is None
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "", "[]", '{"topics": 3}', '{"topics": [3]}', '{"topics": [{"topic": "~x", "shape": "twist", "type": ""}]}',
+        '{"topics": [{"topic": "/x", "shape": "rocket", "type": ""}]}',
+        '{"topics": [{"topic": "/x", "shape": "twist", "type": "std_msgs/String"}]}',
+    ],
+)  # fmt: skip
+def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None:
+    (tmp_path / "motion.json").write_text(text)
+    assert MotionFile(tmp_path).read() == []
+
+
+def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
+    """It does so after a change of type, too; of topics that were forgotten it says nothing."""
+    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
+    assert tracker.ensure(A, ["/a"])
+    assert tracker.ensure(B, ["/a", "/b"])
+    assert file.read() == [A, B]
+    stamped = Driven("/a", "twist_stamped", frame_id="base")
+    assert tracker.ensure(stamped, ["/a", "/b"])
+    assert file.read() == [stamped, B]
+    assert tracker.ensure(A, ["/a"])
+    assert file.read() == [A]
+    assert tracker.ensure(B, ["/a", "/b"])
+    assert file.read() == [A, B]
+
+
+def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Path) -> None:
+    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
+    tracker.ensure(A, ["/a"])
+    tracker.tend(5.0, moves=True)
+    tracker.tend(5.0 + REMOVED_AFTER_S / 2, moves=False)
+    assert file.read() == [A]
+    assert tracker.ends_at == 5.0 + REMOVED_AFTER_S
+    tracker.tend(5.0 + REMOVED_AFTER_S, moves=False)
+    assert file.read() is None
+    assert tracker.ends_at is None
+
+
+def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
+    """Until it is taken over: a guard that has not read its settings yet ends while another one drives."""
+    MotionTracker(MotionFile(tmp_path)).ensure(A, ["/a"])
+    tracker = MotionTracker(MotionFile(tmp_path))
+    tracker.end(1.0)
+    assert tracker.read_previous() == [A]
+    tracker.adopt([A])
+    tracker.end(1.0)
+    assert tracker.read_previous() is None
+
+
+def test_a_motion_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
+    tracker = MotionTracker(MotionFile(tmp_path / "gone"))
+    assert not tracker.ensure(A, ["/a"])
+    (tmp_path / "gone").mkdir()
+    assert tracker.ensure(A, ["/a"])
+    (tmp_path / "gone" / "motion.json").unlink()
+    (tmp_path / "gone" / "motion.json").mkdir()
+    tracker.end(1.0)
+    assert tracker.ends_at == 1.0 + REMOVED_AFTER_S
