@@ -128,7 +128,7 @@ experiments: venv images ## a machine's limits, and cells that break, into docs/
 	  $(VENV)/bin/python -m paper.experiments $(if $(ONLY),--only $(subst $(comma), ,$(ONLY))) \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full)
 
-screenshots: venv ## the documents' pictures, into docs; needs make demo
+screenshots: venv ## the documents' pictures, into docs; needs make demo, with COMPOSE_PROFILES=metrics
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT) $(VENV)/bin/python tests/support/browser/screenshots.py
 

@@ -1,7 +1,7 @@
 """`make screenshots`: the documents' pictures of the running demo, into docs/screenshots.
 
-They show the drive page. An observer is made for them and removed again; sim1's cameras freeze, it is stopped and
-released.
+They show the drive page, and an alert's mail, for which the demo needs the profile metrics. An observer is made for the
+pictures and removed again; sim1's cameras freeze, it is stopped and released.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from alert_mail import alert_mail, as_page
 from demo import ROOT, Demo
 from pages import chromium, expect_live, log_in, open_page, take_control
 from PIL import Image
@@ -19,6 +20,7 @@ FOLDER = ROOT / "docs" / "screenshots"
 WIDTH, HEIGHT = 1280, 800
 # What the page "Driving" shows of a state: where it stands.
 TOP = FloatRect(x=0, y=0, width=WIDTH, height=150)
+MAIL = FloatRect(x=0, y=0, width=WIDTH, height=480)
 # The pictures are kept in the repository. A camera has more colours than the pages, whose few must stay.
 COLOURS = 256
 OBSERVER = "olga-of-pictures"
@@ -61,6 +63,12 @@ def shoot_driving(page: Page, demo: Demo, observer: Page) -> None:
     page.mouse.up()
 
 
+def shoot_alert_mail(page: Page, demo: Demo) -> None:
+    """Shoot the mail that comes of an alert."""
+    page.set_content(as_page(alert_mail(demo)))
+    shoot(page, "alert-mail", MAIL)
+
+
 @contextmanager
 def an_observer(demo: Demo) -> Iterator[str]:
     """A user who may watch sim1, until the pictures are taken; gives the password."""
@@ -89,6 +97,7 @@ def main() -> None:
         log_in(page, demo)
         log_in(observer, demo, OBSERVER, password)
         shoot_driving(page, demo, observer)
+        shoot_alert_mail(new_page(browser), demo)
         browser.close()
 
 
