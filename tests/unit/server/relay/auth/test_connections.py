@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.connections import Caps, Connections
-from robotether_server.relay.robots.connection import Connection, permits
+from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.settings import robot as robot_settings
 
@@ -55,19 +55,6 @@ def snapshot(memory_database):
     return Snapshot(dict(memory_database.robots), dict(memory_database.grants))
 
 
-@pytest.mark.parametrize(
-    ("level", "uses"),
-    [
-        (None, []),
-        ("observe", ["observe", "video"]),
-        ("drive", ["observe", "drive", "video"]),
-        ("manage", ["observe", "drive", "video"]),
-    ],
-)
-def test_a_grant_permits_its_uses_and_no_more(level, uses):
-    assert [use for use in ("observe", "drive", "video") if permits(level, use)] == uses
-
-
 def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
     drive, watch = live.add(1, sim1, "drive"), live.add(1, sim1, "video")
     other = live.add(2, sim1, "observe")
@@ -76,6 +63,9 @@ def test_only_what_the_newest_rights_forbid_ends(live, memory_database, sim1):
     memory_database.grants[1, sim1.id] = "observe"
     live.connections.on_snapshot(snapshot(memory_database))
     assert live.how(drive, watch, other) == [["rights_ended"], [], []]
+    memory_database.grants.clear()
+    live.connections.on_snapshot(snapshot(memory_database))
+    assert live.how(watch, other) == [["rights_ended"], ["rights_ended"]]
 
 
 @pytest.mark.parametrize("change", [{"state": "disabled"}, {"name": "turtle"}, None])
@@ -140,7 +130,6 @@ BUTTON = {"name": "Dock", "kind": "call", "service": "/dock"}
         ({}, {"policy": {"limits": {"subscriptions": 5}}}, False),
         ({}, {"guard": {"drive_topics": ["/steer"]}}, False),
         ({}, {"guard": {"max_speed_m_s": 1.0}}, True),
-        ({}, {"shell_user": "turtle"}, True),
         ({}, {"page": {"kind": "holonomic", "hold_after_ms": None}}, True),
         # A button gives nobody a right.
         (POLICY, POLICY | {"buttons": [BUTTON]}, True),

@@ -44,16 +44,22 @@ async def test_what_is_kept_is_bounded(credentials, monkeypatch):
     assert len(credentials._cache) == 10
 
 
-class BusyDatabase(MemoryDatabase):
+class SlowDatabase(MemoryDatabase):
+    """Answers once the test lets it, with what was true when it was asked."""
+
     def __init__(self):
         super().__init__()
         self.questions = []
-        self.answers = asyncio.Event()
+        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
+        self.is_slow = True
 
     async def users_of(self, credentials, *, briefly=False):
         self.questions.append(list(credentials))
-        await self.answers.wait()
-        return await super().users_of(credentials, briefly=briefly)
+        answer = await super().users_of(credentials, briefly=briefly)
+        self.asked.set()
+        if self.is_slow:
+            await self.go_on.wait()
+        return answer
 
 
 def unknown(count, address="x"):
@@ -62,7 +68,7 @@ def unknown(count, address="x"):
 
 async def test_strangers_have_one_question_at_a_time():
     """However many they are, the next question is about all who came meanwhile. A stop waits for none of them."""
-    database = BusyDatabase()
+    database = SlowDatabase()
     credentials = Credentials(database)
     ann = of_ann(database, "token")
     # Of five addresses, as one has fewer places.
@@ -76,7 +82,7 @@ async def test_strangers_have_one_question_at_a_time():
     await asyncio.sleep(0)
     await asyncio.sleep(0)
     assert [len(asked) for asked in database.questions] == [100, 1]
-    database.answers.set()
+    database.go_on.set()
     assert await stop == ANN
     assert await asyncio.gather(*asking) == [None] * 200
     assert [len(asked) for asked in database.questions] == [100, 1, 100]
@@ -85,7 +91,7 @@ async def test_strangers_have_one_question_at_a_time():
 async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
     """Who has none is told to come again, not that the database is away; a stop has places of its own."""
     monkeypatch.setattr(module, "MAX_WAITING_OF_ADDRESS", 3)
-    database = BusyDatabase()
+    database = SlowDatabase()
     credentials = Credentials(database)
     asking = [asyncio.create_task(credentials.user_of(item, "x")) for item in unknown(3)]
     await asyncio.sleep(0)
@@ -100,25 +106,14 @@ async def test_an_address_has_few_places_and_takes_nobody_elses(monkeypatch):
         ]
     ]
     await asyncio.sleep(0)
-    database.answers.set()
+    database.go_on.set()
     assert await asyncio.gather(*asking) == [None] * 5
-    # The places are free again.
-    assert await credentials.user_of(credential_of("token", "later"), "x") is None
-
-
-async def test_all_addresses_together_have_a_bound(monkeypatch):
-    monkeypatch.setattr(module, "MAX_WAITING", 3)
-    database = BusyDatabase()
-    credentials = Credentials(database)
-    asking = [
-        asyncio.create_task(credentials.user_of(item, str(number)))
-        for number, item in enumerate(unknown(3))
-    ]
-    await asyncio.sleep(0)
+    # The places are free again; all addresses together have a bound, too.
+    monkeypatch.setattr(module, "MAX_WAITING", 0)
     with pytest.raises(ThrottledError):
-        await credentials.user_of(credential_of("token", "one more"), "z")
-    database.answers.set()
-    await asyncio.gather(*asking)
+        await credentials.user_of(credential_of("token", "later"), "x")
+    monkeypatch.undo()
+    assert await credentials.user_of(credential_of("token", "later"), "x") is None
 
 
 async def test_who_leaves_takes_nobodys_answer(credentials, memory_database, login):
@@ -147,7 +142,7 @@ async def test_what_hangs_on_an_ended_credential_ends(credentials, memory_databa
 
 
 async def test_what_ended_before_it_was_held_ends_too(credentials, memory_database):
-    """The way from a ticket to its connection is long; what is new is asked for once."""
+    """The way from a ticket to its connection is long. An outage leaves it live, and in doubt."""
     gone = credential_of("login", "the login of somebody who has logged out")
     stays = of_ann(memory_database)
     ended = []
@@ -155,25 +150,15 @@ async def test_what_ended_before_it_was_held_ends_too(credentials, memory_databa
         credentials.held(gone, lambda: ended.append("gone")),
         credentials.held(stays, lambda: ended.append("stays")),
     ):
-        await credentials.check_new()
-        assert ended == ["gone"]
-        asked = memory_database.lookups
-        await credentials.check_new()
-        assert memory_database.lookups == asked
-
-
-async def test_what_is_new_while_the_database_is_away_is_asked_for_later(
-    credentials, memory_database
-):
-    """An outage leaves it live, and in doubt."""
-    ended = []
-    with credentials.held(credential_of("login", "gone"), lambda: ended.append("gone")):
         memory_database.down = True
         await unanswered(credentials.check_new())
         assert ended == []
         memory_database.down = False
         await credentials.check_new()
-    assert ended == ["gone"]
+        assert ended == ["gone"]
+        asked = memory_database.lookups
+        await credentials.check_new()
+        assert memory_database.lookups == asked
 
 
 async def test_who_drove_lately_may_drive_and_stop_while_the_database_is_away(
@@ -326,20 +311,6 @@ async def test_who_may_drive_without_the_database_is_bounded(
     asked = memory_database.lookups
     await credentials.recheck()
     assert memory_database.lookups == asked
-
-
-class SlowDatabase(MemoryDatabase):
-    def __init__(self):
-        super().__init__()
-        self.asked, self.go_on = asyncio.Event(), asyncio.Event()
-        self.is_slow = True
-
-    async def users_of(self, credentials, *, briefly=False):
-        answer = await super().users_of(credentials)
-        self.asked.set()
-        if self.is_slow:
-            await self.go_on.wait()
-        return answer
 
 
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():

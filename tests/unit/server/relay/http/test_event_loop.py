@@ -37,11 +37,6 @@ def test_a_connection_that_failed_leaves_no_file_descriptor_to_close_again():
     assert uvloop.run(_file_descriptor_after_reset(), loop_factory=EventLoop) == -1
 
 
-def test_uvloop_still_needs_it():
-    """If uvloop no longer needs it, the class can go."""
-    assert uvloop.run(_file_descriptor_after_reset()) != -1
-
-
 def test_a_loop_that_hangs_ends_the_process():
     """It says what it was at, so that Docker starts it again and somebody can mend it."""
     script = (
