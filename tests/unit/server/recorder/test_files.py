@@ -113,45 +113,16 @@ def test_topics_of_either_ros_are_read_by_rosbags(tmp_path, ros_version):
     assert scan.ranges[1] != scan.ranges[1]
 
 
-def test_commands_are_read_by_rosbags(tmp_path):
-    own = OWN_TOPICS["commands"]
-    message = {
-        "stamp": {"sec": 7, "nanosec": 8},
-        "topic": "/cmd_vel",
-        "person": "ann",
-        "fence": 3,
-        "age_ms": None,
-        "outcome": "clock_unknown",
-        "speed_m_s": 0.5,
-        "turn_rad_s": None,
-        "message": "{}",
-        "seen_cameras": ["/a", "/b"],
-        "seen_frames": [4, -1],
-    }
-    command = read_back(tmp_path, RecordedMessage(own.channel, 1, 1, 0, own.encode(message)))
-    assert (command.person, command.fence, command.outcome) == ("ann", 3, "clock_unknown")
-    assert command.age_ms != command.age_ms
-    assert (command.seen_cameras, list(command.seen_frames)) == (["/a", "/b"], [4, -1])
-
-
 @pytest.mark.parametrize("codec", ["jpeg", "h264"])
-@pytest.mark.parametrize("size", range(1, 6))
-def test_frames_are_read_by_rosbags(tmp_path, codec, size):
-    """That holds whatever their size: what follows is aligned."""
-    writer = CameraWriter("/camera/image_raw", codec)
-    taken_ns = 9_000_000_010
-    frame = read_back(
-        tmp_path, writer.message(b"x" * size, log_ns=1, taken_ns=taken_ns, sequence=2)
-    )
-    assert bytes(frame.data) == b"x" * size
-    assert frame.format == codec
-
-
-@pytest.mark.parametrize("taken_ns", [-1, 2**62])
-def test_a_frame_of_any_time_is_recorded(tmp_path, taken_ns):
-    """A robot says when it took a frame."""
-    message = CameraWriter("/camera", "jpeg").message(b"x", log_ns=1, taken_ns=taken_ns, sequence=2)
-    assert bytes(read_back(tmp_path, message).data) == b"x"
+@pytest.mark.parametrize(
+    ("size", "taken_ns"), [(1, 9_000_000_010), (2, -1), (3, 2**62), (4, 0), (5, 0)]
+)
+def test_frames_are_read_by_rosbags(tmp_path, codec, size, taken_ns):
+    """What follows is aligned, whatever their size; when a frame was taken is the robot's word."""
+    writer = CameraWriter("/camera", codec)
+    message = writer.message(b"x" * size, log_ns=1, taken_ns=taken_ns, sequence=2)
+    frame = read_back(tmp_path, message)
+    assert (bytes(frame.data), frame.format) == (b"x" * size, codec)
 
 
 def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
@@ -208,7 +179,6 @@ def typedef(name, *types, length=-1):
     "typedefs",
     [
         None,
-        [],
         [typedef("x", "a/B")],
         [typedef("x\ny", "int8")],
         [typedef("x", "../C")],
@@ -224,7 +194,7 @@ def typedef(name, *types, length=-1):
             | {"fieldarraylen": [-1] * 1000}
         ],
     ],
-    ids=["none", "empty", "itself", "line", "path", "few", "long", "many", "much"],
+    ids=["none", "itself", "line", "path", "few", "long", "many", "much"],
 )
 def test_a_hostile_robots_types_are_refused(typedefs):
     with pytest.raises(UnknownTypeError):

@@ -76,13 +76,6 @@ async def test_a_number_that_json_lacks_leaves_the_rest_of_its_message(number):
     assert math.isnan(value)
 
 
-async def test_without_the_drive_topic_all_is_recorded():
-    """Nobody can tell then which robot is meant, and a file with nothing helps nobody."""
-    socket = RosbridgeSocket({"/robot1/cmd_vel": "geometry_msgs/msg/Twist"}, "{}")
-    [message] = await recorded(socket, 1, drive_topic="/cmd_vel")
-    assert message.channel.topic == "/robot1/cmd_vel"
-
-
 async def test_of_a_graph_with_many_robots_one_is_recorded():
     """The other robots would take all places if only type and name decided."""
     topics = {}
