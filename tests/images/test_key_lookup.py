@@ -102,20 +102,6 @@ def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None
     assert rows[0][0] not in ("", "NULL")
 
 
-def test_disabled_robots_key_is_refused(stack: Stack, key: RobotKey) -> None:
-    """Disabling a robot closes the door to its key at once, and the cache forgets it."""
-    line_of(key)
-    assert cached(key)
-    stack.robotether("robot", "disable", "thief")
-    try:
-        assert "Permission denied" in key.ssh(USER, "session").stderr
-        assert not cached(key)
-    finally:
-        stack.robotether("robot", "enable", "thief")
-        # The relay, which reads it a moment later, may lose the database in the next test.
-        stack.wait_for_changes("sim1")
-
-
 def cached_names(stack: Stack) -> list[str]:
     return stack.exec("sshd", "find", CACHE, "-type", "f", user="keylookup").split()
 
@@ -129,7 +115,7 @@ def file_of(key: RobotKey) -> str:
     return f"{CACHE}/{key.fingerprint.removeprefix('SHA256:').replace('/', '_')}"
 
 
-def test_cache_follows_the_database(stack: Stack, key: RobotKey) -> None:
+def test_disabled_robots_key_is_refused_and_the_cache_follows(stack: Stack, key: RobotKey) -> None:
     """A key that never came here is in it, as with a robot whose cell dies, and one that is no longer good is not."""
     stack.exec("sshd", "rm", "-f", file_of(key), user="keylookup")
     stack.exec("sshd", PROGRAM, "cache", user="keylookup")
@@ -139,8 +125,16 @@ def test_cache_follows_the_database(stack: Stack, key: RobotKey) -> None:
         stack.exec("sshd", PROGRAM, "cache", user="keylookup")
         assert not cached(key)
         assert cached_names(stack), "the other robots' keys"
+        stack.robotether("robot", "enable", "thief")
+        line_of(key)
+        assert cached(key)
+        stack.robotether("robot", "disable", "thief")
+        # It forgets the key with the refusal, too.
+        assert "Permission denied" in key.ssh(USER, "session").stderr
+        assert not cached(key)
     finally:
         stack.robotether("robot", "enable", "thief")
+        # The relay, which reads it a moment later, may lose the database in the next test.
         stack.wait_for_changes("sim1")
 
 

@@ -251,20 +251,6 @@ def pair(tmp_path: Path) -> tuple[str, str]:
     return certificate, begin + key
 
 
-def test_pair_for_another_name_stops_the_start(site: Site, pair: tuple[str, str]) -> None:
-    """The cells of the site would not accept it, nor would programs that ask the database."""
-    certificate, key = pair
-    for name in ("peer", "database"):
-        (site.own / f"{name}_cert.pem").write_text(certificate)
-        (site.own / f"{name}_key.pem").write_text(key)
-        (site.own / "database_ca.pem").write_text(certificate)
-        status, said = site.make()
-        assert (status, site.texts()) == (1, {})
-        assert f"cannot use your own {name}_cert.pem: hostname mismatch" in said
-        (site.own / f"{name}_cert.pem").unlink()
-        (site.own / f"{name}_key.pem").unlink()
-
-
 def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, str]) -> None:
     """MariaDB would not start with a wrong one, for ever."""
     certificate, key = pair
@@ -303,6 +289,15 @@ def test_wrong_secrets_of_ones_own_stop_the_start(site: Site, pair: tuple[str, s
         ({"database_ca_key.pem": key}, "database_ca_key.pem: database_ca.pem is missing"),
         (authority | {"database_ca_key.pem": weak_key.read_text()}, "it is not the key of database_ca.pem"),
         ({"peer_cert.pem": weak, "peer_key.pem": weak_key.read_text()}, "certificate key too weak"),
+        # The cells of the site would not accept it, nor would programs that ask the database.
+        (
+            {"peer_cert.pem": certificate, "peer_key.pem": key},
+            "cannot use your own peer_cert.pem: hostname mismatch",
+        ),
+        (
+            authority | {"database_cert.pem": certificate, "database_key.pem": key},
+            "cannot use your own database_cert.pem: hostname mismatch",
+        ),
         (
             {"peer_cert.pem": certificate + certificate[:200], "peer_key.pem": key},
             "peer_cert.pem: it, or a certificate beside it, is damaged",
