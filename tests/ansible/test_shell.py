@@ -66,7 +66,6 @@ class Person:
         return output_of_command(*command, env=self.environment)
 
     def fleet(self, *arguments: str) -> CompletedProcess[str]:
-        """Run a command with `robotether fleet run`."""
         fleet = (sys.executable, "-m", "robotether_server.cli", "fleet", "run")
         return self.run(*fleet, *arguments, "--ssh-config", str(self.config))
 
@@ -122,7 +121,6 @@ def test_fleet_trusts_no_host_that_she_has_not_seen(ann: Person) -> None:
 
 
 def test_ssh_runs_on_the_robot(known: Person, turtle: RobotHost) -> None:
-    """The session is of the account that the robot's setting names."""
     said = known.run_well("ssh", "-F", known.config, NAME, "id -un; hostname")
     assert said.split() == [USER, turtle.name]
 

@@ -42,7 +42,6 @@ class Site:
         )
 
     def alive(self) -> set[str]:
-        """The cells that the database calls alive."""
         return self.sql("SELECT name FROM cells WHERE heartbeat_at > NOW() - INTERVAL 5 SECOND")
 
     def sql(self, query: str) -> set[str]:

@@ -123,7 +123,6 @@ def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -
 
 
 def wait_at(first: Stack, cell: str, *robots: str) -> None:
-    """Wait until the robots' newest sessions are at a cell, and their guards are ready."""
     query = (
         "SELECT cell FROM robot_sessions JOIN robots ON robots.id = robot_id"
         " WHERE name = '{}' AND ended_at IS NULL ORDER BY robot_sessions.id DESC LIMIT 1"

@@ -40,7 +40,6 @@ def token(stack: Stack) -> str:
 
 @pytest.fixture(autouse=True)
 def _drivable(stack: Stack) -> None:
-    """The robot is there, and nobody else drives it, or the page would only watch."""
     stack.wait_until_drivable(ROBOT)
 
 

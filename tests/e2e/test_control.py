@@ -33,7 +33,6 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
 
 @pytest.fixture
 def ann(page_users: PageUsers) -> Page:
-    """Ann's page: she drives."""
     page = page_users.drive("ann", ROBOT)
     expect_armed(page)
     return page

@@ -89,7 +89,6 @@ async def command(watch: SimWatch, since: float, *, is_zero: bool) -> float:
 
 
 def send(stack: Stack, words: str, number: signal.Signals) -> float:
-    """Send a signal to the oldest process with these words, and return when."""
     found = processes.with_words(stack.container(ROBOT), words)
     assert found, f"{ROBOT} runs no {words}"
     # The agent has forked the others, which have its command.

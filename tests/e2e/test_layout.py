@@ -93,7 +93,6 @@ def driven(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> It
 
 
 def _at_each_size(page: Page, request: pytest.FixtureRequest) -> Iterator[str]:
-    """Resize the page, and say to what."""
     for width, height in SIZES[request.node.callspec.id]:
         resize(page, width, height)
         yield f"at {width}x{height}"

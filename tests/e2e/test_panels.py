@@ -74,7 +74,6 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
 
 @pytest.fixture
 def dora(page_users: PageUsers) -> Page:
-    """Dora's page: she drives."""
     return page_users.drive("dora", ROBOT)
 
 

@@ -34,7 +34,6 @@ def program(stack: Stack, token: str) -> Program:
 def run_tutorial(
     stack: Stack, token: str, folder: Path, **environment: str
 ) -> subprocess.CompletedProcess[str]:
-    """Run the documented roslibpy program as it stands in docs/, in a folder for its frame."""
     return subprocess.run(
         [sys.executable, str(ROOT / "docs" / "tutorial" / "roslibpy_client.py"), stack.url, "sim1", token],
         env={**os.environ, **environment}, cwd=folder,

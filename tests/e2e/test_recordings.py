@@ -46,7 +46,6 @@ class People:
         return self._stack.request(method, f"/api/v1{path}", headers=bearer)
 
     def file(self, name: str, number: int, piece: str = "") -> tuple[int, bytes]:
-        """The file of a recording, or a piece of it."""
         headers = {"Authorization": f"Bearer {self._tokens[name]}"}
         if piece:
             headers["Range"] = f"bytes={piece}"
@@ -112,7 +111,6 @@ def test_a_drive_is_recorded_played_back_and_read_by_rosbags(
 
 
 def _record(page: Page, stack: Stack, people: People) -> int:
-    """Record a drive on the page; return the recording's number."""
     drive_live(page, stack, ROBOT)
     open_drawer(page)
     record = page.get_by_test_id("record")

@@ -8,12 +8,10 @@ from werkzeug.test import TestResponse
 
 
 def public_key(number: int) -> str:
-    """A public key line that is like no other number's."""
     return RobotSigner(number).line
 
 
 def fingerprint(number: int) -> str:
-    """The fingerprint of that key, as OpenSSH prints it."""
     return RobotSigner(number).key.fingerprint
 
 

@@ -15,8 +15,6 @@ API = "/api/v1"
 
 @dataclass
 class Program:
-    """A program of one user."""
-
     visitor: Browser
     headers: dict[str, str]
 
@@ -40,12 +38,10 @@ class Program:
 
 
 def program_of(visitor: Browser, database: Database, user: str) -> Program:
-    """A program with a new API token of that user."""
     return Program(visitor, bearer(database, user))
 
 
 def in_person(visitor: Browser, name: str) -> Program:
-    """A user who has logged in, as a page asks for them."""
     visitor.log_in(name)
     csrf = visitor.csrf_of("/profile")
     return Program(visitor, {"X-CSRFToken": csrf, "Referer": f"{SITE}/profile"})

@@ -64,14 +64,12 @@ def audited(database: Database, kind: str) -> list[tuple[str, dict[str, object]]
 
 
 def problem_of(page: str) -> str:
-    """The summary that a form came back with."""
     found = re.search(r'data-testid="form-problem">(.*?)</div>', page, re.S)
     assert found, page
     return " ".join(html.unescape(re.sub("<[^>]*>", "", found[1])).split())
 
 
 def filled(browser: Browser, path: str) -> dict[str, Any]:
-    """The form of a tab as a browser would send it, unchanged."""
     form = re.findall(
         r'<form method="post" class="stack settings".*?</form>', browser.ask("GET", path).text, re.S
     )[0]

@@ -19,12 +19,10 @@ FIND = """(canvas, [red, green, blue]) => {
 
 
 def find_pixels(canvas: Locator, colour: Colour) -> set[tuple[int, int]]:
-    """Return the places of all pixels of about this colour."""
     return {(x, y) for x, y in canvas.evaluate(FIND, list(colour))}
 
 
 def wait_pixels(canvas: Locator, colour: Colour, least: int, most: float = 1e9) -> None:
-    """Wait until the canvas has so many pixels of about this colour."""
     canvas.page.wait_for_function(
         f"([canvas, colour, least, most]) => {{ const count = ({FIND})(canvas, colour).length;"
         " return least <= count && count <= most; }",

@@ -42,19 +42,16 @@ class PageUsers:
         return context.new_page()
 
     def open(self, name: str, robot: str) -> Page:
-        """A user's own browser on a robot's page, whose connection stands."""
         page = self.browse(name)
         self.go(page, robot)
         return page
 
     def drive(self, name: str, robot: str) -> Page:
-        """A user's own browser on a robot's page, which drives it."""
         page = self.open(name, robot)
         take_control(page)
         return page
 
     def go(self, page: Page, robot: str) -> None:
-        """Open a robot's page and wait until its connection stands."""
         open_live(page, self.stack, robot)
 
     def close(self) -> None:
@@ -71,8 +68,6 @@ class PageUsers:
 
 
 def release_all(stack: Stack, robots: list[str]) -> None:
-    """Release robots as the admin, so that the next test finds them as it expects."""
-
     def released(robot: str) -> Callable[[], bool]:
         return lambda: stack.admin.try_to("POST", f"/robots/{robot}/release", {})[0] == 200
 

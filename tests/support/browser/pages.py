@@ -95,13 +95,11 @@ def open_robot(page: Page, site: Site, name: str) -> None:
 
 
 def open_live(page: Page, site: Site, robot: str) -> None:
-    """Go straight to a robot's page and wait until its connection stands."""
     page.goto(f"{site.url}/robots/{robot}")
     expect_live(page, seconds=15)
 
 
 def drive_live(page: Page, site: Site, robot: str) -> None:
-    """Go straight to a robot's page and take the control."""
     open_live(page, site, robot)
     take_control(page)
 
@@ -161,7 +159,6 @@ def expect_armed(page: Page) -> None:
 
 
 def wait_until(page: Page, what: str, condition: Callable[[], bool], seconds: float = 10) -> None:
-    """Wait for what the page's events tell this process."""
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"after {seconds} s still not {what}"
@@ -169,12 +166,10 @@ def wait_until(page: Page, what: str, condition: Callable[[], bool], seconds: fl
 
 
 def open_page(page: Page, site: Site, path: str) -> None:
-    """Go straight to a page that needs no waiting."""
     page.goto(f"{site.url}{path}")
 
 
 def expect_no_sideways_scroll(page: Page) -> None:
-    """Fail when the page is wider than the screen, and say what is."""
     wide = page.evaluate(
         "document.documentElement.scrollWidth <= innerWidth ? [] : "
         "[...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().right > innerWidth)"

@@ -34,7 +34,6 @@ def shoot(page: Page, name: str, clip: FloatRect | None = None) -> None:
 
 
 def shoot_driving(page: Page, demo: Demo, observer: Page) -> None:
-    """Shoot the drive page while somebody drives and watches, held by old video, and stopped."""
     open_page(page, demo, "/robots/sim1")
     expect_live(page, seconds=30)
     take_control(page)
@@ -81,7 +80,6 @@ def an_observer(demo: Demo) -> Iterator[str]:
 
 
 def new_page(browser: Browser) -> Page:
-    """Open a page of a browser of its own."""
     return browser.new_context(
         ignore_https_errors=True,
         viewport={"width": WIDTH, "height": HEIGHT},

@@ -27,7 +27,6 @@ SITE = "https://robots.example"
 
 
 def web_settings_of(database: DatabaseSettings, folder: Path) -> WebSettings:
-    """Settings of an application whose files are in a folder."""
     return WebSettings(
         database=database,
         tickets=TicketSettings("t" * 32, 30),
@@ -43,7 +42,6 @@ def web_settings_of(database: DatabaseSettings, folder: Path) -> WebSettings:
 
 
 def write_host_key(folder: Path) -> None:
-    """Put an SSH host key where such settings look for it."""
     (folder / "host_keys").mkdir()
     key = "ssh-ed25519 AAAAhost root@sshd\n"
     (folder / "host_keys" / "ssh_host_ed25519_key.pub").write_text(key)
@@ -61,7 +59,6 @@ class Browser:
         return self.client.open(path, method=method, base_url=SITE, headers=headers, **options)
 
     def csrf(self) -> str:
-        """The token of the page that everybody may see."""
         return self.csrf_of("/login")
 
     def csrf_of(self, path: str) -> str:

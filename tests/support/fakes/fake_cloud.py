@@ -41,7 +41,6 @@ WAIT_S = 30.0
 
 @cache
 def certificate() -> Path:
-    """Make a self-signed certificate for localhost with its key, as one PEM file."""
     place = Path(tempfile.mkdtemp(prefix="rt-tls-"))
     atexit.register(shutil.rmtree, place)
     return make_certificate(place)
@@ -49,12 +48,10 @@ def certificate() -> Path:
 
 @cache
 def fingerprint() -> str:
-    """Return the SHA-256 of the certificate, as the server prints it."""
     return fingerprint_of(certificate())
 
 
 def agent_environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:
-    """Return the environment of an agent that lives in `place` and joins `cloud`."""
     values = {
         "server": cloud.server,
         "tls_fingerprint": fingerprint(),
@@ -67,8 +64,6 @@ def agent_environ(cloud: FakeCloud, place: Path, **more: str) -> dict[str, str]:
 
 
 class Link:
-    """One connection of the agent at the fake relay."""
-
     def __init__(self, kind: str, writer: asyncio.StreamWriter) -> None:
         self.kind = kind
         self.received: list[dict[str, Any]] = []

@@ -27,8 +27,6 @@ WAIT_S = 30.0
 
 
 class FakeFrames:
-    """All connections to the service, and what came on them."""
-
     def __init__(self, clock_ms: Any, mode: FramesMode = "behaves") -> None:
         self.mode = mode
         self.clock_ms = clock_ms

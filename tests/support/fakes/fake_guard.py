@@ -31,7 +31,6 @@ REFUSED = {"old": 0, "fence": 0, "stopped": 0, "shape": 0, "held": 0}
 
 
 def fake_guard_command(place: Path, *modes: str) -> list[str]:
-    """Return the command of a fork server whose guards do as the modes say."""
     return [sys.executable, __file__, str(place), ",".join(modes)]
 
 
@@ -43,7 +42,6 @@ def heard(place: Path) -> list[dict[str, Any]]:
 
 
 def births(place: Path) -> list[dict[str, Any]]:
-    """Return the starts so far, with pid and port."""
     return [message for message in heard(place) if message["type"] == "born"]
 
 

@@ -29,8 +29,6 @@ def units_of(data: bytes) -> list[bytes]:
 
 
 class FakeRtspCamera:
-    """Serves one H.264 stream of these JPEGs, which it repeats."""
-
     def __init__(self, jpegs: list[bytes], mode: RtspMode = "streams", location: str = "") -> None:
         transcoder = FrameTranscoder()
         self.units = [

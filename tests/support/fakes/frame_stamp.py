@@ -27,7 +27,6 @@ def read_stamp(data: bytes) -> float:
 
 
 def stamp_of(image: Image.Image) -> float:
-    """The same of a picture that is decoded."""
     grey = image.convert("L")
     cells = [_cell(grey, row, column) for row in range(ROWS) for column in range(COLUMNS)]
     number = int("".join("1" if cell > 127 else "0" for cell in cells), 2)
@@ -39,7 +38,6 @@ def stamp_of(image: Image.Image) -> float:
 
 
 def _cell(grey: Image.Image, row: int, column: int) -> float:
-    """The brightness of the middle of a cell, 0 to 255."""
     width, height = grey.size
     left, top = width * column / COLUMNS, height * (1 - (ROWS - row) * ROW_PART)
     across, down = width / COLUMNS, height * ROW_PART

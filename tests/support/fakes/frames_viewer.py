@@ -44,7 +44,6 @@ class FramesViewer:
         )
 
     async def frame(self) -> Seen:
-        """Wait for the next picture; texts before it are kept."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 message = await self.socket.receive()

@@ -73,7 +73,6 @@ class GuardEnd(ABC):
         self.write(json.dumps(line).encode() + b"\n")
 
     def reconfigure(self, **config: Any) -> None:
-        """Send the configuration again, with these members changed."""
         self.config |= config
         self.tell(**self.config)
 
@@ -108,7 +107,6 @@ class GuardEnd(ABC):
     async def until(
         self, condition: Callable[[], bool], what: str, seconds: float = WAIT_S
     ) -> None:
-        """Wait until the condition holds, or fail and show what the guard said."""
         end = time.monotonic() + seconds
         while not condition():
             reports = [line for line in self.lines if line["type"] != "tick"]

@@ -131,7 +131,6 @@ class RecordedDrive:
 
     @property
     def changes_ms(self) -> list[int]:
-        """When another drives, or the robot is stopped or released."""
         spans = (*self.drivers, *self.stopped)
         return sorted({0, *(at_ms for span in spans for at_ms in span)})
 
@@ -177,7 +176,6 @@ class RecordedDrive:
         yield from (odometry(at_ms, at_ms / 1000, float(self.seed)) for at_ms in self.states_ms)
 
     def _encoded(self, codec: str, frames: list[TrueFrame]) -> Iterator[bytes]:
-        """The frames as a robot sends them."""
         usual, other = encoder_of_frames(codec), encoder_of_frames(codec, self.other_size)
         for frame in frames:
             encoder = other if frame.number >= self.other_from else usual
@@ -248,7 +246,6 @@ ODOMETRY = _odometry_type()
 
 
 def odometry(at_ms: int, x: float, y: float = 0.0, topic: str = "/odom") -> RecordedMessage:
-    """Where the robot is."""
     zero = {"x": 0.0, "y": 0.0, "z": 0.0}
     message = {
         "header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "odom"},
@@ -266,7 +263,6 @@ def odometry(at_ms: int, x: float, y: float = 0.0, topic: str = "/odom") -> Reco
 
 
 def encoder_of_frames(codec: str, size: tuple[int, int] = (WIDTH, HEIGHT)) -> Any:
-    """What encodes frames without delay."""
     encoder: Any = av.CodecContext.create({"jpeg": "mjpeg", "h264": "libx264"}[codec], "w")
     encoder.width, encoder.height = size
     encoder.pix_fmt = "yuvj420p" if codec == "jpeg" else "yuv420p"

@@ -77,7 +77,6 @@ class RobotKey:
         return run_command(*self.command(*arguments, port=port), limit_s=timeout)
 
     def start(self, *arguments: str, port: int | None = None) -> subprocess.Popen[str]:
-        """Start the client and leave it running; the caller ends it."""
         return subprocess.Popen(
             self.command(*arguments, port=port),
             stdin=subprocess.PIPE,

@@ -26,7 +26,6 @@ class RobotSigner(SigningKey):
         return self.sign(JOIN_NAMESPACE, message)
 
     def join(self, mac: str, token: str | None = None, **fields: object) -> dict[str, object]:
-        """The body of a join with this key and its proof."""
         return {
             "mac": mac,
             "public_key": self.line,

@@ -51,7 +51,6 @@ class SimWatch(LoopThread):
         return self._seen["/pose"][-1].msg
 
     def commands(self, since: float = 0.0) -> list[Seen]:
-        """The twists on /cmd_vel that arrived after `since`."""
         return [seen for seen in list(self._seen["/cmd_vel"]) if seen.at > since]
 
     def wait_seen(self, what: str, condition: Any, since: float) -> None:

@@ -78,7 +78,6 @@ class Clock:
 def validator(
     level: Level = "observe", settings: object = None, clock: Clock | None = None
 ) -> MessageValidator:
-    """The validator of a connection of this level to a robot with these settings."""
     known = parse(settings or {})
     policy = known.policy
     return MessageValidator(
@@ -96,7 +95,6 @@ def sent(message: object, at: MessageValidator) -> object:
 
 
 def refused(message: object, at: MessageValidator) -> tuple[str, dict[str, object]]:
-    """The kind of the refusal, and the answer to the client."""
     with pytest.raises(MessageRefusedError) as refusal:
         check(message, at)
     assert refusal.value.answer is not None

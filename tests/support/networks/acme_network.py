@@ -102,7 +102,6 @@ class AcmeNetwork:
         assert done.returncode == 0, done.stderr
 
     def start_authority(self) -> None:
-        """Start pebble, and wait until it listens."""
         container = self._run(
             "pebble",
             AUTHORITY,
@@ -164,7 +163,6 @@ class AcmeNetwork:
         return self._containers.start(self._network, image(built), *aliases, **locked, **options)
 
     def _write_authority(self) -> None:
-        """Write pebble's settings, and the certificate under which it serves its own directory."""
         place = self._folder / "pebble"
         place.mkdir()
         make_certificate(place, AUTHORITY)

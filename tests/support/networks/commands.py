@@ -31,7 +31,6 @@ def output_of_command(*words: str | Path, **options: Any) -> str:
 
 
 def write_programs(folder: Path, programs: Mapping[str, str]) -> None:
-    """Write scripts for the shell, by their names."""
     folder.mkdir(exist_ok=True)
     for name, text in programs.items():
         (folder / name).write_text(text if text.startswith("#!") else f"#!/bin/sh\n{text}\n")

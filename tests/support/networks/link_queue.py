@@ -33,7 +33,6 @@ class Direction:
         self._flying: deque[tuple[float, bytes]] = deque()
 
     def offer(self, now: float, packet: bytes) -> None:
-        """Take a packet that arrives at the link's entry."""
         self._send(now)
         if self._waiting_bytes + len(packet) > self._shape.queue_bytes:
             return
@@ -43,7 +42,6 @@ class Direction:
         self._waiting_bytes += len(packet)
 
     def due(self, now: float) -> Iterator[bytes]:
-        """Yield what arrives at the other end until `now`."""
         self._send(now)
         while self._flying and self._flying[0][0] <= now:
             yield self._flying.popleft()[1]

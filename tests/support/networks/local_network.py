@@ -43,7 +43,6 @@ for _ in range(random.SystemRandom().randrange(len(PORTS))):
 
 
 def free_port() -> int:
-    """A TCP port that was free on all of this machine's addresses a moment ago, another one each time."""
     return free_ports(1)[0]
 
 
@@ -82,7 +81,6 @@ def request_json(
     headers: Mapping[str, str] | None = None,
     timeout_s: float = 10,
 ) -> tuple[int, Any]:
-    """One HTTPS request; status and the parsed JSON (or text)."""
     request = urllib.request.Request(
         url,
         method=method,

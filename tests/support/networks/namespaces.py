@@ -42,15 +42,12 @@ class Namespace:
         return PLACE / self.name
 
     def command(self, *words: str) -> list[str]:
-        """Return the command that runs `words` inside."""
         return ["nsenter", f"--net={self.path}", "--", *words]
 
     def run(self, *words: str) -> str:
-        """Run a short command inside and return what it printed."""
         return output_of_command(*self.command(*words))
 
     def sysctl(self, name: str, value: str) -> None:
-        """Set a kernel setting that each network has for itself."""
         self.run("sysctl", "-qw", f"{name}={value}")
 
     @contextmanager
@@ -120,7 +117,6 @@ def remove(name: str) -> None:
 
 
 def sweep() -> None:
-    """Remove the namespaces of processes that are gone."""
     for path in PLACE.glob(f"{PREFIX}-*"):
         match = OWN_NAME.fullmatch(path.name)
         if match and not Path("/proc", match[1]).exists():

@@ -182,7 +182,6 @@ class OpenSshServer:
 
 
 def make_key(path: Path, passphrase: str = "", *, kind: str = "ed25519", comment: str = "") -> str:
-    """Make a key pair; return the public line."""
     command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", comment, "-f", str(path)]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
     return path.with_suffix(".pub").read_text().strip()
@@ -231,7 +230,6 @@ def wait_until(
 
 
 def descendants(pid: int) -> list[int]:
-    """Return all processes below `pid`, zombies left out."""
     parents = {child: int(parent) for child, (state, parent, *_) in words_of_all() if state != "Z"}
     found, frontier = [], [pid]
     while frontier:
@@ -243,7 +241,6 @@ def descendants(pid: int) -> list[int]:
 
 
 def is_alive(pid: int) -> bool:
-    """Tell whether `pid` runs; a zombie does not."""
     try:
         return words_of(pid)[0] != "Z"
     except OSError:

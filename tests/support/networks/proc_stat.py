@@ -14,7 +14,6 @@ def words_of(pid: int, proc: Path = PROC) -> list[str]:
 
 
 def words_of_all(proc: Path = PROC) -> Iterator[tuple[int, list[str]]]:
-    """Each process with its words."""
     for path in proc.iterdir():
         # Not by a pattern: pathlib stumbles over a process that ends while it looks.
         if not path.name.isdigit():

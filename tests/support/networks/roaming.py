@@ -93,7 +93,6 @@ class RoamingNetwork:
 
 @contextmanager
 def roaming_networks(how_many: int) -> Iterator[tuple[Namespace, list[RoamingNetwork]]]:
-    """Make a cloud and the networks of so many robots, and remove them all."""
     sweep()
     with ExitStack() as made:
         cloud = make(made, "cloud")
@@ -107,7 +106,6 @@ def roaming_networks(how_many: int) -> Iterator[tuple[Namespace, list[RoamingNet
 
 
 def _lay(item: tuple[Namespace, str], other: tuple[Namespace, str]) -> None:
-    """Join two namespaces by a cable, and switch both ends on."""
     peer = ("peer", "name", other[1], "netns", other[0].name)
     ip("-n", item[0].name, "link", "add", "name", item[1], "type", "veth", *peer)
     for namespace, name in (item, other):

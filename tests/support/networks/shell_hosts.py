@@ -94,7 +94,6 @@ class ShellNetwork:
 
     @property
     def jump_address(self) -> str:
-        """The jump host's name in known_hosts."""
         return f"[127.0.0.1]:{self.jump.port}"
 
     def start(self, *names: str) -> None:

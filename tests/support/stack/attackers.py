@@ -60,7 +60,6 @@ def raw(
     headers: Mapping[str, str] | None = None,
     body: object = None,
 ) -> Answer:
-    """Send one request with exactly these headers; a body is sent as JSON."""
     sent = dict(headers or {})
     data = None if body is None else json.dumps(body)
     if data is not None:

@@ -26,7 +26,6 @@ def image_tag() -> str:
 
 
 def save_images(folder: Path) -> Path:
-    """The images as an archive, as a site without internet has them."""
     archive = folder / "images.tar"
     output_of_command("docker", "save", "--output", archive, *IMAGES, limit_s=300)
     return archive
@@ -40,7 +39,6 @@ def clone_sources(folder: Path) -> Path:
 
 
 def boot_docker_host(hosts: RobotHosts, name: str) -> RobotHost:
-    """Boot a host in which a Docker of its own can run."""
     host = hosts.boot(
         name,
         # overlay2 needs another file system than the container's own; runc needs to look into what it started.
@@ -69,7 +67,6 @@ def are_healthy(host: RobotHost, services: set[str]) -> bool:
 
 
 def secrets_of(host: RobotHost) -> str:
-    """Name and hash of each secret that is in the checkout."""
     return host.run(f"sha256sum {FOLDER}/compose/secrets/*")
 
 

@@ -27,13 +27,11 @@ def tracked(*patterns: str) -> list[Path]:
 
 
 def pages() -> list[Path]:
-    """The documents that tell a reader what to do now."""
     pages = [page for page in tracked("*.md") if not {"experiments", "adr"} & {*page.parts}]
     return [page for page in pages if page.name != HISTORY]
 
 
 def commands(page: Path) -> Iterator[str]:
-    """Yield each command of the page's shell blocks, and those of our programs within its text."""
     for match in _BLOCK_OR_CODE.finditer(page.read_text()):
         text = match["block"] or (match["code"] or "").replace("\n", " ")
         text = _HERE_DOCUMENT.sub("", text).replace("\\\n", " ")

@@ -15,7 +15,6 @@ BUILT_WITHIN_S = 1800
 
 
 def image(name: str) -> str:
-    """The name of one of the images, such as `server`."""
     return f"local.invalid/robotether/{name}:{os.environ.get('TAG') or __version__}"
 
 

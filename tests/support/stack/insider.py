@@ -58,8 +58,6 @@ while True:
 
 
 class Insider:
-    """The container, and what it can ask of others on the network."""
-
     def __init__(self, container: Container) -> None:
         self._container = container
 
@@ -90,7 +88,6 @@ class Insider:
 
     @contextmanager
     def half_open_log_ins(self, host: str, port: int, count: int) -> Iterator[None]:
-        """Hold so many SSH connections that never log in, inside the block."""
         command = ["docker", "exec", "--interactive", str(self._container.id), "python3", "-c"]
         running = subprocess.Popen(
             [*command, HALF_OPEN, host, str(port), str(count)],
@@ -111,7 +108,6 @@ class Insider:
 
 @contextmanager
 def insider(stack: Stack) -> Iterator[Insider]:
-    """Start the container, and remove it at the end."""
     image = stack.container("relay").image
     assert image is not None
     container = stack.engine.containers.run(

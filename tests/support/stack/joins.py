@@ -33,8 +33,6 @@ REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 @dataclass(frozen=True)
 class Site:
-    """One server with its rules for joins."""
-
     database: Database
     policy: str = "approve"
     limit: int = 3
@@ -72,7 +70,6 @@ class Site:
         return self.ask(f"00:1b:44:01:00:{number:02x}", key(number), report=report)
 
     def announce(self, name: str = "sim1", mac: str = MAC) -> None:
-        """An admin's row for a robot that has not joined."""
         with self.database.transaction() as tx:
             robots.add(tx, mac, name)
 

@@ -127,8 +127,6 @@ def heartbeat(running: subprocess.Popen[str]) -> Iterator[None]:
 
 
 class Person:
-    """A user with an SSH key and grants."""
-
     def __init__(self, stack: Stack, folder: Path, name: str) -> None:
         self.stack = stack
         self.name = name
@@ -194,7 +192,6 @@ def ended(running: subprocess.Popen[Any], seconds: float = ENDED_WITHIN_S) -> bo
 
 
 def lives(running: subprocess.Popen[str], word: str) -> bool:
-    """Whether what is sent still comes back."""
     assert running.stdin is not None
     running.stdin.write(f"{word}\n")
     running.stdin.flush()

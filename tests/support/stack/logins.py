@@ -16,8 +16,6 @@ CSRF = re.compile(r'name="csrf-token" content="([^"]+)"')
 
 
 class Login:
-    """The browser of one person."""
-
     def __init__(self, url: str, name: str, password: str) -> None:
         """`url` is the site's, without a slash at the end. Raises HTTPError if the form refuses."""
         self._url = url

@@ -45,7 +45,6 @@ class MariaDb:
         )
 
     def as_root(self, sql: str) -> str:
-        """Run SQL as the server's own admin, inside; return what the client prints."""
         command = ["mariadb", "--batch", "--skip-column-names", "--execute", sql, "robotether"]
         done = run_inside(self.container, *command)
         assert done.returncode == 0, done.stderr
@@ -71,7 +70,6 @@ def image(suite: str = SUITE) -> str:
 
 @contextmanager
 def engine() -> Iterator[docker.DockerClient]:
-    """The local Docker engine; its sockets are closed at the end."""
     client = docker.from_env()
     try:
         yield client
@@ -96,7 +94,6 @@ def running(folder: Path) -> Iterator[MariaDb]:
 
 
 def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
-    """Write the secret files as the entrypoint expects them."""
     folder.chmod(0o755)  # the container's user is another one
     for account, password in passwords.items():
         file = folder / f"mysql_{account}_password"
@@ -120,7 +117,6 @@ def start(
     *,
     suite: str = SUITE,
 ) -> Container:
-    """Start the image with the secrets of a folder; the caller removes the container."""
     volumes = {str(folder): {"bind": "/run/secrets", "mode": "ro"}}
     if volume:
         volumes[volume] = {"bind": "/var/lib/mysql", "mode": "rw"}

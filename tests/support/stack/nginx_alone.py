@@ -44,7 +44,6 @@ class Containers:
 
 
 def remove(container: Container) -> None:
-    """Remove a container, if it is still there."""
     with suppress(NotFound):
         container.remove(force=True, v=True)
 

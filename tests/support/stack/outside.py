@@ -98,6 +98,5 @@ def functions_of(found: object) -> Iterator[FunctionType]:
 
 @cache
 def names_in(code: CodeType) -> frozenset[str]:
-    """Names that a function and the functions inside it look up."""
     inner = (names_in(const) for const in code.co_consts if isinstance(const, CodeType))
     return frozenset(code.co_names).union(*inner)

@@ -62,7 +62,6 @@ class PlainCompose:
         return run_command(*words, cwd=self.compose_folder, env=environment, limit_s=timeout)
 
     def tool(self, name: str, *arguments: str) -> str:
-        """Run one of the repository's tools for this stack, which must succeed; what it printed."""
         settings = {name: str(value) for name, value in self.settings.items()}
         environ = os.environ | settings
         return output_of_command(self._folder / name, *arguments, env=environ, limit_s=600)

@@ -81,7 +81,6 @@ class Played:
 
     @property
     def changed(self) -> dict[str, int]:
-        """Return how many tasks changed something on each host."""
         return {host: int(count) for host, count in RECAP.findall(self.printed)}
 
     @property
@@ -122,7 +121,6 @@ class Site:
         return printed.strip().split("=")[-1].replace(":", "").lower()
 
     def join_token(self, *, uses: int) -> str:
-        """A new join token, good for an hour."""
         return invite(self.stack, self.token, uses=uses)["token"]
 
     def inventory(
@@ -176,13 +174,11 @@ class Site:
         return Played(done.returncode, done.stdout + done.stderr)
 
     def _place(self) -> dict[str, str]:
-        """Variables of the environment that say where the playbooks are."""
         if self.collections:
             return {"ANSIBLE_COLLECTIONS_PATH": str(self.collections)}
         return {"ANSIBLE_CONFIG": str(ANSIBLE / "ansible.cfg")}
 
     def play_well(self, playbook: str, *robots: RobotHost, **extra: Any) -> Played:
-        """Run a playbook that must succeed, or fail the test with all that it printed."""
         played = self.play(playbook, *robots, **extra)
         assert played.code == 0, played.printed
         return played

@@ -19,8 +19,6 @@ OPEN_WITHIN_S = 20.0
 
 
 class Program:
-    """One API token and what it can open."""
-
     def __init__(self, stack: Stack, token: str) -> None:
         self.stack = stack
         self.headers = {"Authorization": f"Bearer {token}"}

@@ -18,7 +18,6 @@ PUBLISH = '{"op":"publish","topic":"/cmd_vel","msg":{"linear":{"x":0.5}}}'
 
 
 async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, str]:
-    """Read on until the relay closes; return code and reason."""
     # Not receive(timeout=...), which begins anew with each ping that it answers.
     async with asyncio.timeout(WAIT_S):
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
@@ -33,7 +32,6 @@ async def ended(session: RobotSession) -> str | None:
 
 
 async def configured(session: RobotSession) -> RobotSession:
-    """Wait until the relay has told the session its configuration."""
     await session.wait_configured()
     return session
 

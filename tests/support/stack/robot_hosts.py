@@ -86,7 +86,6 @@ class RobotHost:
     key: Path
 
     def run(self, command: str, *, check: bool = True, stdin: str | None = None) -> str:
-        """Run a shell command as root and return what it printed; CommandError when it fails."""
         done = self._exec(command, stdin)
         if check and done.returncode != 0:
             raise CommandError(f"{self.name}: {command!r} exited {done.returncode}\n{done.stdout}")
@@ -141,7 +140,6 @@ class RobotHost:
         self.container.start()
 
     def wait_booted(self) -> None:
-        """Wait until systemd has started everything and SSH answers."""
         # systemd waits for itself; to ask again and again would slow down hosts that boot beside each other.
         started = "timeout 10 systemctl is-system-running --wait"
         self.wait("systemd running", lambda: self.succeeds(started), BOOTS_WITHIN_S)
@@ -244,7 +242,6 @@ class RobotHosts:
     def boot_all(
         self, *names: str, options: Mapping[str, dict[str, Any]] | None = None
     ) -> list[RobotHost]:
-        """Boot several hosts beside each other; `options` for `boot` by name."""
         given = options or {}
         with ThreadPoolExecutor(BOOTING_AT_ONCE) as pool:
             return list(pool.map(lambda name: self.boot(name, **given.get(name, {})), names))

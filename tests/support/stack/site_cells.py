@@ -97,8 +97,6 @@ class PeerListener(TcpService):
 
 
 class SiteCell:
-    """One cell of the site under test."""
-
     def __init__(
         self, name: str, database: MemoryDatabase, server: RelayServer, listener: PeerListener
     ) -> None:
@@ -114,12 +112,10 @@ class SiteCell:
         return self.server.relay
 
     def owner(self, robot: RelayRobot) -> str | None:
-        """Which other cell has a robot, as this one knows."""
         peer = self.relay.peers.owner(robot.id)
         return None if peer is None else peer.name
 
     def shown(self, robot: RelayRobot) -> RobotObject:
-        """The robot as this cell's clients see it."""
         return self.relay.fleet_events.describe(robot)
 
     async def robot(self, robot: RelayRobot, mode: str = "guarded", epoch: int = 0) -> FakeRobot:

@@ -104,7 +104,6 @@ class Stack:
         self.compose("--profile", "*", "down", "--volumes", "--timeout", "5", timeout=120)
 
     def tool(self, *command: str, timeout: float = 60) -> str:
-        """Run one of the repository's tools for this project and return what it printed."""
         env_file = os.path.relpath(self.env_file, self.root)
         environment = {**os.environ, "ENV_FILE": env_file, **self.variables}
         return output_of_command(*command, cwd=self.root, env=environment, limit_s=timeout)
@@ -206,7 +205,6 @@ class Stack:
         body: dict[str, Any] | None = None,
         headers: dict[str, str] | None = None,
     ) -> tuple[int, Any]:
-        """One HTTPS request; status and the parsed JSON (or text). The certificate is self-signed."""
         return request_json(method, self.url + path, body, headers)
 
     def token(self, name: str, user: str = "admin") -> str:

@@ -38,7 +38,6 @@ class Admin:
         return self._try_to("GET", path, None)[0] == HTTPStatus.OK
 
     def ask(self, method: str, path: str, body: dict[str, Any] | None = None) -> Any:
-        """Send one request that must succeed; its answer."""
         status, answer = self.try_to(method, path, body)
         assert status < HTTPStatus.BAD_REQUEST, f"{method} {path} got {status}: {answer}"
         return answer
@@ -53,7 +52,6 @@ class Admin:
         return password or str(answer["password"])
 
     def remove(self, kind: str, name: str) -> None:
-        """Remove one of the `users`, `groups`, `sites` or `robots`."""
         self.ask("DELETE", f"/{kind}/{name}")
 
     def grant(self, user: str, robot: str, level: str) -> bool:

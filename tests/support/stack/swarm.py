@@ -33,12 +33,10 @@ class Node:
 
     @property
     def address(self) -> str:
-        """Where the other nodes and this machine reach it."""
         self.container.reload()
         return address_of(self.container)
 
     def run(self, command: str, **environment: str) -> str:
-        """Run a shell command on the machine and return what it printed."""
         wanted = ("bash", "-ec", command)
         done = run_inside(self.container, *wanted, environment=environment, merged=True)
         assert done.returncode == 0, f"{command!r} on {self.name}: {done.stdout[-4000:]}"
@@ -48,11 +46,9 @@ class Node:
         return run_inside(self.container, "bash", "-c", command).returncode == 0
 
     def inside(self, service: str, command: str) -> str:
-        """Run a command in the container of a service, such as robotether_a_web."""
         return self.run(f"docker exec $(docker ps --quiet --filter name={service}) {command}")
 
     def load(self, archive: Path) -> None:
-        """Take images over, as a node without a registry does."""
         inside = ("docker", "exec", "--interactive", str(self.container.id))
         with archive.open("rb") as stream:
             output_of_command(*inside, "docker", "load", "--quiet", stdin=stream, limit_s=300)
@@ -91,7 +87,6 @@ class Swarm:
         return self.nodes[self.names[0]]
 
     def hand_over(self, node: str, *names: str) -> None:
-        """Give a node the images that its services need."""
         archive = self.folder / "images.tar"
         output_of_command("docker", "save", "--output", archive, *map(image, names), limit_s=300)
         self.nodes[node].load(archive)

@@ -20,8 +20,6 @@ ENDS_WITHIN_S = 10.0
 
 @dataclass
 class TlsWeb:
-    """The running application; `requests` are the paths that were asked for."""
-
     app: Flask
     database: Database
     certificate: Path

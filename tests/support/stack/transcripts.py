@@ -152,5 +152,4 @@ class TranscriptFile(SingleFileSnapshotExtension):
     file_extension = "txt"
 
     def serialize(self, data: Any, **_options: Any) -> str:
-        """Write a transcript as it reads."""
         return str(data)
