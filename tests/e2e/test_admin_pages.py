@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +12,6 @@ from playwright.sync_api import Page, expect
 from robot_key import RobotKey
 from stack import Stack
 
-SYDNEY = {
-    "viewport": {"width": 390, "height": 844},
-    "has_touch": True,
-    "is_mobile": True,
-    "timezone_id": "Australia/Sydney",
-}
-MAX_GRANT_PX = 110
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 
 
@@ -65,31 +57,6 @@ def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, sta
     expect(open_before).to_have_url(f"{stack.url}/robots/crane")
     open_before.close()
     _remove(page, stack, "crane")
-
-
-@pytest.mark.parametrize("context", [SYDNEY], indirect=True, ids=["Sydney"])
-def test_a_grant_ends_by_the_readers_clock(page: Page, stack: Stack) -> None:
-    """A new level leaves the end. On a phone a grant is two lines."""
-    stack.admin.add_user("petra")
-    stack.admin.grant("petra", "sim2", "drive")
-    page.goto(f"{stack.url}/admin/users/petra")
-    row = page.get_by_test_id("grant-sim2")
-    box = row.bounding_box()
-    assert box is not None
-    assert box["height"] <= MAX_GRANT_PX
-    end = row.get_by_label("Until when")
-    year = dt.datetime.now(dt.UTC).year + 1
-    end.fill(f"{year}-01-31T09:30")
-    end.press("Enter")
-    _done(page, f"User petra may drive robot sim2 until 31 Jan {year} 09:30:00.")
-    expect(end).to_have_value(f"{year}-01-31T09:30")
-    row.get_by_role("button", name="manage").click()
-    expect(row.get_by_role("button", name="manage")).to_have_attribute("aria-pressed", "true")
-    expect(end).to_have_value(f"{year}-01-31T09:30")
-    end.fill("")
-    row.get_by_role("button", name="Save").click()
-    _done(page, "User petra may manage robot sim2.")
-    _do(page, stack, "/admin/users/petra/remove", "User petra is removed.")
 
 
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])

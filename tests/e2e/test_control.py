@@ -13,7 +13,7 @@ from contextlib import closing
 import page_holds
 import pytest
 from page_users import PageUsers
-from pages import answer, expect_armed, expect_mode, take_control
+from pages import answer, expect_mode, take_control
 from playwright.sync_api import Browser, Page, expect
 from sim_watch import SimWatch
 from stack import Stack
@@ -29,13 +29,6 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
         for name, level in (("ann", "drive"), ("ben", "drive"), ("olga", "observe")):
             people.let(name, level, ROBOT)
         yield people
-
-
-@pytest.fixture
-def ann(page_users: PageUsers) -> Page:
-    page = page_users.drive("ann", ROBOT)
-    expect_armed(page)
-    return page
 
 
 def _ask(asking: Page, asked: Page) -> None:
@@ -103,25 +96,3 @@ def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(
     expect_mode(admin, "drive")
     expect_mode(ben, "observe")
     expect(note).to_contain_text("You no longer drive")
-
-
-def test_another_window_and_another_visit_watch_and_a_reload_drives_on(
-    page_users: PageUsers, ann: Page
-) -> None:
-    """Neither opening a second window nor a key in it takes the control from the first; its button does."""
-    ann.reload()
-    expect_mode(ann, "drive")
-    expect_armed(ann)
-    second = ann.context.new_page()
-    page_users.go(second, ROBOT)
-    expect_mode(second, "observe")
-    expect(second.get_by_test_id("driver")).to_contain_text("You are driving in another window")
-    second.keyboard.press("w", delay=500)
-    expect(second.get_by_test_id("control-note")).to_contain_text("Press Drive here")
-    expect_mode(ann, "drive")
-    take_control(second)
-    expect_mode(ann, "observe")
-    expect(ann.get_by_test_id("control-note")).to_contain_text("another window")
-    page_users.go(second, ROBOT)
-    expect_mode(second, "observe")
-    expect(ann.get_by_test_id("driver")).to_have_text("Nobody is driving")

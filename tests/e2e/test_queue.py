@@ -21,10 +21,10 @@ NOTE = "pushed it <i>back</i>"
 
 @pytest.fixture
 def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
-    """Quinn, Rosa and Tess, who may drive, and Sven, who manages; nobody has asked for anything."""
+    """Quinn and Rosa, who may drive, and Sven, who manages; nobody has asked for anything."""
     stack.wait_until_drivable(ROBOT)
     with closing(PageUsers(stack, browser)) as people:
-        for name in ("quinn", "rosa", "tess"):
+        for name in ("quinn", "rosa"):
             people.let(name, "drive", ROBOT)
         people.let("sven", "manage", ROBOT)
         yield people
@@ -101,22 +101,3 @@ def test_a_request_passes_from_one_operator_to_the_next_who_drives(
     expect(sven.get_by_test_id("open-none")).to_have_text("No request is open.")
     [closed, *_] = stack.admin.ask("GET", f"/requests?state=closed&robot={ROBOT}")["requests"]
     assert (closed["accepted_by"], closed["reason"], closed["note"]) == ("rosa", REASON, NOTE)
-
-
-def test_the_wall_has_robots_that_ask_first_and_takes_one_by_a_key(
-    page_users: PageUsers, stack: Stack
-) -> None:
-    page = page_users.browse("admin")
-    page.goto(f"{stack.url}/wall")
-    tiles = page.locator(".wall-tile")
-    expect(tiles.first.get_by_role("link")).to_contain_text("sim")
-    stack.admin.ask("POST", "/robots/sim2/requests", {"reason": REASON})
-    expect(tiles.first).to_have_attribute("data-robot", "sim2")
-    expect(tiles.first).to_contain_text(
-        re.compile(rf"Asks for help \(\d+ s\): {re.escape(REASON)}")
-    )
-    expect(page.get_by_test_id("wall-asking")).to_have_text("sim2 asks for help.")
-    key = tiles.first.locator("kbd").inner_text()
-    page.keyboard.press(key)
-    page.wait_for_url("**/robots/sim2")
-    expect_mode(page, "drive")

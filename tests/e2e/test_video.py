@@ -10,14 +10,13 @@ import re
 from statistics import median
 
 import pytest
-from frame_stamp import READ_STAMP, read_stamp
+from frame_stamp import READ_STAMP
 from map_pixels import SCAN, WALL, find_pixels, wait_pixels
 from pages import (
     drive_live,
     expect_armed,
     expect_live,
     hide,
-    open_drawer,
     wait_until,
 )
 from playwright.sync_api import Locator, Page, WebSocket, expect
@@ -158,24 +157,3 @@ def _expect_scan_on_walls(page: Page) -> None:
     near = {(x + a, y + b) for x, y in pixels["map"] for a in reach for b in reach}
     astray = pixels["scan"] - near
     assert len(astray) < 0.02 * len(pixels["scan"])
-
-
-def test_a_picture_is_saved_turned_and_of_the_chosen_quality(robot: Page) -> None:
-    """A still is a JPEG named after robot, camera and time; the choices are those of the next visit, too."""
-    open_drawer(robot)
-    with robot.expect_download() as download:
-        robot.get_by_test_id("still").click()
-        # Now: the page says so for six seconds, and the file may take as long.
-        expect(robot.get_by_test_id("sight-note")).to_have_text("Picture saved.")
-    name = download.value.suggested_filename
-    assert name.startswith("sim1-camera-20")
-    assert name.endswith("Z.jpg")
-    jpeg = download.value.path().read_bytes()
-    assert jpeg[:2] == b"\xff\xd8"
-    assert read_stamp(jpeg) > 1_700_000_000
-    robot.get_by_test_id("quality").select_option("30")
-    robot.get_by_test_id("turn").click()
-    for _ in range(2):
-        expect(_tile(robot, FRONT).get_by_test_id("tile-facts")).to_contain_text("30 %")
-        _wait_size(robot.get_by_test_id("video"), 480, 640)
-        robot.reload()
