@@ -32,14 +32,6 @@ class KnownCertificate(SiteCertificates):
         return self.given
 
 
-def test_self_signed_certificate_is_pinned_twice():
-    certificates = KnownCertificate(None, 443, is_known=False)
-    assert enrolment_lines(certificates, "robots.example:8443", "rj_abc").install == (
-        f"curl -fsSk --pinnedpubkey sha256//{PIN} https://robots.example:8443/join.sh | "
-        f"sudo sh -s -- --server robots.example:8443 --tls-fingerprint {FINGERPRINT} --token rj_abc"
-    )
-
-
 def test_known_certificate_is_left_to_the_authorities():
     certificates = KnownCertificate("robots.example", 443, is_known=True)
     assert enrolment_lines(certificates, "10.0.0.1", "rj_abc").install == (
@@ -71,13 +63,17 @@ def test_each_way_has_its_line():
     token = "rj_$(reboot) '; x"
     assert shlex.split(enrolment_lines(certificates, "", token).install)[-1] == token
     lines = enrolment_lines(certificates, "", "rj_abc", "turtle")
-    assert shlex.split(lines.install)[-4:] == ["--name", "turtle", "--token", "rj_abc"]
+    site = "'[2001:db8::1]:8443'"
+    assert lines.install == (
+        f"curl -fsSk --pinnedpubkey sha256//{PIN} 'https://[2001:db8::1]:8443/join.sh' | sudo sh -s -- "
+        f"--server {site} --tls-fingerprint {FINGERPRINT} --name turtle --token rj_abc"
+    )
     assert lines.package == (
         f"curl -fsSk --pinnedpubkey sha256//{PIN} -o agent.deb 'https://[2001:db8::1]:8443/agent.deb' "
         "&& sudo apt install ./agent.deb"
     )
     assert lines.containers == (
-        f"SERVER='[2001:db8::1]:8443' TLS_FINGERPRINT={FINGERPRINT} NAME=turtle TOKEN=rj_abc docker compose up -d"
+        f"SERVER={site} TLS_FINGERPRINT={FINGERPRINT} NAME=turtle TOKEN=rj_abc docker compose up -d"
     )
     assert lines.playbook == "ROBOTETHER_TOKEN=rj_abc ansible-playbook enroll.yml"
 

@@ -113,14 +113,6 @@ def test_other_value_is_refused_by_name_with_what_is_allowed(name, values, sente
         ({"name": "x", "inner": {}}, "cannot use inner.name: it must be a text"),
         ({"name": "x", "several": [PUBLISH, 5]}, "cannot use several.2: it must be a JSON object"),
         ({"name": "x", "several": [PUBLISH, {}]}, "cannot use several.2.kind: it must be one of "),
-        (
-            {"name": "x", "several": [PUBLISH | {"topic": "/a\n"}]},
-            "cannot use several.1.topic: it must be a text",
-        ),
-        (
-            {"name": "x", "several": [CALL | {"topic": "/a"}]},
-            "cannot use several.1: 'topic' is not a setting; there",
-        ),
     ],
 )
 def test_refusal_says_where_the_field_stands(given, sentence):
