@@ -98,14 +98,11 @@ def test_ten_thousand_changes_cuts_and_swaps_are_found(monkeypatch):
 
 
 def test_cut_end_is_found_by_the_signed_head_and_by_what_was_counted():
-    lines = chain_of()
+    lines, fault = chain_of(), "line 11 is missing; the newest was line 12"
     assert check(lines[:-2], []).fault is None
-    assert (
-        check(lines[:-2], [], end=lines[-1]).fault == "line 11 is missing; the newest was line 12"
-    )
+    assert check(lines[:-2], [], end=lines[-1]).fault == fault
     for signer in ("server", "robot"):
-        report = check(lines[:-2], [head_of(lines[-1], signer)])
-        assert report.fault == "line 11 is missing; the newest was line 12"
+        assert check(lines[:-2], [head_of(lines[-1], signer)]).fault == fault
 
 
 @pytest.mark.parametrize("kept", [True, False])

@@ -13,10 +13,9 @@ def nested(depth):
     return {"a": nested(depth - 1)} if depth > 1 else {}
 
 
-def test_buttons_can_be_compared_and_be_keys():
+def test_buttons_can_be_compared():
     """True is no 1, and the order of members means nothing."""
     first, same = ({**LIGHTS, "msg": msg} for msg in ({"a": 1, "b": 2}, {"b": 2, "a": 1}))
-    assert hash(parse_one(first)) == hash(parse_one(same))
     assert parse_one(first) == parse_one(same)
     assert parse_one(LIGHTS) != parse_one({**LIGHTS, "msg": {"data": 1}})
 

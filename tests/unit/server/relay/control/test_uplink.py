@@ -49,6 +49,7 @@ async def test_a_message_counts_while_it_is_on_the_way(relay, robot, sim1, show,
 
 
 async def test_cameras_and_snapshots_count_apart(*, relay, camera, watch, http, sim1, show):
+    """Snapshots come one after the other, and go on with one count."""
     await watch(ANN)
     url = f"{relay.url}/robots/sim1/video/snapshot?topic=/a&ticket="
     for _ in range(3):
@@ -100,17 +101,6 @@ async def test_what_the_kernel_does_not_say_is_not_measured():
         now_s += 2
         [stream] = await uplink.measured(1)
         assert stream.bytes_per_s is None
-
-
-async def test_a_connection_that_opens_again_goes_on_with_its_count():
-    now_s = 100.0
-    uplink = Uplink(lambda: now_s)
-    with uplink.counted("video", "", lambda: 3000, lambda: {1}):
-        now_s += 1
-    with uplink.counted("video", "", lambda: 1000, lambda: {1}):
-        now_s += 1
-        [stream] = await uplink.measured(1)
-    assert stream.bytes_per_s == 2000
 
 
 async def test_all_who_ask_lately_share_what_the_robot_says_of_its_line():

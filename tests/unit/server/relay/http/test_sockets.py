@@ -129,30 +129,22 @@ async def unresponsive(request):
     return socket
 
 
-@asynccontextmanager
-async def robot_session(limit=0):
-    connector = aiohttp.TCPConnector(limit=limit, force_close=True)
-    kind = cast(type[aiohttp.ClientWebSocketResponse], RobotSocket)
-    async with aiohttp.ClientSession(connector=connector, ws_response_class=kind) as session:
-        yield session
-
-
 async def test_a_robot_that_does_not_answer_is_left_in_time(monkeypatch):
+    """It gives its connection back, which is the only one."""
     monkeypatch.setattr(module, "ROBOT_FAREWELL_S", 0.2)
-    async with serving(unresponsive) as url, robot_session() as session:
-        socket = cast(RobotSocket, await session.ws_connect(url))
-        with Stopwatch() as stopwatch:
-            await socket.leave()
-        assert stopwatch.s < 1
-        assert socket.waiting_bytes() == 0
-        socket.drop()
-
-
-async def test_a_broken_socket_gives_its_connection_back():
-    async with serving(unresponsive) as url, robot_session(limit=1) as session:
+    connector = aiohttp.TCPConnector(limit=1, force_close=True)
+    kind = cast(type[aiohttp.ClientWebSocketResponse], RobotSocket)
+    async with (
+        serving(unresponsive) as url,
+        aiohttp.ClientSession(connector=connector, ws_response_class=kind) as session,
+    ):
         for _ in range(2):
             async with asyncio.timeout(WAIT_S):
                 socket = cast(RobotSocket, await session.ws_connect(url))
+            with Stopwatch() as stopwatch:
+                await socket.leave()
+            assert stopwatch.s < 1
+            assert socket.waiting_bytes() == 0
             socket.drop()
 
 
