@@ -7,6 +7,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
 import aiohttp
+import pytest
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S, RobotSession
 from relay_server import MemoryDatabase
@@ -23,6 +24,15 @@ async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, 
         while (message := await socket.receive()).type is not WSMsgType.CLOSE:
             assert message.type not in {WSMsgType.CLOSED, WSMsgType.ERROR}, "closed without a code"
     return message.data, message.extra or ""
+
+
+async def refusal(
+    http: aiohttp.ClientSession, url: str, headers: dict[str, str] | None = None
+) -> int:
+    """Return the status of the answer to a handshake that is refused."""
+    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
+        await http.ws_connect(url, headers=headers)
+    return refused.value.status
 
 
 async def ended(session: RobotSession) -> str | None:

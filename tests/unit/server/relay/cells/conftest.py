@@ -2,6 +2,7 @@
 
 import pytest
 import pytest_asyncio
+from relay_server import until
 from robotether_server.relay.cells.keys import read_peer_keys
 from site_cells import Site, make_peer_keys
 
@@ -35,3 +36,12 @@ def cell_a(site):
 @pytest.fixture
 def cell_b(site):
     return site.cells["b"]
+
+
+@pytest_asyncio.fixture
+async def at_b(cell_a, cell_b, sim1):
+    """Robot sim1 at cell b, as cell a knows."""
+    robot = await cell_b.robot(sim1, epoch=1)
+    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
+    yield robot
+    await robot.stop()

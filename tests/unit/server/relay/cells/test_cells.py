@@ -52,7 +52,6 @@ async def test_robots_of_another_region_go_there_next(memory_database):
 
 
 async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells, memory_database):
-    """The link to it is tried until it is back."""
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     memory_database.cells["c"] = replace(OTHER, name="c", peer_address=None)
     await cells.poll()
@@ -61,7 +60,6 @@ async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells
 
 
 async def test_listeners_hear_of_changes_but_not_of_counts(cells, memory_database):
-    """A list that is the same is sent to no robot again."""
     heard = []
     cells.listen(lambda: heard.append(1))
     for other, times in (
@@ -163,7 +161,6 @@ async def test_an_old_count_is_no_surplus(cells, memory_database, monkeypatch):
 async def test_a_clock_that_is_ahead_elsewhere_is_known(
     cells, memory_database, own, other, ahead_s
 ):
-    """The database's clock compares them; a change of it notifies nobody."""
     memory_database.cells["b"] = replace(OTHER, clock_ahead_s=other)
     await cells.poll()
     cells._cells = {**cells._cells, "a": replace(cells._cells["a"], clock_ahead_s=own)}

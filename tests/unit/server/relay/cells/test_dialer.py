@@ -38,12 +38,6 @@ async def test_another_cell_at_the_address_is_none(cell_a, cell_b, caplog):
     await until(lambda: cell_a.relay.peers.count() == 0, "nobody is followed")
 
 
-async def test_a_name_without_an_address_is_reported(cell_a, cell_b, caplog):
-    """The cell is tried again, and the others are not held up."""
-    move(cell_a, cell_b, "no-such-host.invalid:8444")
-    await until(lambda: "cannot reach cell b at no-such-host.invalid" in caplog.text, "it says so")
-
-
 @pytest.mark.parametrize("side", ["listener", "dialer"])
 async def test_only_the_sites_own_certificate_is_accepted(
     cell_a, cell_b, peer_keys, tmp_path, side

@@ -5,13 +5,13 @@ import time
 
 import aiohttp
 import pytest
-import pytest_asyncio
 from aiohttp import WSMsgType
 from fake_robot import HOST, WAIT_S
+from relay_clients import closing, refusal
 from relay_server import BOB, until
 from robotether_server.relay.cells import cell_client, cell_topics
 from robotether_server.relay.cells.keys import PROOF_HEADER
-from robotether_server.relay.channels.rosbridge import handler, topic_link
+from robotether_server.relay.channels.rosbridge import topic_link
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
     KEY_HEADER,
     FailureNotice,
@@ -24,14 +24,6 @@ from robotether_server.relay.channels.rosbridge.shared_topics import TopicReques
 from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
-
-
-@pytest_asyncio.fixture
-async def at_b(cell_a, cell_b, sim1):
-    robot = await cell_b.robot(sim1, epoch=1)
-    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
-    yield robot
-    await robot.stop()
 
 
 @pytest.fixture
@@ -54,13 +46,6 @@ async def read_until(socket, text):
     async with asyncio.timeout(WAIT_S):
         while await socket.receive_str() != text:
             pass
-
-
-async def closed_with(socket):
-    async with asyncio.timeout(5):
-        while (message := await socket.receive()).type is not WSMsgType.CLOSE:
-            pass
-    return int(message.data)
 
 
 async def test_all_observers_of_a_cell_share_one_copy_over_the_line(
@@ -126,7 +111,7 @@ async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, 
         socket = await observe(ODOM)
         await until(lambda: at_b.topics, "the robot has a subscription")
         database.grants = {}
-        assert await closed_with(socket) == 4001
+        assert (await closing(socket))[0] == 4001
         await until(lambda: not at_b.topics, "the robot sends it no more", 2)
         database.grants = memory_database.grants
         await until(
@@ -162,7 +147,7 @@ async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
             await socket.send_json(ODOM)
             await until(lambda: at_b.topics, "the robot has a subscription")
             credentials, cell.database.credentials = cell.database.credentials, {}
-            assert await closed_with(socket) == 4001
+            assert (await closing(socket))[0] == 4001
         cell.database.credentials = credentials
 
 
@@ -170,7 +155,6 @@ async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
 async def test_a_copy_stays_whether_messages_come_or_not(
     *, cell_b, at_b, observe, monkeypatch, pause_s
 ):
-    """A cell that only receives is alive, too."""
     monkeypatch.setattr(cell_topics, "PING_EVERY_S", 0.1)
     monkeypatch.setattr(cell_topics, "SILENT_AFTER_S", 1.0)
     socket = await observe(ODOM)
@@ -184,7 +168,6 @@ async def test_a_copy_stays_whether_messages_come_or_not(
 
 
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
-    """They are notified once, and get the topic again over the connections that they have."""
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     socket = await observe({**ODOM, "id": "s"})
     await socket.receive_str(timeout=WAIT_S)
@@ -195,20 +178,7 @@ async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatc
     assert await socket.receive_json(timeout=WAIT_S) == ODOM
 
 
-async def test_a_cell_of_a_version_before_gives_each_observer_a_copy(
-    *, cell_a, cell_b, at_b, observe, monkeypatch
-):
-    monkeypatch.setattr(handler, "key_of", lambda _headers: None)
-    sockets = [await observe(ODOM), await observe(ODOM)]
-    await until(lambda: [len(topic.users) for topic in topics_of(cell_b)] == [2], "both are at b")
-    await at_b.send_to_topics(b"news")
-    for socket in sockets:
-        await read_until(socket, "news")
-    assert topics_of(cell_a) == []
-
-
 async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
-    """It may have been exchanged for one of a version before."""
     monkeypatch.setattr(cell_client, "TOPICS_PATH", "/cell/v1/none")
     answer = await (await observe(ODOM)).receive_json(timeout=WAIT_S)
     assert answer["msg"] == (
@@ -256,7 +226,7 @@ async def test_observers_of_a_cell_that_is_gone_are_closed(cell_a, cell_b, obser
     socket = await observe(ODOM)
     await socket.receive_str(timeout=WAIT_S)
     with cell_b.listener.frozen():
-        assert await closed_with(socket) == 4505
+        assert (await closing(socket))[0] == 4505
         await until(lambda: not topics_of(cell_a), "nothing is shared")
 
 
@@ -267,7 +237,7 @@ async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, 
     await at_b.listen_no_more()
     here = await cell_a.robot(sim1, epoch=2)
     try:
-        assert await closed_with(socket) == 4505
+        assert (await closing(socket))[0] == 4505
         socket = await observe(ODOM)
         await until(lambda: here.topics, "the robot has a subscription")
         assert [len(topic.users) for topic in topics_of(cell_a)] == [1]
@@ -287,9 +257,7 @@ async def test_only_cells_get_copies_and_only_of_robots_that_are_there(
         (f"http://{HOST}:{cell_b.relay.peer_port}", proof, 426),
         (f"http://{HOST}:{cell_a.relay.peer_port}", {**key, **proof}, 404),
     ]:
-        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-            await http.ws_connect(url + path, headers=headers)
-        assert refused.value.status == status
+        assert await refusal(http, url + path, headers) == status
 
 
 @pytest.mark.parametrize("subscription", ["{", "[]", '{"op":"subscribe"}'])

@@ -9,13 +9,6 @@ from robotether_server.relay.cells.keys import PROOF_HEADER
 
 
 @pytest.fixture
-async def at_b(cell_a, cell_b, sim1):
-    robot = await cell_b.robot(sim1)
-    await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")
-    return robot
-
-
-@pytest.fixture
 def ann(memory_database, cell_a, cell_b):
     headers = memory_database.bearer(ANN)
     for database in (cell_a.database, cell_b.database):
@@ -52,7 +45,6 @@ async def test_nginx_is_sent_to_the_robots_cell(
 
 
 async def test_nginx_learns_which_cells_it_forwards_to(at_b, cell_a, cell_b, http):
-    """The relay answers nginx on the port that nobody reaches from outside."""
     async with http.get(f"{cell_a.server.inside_url}/cells") as answer:
         assert await answer.text() == f"{HOST}:{cell_b.listener.port}\n"
 
@@ -102,7 +94,6 @@ async def test_all_else_is_answered_here(at_b, cell_a, http, path):
 
 
 async def test_nothing_is_forwarded_twice(at_b, cell_a, http, peer_keys):
-    """A cell that gets a request from another answers it, whatever it knows."""
     url = f"http://{HOST}:{cell_a.relay.peer_port}/api/v1/robots/sim1/control"
     async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:
         assert answer.status == 401

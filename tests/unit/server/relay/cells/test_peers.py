@@ -36,7 +36,6 @@ async def test_an_older_session_ends_when_a_newer_begins_at_another_cell(cell_a,
 
 
 async def test_a_session_that_comes_late_ends_itself(cell_a, cell_b, sim1):
-    """Its hello says that it is older than the one at another cell, which goes on."""
     newer = await cell_b.session(sim1, 1001)
     await until(lambda: cell_a.relay.peers.robot_count() == 1, "a knows of it")
     await until(lambda: cell_a.owner(sim1) == "b", "a knows of it")

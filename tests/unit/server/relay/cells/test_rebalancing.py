@@ -72,7 +72,6 @@ async def test_robots_go_until_cells_are_about_even(sim1, online):
 
 
 async def test_a_robot_that_somebody_may_use_stays(relay, start_robot, online, ros):
-    """Whoever is connected to it would lose the connection; so might who works in its shell."""
     watched = await start_robot(relay)
     async with ros():
         session, shell, idle = await online(), await online(kind="shell"), await online(9)
@@ -137,15 +136,6 @@ async def test_robot_goes_to_a_nearer_cell_when_it_asks(online):
 )
 async def test_robot_stays_where_a_nearer_cell_does_not_take_it(online):
     """One with so many more robots would soon send it back."""
-    session = await online()
-    ask_for_b(session)
-    await stay(session)
-
-
-@even
-async def test_robot_that_is_stopped_goes_to_no_nearer_cell(relay, memory_database, online):
-    """Nor one that somebody uses, by the same rule."""
-    relay.relay.control.stops.stop(memory_database.robots[8], "ben")
     session = await online()
     ask_for_b(session)
     await stay(session)

@@ -1,24 +1,21 @@
 """A route from robot sim2 at cell b to robot sim1 at cell a, which runs it."""
 
 import asyncio
-import json
 import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
-import aiohttp
 import pytest
 import pytest_asyncio
-from fake_robot import HOST, WAIT_S, FakeRobot
+from fake_robot import HOST, WAIT_S
+from relay_clients import refusal
 from relay_server import EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
-from robotether_server.relay.routes import cell_sources
 from robotether_server.relay.routes import routes as relay_routes
-from robotether_server.settings import robot as robot_settings
+from route_world import SOURCE, TARGET, RouteWorld
 from site_cells import SiteCell
 
-SOURCE, TARGET = 8, 7
 FOLLOW = RelayRoute(
     SOURCE,
     "/cmd_vel",
@@ -32,35 +29,10 @@ FOLLOW = RelayRoute(
 )
 
 
-@dataclass
-class TwoCells:
-    """The cells, with the robots of the route; eve, its maker, manages both."""
-
+@dataclass(kw_only=True)
+class TwoCells(RouteWorld):
     a: SiteCell
     b: SiteCell
-    target: FakeRobot
-    source: FakeRobot
-
-    def live(self, cell):
-        return {route.id: (route.state, route.why) for route in cell.relay.routes.live(5)}
-
-    def why(self):
-        return self.live(self.a).get(1, ("", ""))[1]
-
-    def published(self):
-        received = map(json.loads, self.target.received)
-        return [message for message in received if message["op"] == "publish"]
-
-    async def send(self, speed=0.5):
-        message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}
-        await self.source.send_to_topics(json.dumps(message).encode())
-
-    async def send_until(self, condition):
-        """Send a command again and again: the robot's own echo may follow the first."""
-        async with asyncio.timeout(WAIT_S):
-            while not condition():
-                await self.send()
-                await asyncio.sleep(0.02)
 
 
 @pytest.fixture
@@ -78,7 +50,7 @@ async def world(cell_a, cell_b, memory_database):
     robots = memory_database.robots
     source = await cell_b.robot(robots[SOURCE], epoch=1)
     target = await cell_a.robot(robots[TARGET], epoch=1)
-    world = TwoCells(cell_a, cell_b, target, source)
+    world = TwoCells(cell_a.server, cell_a.database, target, source, a=cell_a, b=cell_b)
     await until(lambda: world.live(cell_a).get(1) == ("runs", ""), "the route runs")
     await until(lambda: source.topics, "the source is subscribed")
     return world
@@ -126,15 +98,6 @@ async def test_it_ends_whichever_cell_learns_that_the_right_has_ended(world, cel
     assert ends == ["rights_ended"]
 
 
-async def test_a_source_that_its_policy_hides_is_not_read(world):
-    """The target's cell may know of it later."""
-    hidden = robot_settings.parse({"policy": {"manage": {"subscribe": ["/odom"]}}})
-    robots = world.b.database.robots
-    world.b.database.robots = {**robots, SOURCE: replace(robots[SOURCE], settings=hidden)}
-    await until(lambda: "policy" in world.why(), "the page says so")
-    await until(lambda: not world.source.topics, "the robot sends the topic no more")
-
-
 async def test_a_source_that_comes_to_the_targets_cell_is_read_there(world):
     await world.source.listen_no_more()
     here = await world.a.robot(world.a.database.robots[SOURCE], epoch=2)
@@ -142,15 +105,6 @@ async def test_a_source_that_comes_to_the_targets_cell_is_read_there(world):
     world.source = here
     before = len(world.published())
     await world.send_until(lambda: len(world.published()) > before)
-
-
-async def test_a_cell_of_a_version_before_is_reported(world, monkeypatch):
-    monkeypatch.setattr(cell_sources, "ROUTES_PATH", "/cell/v1/none")
-    for socket in world.source.topics:
-        await socket.close()
-    async with world.b.listener.cut():
-        pass
-    await until(lambda: "is its version older?" in world.why(), "the page says so")
 
 
 async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world, http, peer_keys):
@@ -162,13 +116,10 @@ async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world
         (f"{at_b}/cell/v1/routes/2", proof, 404),
         (f"{at_a}/cell/v1/routes/1", proof, 404),
     ]:
-        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-            await http.ws_connect(url, headers=headers)
-        assert refused.value.status == status
+        assert await refusal(http, url, headers) == status
 
 
 async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_database, http):
-    """At another cell it keeps nobody from the robot; once the robot is there, it drives."""
     for cell in (world.a, world.b):
         cell.database.routes = [replace(FOLLOW, source_id=None, source_app="joy")]
     url = world.b.server.app_url("joy", EVE)
@@ -190,7 +141,6 @@ async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_databas
 
 
 async def test_an_app_gets_what_a_robot_of_another_cell_sends(world, http):
-    """The cell without the app does not say whether it runs."""
     for cell in (world.a, world.b):
         cell.database.routes = [replace(FOLLOW, target_id=None, target_app="joy")]
     async with http.ws_connect(world.a.server.app_url("joy", EVE)) as app:

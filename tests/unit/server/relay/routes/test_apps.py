@@ -7,26 +7,25 @@ from contextlib import suppress
 from dataclasses import replace
 from itertools import cycle
 
-import aiohttp
 import pytest
 from aiohttp import WSMsgType
 from fake_robot import WAIT_S
-from relay_clients import audit_lines
+from relay_clients import audit_lines, refusal
 from relay_server import BEN, EVE, until
 from robotether_server.db.control import DriveEntry
-from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.db.routes import RelayRoute
 from robotether_server.relay.routes import apps, driver
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
+from route_world import TARGET, RouteWorld
 from stopwatch import Stopwatch
 
 TWIST, ODOMETRY = "geometry_msgs/msg/Twist", "nav_msgs/msg/Odometry"
-SIM1 = 7
 STEER = RelayRoute(
-    None, "/stick", SIM1, "/cmd_vel", TWIST, 50, 5, source_app="joy", id=1, user_name="eve"
+    None, "/stick", TARGET, "/cmd_vel", TWIST, 50, 5, source_app="joy", id=1, user_name="eve"
 )
 SHOW = RelayRoute(
-    SIM1, "/odom", None, "/pose", ODOMETRY, 50, 5, target_app="joy", id=1, user_name="eve"
+    TARGET, "/odom", None, "/pose", ODOMETRY, 50, 5, target_app="joy", id=1, user_name="eve"
 )
 OFFER = {"op": "advertise", "topic": "/stick", "type": TWIST}
 TAKE = {"op": "subscribe", "topic": "/pose", "type": ODOMETRY}
@@ -42,42 +41,20 @@ def _quick(monkeypatch):
 
 @pytest.fixture
 def memory_database(memory_database):
-    memory_database.grants |= {(5, SIM1): "manage"}
+    memory_database.grants |= {(5, TARGET): "manage"}
     memory_database.routes = [STEER]
     return memory_database
 
 
-class World:
-    """A relay with robot sim1, which eve manages."""
-
-    def __init__(self, relay, memory_database, robot):
-        self.relay, self.database, self.robot = relay, memory_database, robot
-
-    def live(self):
-        [route] = self.relay.relay.routes.live(5) or [None]
-        return None if route is None else (route.state, route.why)
-
-    def driver(self):
-        driver = self.relay.relay.control.describe(SIM1).driver
-        return None if driver is None else driver.user
-
-    def published(self):
-        received = map(json.loads, self.robot.received)
-        return [message for message in received if message["op"] == "publish"]
-
-    def ends(self):
-        return [each.code for each in self.database.written if isinstance(each, RouteEnd)]
-
-
 @pytest.fixture
 def world(relay, memory_database, guarded):
-    return World(relay, memory_database, guarded)
+    return RouteWorld(relay, memory_database, guarded)
 
 
 @pytest.fixture
 def connect(world, http, opened):
-    async def connect_app(*messages, user=EVE, name="joy", url=None, **options):
-        url = url or world.relay.app_url(name, user)
+    async def connect_app(*messages, user=EVE, name="joy", **options):
+        url = world.relay.app_url(name, user)
         socket = await opened.enter_async_context(http.ws_connect(url, **options))
         for message in messages:
             await socket.send_json(message)
@@ -87,7 +64,6 @@ def connect(world, http, opened):
 
 
 async def publish_until(socket, condition, *commands):
-    """Publish commands in turn, and answer pings meanwhile."""
     turns = cycle(commands or (HALT, MOVE))
     async with asyncio.timeout(WAIT_S):
         while not condition():
@@ -114,16 +90,16 @@ async def closed_with(socket):
 
 async def test_an_app_drives_as_long_as_it_is_connected(world, connect):
     """When no app is connected, the robot is free and the route waits."""
-    await until(lambda: world.live() == ("waits", "app joy is not connected"), "it waits")
+    await until(lambda: world.live() == {1: ("waits", "app joy is not connected")}, "it waits")
     assert world.driver() is None
     for fence in (1, 2):
-        world.robot.received.clear()
+        world.target.received.clear()
         socket = await connect(OFFER)
         await publish_until(socket, world.published)
         message = world.published()[0]
         assert message["topic"] == "/cmd_vel"
         assert message["robotether"]["fence"] == fence
-        assert 0 <= world.robot.session.clock_ms() - message["robotether"]["t_ms"] < 10_000
+        assert 0 <= world.target.session.clock_ms() - message["robotether"]["t_ms"] < 10_000
         assert world.driver() == "eve (route)"
         await socket.close()
         await until(lambda: world.driver() is None, "the robot is free")
@@ -138,15 +114,15 @@ async def test_an_app_moves_nothing_before_it_stood_still(world, connect, monkey
         return [each for each in world.published() if each["msg"]["linear"]["x"]]
 
     for _ in range(2):
-        world.robot.received.clear()
+        world.target.received.clear()
         socket = await connect(OFFER)
-        await publish_until(socket, lambda: "send a zero" in world.live()[1], MOVE)
+        await publish_until(socket, lambda: "send a zero" in world.why(), MOVE)
         assert world.published() == []
         assert world.driver() is None
         await publish_until(socket, moves, HALT, MOVE)
         await asyncio.sleep(0.4)
         before = len(moves())
-        await publish_until(socket, lambda: "send a zero" in world.live()[1], MOVE)
+        await publish_until(socket, lambda: "send a zero" in world.why(), MOVE)
         assert len(moves()) == before
         await socket.close()
         await until(lambda: world.driver() is None, "the robot is free")
@@ -161,13 +137,15 @@ async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
     socket = await connect(OFFER)
     idle = ("waits", "app joy sends nothing, and the robot is free")
     for _ in range(2):
-        await until(lambda: world.live() == idle and world.driver() is None, "the robot is free")
-        world.robot.received.clear()
+        await until(
+            lambda: world.live() == {1: idle} and world.driver() is None, "the robot is free"
+        )
+        world.target.received.clear()
         await publish_until(socket, world.published)
         assert world.driver() == "eve (route)"
     await until(lambda: world.driver() is None, "the robot is free")
     assert world.ends() == []
-    async with http.ws_connect(world.relay.ros_url(world.database.robots[SIM1])):
+    async with http.ws_connect(world.relay.ros_url(world.database.robots[TARGET])):
         await until(lambda: world.driver() == "ann", "ann drives")
         await until(world.ends, "the route ended")
         assert world.ends() == ["lease_held"]
@@ -176,11 +154,10 @@ async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
 
 
 async def test_one_message_begins_the_lease_and_arrives(world, connect):
-    """Such as a goal, of which a page makes one when somebody presses."""
     world.database.routes = [replace(STEER, id=2, target_topic="/goal_pose")]
     await until(lambda: [each.id for each in world.relay.relay.routes.live(5)] == [2], "known")
     socket = await connect(OFFER)
-    await answer_pings_until(socket, lambda: "nothing" in world.live()[1])
+    await answer_pings_until(socket, lambda: "nothing" in world.why())
     await socket.send_json(MOVE)
     await answer_pings_until(socket, world.published)
     assert world.published()[0]["topic"] == "/goal_pose"
@@ -189,13 +166,13 @@ async def test_one_message_begins_the_lease_and_arrives(world, connect):
 async def test_other_settings_of_a_robot_count_for_an_app_that_waits(world, connect):
     """It began to wait before they did."""
     socket = await connect(OFFER)
-    await until(lambda: "nothing" in world.live()[1], "it waits")
+    await until(lambda: "nothing" in world.why(), "it waits")
     other = {"policy": {"manage": {"publish": []}}, "guard": {"drive_topics": ["/elsewhere"]}}
-    sim1 = replace(world.database.robots[SIM1], settings=robot_settings.parse(other))
-    world.database.robots = {SIM1: sim1}
+    sim1 = replace(world.database.robots[TARGET], settings=robot_settings.parse(other))
+    world.database.robots = {TARGET: sim1}
     state = world.relay.relay.fleet.state
-    await until(lambda: state().robots[SIM1] == sim1, "the relay knows them")
-    await publish_until(socket, lambda: "policy" in world.live()[1], HALT)
+    await until(lambda: state().robots[TARGET] == sim1, "the relay knows them")
+    await publish_until(socket, lambda: "policy" in world.why(), HALT)
     assert world.published() == []
     assert world.driver() is None
 
@@ -213,11 +190,10 @@ async def test_an_app_that_comes_and_goes_begins_no_lease_after_the_other(
         for _ in range(10):
             await socket.send_json(HALT)
             await asyncio.sleep(0.02)
-    assert world.database.fences == {SIM1: 1}
+    assert world.database.fences == {TARGET: 1}
 
 
 async def test_an_app_and_what_it_drives_are_in_the_audit_log(world, connect):
-    """The lines have the app's user and address."""
     address = "192.0.2.7"
     socket = await connect(OFFER, headers={"X-Forwarded-For": address})
     await publish_until(socket, world.published)
@@ -239,52 +215,34 @@ async def test_an_app_and_what_it_drives_are_in_the_audit_log(world, connect):
     assert drive == address
 
 
-async def test_a_stop_ends_a_route_of_an_app(world, connect):
-    socket = await connect(OFFER)
-    await publish_until(socket, world.published)
-    world.relay.relay.control.stops.stop(world.database.robots[SIM1], "ben")
-    await until(world.ends, "it ended")
-    assert world.ends() == ["robot_stopped"]
-    [end] = [each for each in world.database.written if isinstance(each, RouteEnd)]
-    assert (end.source, end.target) == ("app:joy", "sim1")
-    await until(lambda: world.driver() is None, "the lease is over")
-
-
 async def test_a_command_whose_age_no_pong_bounds_is_dropped(world, connect):
     socket = await connect(OFFER, autoping=False)
     await publish_until(socket, world.published, HALT)
     await asyncio.sleep(1)
     before = len(world.published())
-    await publish_until(socket, lambda: "old" in world.live()[1], MOVE)
+    await publish_until(socket, lambda: "old" in world.why(), MOVE)
     assert len(world.published()) == before
 
 
-async def test_an_app_ends_with_its_login(world, connect):
+async def test_an_app_ends_with_its_login(world, connect, http):
+    """Its tickets open nothing, not even for the second until the relay ends what the login opened."""
+    url = world.relay.app_url("other", EVE)
     socket = await connect(OFFER)
     await publish_until(socket, world.published)
     world.database.credentials = {}
+    assert await refusal(http, url) == 401
     assert (await closed_with(socket))[0] == 4001
     await until(lambda: world.driver() is None, "the robot is free", 2)
 
 
-async def test_a_ticket_of_a_login_that_ended_connects_no_app(world, connect):
-    """Not even for the second until the relay ends what a login opened."""
-    await (await connect(name="other")).close()
-    url = world.relay.app_url("joy", EVE)
-    world.database.credentials = {}
-    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-        await connect(url=url)
-    assert refused.value.status == 401
-
-
 async def test_a_route_reads_no_app_of_another_user(world, connect):
     """Whose app has the same name, and who might manage the robot, too."""
-    world.database.grants |= {(BEN.id, SIM1): "manage"}
+    world.database.grants |= {(BEN.id, TARGET): "manage"}
     socket = await connect(OFFER, user=BEN)
     for _ in range(10):
         await socket.send_json(MOVE)
         await asyncio.sleep(0.02)
-    assert world.live() == ("waits", "app joy is not connected")
+    assert world.live() == {1: ("waits", "app joy is not connected")}
     assert world.published() == []
 
 
@@ -298,7 +256,7 @@ async def test_a_route_reads_no_app_of_another_user(world, connect):
 )
 async def test_what_an_app_does_not_offer_is_said(world, connect, messages, why):
     await connect(*messages)
-    await until(lambda: world.live() == ("waits", why), "the page says so")
+    await until(lambda: world.live() == {1: ("waits", why)}, "the page says so")
     assert world.driver() is None
 
 
@@ -339,7 +297,6 @@ async def test_a_clock_sync_is_answered(connect):
 
 @pytest.mark.parametrize(("per_s", "size", "every_s"), [(20, 0, 0.001), (800, 50_000, 0.01)])
 async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, every_s):
-    """It may send many small messages or fewer large ones, and gets few answers meanwhile."""
     monkeypatch.setattr(apps, "MAX_MESSAGES_PER_S", per_s)
     monkeypatch.setattr(apps, "FLOOD_AFTER_S", 0.2)
     socket = await connect(OFFER)
@@ -387,13 +344,11 @@ async def test_all_apps_of_a_user_may_send_as_much_as_one(connect, monkeypatch):
     task.cancel()
 
 
-async def test_apps_of_a_user_connect_only_so_often(connect, monkeypatch):
+async def test_apps_of_a_user_connect_only_so_often(world, connect, http, monkeypatch):
     monkeypatch.setattr(apps, "MAX_CONNECTS_AT_ONCE", 2)
     for _ in range(2):
         await (await connect()).close()
-    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-        await connect(name="other")
-    assert refused.value.status == 429
+    assert await refusal(http, world.relay.app_url("other", EVE)) == 429
     await connect(user=BEN)
 
 
@@ -408,16 +363,18 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
     world.database.routes = [SHOW]
     other = await connect(TAKE, user=BEN)
     socket = await connect()
-    await until(lambda: world.robot.topics, "the robot is subscribed")
+    await until(lambda: world.target.topics, "the robot is subscribed")
     content = {"child_frame_id": "<b>", "covariance": [math.nan]}
     message = {"op": "publish", "topic": "/odom", "msg": content}
-    await world.robot.send_to_topics(json.dumps(message).encode())
-    await until(lambda: world.live() == ("runs", "the app does not subscribe to /pose"), "so it is")
+    await world.target.send_to_topics(json.dumps(message).encode())
+    await until(
+        lambda: world.live() == {1: ("runs", "the app does not subscribe to /pose")}, "so it is"
+    )
     await socket.send_json(TAKE)
 
     async def send():
         while True:
-            await world.robot.send_to_topics(json.dumps(message).encode())
+            await world.target.send_to_topics(json.dumps(message).encode())
             await asyncio.sleep(0.02)
 
     sending = asyncio.create_task(send())
@@ -427,13 +384,13 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
     sending.cancel()
     assert world.driver() is None
     message["msg"]["child_frame_id"] = "x" * apps.MAX_MESSAGE_BYTES
-    await world.robot.send_to_topics(json.dumps(message).encode())
+    await world.target.send_to_topics(json.dumps(message).encode())
     too_large = ("runs", "the message has over 256 KB, the limit of apps")
-    await until(lambda: world.live() == too_large, "the page says so")
+    await until(lambda: world.live() == {1: too_large}, "the page says so")
     with pytest.raises(TimeoutError):
         await other.receive(timeout=0.1)
-    del world.database.grants[5, SIM1]
-    await until(lambda: not world.robot.topics, "the subscription has ended", 2)
+    del world.database.grants[5, TARGET]
+    await until(lambda: not world.target.topics, "the subscription has ended", 2)
     assert world.ends() == ["rights_ended"]
 
 
@@ -456,7 +413,7 @@ async def test_only_a_ticket_for_the_app_connects_it_and_once(world, connect, ht
     used = world.relay.app_url("used", EVE)
     await (await http.ws_connect(used)).close()
     await connect()
-    robot = world.database.robots[SIM1]
+    robot = world.database.robots[TARGET]
     for number in range(apps.MAX_APPS - 1):
         await connect(user=BEN, name=f"app{number}")
     await connect(user=BEN, name="last")
@@ -473,10 +430,6 @@ async def test_only_a_ticket_for_the_app_connects_it_and_once(world, connect, ht
         (world.relay.app_url("ninth", BEN).removeprefix(world.relay.url), 429),
         ("/apps/<b>/ros", 404),
     ]:
-        with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-            await http.ws_connect(world.relay.url + path)
-        assert refused.value.status == status, path
+        assert await refusal(http, world.relay.url + path) == status, path
     headers = {"Origin": "https://evil.example"}
-    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-        await http.ws_connect(world.relay.app_url("evil", EVE), headers=headers)
-    assert refused.value.status == 403
+    assert await refusal(http, world.relay.app_url("evil", EVE), headers) == 403

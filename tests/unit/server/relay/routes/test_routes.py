@@ -4,24 +4,23 @@ import asyncio
 import json
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import timedelta
 
 import pytest
 import pytest_asyncio
-from fake_robot import FakeRobot
 from relay_clients import PUBLISH, audit_lines
-from relay_server import BEN, CARL, EVE, MemoryDatabase, RelayServer, until
-from robotether_server.db.routes import RelayRoute, RouteEnd
+from relay_server import BEN, CARL, EVE, until
+from robotether_server.db.routes import RelayRoute
 from robotether_server.relay.control.leasing import LeaseRequester, now
 from robotether_server.relay.robots import lease
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
 from robotether_server.times import utc_now
+from route_world import SOURCE, TARGET, RouteWorld
 
 TWIST = "geometry_msgs/msg/Twist"
-SOURCE, TARGET = 8, 7
 FOLLOW = RelayRoute(SOURCE, "/cmd_vel", TARGET, "/cmd_vel", TWIST, 50, 5, id=1, user_name="eve")
 
 
@@ -29,42 +28,6 @@ FOLLOW = RelayRoute(SOURCE, "/cmd_vel", TARGET, "/cmd_vel", TWIST, 50, 5, id=1, 
 def _quick(monkeypatch):
     monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 0.05)
     monkeypatch.setattr(relay_routes, "CHECK_EVERY_S", 0.05)
-
-
-@dataclass
-class RoutesWorld:
-    """A relay with robots sim1, the target, and sim2, the source; eve manages both, ben drives sim1."""
-
-    relay: RelayServer
-    database: MemoryDatabase
-    target: FakeRobot
-    source: FakeRobot
-
-    def live(self):
-        return {route.id: (route.state, route.why) for route in self.relay.relay.routes.live(5)}
-
-    def why(self):
-        return self.live().get(1, ("", ""))[1]
-
-    def ends(self):
-        return [each.code for each in self.database.written if isinstance(each, RouteEnd)]
-
-    def driver(self):
-        driver = self.relay.relay.control.describe(TARGET).driver
-        return None if driver is None else driver.user
-
-    def published(self):
-        received = map(json.loads, self.target.received)
-        return [message for message in received if message["op"] == "publish"]
-
-    async def start(self, *routes):
-        self.database.routes = list(routes)
-        await until(lambda: self.live().get(1, ("",))[0] == "runs", "the route runs")
-        await until(lambda: len(self.source.topics) == len(routes), "the source is subscribed")
-
-    async def send(self, speed):
-        message = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": speed}}}
-        await self.source.send_to_topics(json.dumps(message).encode())
 
 
 @pytest.fixture
@@ -78,13 +41,19 @@ def memory_database(memory_database):
 async def world(relay, memory_database, guarded, start_robot):
     source = await start_robot(relay, "guarded", SOURCE)
     await until(lambda: relay.relay.registry.presence(SOURCE).guard == "ready", "it is ready")
-    return RoutesWorld(relay, memory_database, guarded, source)
+    return RouteWorld(relay, memory_database, guarded, source)
+
+
+async def start(world, *routes):
+    world.database.routes = list(routes)
+    await until(lambda: world.live().get(1, ("",))[0] == "runs", "the route runs")
+    await until(lambda: len(world.source.topics) == len(routes), "the source is subscribed")
 
 
 @pytest.mark.usefixtures("no_command_is_late")
 async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(world):
     """The target's guard gets a number, and a time by the robot's clock at which the command may have been sent."""
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     assert world.driver() == "eve (route)"
     await world.send(0.5)
     await until(world.published, "the command has come")
@@ -102,18 +71,15 @@ async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(worl
 
 async def test_an_old_command_is_dropped(world, monkeypatch):
     """The source's line delivers late: no ping shows that the command is younger than a minute."""
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     [topic] = world.relay.relay.shared_topics._tasks
     monkeypatch.setattr(topic, "sent_since_s", lambda: time.monotonic() - 60)
-    # The robot's echo of the subscription may follow the first, and it is no command.
-    while "old" not in world.why():
-        await world.send(0.5)
-        await asyncio.sleep(0.02)
+    await world.send_until(lambda: "old" in world.why())
     assert world.published() == []
 
 
 async def test_the_source_is_pinged_while_a_route_needs_ages(world):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     [topic] = world.relay.relay.shared_topics._tasks
     first_s = topic.sent_since_s()
     await until(lambda: topic.sent_since_s() > first_s, "a pong came back")
@@ -122,8 +88,7 @@ async def test_the_source_is_pinged_while_a_route_needs_ages(world):
 
 
 async def test_the_newest_message_wins_at_the_rate_of_the_route(world):
-    """The last one comes, too; of a topic that is not a drive topic however late."""
-    await world.start(replace(FOLLOW, target_topic="/speed", rate_hz=5))
+    await start(world, replace(FOLLOW, target_topic="/speed", rate_hz=5))
     begun_s = time.monotonic()
     for number in range(100):
         await world.send(number / 100)
@@ -136,22 +101,19 @@ async def test_a_topic_that_the_policy_of_the_target_refuses_gets_nothing(world)
     _set_policy(world, TARGET, {"manage": {"publish": ["/chatter"]}})
     world.database.routes = [replace(FOLLOW, target_topic="/goal_pose", type="a/msg/B")]
     await until(lambda: world.source.topics, "the source is subscribed")
-    while "policy" not in world.why():
-        await world.send(0.5)
-        await asyncio.sleep(0.02)
+    await world.send_until(lambda: "policy" in world.why())
     assert world.target.received == []
 
 
 async def test_a_number_that_json_lacks_goes_to_no_robot(world):
-    await world.start(FOLLOW)
-    while world.why() != "a number in the message is NaN or infinite, which no robot reads":
-        await world.send(math.nan)
-        await asyncio.sleep(0.02)
+    await start(world, FOLLOW)
+    why = "a number in the message is NaN or infinite, which no robot reads"
+    await world.send_until(lambda: world.why() == why, math.nan)
     assert world.published() == []
 
 
 async def test_a_source_that_its_policy_hides_is_not_read(world):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     _set_policy(world, SOURCE, {"manage": {"subscribe": ["/odom"]}})
     await until(lambda: "policy" in world.why(), "the page says so")
     await until(lambda: not world.source.topics, "the subscription has ended")
@@ -201,7 +163,7 @@ def _expire(world):
 )
 async def test_it_ends_for_good(world, act, code):
     """The lease is over, and nothing brings the route back, also while the database says that it lasts."""
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     act(world)
     await until(world.ends, "it ended")
     assert world.ends() == [code]
@@ -255,16 +217,14 @@ async def test_it_waits_for_a_call_over_http(world, phase):
 
 async def test_who_asks_for_control_gets_it_although_commands_come(world, monkeypatch):
     monkeypatch.setattr(lease, "PASSES_AFTER_S", 0.3)
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     world.relay.relay.control.leasing.ask(world.database.robots[TARGET], LeaseRequester(BEN))
-    while not world.ends():
-        await world.send(0.5)
-        await asyncio.sleep(0.02)
+    await world.send_until(world.ends)
     assert world.ends() == ["lease_lost"]
 
 
 async def test_a_robot_that_is_away_is_waited_for(world, start_robot):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     await world.target.stop()
     await until(lambda: world.live()[1] == ("waits", "sim1 is offline"), "it waits")
     again = await start_robot(world.relay, "guarded")
@@ -274,7 +234,7 @@ async def test_a_robot_that_is_away_is_waited_for(world, start_robot):
 
 
 async def test_a_target_is_free_while_the_source_is_away(world):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     await world.source.stop()
     await until(lambda: world.live()[1] == ("waits", "sim2 is offline"), "it waits")
     await until(lambda: world.driver() is None, "the target is free")
@@ -283,7 +243,7 @@ async def test_a_target_is_free_while_the_source_is_away(world):
 
 async def test_routes_of_one_user_into_a_robot_share_its_lease(world):
     other = replace(FOLLOW, id=2, source_topic="/map", target_topic="/map", type="a/msg/Map")
-    await world.start(FOLLOW, other)
+    await start(world, FOLLOW, other)
     await until(lambda: world.live() == {1: ("runs", ""), 2: ("runs", "")}, "both run")
     await world.send(0)
     await until(lambda: len(world.published()) == 2, "each has brought a message")
@@ -295,7 +255,7 @@ async def test_routes_of_one_user_into_a_robot_share_its_lease(world):
 
 
 async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     url, headers = f"{world.relay.url}/api/v1/routes/live", world.database.bearer(EVE)
     async with http.get(url, headers=headers) as answer:
         [route] = (await answer.json())["routes"]
@@ -304,7 +264,7 @@ async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
 
 
 async def test_a_relay_that_stops_leaves_its_routes(world):
-    await world.start(FOLLOW)
+    await start(world, FOLLOW)
     await world.relay.relay.routes.close()
     await until(lambda: world.driver() is None, "the lease is over")
     assert world.ends() == []
