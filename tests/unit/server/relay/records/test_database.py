@@ -77,7 +77,6 @@ async def passes(socket):
 
 
 async def test_nobody_waits_to_be_known_while_the_database_hangs():
-    """Something asks each second whether it still hangs; the number of open questions is limited."""
     with create_server(("127.0.0.1", 0)) as silent:
         settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
         relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
@@ -101,7 +100,6 @@ async def stop(task):
 
 
 async def test_connections_are_counted_and_unknown_while_nobody_answers(patient, database):
-    """Each account has its own limit of connections."""
     counting = asyncio.create_task(patient.count_connections())
     await until(lambda: patient.connections is not None, "a count")
     everybody, relay = patient.connections["everybody"], patient.connections["relay"]
@@ -163,7 +161,6 @@ async def test_strangers_take_no_place_of_the_relays_own_duties(
 
 
 def tokens_of_ann(database):
-    """Two API tokens: one as its text, and one as what a ticket holds of it."""
     with database.transaction() as tx:
         ann = users.get(tx, "ann")
         texts = [credentials.create_token(tx, ann, name, None) for name in ("a", "b")]
@@ -207,7 +204,6 @@ async def test_a_drive_begins_while_the_database_hangs(mariadb, database, ann, h
 
 
 def fences_in(database):
-    """The newest lease's number, which is over, and those of all drives that are over."""
     with database.transaction() as tx:
         (lease,) = tx.rows("SELECT fence FROM control_leases WHERE ended_at IS NOT NULL")
         drives = tx.rows("SELECT fence FROM drives WHERE ended_at IS NOT NULL ORDER BY fence")

@@ -195,7 +195,6 @@ async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_databas
 
 
 async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_database):
-    """The lines stay even if the next relay is killed before it has written them."""
     _killed_with(path, memory_database, START)
     for _ in range(2):
         event_writer = EventWriter(memory_database, journal=_Settled(path))
@@ -208,7 +207,6 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
 
 
 async def test_what_a_killed_relay_dropped_is_counted_by_the_next(path, memory_database):
-    """Its journal was written anew meanwhile, without what was dropped before."""
     killed = EventWriter(memory_database, max_waiting=5, journal=_Settled(path))
     count = 2 * MAX_STALE_LINES
     for _ in range(count):

@@ -2,7 +2,6 @@
 
 import pytest
 from relay_server import ANN, utc
-from robotether_server.db.fleet import RelayRequest
 from robotether_server.relay.records.fleet import Fleet
 
 
@@ -51,17 +50,7 @@ async def test_the_past_is_read_once(fleet, memory_database):
     assert restored == [[(7, utc(2026, 1, 1), None)], "control"]
 
 
-async def test_requests_for_help_are_unknown_without_a_database(fleet, memory_database):
-    memory_database.requests = [RelayRequest(7, "waiting", 1.0, None, None)]
-    known = []
-    for memory_database.down in (False, True):
-        await fleet.poll()
-        known.append(fleet.known_help_requests())
-    assert known == [memory_database.requests, None]
-
-
 async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):
-    """Credentials are checked anew without reading the fleet."""
     await fleet.poll()
     memory_database.add_credential("login", ANN)
     await fleet.poll()

@@ -9,7 +9,7 @@ from relay_server import utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, HelpEntry
 from robotether_server.relay.records import journal as module
-from robotether_server.relay.records.journal import MAX_STALE_LINES, Journal
+from robotether_server.relay.records.journal import Journal
 
 NOON = utc(2026, 1, 1, 12)
 HOUR = timedelta(hours=1)
@@ -107,23 +107,6 @@ def test_an_entry_that_no_line_can_hold_costs_itself_alone(path, caplog):
     assert "cannot keep" in caplog.text
 
 
-def test_a_long_file_is_written_anew(path):
-    journal = Journal(path)
-    drive = ended_drive()
-    while not journal.needs_rewrite(1):
-        journal.add(drive)
-        journal.wait(WITHIN_S)
-    assert len(path.read_bytes().splitlines()) <= MAX_STALE_LINES + 5
-    journal.rewrite([drive])
-    journal.wait(WITHIN_S)
-    assert not journal.needs_rewrite(1)
-    journal.add(END)
-    journal.close()
-    assert Journal(path).read() == [drive, END]
-    assert len(path.read_bytes().split(b"\n")) == 3
-    assert list(path.parent.iterdir()) == [path]
-
-
 def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
     journal = Journal(path)
     with monkeypatch.context() as full:
@@ -144,7 +127,6 @@ def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
 
 
 def test_a_folder_that_is_missing_costs_the_journal_alone(tmp_path, caplog):
-    """A site without a volume for the journal works without it."""
     journal = Journal(tmp_path / "missing" / "journal.jsonl")
     assert journal.read() == []
     journal.add(START)

@@ -70,7 +70,6 @@ def test_who_is_admitted(robot, preface, code):
     ],
 )
 def test_what_is_told_to_a_live_link(before, change, needed):
-    """What the agent knows or need not know is not told: the policy is the relay's."""
     assert needs_config(before, replace(before, **change)) is needed
 
 

@@ -3,13 +3,7 @@
 import pytest
 from robotether_common.guard import MAX_FRAMES, MAX_SEEN_S
 from robotether_server.relay.robots.delivered_frames import DeliveredFrames, NamedFrame
-
-
-class Clock:
-    now = 100.0
-
-    def __call__(self):
-        return self.now
+from validators import Clock
 
 
 @pytest.fixture

@@ -30,7 +30,6 @@ SSH = b"SSH-2.0-OpenSSH_9.2\r\n"
 
 @pytest_asyncio.fixture
 async def serve():
-    """Listen on ports that answer with given bytes after a while, and close."""
     servers = []
 
     async def start(answer, after_s=0.0):
@@ -81,7 +80,6 @@ async def test_no_forward_is_unknown():
 
 
 async def test_a_check_takes_a_bounded_time(serve):
-    """A service that hangs is down after the time-out, and the three are asked beside each other."""
     checker = PortChecker(HOST, lambda _service, _health: None, answer_within_s=0.2)
     slow = await serve(HTTP, 0.6)
     with Stopwatch() as stopwatch:
@@ -119,20 +117,6 @@ async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
     assert len(asked) == 2
     link.ask()
     await until(lambda: len(asked) == 3, "a later question")
-
-
-async def test_a_link_that_ends_checks_no_more(asked):
-    started = asyncio.Event()
-
-    async def check():
-        started.set()
-        await asyncio.sleep(60)
-
-    checks = LinkChecks(check)
-    checks.ask()
-    await started.wait()
-    await checks.close()
-    assert checks._task.cancelled()
 
 
 async def test_a_host_that_is_away_holds_no_port():

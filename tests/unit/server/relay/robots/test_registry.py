@@ -25,7 +25,6 @@ def changes():
 
 @pytest.fixture
 def registry(changes):
-    """A registry with a listener, where it is always 12:03, and 5 s by the monotonic clock."""
     registry = SessionRegistry(clock=lambda: NOW, monotonic=lambda: 5.0)
     registry.listen(changes.append)
     return registry
@@ -86,13 +85,6 @@ def test_what_an_offline_media_or_shell_link_tells_is_ignored(registry, changes)
     assert changes == []
 
 
-def test_the_same_health_again_is_no_change(registry, changes):
-    link = online(registry)
-    registry.on_health(link, "ok", "down", ros_exposed=False)
-    registry.on_health(link, "ok", "down", ros_exposed=False)
-    assert [change.what for change in changes] == ["connected", "updated"]
-
-
 def test_leaving_forgets_what_holds_only_while_online(registry):
     link = online(registry)
     registry.on_hello(link, "0.1.0", "on", epoch=8)
@@ -130,7 +122,6 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
     [("on", "ready", "ready"), ("on", "down", "down"), ("off", "ready", "off")],
 )
 def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
-    """A guard that is switched off has no state of its own."""
     link = online(registry)
     registry.on_hello(link, "0.1.0", mode)
     registry.on_guard_status(link, GuardReport(state), "5f0c")

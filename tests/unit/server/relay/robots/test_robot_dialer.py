@@ -34,7 +34,6 @@ async def test_who_is_refused_by_the_guard_hears_why(
 
 
 def test_patience_grows_with_the_distance_and_is_bounded(monkeypatch):
-    """A robot 100 ms away gets longer to answer; nobody waits for ever."""
     # The product's limits, and not those of all other tests here.
     monkeypatch.undo()
     near, far = Presence(rtt_ms=1.0), Presence(rtt_ms=100.0)

@@ -12,6 +12,7 @@ from relay_clients import configured, ended
 from relay_server import FAST, IMPATIENT, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.db.fleet import HelpEntry
+from robotether_server.relay.robots.demand import Demand
 from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
@@ -30,7 +31,6 @@ async def give_shell(relay, memory_database, robot):
 
 @asynccontextmanager
 async def port_taken(port):
-    """Listen on a robot's port in the block, as a tunnel that sshd has not given up yet."""
     async with await asyncio.start_server(lambda _r, w: w.close(), HOST, port):
         yield
 
@@ -74,7 +74,6 @@ async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(robot):
 
 
 async def test_robot_asks_for_help_while_the_database_is_away(robot, memory_database):
-    """Its newest call is written when the database is back."""
     memory_database.down = True
     for reason in ("lost", "still lost"):
         robot.session.send(type="help", source="robot", reason=reason, priority=2)
@@ -103,7 +102,6 @@ async def test_a_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_databa
 
 
 async def test_more_lines_than_allowed_end_the_session(connect):
-    """Lines without end are a broken protocol; a short burst is not."""
     session = await configured(await connect())
     session.send_raw(b'{"type": "pong", "seq": 0}\n' * 300)
     session.send(type="ping", seq=17, t_ms=5.0)
@@ -134,6 +132,15 @@ async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(rela
     assert session.configs[0]["media"]
 
 
+async def test_a_robot_with_published_ports_is_always_needed():
+    changes = []
+    demand = Demand(lambda: changes.append(True), always=True, kept_s=0)
+    with demand.counted():
+        pass
+    await asyncio.sleep(0.01)
+    assert (changes, demand.exists) == ([], True)
+
+
 @pytest.mark.parametrize("timing", [SLOW_WHEN_IDLE])
 async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, connect):
     relay.relay.registry.ensure_robot(sim1.id).usage._kept_s = 0.2
@@ -149,14 +156,6 @@ async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, con
     assert session.pings <= pings + 1
     idle_s = SLOW_WHEN_IDLE.idle_heartbeat_s
     assert [config["idle_heartbeat_s"] for config in session.configs] == [idle_s, None, idle_s]
-
-
-async def test_the_round_trip_of_an_idle_robot_is_measured_seldom(connect):
-    """That it is alive, its own heartbeats show."""
-    with Stopwatch() as stopwatch:
-        session = await configured(await connect())
-        await until(lambda: session.pings == 3, "it is measured a third time")
-    assert stopwatch.clock_s > 9 * FAST.idle_heartbeat_s
 
 
 @pytest.mark.parametrize("kind", ["media", "shell"])
