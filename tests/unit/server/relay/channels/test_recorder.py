@@ -2,10 +2,9 @@
 
 import secrets
 
-import aiohttp
-import pytest
 from fake_robot import WAIT_S
 from frames_viewer import FramesViewer
+from relay_clients import refusal
 from relay_server import TICKET_KEY, until
 from robotether_server.db.fleet import RECORDER, RelayUser
 from robotether_server.relay.auth.connections import Caps
@@ -14,16 +13,9 @@ from robotether_server.tickets import RECORDER_SALT, Ticket, TicketSigner
 
 
 def recorder_ticket(robot=None, mode="observe"):
-    """A ticket as the recorder signs one for itself."""
     number, name = (0, "") if robot is None else (robot.id, robot.name)
     fields = (RECORDER.id, RECORDER.name, number, name, mode, "token", "0" * 64)
     return TicketSigner(TICKET_KEY, 30, RECORDER_SALT).sign(Ticket(secrets.token_hex(16), *fields))
-
-
-async def refusal(http, url):
-    with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
-        await http.ws_connect(url)
-    return refused.value.status
 
 
 async def test_a_user_cannot_open_the_recorders_channel(relay, sim1, http):

@@ -31,7 +31,6 @@ def large(size):
 
 @pytest.mark.usefixtures("no_command_is_late")
 async def test_a_driver_does_not_wait_for_what_observers_take(robot, monkeypatch, ros):
-    """A large message to observers goes in pieces, and a driver's messages between these."""
     monkeypatch.setattr(event_loop, "LARGE_BYTES_PER_S", MESSAGE_LIMIT)
     async with ros("observe", BOB, max_msg_size=0) as observer:
         await robot.connections(1)
@@ -91,7 +90,6 @@ async def test_a_stop_overtakes_what_its_sender_does_not_read(relay, robot, sim1
 
 
 async def test_nothing_passes_behind_a_stop(relay, robot, sim1, ros):
-    """A stop ends the connection: what its sender sent behind it, in one piece, goes nowhere."""
     async with ros() as socket:
         await robot.connections(1)
         await socket.send_str('{"op": "robotether.stop"}')
@@ -265,7 +263,6 @@ async def test_who_sends_no_clock_sync_sees_none_of_it(relay, guarded, sim1, ros
 
 
 async def test_the_driver_reads_how_old_is_what_they_see(relay, guarded, sim1, program):
-    """The greatest age of a report on this drive; unknown is greater, and nobody else reads it."""
     async with (
         program() as ann,
         program("observe", BOB) as bob,

@@ -209,7 +209,6 @@ async def test_many_topics_do_not_make_a_queue(path):
 
 
 def test_a_pong_says_that_what_follows_is_younger_than_its_ping():
-    """The newest ping whose pong came counts; late pongs, and those that answer nothing, say nothing."""
     timestamps = CommandTimestamps(0.0)
     first, second, third = (timestamps.ping(float(at)) for at in (1, 2, 3))
     for pong, sent_s, counts_s in ((second, 2.0, 2.0), (first, None, 2.0), (third, 3.0, 3.0)):
@@ -283,7 +282,6 @@ def test_bytes_and_frames_are_those_of_the_drive():
 
 
 def test_positions_are_those_of_start_and_end():
-    """Unknown ones are None, also of a robot whose position was known before."""
     places = iter([(1.0, 2.0), None, (3.0, 4.0)])
     counters = DriveCounters(position=lambda: next(places))
     log = drive_log(counters)

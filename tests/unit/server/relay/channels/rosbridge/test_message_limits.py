@@ -45,7 +45,6 @@ def test_the_rate_has_a_limit(level, per_s):
 
 
 def test_a_large_message_counts_as_many():
-    """Reading it holds up others as long as many small ones; the largest text always passes."""
     limits = {"messages_per_s": 50, "message_kb": 100}
     at = validator("manage", {"policy": {"limits": limits}})
     large = {"op": "publish", "topic": "/a", "msg": {"data": "x" * 102_000}}

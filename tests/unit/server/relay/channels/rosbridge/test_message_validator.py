@@ -95,7 +95,6 @@ def test_the_field_that_says_what_is_needed(operation):
 
 
 def test_a_field_that_is_null_counts_as_absent():
-    """Clients write null for what they do not want."""
     message = {"op": "subscribe", "topic": "/pose", "type": None, "compression": None}
     assert sent(message, validator()) == {"op": "subscribe", "topic": "/pose"}
 
@@ -166,7 +165,6 @@ def test_a_drive_command_is_recognised():
     [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "not a finite number")],
 )
 def test_a_drive_topic_takes_commands_only(msg, reason):
-    """Whatever the level, what is not a command does not get near the wheels."""
     for level in ("drive", "manage"):
         kind, answer = refused({"op": "publish", "topic": "/cmd_vel", "msg": msg}, validator(level))
         assert kind == "shape"

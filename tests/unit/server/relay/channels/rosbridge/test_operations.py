@@ -176,7 +176,6 @@ TWIST = {"linear": {"x": 3, "y": 4.0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 
     ],
 )
 def test_each_shape_has_its_speeds(msg, speed, turn):
-    """Speed and turn are lengths; what is missing is zero."""
     assert operations.speeds(msg) == (speed, turn)
 
 

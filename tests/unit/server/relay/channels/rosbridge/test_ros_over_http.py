@@ -32,7 +32,6 @@ TOPICS, SERVICES = "/api/v1/robots/sim1/topics", "/api/v1/robots/sim1/services"
 
 @pytest_asyncio.fixture
 async def people(relay, memory_database, sim1):
-    """Ann and ben may call all services, bob observes; what their programs send."""
     memory_database.grants[ANN.id, sim1.id] = memory_database.grants[BEN.id, sim1.id] = "manage"
     await relay.relay.fleet.poll()
     return {user.name: memory_database.bearer(user) for user in (ANN, BOB, BEN)}
@@ -166,7 +165,6 @@ async def test_a_robot_that_floods_a_call_delays_nobody():
 
 
 async def test_the_policy_for_observers_counts(relay, robot, sim1, ask, memory_database):
-    """Whatever the user may do: the request only observes."""
     policy = Policy(observe=LevelPolicy(subscribe=Globs(["/odom"])))
     settings = replace_struct(sim1.settings, policy=policy)
     memory_database.robots = {7: replace(sim1, settings=settings)}

@@ -11,7 +11,6 @@ import pytest
 from fake_robot import WAIT_S
 from relay_clients import closing
 from relay_server import MESSAGE_LIMIT, until
-from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
@@ -35,8 +34,6 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
 class SilentConnector:
-    """Brings topics no message."""
-
     async def run(self, _topic):
         await asyncio.Event().wait()
 
@@ -86,13 +83,10 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     assert both == TopicRequest("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
 
 
-class AskedConnector:
+class AskedConnector(SilentConnector):
     def __init__(self):
         self.questions = 0
         self.answers = asyncio.Semaphore(0)
-
-    async def run(self, _topic):
-        await asyncio.Event().wait()
 
     async def repeat(self, _topic, digests):
         self.questions += 1
@@ -261,7 +255,6 @@ async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, 
 
 
 async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
-    """What others have, too, counts for nobody."""
     topics = SharedTopics(relay.relay.registry, SilentConnector())
 
     def watch(name, user_id):
@@ -282,20 +275,12 @@ async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
     await topics.close()
 
 
-async def test_topics_of_another_cell_whose_users_are_unknown_are_nobodys(relay, robot, sim1):
-    topics = relay.relay.registry.robot(sim1.id).topics
-    for number in range(MAX_OBSERVED_TOPICS - 1):
-        topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
-        topic.users.add(Client(None))
-    relay.relay.shared_topics.watch(sim1, TopicRequest("/odom"), Client(), MAX_OBSERVED_TOPICS)
-
-
 class Client:
     def __init__(self, user_id=1):
         self._user_id = user_id
 
     def user_ids(self):
-        return () if self._user_id is None else (self._user_id,)
+        return (self._user_id,)
 
     def on_topic_ready(self, topic): ...
 
@@ -345,24 +330,6 @@ async def test_a_client_keeps_no_more_at_the_relay_than_it_may(wide, robot, monk
         await until(lambda: len(robot.received) == 3, "all reach the robot")
     operations = [json.loads(data)["op"] for data in robot.received]
     assert operations == ["publish", "publish", "subscribe"]
-
-
-async def test_who_subscribes_anew_without_end_opens_few_topics(relay, sim1):
-    class Connector:
-        opened = 0
-
-        async def run(self, _topic):
-            self.opened += 1
-            await asyncio.Event().wait()
-
-    connector, client = Connector(), Client()
-    topics = SharedTopics(relay.relay.registry, connector)
-    for number in range(3 * MAX_TOPICS):
-        topic = topics.watch(sim1, TopicRequest(f"/t{number}"), client, MAX_OBSERVED_TOPICS)
-        await asyncio.sleep(0)
-        topics.leave(topic, client)
-    assert MAX_OBSERVED_TOPICS < connector.opened < 2 * MAX_TOPICS
-    await topics.close()
 
 
 async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1):

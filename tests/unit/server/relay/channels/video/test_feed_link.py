@@ -48,34 +48,51 @@ async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, mon
     await until(lambda: len(camera.topics) > 1, "it is opened anew")
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        b"short",
-        b"\x01\x00\x00\x00\x00\x00\x00\x01" + b"\x7f\xff" * 4 + b"x",
-        b"\x02\x02" + bytes(15 + MAX_DEPENDENT_FRAME_BYTES),
-    ],
-    ids=["no header", "no timestamp", "too large to hold"],
-)
-async def test_a_robot_that_breaks_the_protocol_is_asked_anew(camera, viewer, data, caplog):
-    await camera.send_bytes(data)
-    await viewer.text("status", state="down")
-    await camera.wait_for("credit", taken=None)
-    await until(lambda: len(camera.topics) > 1, "it is opened anew")
-    assert "robot sim1: broke the frames protocol" in caplog.text
-
-
-async def test_a_frame_without_an_end_is_cut_off(camera, viewer):
-    """In parts, each of which is small: what the relay would hold of them is bounded."""
+async def _never_ends(camera):
+    """Send a frame in parts, each of which is small (RFC 6455, 5.2)."""
     (socket,) = camera.connections
-    transport = socket._req.transport
     part = bytes(2**20)
-    # A binary message that goes on, and its continuations (RFC 6455, 5.2).
     for number in range(1 + MAX_FRAME_BYTES // len(part)):
         opcode = b"\x00" if number else b"\x02"
-        transport.write(opcode + b"\x7f" + len(part).to_bytes(8, "big") + part)
+        header = opcode + b"\x7f" + len(part).to_bytes(8, "big")
+        socket._req.transport.write(header + part)
+
+
+async def _floods_with_texts(camera):
+    for turn in range(400):
+        await camera.send_status(state="live", quality=turn % 100)
+
+
+async def _floods_with_pings(camera):
+    (socket,) = camera.connections
+    for _ in range(400):
+        await socket.ping()
+
+
+@pytest.mark.parametrize(
+    ("does", "logged"),
+    [
+        (lambda camera: camera.send_bytes(b"short"), "broke the frames protocol"),
+        (
+            lambda camera: camera.send_bytes(bytes([1, *[0] * 6, 1]) + b"\x7f\xff" * 4 + b"x"),
+            "broke the frames protocol",
+        ),
+        (
+            lambda camera: camera.send_bytes(b"\x02\x02" + bytes(15 + MAX_DEPENDENT_FRAME_BYTES)),
+            "broke the frames protocol",
+        ),
+        (_never_ends, ""),
+        (_floods_with_texts, "messages a second"),
+        (_floods_with_pings, "messages a second"),
+    ],
+    ids=["no header", "no timestamp", "too large to hold", "no end", "texts", "pings"],
+)
+async def test_a_robot_that_breaks_the_protocol_is_cut_off(camera, viewer, caplog, does, logged):
+    """What the relay holds of it is bounded, and it cannot keep the relay busy."""
+    await does(camera)
     await viewer.text("status", state="down")
     await until(lambda: len(camera.topics) > 1, "it is opened anew")
+    assert logged in caplog.text
 
 
 async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(robot, viewer, monkeypatch):
@@ -87,19 +104,6 @@ async def test_a_robot_that_cannot_be_reached_again_ends_the_viewers(robot, view
             message = await viewer.socket.receive()
     assert message.data == 4506
     assert "frames_unknown" not in message.extra
-
-
-@pytest.mark.parametrize("message", ["text", "ping"])
-async def test_a_flood_from_the_robot_is_cut_off(camera, viewer, caplog, message):
-    """A robot cannot keep the relay busy: whoever drives another robot would feel it."""
-    (socket,) = camera.connections
-    for turn in range(400):
-        if message == "text":
-            await camera.send_status(state="live", quality=turn % 100)
-        else:
-            await socket.ping()
-    await viewer.text("status", state="down")
-    assert "messages a second" in caplog.text
 
 
 async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
@@ -121,7 +125,6 @@ async def test_a_robot_that_breaks_off_again_and_again_is_asked_less_often(
 
 
 async def test_a_connection_that_breaks_is_opened_again(camera, viewer):
-    """The viewer is told and stays; numbers go on although the robot's begin anew."""
     for _ in range(3):
         await viewer.credit()
         await camera.show(JPEG)

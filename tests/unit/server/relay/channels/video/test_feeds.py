@@ -18,7 +18,6 @@ from robotether_server.relay.channels.video.held_frames import MAX_HELD
 from robotether_server.relay.channels.video.viewers import ViewerPlace
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change, Presence
 from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 JPEG = b"\xff\xd8\xff\xd9"
@@ -85,20 +84,6 @@ async def test_more_frames_than_credits_break_the_protocol(feed):
         come(feed, 3)
 
 
-async def test_a_new_connection_begins_with_new_credits_and_numbers_that_go_on(feed):
-    """The robot hears its own numbers, viewers hear ours; also where they overflow."""
-    come(feed, 2**32 - 1)
-    assert feed.newest.sequence == 2**32 - 1
-    feed.on_connected()
-    assert feed.credit() == (2, None)
-    come(feed, 5)
-    assert feed.newest.sequence == 0
-    come(feed, 8)
-    assert (feed.newest.sequence, feed.newest.position) == (3, 2)
-    feed.taken(3)
-    assert feed.credit() == (2, 8)
-
-
 async def test_one_viewers_defect_is_its_own(feed, caplog):
     broken, sound = Eye(breaks=True), Eye()
     feed.join(broken)
@@ -124,26 +109,6 @@ def followed(feeds, robot, camera, viewer):
 
 def feeds_that(work):
     return Feeds(SessionRegistry(), lambda _feed: work())
-
-
-async def test_a_feed_closes_after_its_last_viewer_and_not_before(sim1, monkeypatch):
-    monkeypatch.setattr("robotether_server.relay.robots.shared_copies.LINGER_S", 0.05)
-    feeds = feeds_that(_for_ever)
-    with followed(feeds, sim1, "/a", Eye()) as feed:
-        with (
-            followed(feeds, sim1, "/a", Eye()) as same,
-            followed(feeds, sim1, "/b", Eye()) as other,
-        ):
-            assert same is feed
-            assert other is not feed
-            assert feeds.count() == 2
-        await until(lambda: feeds.count() == 1, "the other is closed")
-    with followed(feeds, sim1, "/a", Eye()) as again:
-        await asyncio.sleep(0.1)
-        assert again is feed
-        assert feeds.count() == 1
-    await until(lambda: feeds.count() == 0, "it is closed")
-    await feeds.close()
 
 
 class Recording(Eye):
@@ -301,17 +266,4 @@ async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
         await until(lambda: eye.close_reasons, "it is told")
     assert eye.close_reasons == [close_reasons.relay_failed()]
     assert "a defect of the link" in caplog.text
-    await feeds.close()
-
-
-async def test_a_robot_that_leaves_takes_its_feeds_along(memory_database, sim1):
-    other_robot = memory_database.add_robot(8, "sim2")
-    feeds, eye, other = feeds_that(_for_ever), Eye(), Eye()
-    with followed(feeds, sim1, "/a", eye), followed(feeds, other_robot, "/a", other):
-        feeds.on_robot_change(Change("updated", sim1.id, Presence()))
-        assert feeds.count() == 2
-        feeds.on_robot_change(Change("disconnected", sim1.id, Presence()))
-        assert feeds.count() == 1
-        assert eye.close_reasons == [close_reasons.link_lost("sim1")]
-        assert other.close_reasons == []
     await feeds.close()

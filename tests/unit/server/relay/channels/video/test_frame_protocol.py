@@ -15,7 +15,6 @@ from robotether_common.frames import (
 )
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.frame_protocol import (
-    Frame,
     SenderClock,
     combined,
     parse_clock_sync,
@@ -47,11 +46,6 @@ def test_what_is_no_frame_is_refused(data):
         parse_frame(data)
 
 
-def test_a_part_is_written_once():
-    frame = Frame(sent(), sequence=9, position=0, timestamp_s=2.5, received_s=2.6)
-    assert frame.part("edge", 1000.0) is frame.part("edge", 1000.0)
-
-
 @pytest.mark.parametrize(
     "data", [b"no json", b"[]", b'{"op": 1}', b"\xff", b"[" * 4000, b'{"op": "x' + b"x" * 4096]
 )
@@ -68,7 +62,6 @@ def test_what_is_no_text_of_the_protocol_is_refused(data):
     ids=repr,
 )  # fmt: skip
 def test_codecs_of_a_request_are_those_that_are_known(codecs, expected):
-    """Everybody decodes JPEG."""
     assert parse_stream_request({"codecs": codecs}).codecs == expected
 
 
@@ -81,7 +74,6 @@ def test_codecs_of_a_request_are_those_that_are_known(codecs, expected):
     ids=str,
 )  # fmt: skip
 def test_a_request_out_of_bounds_is_refused(member):
-    """Nothing is bent into what it might have meant."""
     with pytest.raises(ProtocolError):
         parse_stream_request(member)
 
@@ -145,7 +137,6 @@ def test_clock_syncs_are_read():
 
 
 def test_a_status_keeps_what_viewers_know():
-    """A robot cannot have a viewer shown anything else."""
     status = parse_status(
         {"op": "status", "state": "down", "detail": "no\nanswer", "source": "evil", "fps": math.nan}
         | {"quality": 70, "width": 640, "height": 1e9, "more": "x"}

@@ -74,7 +74,6 @@ CLOSES, STAYS_SILENT, BEGINS_A_STREAM = range(3)
 
 @pytest.fixture
 async def silent_server(robot, sim1):
-    """A web_video_server that has no frames, in the ways of the real one, as `how` says."""
     mood = {"how": CLOSES}
 
     async def answer(reader, writer):
@@ -94,7 +93,6 @@ async def silent_server(robot, sim1):
 async def test_a_still_of_a_topic_without_frames_names_it(
     *, relay, silent_server, sim1, monkeypatch, how, video
 ):
-    """web_video_server closes the connection where it knows no such topic, and waits where nothing publishes it."""
     monkeypatch.setattr("robotether_server.relay.channels.video.handler.HEADERS_WITHIN_S", 0.3)
     silent_server["how"] = how
     async with video("snapshot?topic=/camera/x") as answer:

@@ -54,7 +54,6 @@ def test_pictures_and_plain_pages_keep_their_type(content_type):
      None],
 )  # fmt: skip
 def test_any_other_type_is_a_file_to_be_saved(content_type):
-    """So is the last of a list, which is the one that browsers take."""
     sent = {"Content-Disposition": "inline; filename=a.js"}
     headers = headers_for_viewer(
         sent | ({} if content_type is None else {"Content-Type": content_type})

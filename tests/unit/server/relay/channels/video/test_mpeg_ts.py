@@ -98,7 +98,6 @@ def test_timestamps_have_33_bits():
 
 
 def test_tables_come_again_for_who_begins_later():
-    """They come before each key frame, and every half second."""
     stream = TransportStream()
     tables = [
         Demuxer(stream.write(b"x", number / 10, is_key=number == 13)) for number in range(1, 21)

@@ -4,7 +4,6 @@ import asyncio
 import struct
 from types import SimpleNamespace
 
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_common.codecs import H264, JPEG, NAMES, VP8, decoded_by
@@ -14,76 +13,6 @@ from robotether_server.relay.channels.video.frame_protocol import Frame, SenderC
 from robotether_server.relay.channels.video.held_frames import MAX_HELD, MAX_HELD_BYTES, HeldFrames
 from robotether_server.relay.channels.video.viewers import Cursor
 from robotether_server.relay.robots.viewer_stats import CameraCounts
-
-EYE = SimpleNamespace(stream_request=StreamRequest(codecs=NAMES))
-
-
-class Books(Feed):
-    """A feed whose frames a test sets, and that notes what was taken."""
-
-    def __init__(self, robot):
-        super().__init__(robot, FeedKey("/a"), FeedTraffic(), CameraCounts())
-        self.was_taken = []
-
-    def taken(self, sequence):
-        self.was_taken.append(sequence)
-
-    def show(self, position, received_s=0.0, codec=JPEG, flags=0):
-        data = HEADER.pack(codec.number, flags, 70, 0, 0) + b"frame"
-        frame = Frame(
-            data, sequence=position, position=position, timestamp_s=0.0, received_s=received_s
-        )
-        assert self.held.add(frame)
-        return frame
-
-    @property
-    def skipped(self):
-        return self._traffic.skipped
-
-
-@pytest.fixture
-async def feed(sim1):
-    return Books(sim1)
-
-
-async def test_an_old_frame_is_given_back(feed):
-    """Who comes waits for the next, which the robot can only send when it has credit."""
-    feed.show(7, received_s=10.0)
-    cursor = Cursor(feed, EYE, 11.1)
-    assert cursor.next() is None
-    assert feed.was_taken == [7]
-    frame = feed.show(8)
-    assert cursor.next() is frame
-    cursor.sent(frame)
-    assert feed.skipped == 0
-
-
-async def test_who_is_a_little_late_misses_nothing(feed):
-    """A viewer gets each frame in turn; a newcomer begins with the key frame."""
-    first = Cursor(feed, EYE, 0.0)
-    shown = [feed.show(0, codec=H264, flags=KEY)]
-    shown += [feed.show(position, position / 100, H264) for position in range(1, 5)]
-    for cursor in (first, Cursor(feed, EYE, 0.1)):
-        for frame in shown:
-            assert cursor.next() is frame
-            cursor.sent(frame)
-        assert cursor.next() is None
-    assert (feed.skipped, feed.needs_key_frame) == (0, False)
-
-
-@pytest.mark.parametrize("codec", [JPEG, H264])
-async def test_who_cannot_decode_gets_nothing_before_the_next_key_frame(feed, codec):
-    """Not the one that it has had; of JPEG each frame is one, and none is requested."""
-    cursor = Cursor(feed, EYE, 0.0)
-    cursor.restart()
-    cursor.sent(feed.show(0, codec=codec, flags=KEY))
-    cursor.restart()
-    assert feed.needs_key_frame is codec.depends_on_earlier
-    assert cursor.next() is None
-    following = feed.show(1, codec=codec)
-    assert cursor.next() is (None if codec is H264 else following)
-    key = feed.show(2, codec=codec, flags=KEY)
-    assert cursor.next() is key
 
 
 class Watcher:
