@@ -10,23 +10,18 @@ from __future__ import annotations
 import asyncio
 import random
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from aiohttp import web
 from fake_cameras import FakeVideoServer
-from robotether_agent.daemon import Agent, report_guard
+from robotether_agent.daemon import report_guard
 from robotether_agent.fields import JsonObject
-from robotether_agent.guard.agent_messages import GuardReporter
-from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.drive_messages import DriveMessage
-from robotether_agent.guard.process import Guard
-from robotether_agent.guard.supervisor import GuardSupervisor
-from robotether_agent.rosbridge_socket import new_http
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.settings import Settings
-from robotether_agent.systemd import Notifier
 from robotether_agent.topics_service import TopicsService
 from robotether_agent.tunnel.openssh import ServiceAddress
 from robotether_agent.tunnel.session import Session
@@ -37,10 +32,11 @@ from sim_robot.graph import Node, TopicMessage
 from paper.cells.history import History
 from paper.client import TOPIC, TYPE, origin
 from paper.fleet.worker import (
-    GuardHere,
+    LightAgent,
     Robots,
     RosRobot,
     SupervisorHere,
+    Watch,
     main,
     standard_input,
     watch_children,
@@ -53,11 +49,13 @@ TURN_EVERY_S, LATE_S = 0.02, 0.01
 FPS = 5.0
 
 
-class Watch:
+class HistoryWatch(Watch):
     """Writes down what happens at one robot."""
 
     def __init__(self, robot: str, history: History) -> None:
         self._add = partial(history.add, robot=robot)
+        # The names of cells by their SSH addresses.
+        self.cells: Mapping[str, str] = {}
         # What stops and releases under way are, by their ids.
         self._orders: dict[str, str] = {}
         self._epoch = 0
@@ -71,6 +69,7 @@ class Watch:
             self._add("arrived", connection=connection, number=number, fence=stamp["fence"])
 
     def on_command(self, message: TopicMessage) -> None:
+        """A command came to rosbridge."""
         sent = origin(message.values)
         if sent is None:
             self._add("zeroed")
@@ -78,12 +77,10 @@ class Watch:
             self._add("moved", connection=sent[0], number=sent[1])
 
     def on_order(self, line: Mapping[str, object]) -> None:
-        """The agent says something to the guard."""
         if line["type"] in ("stop", "release"):
             self._orders[str(line["id"])] = str(line["type"])
 
     def on_report(self, line: JsonObject) -> None:
-        """The guard says something to the agent."""
         order = self._orders.pop(str(line.get("answers")), "")
         if order == "stop" and line["stopped"]:
             self._add("stopped", what=str(line["by"]))
@@ -93,68 +90,14 @@ class Watch:
     def on_guard(self, *, killed: bool) -> None:
         self._add("guard_killed" if killed else "guard_began")
 
-    def on_session(self, cell: str, epoch: int) -> None:
-        """There is a session, maybe with a new forward only."""
+    def on_session(self, address: SshAddress, epoch: int) -> None:
         if epoch != self._epoch:
             self._epoch = epoch
-            self._add("session", cell=cell, epoch=epoch)
+            at = f"{address.host}:{address.port}"
+            self._add("session", cell=self.cells.get(at, at), epoch=epoch)
 
     def on_session_lost(self) -> None:
         self._add("session_lost")
-
-
-class WatchedGuard(GuardHere):
-    """A guard in this process, with somebody who watches."""
-
-    def __init__(self, state_dir: Path, run_dir: Path, watch: Watch) -> None:
-        self._watch = watch
-        self.guard: Guard | None = None
-        super().__init__(state_dir, run_dir)
-
-    def send(self, message: Mapping[str, object]) -> None:
-        self._watch.on_order(message)
-        super().send(message)
-
-    async def serve(self, on_line: Callable[[JsonObject], None]) -> Any:
-        def watched(line: JsonObject) -> None:
-            if line["type"] == "guard":
-                self._watch.on_report(line)
-            on_line(line)
-
-        await super().serve(watched)
-
-    async def _run(self, state_dir: Path, run_dir: Path) -> None:
-        async with new_http() as http:
-            self.guard = Guard(http, state_dir, run_dir, GuardReporter(self._pipe))
-            controller = self.guard._controller
-            handle = controller.handle
-
-            async def watched(source: Any, message: DriveMessage) -> None:
-                self._watch.on_arrived(message)
-                await handle(source, message)
-
-            controller.handle = watched  # type: ignore[method-assign] # nothing else knows what comes
-            await self.guard.run(self._messages)
-
-
-class WatchedSupervisor(SupervisorHere):
-    """Keeps a guard that is watched."""
-
-    def __init__(self, settings: Settings, watch: Watch, **others: object) -> None:
-        super().__init__(settings, **others)
-        self._watch = watch
-        self.now: WatchedGuard | None = None
-
-    async def kill(self) -> None:
-        """End the guard as a crash does; another one follows."""
-        if self.now is not None:
-            self._watch.on_guard(killed=True)
-            await self.now.kill()
-
-    async def _start_guard(self) -> GuardProcess:
-        self._watch.on_guard(killed=False)
-        self.now = WatchedGuard(*self._directories, self._watch)
-        return self.now  # type: ignore[return-value] # as its base
 
 
 class GuardedSide:
@@ -162,7 +105,7 @@ class GuardedSide:
 
     def __init__(self, settings: Settings, watch: Watch) -> None:
         self.moved = asyncio.Event()
-        self.supervisor = WatchedSupervisor(settings, watch, on_change=lambda _: self.moved.set())
+        self.supervisor = SupervisorHere(settings, watch, on_change=lambda _: self.moved.set())
         self.on_config, self.on_lease = self.supervisor.on_config, self.supervisor.on_lease
         self.on_stop, self.on_release = self.supervisor.on_stop, self.supervisor.on_release
         self.on_session_lost = self.supervisor.on_session_lost
@@ -199,50 +142,29 @@ class CellRobot(RosRobot):
 
     def __init__(self, name: str, given: Mapping[str, str], history: History) -> None:
         super().__init__(name, given)
-        self._watch = Watch(name, history)
-        self.ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self._watch.on_command)
-        # The names of cells by their SSH addresses.
-        self.cells: Mapping[str, str] = {}
-        self.supervisor: WatchedSupervisor | None = None
-
-    def is_up(self, address: str, epoch: int) -> None:
-        """Write down that there is a session at this HOST:PORT."""
-        self._watch.on_session(self.cells.get(address, address), epoch)
+        self.watch = HistoryWatch(name, history)
+        self.ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self.watch.on_command)
+        self.supervisor: SupervisorHere | None = None
 
 
 class RealRobot(CellRobot):
     """The real agent, all of it; its guard is no process of its own."""
 
     async def play(self) -> None:
-        robot, watch = self, self._watch
-
-        class WatchedAgent(Agent):
-            def _supervisor(self) -> GuardSupervisor:
-                robot.supervisor = WatchedSupervisor(
-                    self._settings, watch, on_change=self._show_guard
-                )
-                return robot.supervisor
-
-            def _session_is_up(self, uptime: Any, target: Any, *others: Any) -> None:
-                super()._session_is_up(uptime, target, *others)
-                robot.is_up(f"{target.host}:{target.port}", self._epochs._last)
-
-            def _no_session(self, problem: Any) -> None:
-                watch.on_session_lost()
-                super()._no_session(problem)
-
-        await WatchedAgent(self.settings(), Notifier(None), random.SystemRandom()).run()
+        agent = LightAgent(self.settings(), self.watch)
+        self.supervisor = agent.supervisor
+        await agent.run()
 
 
 class PlayedRobot(CellRobot):
     """A virtual one with a real guard."""
 
     async def play(self) -> None:
-        side = GuardedSide(self.settings(), self._watch)
+        side = GuardedSide(self.settings(), self.watch)
         self.supervisor = side.supervisor
         robot = VirtualRobot(Account.read(self._given), side, random.SystemRandom())
-        robot.on_session = lambda target, epoch: self.is_up(f"{target.host}:{target.port}", epoch)
-        robot.on_session_lost = self._watch.on_session_lost
+        robot.on_session = self.watch.on_session
+        robot.on_session_lost = self.watch.on_session_lost
         async with asyncio.TaskGroup() as group:
             group.create_task(side.run())
             group.create_task(robot.run())
@@ -261,7 +183,7 @@ class CellRobots(Robots):
             await asyncio.gather(*(part.kill() for part in chosen if part is not None))
             return
         for robot in self.robots.values():
-            robot.cells = cells or robot.cells
+            robot.watch.cells = cells or robot.watch.cells
         await super().obey(do)
 
 

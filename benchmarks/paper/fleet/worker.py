@@ -29,8 +29,10 @@ from robotether_agent.daemon import Agent
 from robotether_agent.fields import JsonObject, line_of, parse_object
 from robotether_agent.guard.agent_messages import GuardReporter
 from robotether_agent.guard.child_process import EXIT_S, TICK, TICK_S, GuardProcess
+from robotether_agent.guard.drive_messages import DriveMessage
 from robotether_agent.guard.process import MAX_LINE_BYTES, Guard
 from robotether_agent.guard.supervisor import GuardSupervisor
+from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import GuardDownError
 from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
@@ -64,17 +66,41 @@ class _Pipe(FakePipe):
         self.queue.put_nowait(parse_object(bytes(data), "the line"))
 
 
+class Watch:
+    """Hears what happens at a robot; of one that nobody watches nothing is kept."""
+
+    def on_arrived(self, message: DriveMessage) -> None:
+        """A message for a drive topic came to the guard."""
+
+    def on_order(self, line: Mapping[str, object]) -> None:
+        """The agent says something to the guard."""
+
+    def on_report(self, line: JsonObject) -> None:
+        """The guard says how it is."""
+
+    def on_guard(self, *, killed: bool) -> None:
+        """A guard is killed, or begins."""
+
+    def on_session(self, address: SshAddress, epoch: int) -> None:
+        """There is a session, maybe with a new forward only."""
+
+    def on_session_lost(self) -> None:
+        """There is none."""
+
+
 class GuardHere:
     """A running guard, as GuardProcess is one."""
 
     pid = os.getpid()
 
-    def __init__(self, state_dir: Path, run_dir: Path) -> None:
+    def __init__(self, state_dir: Path, run_dir: Path, watch: Watch) -> None:
+        self._watch = watch
         self._messages = asyncio.StreamReader(limit=MAX_LINE_BYTES)
         self._pipe = _Pipe()
         self._life = asyncio.ensure_future(self._run(state_dir, run_dir))
 
     def send(self, message: Mapping[str, object]) -> None:
+        self._watch.on_order(message)
         self._messages.feed_data(line_of(message))
 
     def offer(self, message: Mapping[str, object]) -> None:
@@ -98,7 +124,16 @@ class GuardHere:
 
     async def _run(self, state_dir: Path, run_dir: Path) -> None:
         async with new_http() as http:
-            await Guard(http, state_dir, run_dir, GuardReporter(self._pipe)).run(self._messages)
+            guard = Guard(http, state_dir, run_dir, GuardReporter(self._pipe))
+            controller = guard._controller
+            handle = controller.handle
+
+            async def watched(source: Any, message: DriveMessage) -> None:
+                self._watch.on_arrived(message)
+                await handle(source, message)
+
+            controller.handle = watched  # type: ignore[method-assign] # nothing else knows what comes
+            await guard.run(self._messages)
 
     async def _until_end(self) -> None:
         await asyncio.wait({self._life})
@@ -107,7 +142,10 @@ class GuardHere:
 
     async def _listen(self, on_line: Callable[[JsonObject], None]) -> None:
         while True:
-            on_line(await self._pipe.queue.get())
+            line = await self._pipe.queue.get()
+            if line["type"] == "guard":
+                self._watch.on_report(line)
+            on_line(line)
 
     async def _tick(self) -> None:
         while True:
@@ -118,12 +156,22 @@ class GuardHere:
 class SupervisorHere(GuardSupervisor):
     """Keeps a guard in this process, and no fork server: Python need not start for it."""
 
-    def __init__(self, settings: Settings, **others: object) -> None:
+    def __init__(self, settings: Settings, watch: Watch, **others: object) -> None:
         super().__init__(settings.rosbridge_url, (), **others)  # type: ignore[arg-type] # the supervisor's own
         self._directories = settings.state_dir, settings.run_dir
+        self._watch = watch
+        self._here: GuardHere | None = None
+
+    async def kill(self) -> None:
+        """End the guard as a crash does; another one follows."""
+        if self._here is not None:
+            self._watch.on_guard(killed=True)
+            await self._here.kill()
 
     async def _start_guard(self) -> GuardProcess:
-        return GuardHere(*self._directories)  # type: ignore[return-value] # has all that it uses
+        self._watch.on_guard(killed=False)
+        self._here = GuardHere(*self._directories, self._watch)
+        return self._here  # type: ignore[return-value] # has all that it uses
 
     async def _keep_fork_server(self) -> NoReturn:
         await asyncio.Event().wait()
@@ -133,8 +181,21 @@ class SupervisorHere(GuardSupervisor):
 class LightAgent(Agent):
     """The agent, all of it; its guard is no process of its own."""
 
+    def __init__(self, settings: Settings, watch: Watch) -> None:
+        self._watch = watch
+        super().__init__(settings, Notifier(None), random.SystemRandom())
+
     def _supervisor(self) -> GuardSupervisor:
-        return SupervisorHere(self._settings, on_change=self._show_guard)
+        self.supervisor = SupervisorHere(self._settings, self._watch, on_change=self._show_guard)
+        return self.supervisor
+
+    def _session_is_up(self, uptime: Any, target: SshAddress, *others: Any) -> None:
+        super()._session_is_up(uptime, target, *others)
+        self._watch.on_session(target, self._epochs._last)
+
+    def _no_session(self, problem: Any) -> None:
+        self._watch.on_session_lost()
+        super()._no_session(problem)
 
 
 class Robot(ABC):
@@ -195,8 +256,7 @@ class LightRobot(RosRobot):
 
     async def play(self) -> None:
         # No camera: what is asked for is one message.
-        settings = self.settings(video_source="rosbridge")
-        await LightAgent(settings, Notifier(None), random.SystemRandom()).run()
+        await LightAgent(self.settings(video_source="rosbridge"), Watch()).run()
 
 
 class FleetRobot(Robot):
