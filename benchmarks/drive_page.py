@@ -28,29 +28,20 @@ SETTLE_MS = 3000
 THROTTLE = 4
 AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
 FRAME = "[data-testid=stage] canvas.picture, [data-testid=view] img"
-# Unix time in ms at which the page shows the first frame that can be read.
-WATCH_FIRST = """() => new Promise((resolve) => {
+# Reads the frame once an animation frame, and notes when each new one came and how old it was, both in ms; ends after
+# the given time, or with the first that can be read.
+WATCH = """(ms) => new Promise((resolve) => {
   const readStamp = READ_STAMP;
+  const came = [], end = performance.now() + ms;
+  let last = null;
   const look = () => {
     const element = document.querySelector(`PICTURE`);
     let stamp = null;
     try { stamp = element && readStamp(element); } catch { stamp = null; }
-    if (stamp === null) return requestAnimationFrame(look);
-    resolve(performance.timeOrigin + performance.now());
-  };
-  requestAnimationFrame(look);
-})""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
-# Reads the frame once an animation frame, and notes the age of each new one.
-WATCH_AGES = """(ms) => new Promise((resolve) => {
-  const readStamp = READ_STAMP;
-  const element = document.querySelector(`PICTURE`);
-  const ages = [], end = performance.now() + ms;
-  let last = null;
-  const look = () => {
-    const stamp = readStamp(element);
-    if (stamp !== null && stamp !== last) ages.push(performance.timeOrigin + performance.now() - stamp);
+    const now = performance.timeOrigin + performance.now();
+    if (stamp !== null && stamp !== last) came.push([now, now - stamp]);
     last = stamp ?? last;
-    if (performance.now() < end) requestAnimationFrame(look); else resolve(ages);
+    if (ms ? performance.now() < end : came.length === 0) requestAnimationFrame(look); else resolve(came);
   };
   requestAnimationFrame(look);
 })""".replace("READ_STAMP", READ_STAMP).replace("PICTURE", FRAME)
@@ -104,7 +95,7 @@ def first_frame_ms(page: Page, demo: Demo) -> float:
     clicked_ms = time.time() * 1000
     link.click(no_wait_after=True)
     page.wait_for_url(f"**/robots/{ROBOT}", wait_until="commit")
-    return float(page.evaluate(WATCH_FIRST)) - clicked_ms
+    return float(page.evaluate(WATCH, 0)[0][0]) - clicked_ms
 
 
 def weigh(browser: Browser, demo: Demo) -> dict[str, int]:
@@ -138,7 +129,7 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
         log_in(page, demo)
         first_ms = [first_frame_ms(page, demo) for _ in range(OPENED)]
         page.wait_for_timeout(SETTLE_MS)
-        ages_ms = page.evaluate(WATCH_AGES, seconds * 1000)
+        ages_ms = [age for _, age in page.evaluate(WATCH, seconds * 1000)]
         gaps_ms = throttled_gaps_ms(page, seconds)
         browser.close()
     parts = ", ".join(f"{kind} {size / 1000:.0f}" for kind, size in sizes.items())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -45,20 +46,20 @@ class FleetOutcome:
         self.never = count - len(self.drivable_s)
         self.in_time = int((self.drivable_s <= FAILED_AFTER_S).sum())
 
-    def per_robot(self, values: str, names: Iterable[str] = SERVER) -> float | None:
-        """Some members of `cpu_s`, `idle_cpu_s` or `memory_bytes` for a robot online; None without one."""
-        robots = len(self.online_s)
-        return sum(self.values[values].get(name, 0) for name in names) / robots if robots else None
+    def per_robot(self, values: str, names: Iterable[str]) -> float:
+        """Some members of `cpu_s`, `idle_cpu_s` or `memory_bytes` for a robot online; no number without one."""
+        used = sum(self.values[values].get(name, 0) for name in names)
+        return float(used / (len(self.online_s) or math.nan))
 
-    def start_ms(self, names: Iterable[str] = SERVER) -> float | None:
-        return _times(self.per_robot("cpu_s", names), MS_PER_S)
+    def start_ms(self, names: Iterable[str] = SERVER) -> float:
+        return self.per_robot("cpu_s", names) * MS_PER_S
 
-    def memory_mib(self, names: Iterable[str] = SERVER) -> float | None:
-        return _times(self.per_robot("memory_bytes", names), 1 / MIB)
+    def memory_mib(self, names: Iterable[str] = SERVER) -> float:
+        return self.per_robot("memory_bytes", names) / MIB
 
-    def idle_ms(self, names: Iterable[str] = SERVER) -> float | None:
+    def idle_ms(self, names: Iterable[str] = SERVER) -> float:
         """Processor time in ms that a robot costs in each second in which nobody uses it."""
-        return _times(self.per_robot("idle_cpu_s", names), MS_PER_S / self.values["idle_s"])
+        return self.per_robot("idle_cpu_s", names) * MS_PER_S / float(self.values["idle_s"])
 
     @property
     def arrivals(self) -> Row:
@@ -86,25 +87,20 @@ class FleetOutcome:
         }
 
 
-def _times(value: float | None, factor: float) -> float | None:
-    return None if value is None else value * factor
-
-
 def report(measured: Mapping[str, Values]) -> Report:
     fleets = list(measured.values())
     titles = [{"robots": f"{fleet['count']}, {fleet['agents']} of them agents"} for fleet in fleets]
     starts = [FleetOutcome(fleet["count"], fleet["start"]) for fleet in fleets]
     returns = [FleetOutcome(fleet["count"], fleet["return"]) for fleet in fleets]
+    titled = list(zip(titles, starts, strict=True))
     whole = [start for start in starts if not start.never]
     return Report(
         values={
             "starts": [
                 {**title, **start.arrivals, "online p50, s": start.online_s.quantile(0.5)}
-                for title, start in zip(titles, starts, strict=True)
+                for title, start in titled
             ],
-            "costs": [
-                {**title, **start.costs} for title, start in zip(titles, starts, strict=True)
-            ],
+            "costs": [{**title, **start.costs} for title, start in titled],
             "driven": [row for fleet in fleets for row in _driven_rows(fleet)],
             "returns": [
                 {
@@ -119,21 +115,17 @@ def report(measured: Mapping[str, Values]) -> Report:
             "failed_after_s": FAILED_AFTER_S,
             "carries": _carries(whole[-1]) if whole else None,
         },
-        comparisons=[
-            comparison
-            for fleet, *runs in list(zip(fleets, starts, returns, strict=True))[-1:]
-            for comparison in _aims(fleet, *runs)
-        ],
+        comparisons=list(_aims(fleets[-1], starts[-1], returns[-1])) if fleets else [],
     )
 
 
 def _carries(run: FleetOutcome) -> Mapping[str, float]:
     """How many idle robots a core and a GiB carry."""
-    memory = run.memory_mib() or 0
+    memory = run.memory_mib()
     return {
         "count": run.count,
-        "a_core": MS_PER_S / (run.idle_ms() or float("nan")),
-        "a_gib": 1024 / memory if memory > 0 else float("nan"),
+        "a_core": MS_PER_S / (run.idle_ms() or math.nan),
+        "a_gib": 1024 / memory if memory > 0 else math.nan,
     }
 
 
