@@ -80,21 +80,22 @@ def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
         return watch.commands(), lost_at
 
 
-def program_loses(loss: Callable[[Demo, ProgramDriver, ExitStack], None], demo: Demo) -> Outcome:
-    outcome = Outcome()
+def program_loses(
+    loss: Callable[[Demo, ProgramDriver, ExitStack], None], demo: Demo, outcome: Outcome
+) -> None:
     with ExitStack() as undo:
         driver = undo.enter_context(ProgramDriver(drive_url(demo)))
         judge(*watched(demo, partial(loss, demo, driver, undo)), outcome)
-    return outcome
 
 
 def drive_url(demo: Demo) -> str:
     return f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
 
 
-def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> Outcome:
+def page_loses(
+    loss: Callable[[Browser, Page, ExitStack], None], demo: Demo, outcome: Outcome
+) -> None:
     """One repetition with a person's page, on which a key is held."""
-    outcome = Outcome()
     with sync_playwright() as playwright, ExitStack() as undo:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
@@ -107,7 +108,6 @@ def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> 
         # One that was killed has nothing to close.
         with suppress(Error):
             browser.close()
-    return outcome
 
 
 def close_page(_: Browser, page: Page, __: ExitStack) -> None:
@@ -188,7 +188,7 @@ def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Itera
         subprocess.run([*command, "-D", chain, *rule], check=True)
 
 
-CAUSES: Mapping[str, Callable[[Demo], Outcome]] = {
+CAUSES: Mapping[str, Callable[[Demo, Outcome], None]] = {
     "stop pressed": partial(program_loses, press_stop),
     "page closed": partial(page_loses, close_page),
     "tab frozen": partial(page_loses, freeze_tab),
@@ -223,14 +223,11 @@ def _drives(demo: Demo) -> bool:
 
 def outcome_of(demo: Demo, cause: str, repeat: int) -> Outcome:
     """Lose the driver by one cause, `repeat` times."""
-    total = Outcome()
+    outcome = Outcome()
     for _ in range(repeat):
         wait_drivable(demo)
-        outcome = CAUSES[cause](demo)
-        total.last_command_to_zero += outcome.last_command_to_zero
-        total.loss_to_zero += outcome.loss_to_zero
-        total.drove_on += outcome.drove_on
-    return total
+        CAUSES[cause](demo, outcome)
+    return outcome
 
 
 def row(cause: str, outcome: Outcome) -> Row:

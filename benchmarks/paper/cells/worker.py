@@ -143,7 +143,7 @@ class CellRobot(RosRobot):
     def __init__(self, name: str, given: Mapping[str, str], history: History) -> None:
         super().__init__(name, given)
         self.watch = HistoryWatch(name, history)
-        self.ros.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self.watch.on_command)
+        self.bus.graph.bus.subscribe(TOPIC, TYPE, Node("/listener"), self.watch.on_command)
         self.supervisor: SupervisorHere | None = None
 
 

@@ -30,7 +30,7 @@ from paper.cells.history import History
 from paper.cells.nemesis import GUARDS_SHARE, Context, Nemesis, make_disk, remove_disk
 from paper.cells.site import Cell, Site
 from paper.client import TOPIC, TYPE
-from paper.fleet.fleet import Worker, shares
+from paper.fleet.fleet import Share, Worker, shares
 from paper.programs import LineProgram
 from paper.step import Values, now
 from paper.world import Enrolled
@@ -65,27 +65,21 @@ class RobotProcess(Worker):
     """Robots in one process, in a network and on a disk of their own; the nemesis' Robots."""
 
     def __init__(
-        self,
-        *,
-        source: str,
-        uplink: Namespace,
-        agents: Sequence[Enrolled],
-        virtual: Sequence[Enrolled],
-        folder: Path,
-        place: Path,
+        self, source: str, uplink: Namespace, share: Share, folder: Path, place: Path
     ) -> None:
-        robots = [*agents, *virtual]
+        robots = [*share[0], *share[1]]
         self.source = source
         self.disk = place / f"disk-{source}"
-        self.names = [item.name for item in robots]
+        self.names = [robot.name for robot in robots]
         self.inside = uplink.command
-        folders = [item.state_dir for item in robots]
+        folders = [robot.state_dir for robot in robots]
         make_disk(self.disk, DISK_BYTES_A_ROBOT * len(robots), folders)
+        agents, virtual = ({robot.name: self._settings(robot) for robot in some} for some in share)
         worker_settings = {
             "folder": str(folder),
             "source": source,
-            "agents": {agent.name: self._settings(agent) for agent in agents},
-            "virtual": {agent.name: self._settings(agent) for agent in virtual},
+            "agents": agents,
+            "virtual": virtual,
         }
         super().__init__(uplink, place / f"{source}.log", worker_settings, "paper.cells.worker")
 
@@ -130,19 +124,8 @@ class Workload:
             place.mkdir()
             stack.callback(shutil.rmtree, place, ignore_errors=True)
             processes = [
-                stack.enter_context(
-                    RobotProcess(
-                        source=f"robots-{number}",
-                        uplink=uplink,
-                        agents=agents,
-                        virtual=virtual,
-                        folder=folder,
-                        place=place,
-                    )
-                )
-                for number, (uplink, (agents, virtual)) in enumerate(
-                    zip(uplinks, parts, strict=True), 1
-                )
+                stack.enter_context(RobotProcess(f"robots-{at}", uplink, share, folder, place))
+                for at, (uplink, share) in enumerate(zip(uplinks, parts, strict=True), 1)
             ]
             workload = cls(site, size, folder, seed, processes)
             workload.start()

@@ -19,7 +19,7 @@ import sys
 import tempfile
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Coroutine, Mapping
-from contextlib import suppress
+from contextlib import AbstractAsyncContextManager, suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -201,14 +201,17 @@ class LightAgent(Agent):
 class Robot(ABC):
     """What a process of robots plays, with its agent's settings; it is connected from `start` on."""
 
-    def __init__(self, name: str, given: Mapping[str, str]) -> None:
+    def __init__(
+        self, name: str, given: Mapping[str, str], ros: AbstractAsyncContextManager[object]
+    ) -> None:
         self.name = name
         self._given = given
+        # All that it has without a server.
+        self._ros = ros
         self._running: asyncio.Task[None] | None = None
 
-    @abstractmethod
     async def open(self) -> None:
-        """Have all that needs no server."""
+        await self._ros.__aenter__()
 
     def start(self) -> None:
         self._running = asyncio.create_task(self._run())
@@ -217,6 +220,7 @@ class Robot(ABC):
         if self._running is not None:
             self._running.cancel()
             await asyncio.gather(self._running, return_exceptions=True)
+        await self._ros.__aexit__(None, None, None)
 
     @abstractmethod
     async def play(self) -> None:
@@ -235,18 +239,11 @@ class RosRobot(Robot):
     """One with a rosbridge of its own."""
 
     def __init__(self, name: str, given: Mapping[str, str]) -> None:
-        super().__init__(name, given)
-        self.ros = BusRobot(LOCALHOST, 0)
-
-    async def open(self) -> None:
-        await self.ros.__aenter__()
-
-    async def close(self) -> None:
-        await super().close()
-        await self.ros.__aexit__()
+        self.bus = BusRobot(LOCALHOST, 0)
+        super().__init__(name, given, self.bus)
 
     def settings(self, **more: str) -> Settings:
-        url = f"ws://{LOCALHOST}:{self.ros.rosbridge.port}"
+        url = f"ws://{LOCALHOST}:{self.bus.rosbridge.port}"
         given = {**self._given, "rosbridge_url": url, "shell_address": "none", **more}
         return agent_settings.load(NO_FILE, environment(given))
 
@@ -263,15 +260,8 @@ class FleetRobot(Robot):
     """A virtual one."""
 
     def __init__(self, name: str, given: Mapping[str, str]) -> None:
-        super().__init__(name, given)
         self._services = Services()
-
-    async def open(self) -> None:
-        await self._services.start()
-
-    async def close(self) -> None:
-        await super().close()
-        self._services.close()
+        super().__init__(name, given, self._services)
 
     async def play(self) -> None:
         account = Account.read(self._given)

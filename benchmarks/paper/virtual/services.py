@@ -1,8 +1,7 @@
 """What lies behind a virtual robot's forwards: a guard's answers, a rosbridge that echoes, and its topics.
 
-    services = Services()
-    await services.start()
-    await VirtualRobot(account, services, rng).run()
+    async with Services() as services:
+        await VirtualRobot(account, services, rng).run()
 
 Who may enter is decided by the guard's own rules. A published message goes to all who subscribe to its topic, without
 the relay's stamp; a command is neither limited nor followed by zeros, as nothing moves here.
@@ -53,13 +52,14 @@ class Services:
         self._topics: dict[web.WebSocketResponse, str] = {}
         self._servers: list[asyncio.Server] = []
 
-    async def start(self) -> None:
+    async def __aenter__(self) -> Services:
         loop = asyncio.get_running_loop()
         for answer in (self._answer_ros, self._answer_topics):
             server = web.Server(answer, access_log=None, handler_cancellation=True)
             self._servers.append(await loop.create_server(server, LOCALHOST, 0))
+        return self
 
-    def close(self) -> None:
+    async def __aexit__(self, *_: object) -> None:
         for server in self._servers:
             server.close()
 
