@@ -1,4 +1,4 @@
-"""The collection is built, installed in an empty folder, and used by its full names."""
+"""The collection has what belongs to it, and names the collections that it needs."""
 
 import json
 import sys
@@ -16,7 +16,6 @@ NAME = "robotether.robotether"
 # Of files whose names come from the folder: what a user of the collection can name.
 PLAYBOOKS = sorted(path.stem for path in (ANSIBLE / "playbooks").glob("*.yml"))
 END_S = 120
-STEPS = ("pre_tasks", "roles", "tasks")
 
 
 def ansible(program, *arguments, cwd):
@@ -80,29 +79,3 @@ def keys_of(found):
     if isinstance(found, dict):
         return set(found).union(*(keys_of(item) for item in found.values()))
     return set()
-
-
-def untagged(tasks):
-    """Give what no tag can choose, and what is left out inside when it is chosen."""
-    for task in tasks:
-        dynamic = task.get("ansible.builtin.include_role") or task.get(
-            "ansible.builtin.include_tasks"
-        )
-        tagged_inside = task.get("tags") == "always" or "apply" in (dynamic or {"apply": None})
-        if "tags" not in task or not tagged_inside:
-            yield str(task.get("name") or task["role"])
-
-
-@pytest.mark.parametrize("playbook", PLAYBOOKS)
-def test_each_playbook_can_be_run_in_part(playbook):
-    """Each step of a playbook, or of its role, has a tag, and the roles' READMEs name the tags."""
-    plays = yaml.safe_load((ANSIBLE / "playbooks" / f"{playbook}.yml").read_text())
-    steps = [step for play in plays for part in STEPS for step in play.get(part, [])]
-    of_roles = {step["role"] for step in steps if "role" in step and "tags" not in step}
-    assert of_roles <= {f"{NAME}.robotether_server", f"{NAME}.robotether_cell"}
-    assert list(untagged([step for step in steps if step.get("role") not in of_roles])) == []
-    for role in of_roles:
-        folder = ANSIBLE / "roles" / role.rpartition(".")[2]
-        tasks = yaml.safe_load((folder / "tasks" / "main.yml").read_text())
-        assert list(untagged(tasks)) == []
-        assert "ags" in (folder / "README.md").read_text()

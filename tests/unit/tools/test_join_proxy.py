@@ -67,23 +67,3 @@ async def test_proxy_gets_its_password(server, tmp_path):
         assert await fetch(server, tmp_path, "--http-proxy", url) == "all of it"
         refused = await fetch(server, tmp_path, "--http-proxy", proxy.url)
     assert "Tunnel connection failed: 407" in refused
-
-
-async def test_failure_has_no_text_of_a_library(tmp_path):
-    """Its class, or the line of its source, stood where people search for the reason."""
-
-    async def answer(reader, writer):
-        writer.write(b"SSH-2.0-OpenSSH_9.2\r\n")
-        await reader.read()
-        writer.close()
-
-    listener = await asyncio.start_server(answer, "127.0.0.1", 0)
-    async with listener:
-        port = listener.sockets[0].getsockname()[1]
-        for server, why in (
-            (f"localhost:{port}", "TLS fails (WRONG_VERSION_NUMBER)"),
-            ("localhost:1", "Connection refused"),
-            ("a..b", "nothing there speaks HTTPS"),
-        ):
-            message = await fetch(server, tmp_path)
-            assert f"cannot get https://{server}/agent/manifest: {why}. Check --server" in message
