@@ -126,13 +126,6 @@ def test_jump_host_that_is_away_is_asked_once(network, connections):
     assert f"nothing answers at port {network.jump.port}" in first.detail
 
 
-def test_broken_connection_is_told_without_its_number(network):
-    broken = fleet_ssh.explain(
-        OSError(113, "No route to host"), target_of(network), Identities(target_of(network))
-    )
-    assert broken.detail == "cannot reach sim1: No route to host"
-
-
 @pytest.mark.parametrize("accept_new", [False, True])
 @pytest.mark.parametrize("which", ["jump", "robot"])
 def test_changed_host_key_ends_the_connection(network, which, accept_new):
@@ -218,25 +211,10 @@ def test_agents_keys_come_in_the_order_of_the_configuration(target, tmp_path):
     files = (tmp_path / "file", tmp_path / "named", tmp_path / "missing")
     target = replace(target, identity_files=files, identities_only=False)
     assert offered(target) == [lines["named"], lines["other"], lines["file"]]
-    (tmp_path / "named").write_text(named)
-    assert offered(target) == [lines["named"], lines["other"], lines["file"]], (
-        "a key is offered once"
-    )
+    (tmp_path / "named").write_text(named)  # nevertheless offered once
+    (tmp_path / "missing").write_text("rubbish")
+    assert offered(target) == [lines["named"], lines["other"], lines["file"]]
     assert offered(replace(target, identities_only=True)) == [lines["named"], lines["file"]]
-
-
-@pytest.mark.usefixtures("agent")
-def test_locked_and_broken_files_are_passed_over(target, tmp_path, caplog):
-    """A key with a passphrase is remembered, for the sentence that tells of ssh-add."""
-    make_key(tmp_path / "locked", "a passphrase")
-    (tmp_path / "broken").write_text("rubbish")
-    identities = Identities(
-        replace(target, identity_files=(tmp_path / "locked", tmp_path / "broken"))
-    )
-    assert list(identities.get_sources()) == []
-    identities.close()
-    assert identities.locked == [tmp_path / "locked"]
-    assert f"cannot use key {tmp_path}/broken" in caplog.text
 
 
 @pytest.fixture
@@ -291,13 +269,12 @@ def test_host_shall_show_the_key_that_is_known(target, tmp_path):
 
 @pytest.fixture
 def config(tmp_path):
-    path = tmp_path / "config"
-    path.write_text(ENTRY)
-    return path
+    return tmp_path / "config"
 
 
 def test_robot_and_its_jump_host(config):
     """Each has its own user, port, and name in known_hosts: an alias, or the address with its port."""
+    config.write_text(ENTRY)
     target = fleet_ssh.resolve("sim1", config)
     assert (target.host, target.port, target.user) == ("127.0.0.1", 24000, "ann")
     assert target.known_as == "robotether-sim1"
@@ -314,19 +291,16 @@ def test_robot_and_its_jump_host(config):
     assert target.connect_timeout_s == 3
 
 
-@pytest.mark.parametrize(
-    ("line", "path", "says"),
-    [
-        ("ProxyCommand nc %h %p", None, r"sim1: its entry has a ProxyCommand.*ProxyJump"),
-        ("Prot 22", None, r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"),
-        ("Port 22", "", "install OpenSSH's client"),
-    ],
-)
-def test_sentence_says_what_is_wrong_here(config, monkeypatch, line, path, says):
-    config.write_text(f"Host sim1\n    {line}\n")
-    if path is not None:
-        monkeypatch.setenv("PATH", path)
-    with pytest.raises(FleetError, match=says):
+def test_sentence_says_what_is_wrong_here(config, monkeypatch):
+    for line, says in (
+        ("ProxyCommand nc %h %p", r"sim1: its entry has a ProxyCommand.*ProxyJump"),
+        ("Prot 22", r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"),
+    ):
+        config.write_text(f"Host sim1\n    {line}\n")
+        with pytest.raises(FleetError, match=says):
+            fleet_ssh.resolve("sim1", config)
+    monkeypatch.setenv("PATH", "")
+    with pytest.raises(FleetError, match="install OpenSSH's client"):
         fleet_ssh.resolve("sim1", config)
 
 
@@ -334,12 +308,9 @@ def test_sentence_says_what_is_wrong_here(config, monkeypatch, line, path, says)
     ("lines", "is_trusted", "is_revoked"),
     [
         ("# sim1 x y\n\nsim1 half\n@revoked\n\xff sim1\nsim1 {key} a comment\n", True, False),
-        ("lab.example,sim? {key}\n", True, False),
-        ("*,!sim1 {key}\n", False, False),
-        ("[sim1]:2222 {key}\n", False, False),
         ("@revoked * {key}\n@cert-authority * {key}\n", False, True),
     ],
-    ids=["rubbish", "pattern", "negation", "port", "markers"],
+    ids=["rubbish", "markers"],
 )
 def test_known_hosts_are_read_as_openssh_reads_them(tmp_path, key, lines, is_trusted, is_revoked):
     """A revoked key is known as such; an authority's is no host's. A missing file has none."""
@@ -352,18 +323,15 @@ def test_known_hosts_are_read_as_openssh_reads_them(tmp_path, key, lines, is_tru
     )
 
 
-def test_added_key_is_known_also_when_names_are_hashed(tmp_path, key):
+def test_added_key_is_known(tmp_path, key):
     """It is on a line of its own, in a file that only its owner reads."""
     path = tmp_path / "new" / "known_hosts"
     fleet_ssh.add_known(path, "robotether-sim1", known_key(key))
     assert path.stat().st_mode & 0o777 == 0o600
     path.write_text(path.read_text().rstrip("\n"))
     fleet_ssh.add_known(path, "[gate.example]:2222", known_key(key))
-    for _ in ("plain", "hashed"):
-        for name in ("robotether-sim1", "[gate.example]:2222"):
-            assert fleet_ssh.find_known([path], name) == ({known_key(key)}, set())
-        subprocess.run(["ssh-keygen", "-H", "-f", str(path)], check=True, capture_output=True)
-    assert path.read_text().startswith("|1|")
+    for name in ("robotether-sim1", "[gate.example]:2222"):
+        assert fleet_ssh.find_known([path], name) == ({known_key(key)}, set())
 
 
 def test_file_that_cannot_be_used_is_told(tmp_path, key, monkeypatch):
@@ -377,29 +345,17 @@ def test_file_that_cannot_be_used_is_told(tmp_path, key, monkeypatch):
         fleet_ssh.find_known([tmp_path], "sim1")
 
 
-@pytest.fixture
-def listed(tmp_path):
-    path = tmp_path / "listed"
-    path.write_text(ROBOTS + OTHERS)
-    return path
-
-
-@pytest.mark.parametrize(
-    ("patterns", "names"),
-    [(["*"], ["sim1", "sim2"]), (["sim2", "sim[12]"], ["sim1", "sim2"]), (["*2"], ["sim2"])],
-)
-def test_patterns_choose_what_the_server_printed(listed, tmp_path, patterns, names):
-    """A person's other hosts, patterns and broken lines are no robots."""
-    assert fleet_ssh.choose(listed, patterns) == names
+def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):
+    """A person's other hosts, patterns and broken lines are no robots; included files are read."""
+    listed, home = tmp_path / "listed", tmp_path / ".ssh"
+    listed.write_text(ROBOTS + OTHERS)
+    for patterns, names in ((["*"], ["sim1", "sim2"]), (["sim2", "*2"], ["sim2"])):
+        assert fleet_ssh.choose(listed, patterns) == names
     with pytest.raises(FleetError, match=r"for bank: .* has sim1, sim2; .* robotether ssh-config"):
-        fleet_ssh.choose(listed, [*patterns, "bank"])
+        fleet_ssh.choose(listed, ["*", "bank"])
     with pytest.raises(FleetError, match=r"cannot read .*missing.* robotether ssh-config"):
-        fleet_ssh.choose(tmp_path / "missing", patterns)
-
-
-def test_included_files_are_read(listed, tmp_path, monkeypatch):
+        fleet_ssh.choose(tmp_path / "missing", ["*"])
     monkeypatch.setenv("HOME", str(tmp_path))
-    home = tmp_path / ".ssh"
     home.mkdir()
     (home / "fleet.conf").write_text(ROBOTS.replace("sim2", "turtle"))
     (home / "config").write_text(f"Include fleet.* {listed}\n")

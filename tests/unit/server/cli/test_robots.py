@@ -21,6 +21,7 @@ def test_added_robot_is_listed(run, database):
 
 
 def test_show_tells_all_of_one_robot(run, database, admin_database):
+    assert "cannot find robot sim1" in run("robot", "show", "sim1").err
     run(*ADD)
     assert "never seen" in run("robot", "show", "sim1").out
     activate(database)
@@ -81,12 +82,6 @@ def test_each_change_of_a_robot_is_said(run, database):
     ):
         assert run("robot", *words.split()).out == said + "\n"
     assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
-
-
-def test_unknown_robot_is_said(run):
-    done = run("robot", "show", "ghost")
-    assert (done.status, done.err.count("\n")) == (1, 1)
-    assert "cannot find robot ghost" in done.err
 
 
 STOP = {"by": "ann", "at": "2026-01-01T12:00:00Z"}
