@@ -22,11 +22,6 @@ def test_a_user_who_is_no_admin_may_not(app, browser):
         assert "This page is for administrators." in answer.text
     assert "menu-profile" in answer.text
     assert "menu-admin" not in answer.text
-
-
-def test_a_users_forms_are_refused_too(app, browser):
-    """The right is asked for at every request."""
-    browser.log_in("ann")
     token = browser.csrf_of("/")
     for path in paths(app, "/admin", "POST"):
         assert browser.ask("POST", path, data={"csrf_token": token}).status_code == 403, path
@@ -45,13 +40,6 @@ def test_every_form_has_a_page_at_its_path(web_settings):
     app = create_app(web_settings)
     for start in ("/admin", "/profile"):
         assert set(paths(app, start, "POST")) <= set(paths(app, start, "GET"))
-
-
-def test_what_was_searched_survives_the_login(browser):
-    sent = browser.ask("GET", "/admin/robots?q=a%20b&state=online")
-    back = browser.log_in("root", onward="/admin/robots?q=a%20b&state=online")
-    assert sent.location == "/login?next=/admin/robots%3Fq%3Da%2520b%26state%3Donline"
-    assert back.location == "/admin/robots?q=a%20b&state=online"
 
 
 def test_admins_see_everywhere_how_many_wait(browser, program):

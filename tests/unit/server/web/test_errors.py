@@ -9,12 +9,6 @@ from robotether_server.api import auth
 from robotether_server.problems import StoreUnavailableError
 
 
-def test_the_menu_stays_for_who_is_logged_in(browser, ann, admin):
-    assert "menu-profile" not in browser.ask("GET", "/nothing").text
-    assert "menu-profile" in ann.ask("GET", "/nothing").text
-    assert "menu-admin" in admin.ask("GET", "/nothing").text
-
-
 def test_a_file_that_is_not_there_is_no_page(browser):
     """What nginx compresses must hold no secret of the visitor's, as each page's form token is."""
     answer = browser.ask("GET", "/static/nothing.js")

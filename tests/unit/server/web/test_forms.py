@@ -29,13 +29,6 @@ def test_text_that_no_column_holds_is_refused(value):
         given(value, lambda: forms.text("x", "Name", 63))
 
 
-@pytest.mark.parametrize("value", ["a b", "-x-", "Lift"])
-def test_name_of_a_robot_fits_an_address(value):
-    assert given("lift-7", lambda: forms.robot_name("x", "Name")) == "lift-7"
-    with pytest.raises(FieldInvalidError, match="cannot use Name: use a-z"):
-        given(value, lambda: forms.robot_name("x", "Name"))
-
-
 @pytest.mark.parametrize("value", ["0", "91", "-1", "1_0", "1.5", "\u0661", "1e1", "x", "9" * 5000])
 def test_what_is_no_number_is_refused(value):
     """Python would take some of these."""

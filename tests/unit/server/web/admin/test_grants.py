@@ -86,29 +86,19 @@ def test_a_grant_is_given_and_changed(admin, database):
             assert (answer.status_code, answer.location) == (303, shown)
             assert ("user ann", "robot sim2", level) in all_grants(database)
     assert audit_kinds(database)[-1] == ("grant_given", "root", "198.51.100.7")
-
-
-def test_groups_sites_and_all_can_be_chosen(admin, database):
+    page = admin.ask("GET", "/admin/users/ann").text + admin.ask("GET", "/admin/sites/lab").text
     for holder, scope, given in (
-        ("group:crew", "robot:sim1", ("group crew", "robot sim1", "drive")),
         ("group:crew", "site:lab", ("group crew", "site lab", "drive")),
         ("user:ann", "all", ("user ann", "all robots", "drive")),
     ):
-        form = FORM | {"holder": holder, "scope": scope}
-        page = admin.ask("GET", "/admin/users/ann").text + admin.ask("GET", "/admin/sites/lab").text
         assert (f'value="{holder}"' in page, f'value="{scope}"' in page) == (True, True)
-        send(admin, "/admin/users/ann/grants", **form)
+        send(admin, "/admin/users/ann/grants", **(FORM | {"holder": holder, "scope": scope}))
         assert given in all_grants(database)
 
 
 def test_an_end_comes_with_its_offset_or_in_utc(admin):
     day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
-    for text, shown in (
-        ("T12:30", "T12:30"),
-        ("T23:59:59", "T23:59"),
-        ("T11:30:00.000Z", "T11:30"),
-        ("T12:45:00+02:00", "T10:45"),
-    ):
+    for text, shown in (("T23:59:59", "T23:59"), ("T12:45:00+02:00", "T10:45")):
         send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}{text}"}))
         assert f'value="{day}{shown}"' in admin.ask("GET", "/admin/users/ann").text
 
@@ -118,10 +108,7 @@ def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     for wrong in (
         {"holder": "user:ghost"},
         {"holder": "ann"},
-        {"scope": "robot:ghost"},
         {"scope": "all:x"},
-        {"level": "own"},
-        {"holder": ""},
         {"ends_at": "2020-01-01T12:00"},
         {"ends_at": "soon"},
     ):
@@ -130,25 +117,12 @@ def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     assert all_grants(database) == before
 
 
-def test_a_wrong_end_of_a_grant_is_said_at_its_row(admin, database):
-    send(admin, "/admin/users/ann/grants", **FORM)
-    number = number_of(database, "user ann", "robot sim2")
-    form = FORM | {"grant": str(number), "ends_at": "2020-01-01T00:00:00.000Z"}
-    page = send(admin, "/admin/users/ann/grants", **form).text
-    field = page.split(f'id="grant-{number}-end"')[1].split(">")[0]
-    assert 'value="2020-01-01T00:00:00.000"' in field
-    assert f'aria-describedby="grant-{number}-end-problem"' in field
-    assert page.count("aria-invalid") == 1
-
-
 @pytest.mark.usefixtures("every_kind")
 @pytest.mark.parametrize(
     ("who", "what", "level", "about", "onward"),
     [
         ("user ann", "robot sim1", "drive", "robot", "/admin/robots/sim1/access"),
-        ("user ann", "robot sim1", "drive", "user", "/admin/users/ann"),
         ("group crew", "site lab", "manage", "site", "/admin/sites/lab"),
-        ("group crew", "site lab", "manage", "group", "/admin/groups/crew"),
     ],
 )
 def test_a_grant_is_taken_away_after_a_question(

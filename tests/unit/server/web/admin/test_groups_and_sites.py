@@ -38,15 +38,6 @@ def test_collection_is_added_filled_and_removed(*, admin, collection, member_kin
     assert admin.ask("GET", f"{path}/x").status_code == 404
 
 
-def test_wrong_field_is_marked(admin):
-    page = send(admin, "/admin/groups", name="The Crew").text
-    assert 'aria-invalid="true" autofocus aria-describedby="name-problem name-hint"' in page
-    assert '<p class="wrong" id="name-problem">Enter 1 to 63 characters' in page
-    assert '<p><a href="#name">Name</a>: Enter 1 to 63 characters' in page
-    send(admin, "/admin/groups", name="crew")
-    assert "The name is taken." in send(admin, "/admin/groups", name="crew").text
-
-
 def test_robot_is_moved_from_its_own_page(admin):
     assert "There is no site yet" in admin.ask("GET", "/admin/robots/sim1").text
     send(admin, "/admin/sites", name="lab")

@@ -9,18 +9,10 @@ def test_admin_sees_all_and_user_her_own(admin, ann, admin_database):
     add_drive(admin_database, "sim2", "zoe")
     page = admin.ask("GET", "/drives").text
     for text in (
-        '<time datetime="2026-01-31T12:00:00+00:00" title="2026-01-31 12:00:00 UTC">2026-01-31 12:00:00 UTC<',
         "10 min 0 s",
-        "12.3 m",
         "somebody else got control",
         "(code lease_lost)",
-        "0.75 m/s",
-        "41 ms; 95 % within 80 ms",
         "140 ms ago; 95 % within 210 ms, at most 512 ms",
-        "4 commands",
-        "for 12 s, as the driver saw late",
-        "15.0 frames/s",
-        "181.2 MB",
         "2 too old, 3 to a topic that is not allowed",
     ):
         assert text in page
@@ -41,14 +33,6 @@ def test_what_nobody_measured_is_not_claimed(admin, admin_database):
     page = admin.ask("GET", "/drives").text
     facts = ("Round trip", "Seen", "Seen, unknown for", "Slowed", "Video", "Data")
     assert [words for words in facts if f"<dt>{words}<" in page] == []
-
-
-def test_drive_that_a_stop_ended_says_so_once(admin, admin_database):
-    add_drive(admin_database, "sim1", "ann", end_code="robot_stopped", stops=1)
-    page = admin.ask("GET", "/drives").text
-    assert "robot stopped" in page
-    assert "1 stop" not in page
-    assert '"robot_stopped"' in admin.ask("GET", "/drives/download?format=jsonl").text
 
 
 def test_filters_offer_what_the_viewer_knows(admin, ann):

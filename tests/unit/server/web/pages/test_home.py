@@ -24,11 +24,6 @@ def test_login_sends_nobody_to_another_site(browser):
         browser.client.delete_cookie("__Host-robotether_login", domain="robots.example")
 
 
-def test_login_that_holds_skips_the_form(browser):
-    browser.log_in("ann")
-    assert browser.ask("GET", "/login?next=/robots/sim1").location == "/robots/sim1"
-
-
 @pytest.mark.parametrize(("name", "password"), [("ann", "wrong"), ("nobody", "wrong"), ("", "")])
 def test_failed_login_reveals_nothing(browser, database, name, password):
     answer = browser.log_in(name, password)
@@ -133,32 +128,26 @@ def test_fleet_page_names_each_robots_first_camera(browser, database):
         assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
 
 
-def data_of_page(browser, name):
-    """Return what the script of sim1's page is told."""
-    browser.log_in("ann")
-    page = browser.ask("GET", "/robots/sim1").text
-    [found] = re.findall(f"data-{name}='([^']*)'", page)
-    return json.loads(html.unescape(found))
-
-
-def settings_of_page(browser, database, settings):
-    """Return what the script of sim1's page is told, by a row with these settings."""
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
-    return data_of_page(browser, "settings")
-
-
-def test_drive_page_has_the_words_of_codes(browser):
-    assert data_of_page(browser, "words") == {"ends": DRIVE_ENDS, "refusals": REFUSALS}
-
-
-def test_drive_page_has_the_robots_settings(browser, database):
+def test_drive_page_has_the_robots_settings_and_the_words_of_codes(browser, database):
     """All that are in force reach the page's script as data, the defaults included."""
+    browser.log_in("ann")
+
+    def data_of_page(name):
+        page = browser.ask("GET", "/robots/sim1").text
+        [found] = re.findall(f"data-{name}='([^']*)'", page)
+        return json.loads(html.unescape(found))
+
+    def settings_of_page(settings):
+        with database.transaction() as tx:
+            tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
+        return data_of_page("settings")
+
+    assert data_of_page("words") == {"ends": DRIVE_ENDS, "refusals": REFUSALS}
     name = "\"'<&"
     given = {"page": {"hold_after_ms": None, "cameras": [{"topic": "/front", "name": name}]}}
-    assert settings_of_page(browser, database, json.dumps(given)) == parse(given).as_dict()
+    assert settings_of_page(json.dumps(given)) == parse(given).as_dict()
     # What somebody wrote by SQL keeps drivers out at the relay; the page shows the robot as by default.
-    wrong = settings_of_page(browser, database, '{"page": {"hold_after_ms": 99999}}')
+    wrong = settings_of_page('{"page": {"hold_after_ms": 99999}}')
     assert wrong == parse({}).as_dict()
 
 
@@ -168,16 +157,6 @@ def test_everybody_gets_stop_and_only_drivers_the_release(browser):
         page = browser.ask("GET", "/robots/sim1").text
         assert 'data-testid="stop"' in page
         assert ('data-testid="release"' in page) is may_release
-        browser.client.delete_cookie("__Host-robotether_login", domain="robots.example")
-
-
-def test_fleet_page_shows_what_the_user_may_see(browser):
-    """Only who manages a robot is offered to stop several; an admin manages all, also those that are not there yet."""
-    for name, manages in (("ann", False), ("root", True)):
-        browser.log_in(name)
-        page = browser.ask("GET", "/").text
-        assert ("sim1" in page, "sim2" in page) == (True, manages)
-        assert ('data-manages="yes"' in page) is manages
         browser.client.delete_cookie("__Host-robotether_login", domain="robots.example")
 
 

@@ -39,18 +39,6 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
 
 
-def test_who_manages_a_robot_downloads_and_deletes(browser, number, database):
-    browser.log_in("olga")
-    assert f'href="/recordings/{number}/file"' in browser.ask("GET", "/recordings").text
-    answer = browser.ask("GET", f"/recordings/{number}/file")
-    assert answer.headers["X-Accel-Redirect"] == f"/recording-files/{number}.mcap"
-    assert "Nobody can undo this." in browser.ask("GET", f"/recordings/{number}/delete").text
-    assert send(browser, f"/recordings/{number}/delete").status_code == 303
-    assert "There is no recording." in browser.ask("GET", "/recordings").text
-    kinds = {(kind, actor) for kind, actor, _ in audit_kinds(database)}
-    assert {("recording_downloaded", "olga"), ("recording_deleted", "olga")} <= kinds
-
-
 def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, database):
     with database.transaction() as tx:
         page = {"scan_topic": "/front/scan", "cameras": [{"topic": "/rear", "name": "Rear"}]}

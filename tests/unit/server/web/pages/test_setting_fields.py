@@ -13,7 +13,6 @@ from robotether_server.web.pages.setting_fields import (
     PERMISSIONS,
     SAFETY,
     TABS,
-    summary,
 )
 
 FIELDS = [field for tab in TABS for field in tab.fields]
@@ -45,12 +44,3 @@ def test_every_setting_has_its_field(part, tabs, own):
 def test_choices_are_all_there(field):
     values = schemas.member(GivenSettings, field.path).kind.values
     assert {value for value, _ in field.options} == {*values, *([""] if field.empty else [])}
-
-
-def test_summary_has_what_differs():
-    assert summary({}) == []
-    assert summary({"guard": {"deadman_ms": 300}, "policy": {"manage": {"call": []}}}) == [
-        ("Stop if no command arrives for (ms)", "300"),
-        ("Managers: Call", "none"),
-    ]
-    assert summary({"guard": {"deadman_ms": 5}})[0][0] == "Not valid"
