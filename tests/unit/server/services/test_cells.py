@@ -8,7 +8,7 @@ from robotether_server.db import cells, control, fleet, robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.control import DriveEntry, NewLease
 from robotether_server.db.fleet import SessionEntry
-from robotether_server.problems import NotPossibleError, RecordMissingError, StoreUnavailableError
+from robotether_server.problems import NotPossibleError, StoreUnavailableError
 from robotether_server.services import cells as cell_service
 
 NOON = dt.datetime(2026, 1, 1, 12, 0, tzinfo=dt.UTC)
@@ -82,9 +82,3 @@ def test_removed_cell_leaves_nothing_open(database, relay_database, admin_databa
             assert [row["cell"] for row in rows] == ["b"], table
         assert [cell.name for cell in cells.read(tx)] == ["b"]
     assert kinds(database) == ["drive_ended", "cell_removed"]
-
-
-def test_unknown_cell_is_said_so(database):
-    for service in (cell_service.drain, cell_service.resume, cell_service.remove):
-        with database.transaction() as tx, pytest.raises(RecordMissingError, match="no such cell"):
-            service(tx, ADMIN, "c")

@@ -24,14 +24,3 @@ def test_waiting_keys_of_both_kinds_stand_oldest_first(site):
     assert {(item.hostname, item.address, item.agent_version) for item in found} == {
         ("turtle", "192.0.2.1", "0.1.0")
     }
-
-
-def test_key_that_somebody_wrote_by_sql_waits_too(site):
-    """It came with no join, so it stands first."""
-    site.announce("planned", OTHER_MAC)
-    with site.database.transaction() as tx:
-        tx.change(
-            "UPDATE robots SET public_key = 'k', fingerprint = 'SHA256:k' WHERE name = 'planned'"
-        )
-        (found,) = robots.list_waiting(tx)
-    assert (found.robot, found.hostname, found.fingerprint) == ("planned", "", "SHA256:k")

@@ -21,7 +21,6 @@ from robotether_server.problems import (
 from robotether_server.services import routes as route_service
 from robotether_server.services.routes import RouteRequest, loop_with
 
-ANN = Source("ann")
 TWIST = "geometry_msgs/msg/Twist"
 
 
