@@ -41,13 +41,3 @@ def test_csv_has_no_cell_that_a_spreadsheet_runs(text):
     head, row = csv.reader(io.StringIO(answer.get_data(as_text=True), newline=""))
     assert tuple(head) == COLUMNS
     assert row == ["-5", "'" + text + '",=2', json.dumps({"a": text})]
-
-
-def test_failure_at_the_first_record_is_no_file():
-    """It is told before anything was sent."""
-
-    def fail(_before, _wanted):
-        raise LookupError
-
-    with pytest.raises(LookupError):
-        exports.answer(exports.everything(fail, None), COLUMNS, "csv", "x")

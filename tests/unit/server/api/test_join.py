@@ -67,12 +67,6 @@ def test_robot_that_is_in_needs_no_proof(program, database, robot):
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 200
 
 
-def test_null_is_as_good_as_nothing(program, robot):
-    nothing = dict.fromkeys(("token", "name", "mac_present", "previous_key"))
-    answer = program.ask("POST", "/api/v1/join", json=robot.join(MAC) | nothing)
-    assert answer.status_code == 202
-
-
 def test_joins_at_once_leave_threads_to_others(program, database, robot):
     """Unknown robots wait for each other in four threads; one that is in waits for none of them."""
     join(program, robot)

@@ -8,7 +8,6 @@ from robotether_server.db import robots
 @pytest.mark.parametrize(
     ("method", "path", "body"),
     [
-        ("POST", "/robots/sim1/requests", {"reason": ""}),
         ("POST", "/robots/sim1/requests", {"reason": "x" * 201}),
         ("POST", "/robots/sim1/requests", {"reason": "a\nb"}),
         ("POST", "/robots/sim1/requests", {"reason": "x", "priority": 0}),
