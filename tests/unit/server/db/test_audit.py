@@ -21,29 +21,6 @@ def record(tx, kind, actor, address):
     audit.record(tx, Source(actor, address), kind)
 
 
-def test_recent_events_are_of_an_actor_or_of_a_network(database):
-    """The oldest comes first; an address without a place counts for none."""
-    now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
-    network, kinds = network_of("192.0.2.1"), ("login_failed", "login")
-    with database.transaction() as tx:
-        for kind, actor, address in (
-            ("login_failed", "ann", "192.0.2.1"),
-            ("login_failed", "bob", "192.0.2.1"),
-            ("login", "ann", "192.0.2.1"),
-            ("logout", "ann", "192.0.2.1"),
-            ("login_failed", "ann", "2001:db8::1"),
-            ("login_failed", "ann", None),
-        ):
-            record(tx, kind, actor, address)
-        recent = audit.recent_from(tx, kinds, network, now - minute)
-        found = [(item.kind, item.actor) for item in recent]
-        assert found == [("login_failed", "ann"), ("login_failed", "bob"), ("login", "ann")]
-        assert recent[0].at <= recent[1].at
-        assert len(audit.recent_of(tx, "login_failed", "ann", now - minute)) == 3
-        assert audit.recent_from(tx, kinds, network, now + minute) == []
-        assert audit.recent_of(tx, "login_failed", "ann", now + minute) == []
-
-
 @pytest.mark.parametrize(
     ("address", "other", "same"),
     [
@@ -54,12 +31,14 @@ def test_recent_events_are_of_an_actor_or_of_a_network(database):
     ],
 )
 def test_network_of_ipv6_is_found_in_every_spelling(database, address, other, same):
-    since = dt.datetime.now(dt.UTC) - dt.timedelta(minutes=1)
+    now, minute = dt.datetime.now(dt.UTC), dt.timedelta(minutes=1)
     with database.transaction() as tx:
         users.add(tx, "ann", "x", "user")
         record(tx, "login", "ann", other)
-        found = audit.recent_from(tx, ("login",), network_of(address), since)
+        found = audit.recent_from(tx, ("login",), network_of(address), now - minute)
         assert (found != []) is same
+        assert audit.recent_from(tx, ("login",), network_of(other), now + minute) == []
+        assert audit.recent_of(tx, "login", "ann", now + minute) == []
         assert audit.has_come_from(tx, "login", "ann", network_of(address)) is same
         assert not audit.has_come_from(tx, "login", "bob", network_of(other))
 
@@ -69,7 +48,6 @@ def test_network_of_ipv6_is_found_in_every_spelling(database, address, other, sa
     [
         ("192.0.2.1", "192.0.2.1/32"),
         ("2001:db8:1:2:3:4:5:6", "2001:db8:1:2::/64"),
-        ("2001:db8:1:2::", "2001:db8:1:2::/64"),
         ("::ffff:192.0.2.1", "::ffff:192.0.2.1/128"),
         ("", "::/128"),
         ("rubbish", "::/128"),

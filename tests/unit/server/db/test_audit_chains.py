@@ -93,9 +93,7 @@ def test_writers_at_once_make_one_chain_each(database, relay_database):
     "change",
     [
         "UPDATE audit_events SET actor = 'ben' WHERE position = 2",
-        "UPDATE audit_events SET details = '{}' WHERE position = 2",
         "UPDATE audit_events SET robot = NULL WHERE position = 2",
-        "DELETE FROM audit_events WHERE position = 2",
         "DELETE FROM audit_events WHERE position = 3",
         "DELETE FROM audit_chains",
     ],

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 from relay_server import cell_settings
 from robotether_server import __version__
-from robotether_server.db import cells, fleet, robots
+from robotether_server.db import cells
 from robotether_server.db.cells import (
     Cell,
     CellCounts,
@@ -16,7 +16,6 @@ from robotether_server.db.cells import (
     sort_for,
     sort_for_join,
 )
-from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import RecordExistsError
 from robotether_server.times import MAX_TICKET_AHEAD_S, MAX_TICKET_TTL_S
 
@@ -135,6 +134,11 @@ def test_a_cell_that_takes_no_robots_is_not_listed(change):
     assert hosts(7, [out, B], "a") == ["b.example"]
     assert [cell.host for cell in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
     assert sort_for_join(7, [out]) == sort_for(7, [out]) == []
+    # Of several with the fewest robots each robot has its own.
+    busy = [replace(A, robots=5), replace(B, robots=4), replace(C, robots=5)]
+    assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
+    even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
+    assert even == {"a.example", "b.example", "c.example"}
 
 
 def test_a_cell_that_is_drained_is_last():
@@ -144,14 +148,6 @@ def test_a_cell_that_is_drained_is_last():
         joins = sort_for_join(robot_id, [out, replace(B, robots=9)], region="eu")
         assert [join.host for join in joins] == ["b.example", "a.example"]
     assert [cell.host for cell in sort_for_join(7, [out])] == hosts(7, [out]) == ["a.example"]
-
-
-def test_who_joins_goes_where_the_fewest_robots_are():
-    """Of several with the fewest each robot has its own."""
-    busy = [replace(A, robots=5), replace(B, robots=4), replace(C, robots=5)]
-    assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
-    even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
-    assert even == {"a.example", "b.example", "c.example"}
 
 
 EU_A, EU_B, US_C = replace(A, region="eu"), replace(B, region="eu"), replace(C, region="us")
@@ -174,16 +170,6 @@ def test_a_robot_whose_region_has_no_cell_goes_where_all_go(change):
         joins = sort_for_join(robot_id, [EU_A, EU_B, out], region="us")
         assert joins == sort_for_join(robot_id, [A, B])
         assert hosts(robot_id, [EU_A, EU_B, US_C], "b") == hosts(robot_id, [A, B, C], "b")
-
-
-def test_a_robot_is_where_its_newest_session_is(relay_database, database):
-    with database.transaction() as tx:
-        sim1 = robots.add(tx, "00:1b:44:11:3a:b1", "sim1")
-    for minute, name in enumerate(("a", "b")):
-        heartbeat(relay_database, cell_settings(name, f"{name}.example"))
-        with relay_database.transaction() as tx:
-            fleet.write(tx, [SessionEntry(sim1, NOON + minute * MINUTE, "")], name)
-            assert cells.find_of_robot(tx, sim1).name == name
 
 
 def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(

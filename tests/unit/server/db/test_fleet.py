@@ -6,7 +6,7 @@ import json
 import pytest
 from granted import give
 from relay_server import cell_settings
-from robotether_server.db import audit, cells, credentials, fleet, robots, users
+from robotether_server.db import cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
     AuditEntry,
     FormerSessions,
@@ -35,15 +35,6 @@ def sim1(database):
     return robot_id
 
 
-def test_the_snapshot_has_robots_and_rights(database, relay_database, sim1):
-    with database.transaction() as tx:
-        ann, root = (users.get(tx, name).id for name in ("ann", "root"))
-    with relay_database.transaction() as tx:
-        snapshot = fleet.load(tx)
-    assert [snapshot.level(user, sim1) for user in (ann, root, 999)] == ["drive", "manage", None]
-    assert [snapshot.visible(user) for user in (ann, 999)] == [[snapshot.robots[sim1]], []]
-
-
 def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypatch):
     """A grant that is given between its questions is not in it, nor anything else that its version does not tell of."""
     really_changes, olga = fleet.changes, 0
@@ -57,30 +48,18 @@ def test_the_snapshot_is_of_one_moment(database, relay_database, sim1, monkeypat
             robots.add(web, MAC.format(9), "sim9")
         return found
 
+    with database.transaction() as tx:
+        ann, root = (users.get(tx, name).id for name in ("ann", "root"))
     with relay_database.transaction() as tx:
         before = fleet.changes(tx).rights
     monkeypatch.setattr(fleet, "changes", changes_then_grant)
     with relay_database.transaction() as tx:
         snapshot = fleet.load(tx)
     assert snapshot.rights == before
-    assert snapshot.level(olga, sim1) is None
+    levels = [snapshot.level(user, sim1) for user in (ann, root, olga, 999)]
+    assert levels == ["drive", "manage", None, None]
+    assert [snapshot.visible(user) for user in (ann, olga)] == [[snapshot.robots[sim1]], []]
     assert set(snapshot.by_name) == {"sim1"}
-
-
-def test_the_snapshot_has_shell_keys_and_key_requests(database, relay_database, sim1):
-    def facts():
-        with relay_database.transaction() as tx:
-            robot = fleet.load(tx).robots[sim1]
-        fingerprints = (robot.fingerprint, robot.previous_fingerprint)
-        return (robot.shell_port, *fingerprints, robot.rotate_key)
-
-    assert facts() == (None, None, None, False)
-    with database.transaction() as tx:
-        tx.change(
-            "UPDATE robots SET shell = TRUE, public_key = 'k', fingerprint = 'SHA256:b',"
-            " previous_fingerprint = 'SHA256:a', rotate_requested_at = CURRENT_TIMESTAMP(6)"
-        )
-    assert facts() == (24000, "SHA256:b", "SHA256:a", True)
 
 
 @pytest.mark.parametrize(
@@ -188,14 +167,6 @@ def test_another_version_of_the_agent_is_in_the_audit_log(database, relay_databa
     ]
 
 
-def test_a_robots_newest_session_says_when_it_was_last_seen(relay_database, sim1):
-    former, newest = SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + HOUR, "")
-    newest.ended_at = NOON + 2 * HOUR
-    with relay_database.transaction() as tx:
-        fleet.write(tx, [former, newest])
-        assert fleet.last_seen(tx) == [(sim1, NOON + 2 * HOUR, None)]
-
-
 def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, admin_database, sim1):
     """Nobody could write that its session ended."""
     with relay_database.transaction() as tx:
@@ -207,37 +178,20 @@ def test_a_robot_of_a_dead_cell_was_last_seen_when_that_died(relay_database, adm
         assert fleet.last_seen(tx) == [(sim1, NOON + HOUR, "cell_removed")]
 
 
-def test_new_rows_are_told_by_the_entrys_place_and_lines_are_whole(database, relay_database, sim1):
-    line = AuditEntry(
-        NOON, "ann", "drive_ended", "sim1", "203.0.113.9", {"end_code": "client_left"}
-    )
-    entries = [FormerSessions(NOON - HOUR), line, SessionEntry(sim1, NOON + HOUR, "")]
-    with relay_database.transaction() as tx:
-        places = fleet.write(tx, entries)
-        assert list(places) == [2]
-        row = tx.row("SELECT started_at FROM robot_sessions WHERE id = %s", (places[2],))
-    assert row == {"started_at": NOON + HOUR}
-    with database.transaction() as tx:
-        (event,) = audit.find(tx)
-    assert vars(line).items() <= vars(event).items()
-
-
-def test_only_sessions_of_before_the_start_are_closed(relay_database, sim1):
-    with relay_database.transaction() as tx:
-        fleet.write(tx, [SessionEntry(sim1, NOON, ""), SessionEntry(sim1, NOON + 2 * HOUR, "")])
-        fleet.write(tx, [FormerSessions(before=NOON + HOUR)])
-        rows = tx.rows("SELECT end_code FROM robot_sessions ORDER BY id")
-    assert [row["end_code"] for row in rows] == ["relay_restarted", None]
-
-
 def test_sessions_of_other_cells_are_left_open(relay_database, sim1):
-    """But those of a relay from before there were cells are nobody else's."""
+    """So are those since the start; but those of a relay from before there were cells are nobody else's."""
     with relay_database.transaction() as tx:
         for cell in ("a", "b", None):
             fleet.write(tx, [SessionEntry(sim1, NOON, "")], cell)
+        fleet.write(tx, [SessionEntry(sim1, NOON + 2 * HOUR, "")], "a")
         fleet.write(tx, [FormerSessions(before=NOON + HOUR)], "a")
-        rows = tx.rows("SELECT cell FROM robot_sessions WHERE ended_at IS NULL")
-    assert [row["cell"] for row in rows] == ["b"]
+        rows = tx.rows("SELECT cell, end_code FROM robot_sessions ORDER BY id")
+    assert [(row["cell"], row["end_code"]) for row in rows] == [
+        ("a", "relay_restarted"),
+        ("b", None),
+        (None, "relay_restarted"),
+        ("a", None),
+    ]
 
 
 def test_call_for_help_is_an_open_request(database, relay_database, sim1):
@@ -268,23 +222,18 @@ def test_a_session_of_a_robot_that_is_gone_is_refused(relay_database, sim1):
         fleet.write(tx, [SessionEntry(999_999, NOON, "")])
 
 
-def test_a_robot_has_its_settings_and_site(database, relay_database, sim1):
-    with database.transaction() as tx:
-        site = tx.insert("INSERT INTO sites (name) VALUES ('lab')")
-        tx.change(
-            "UPDATE robots SET site_id = %s, settings = %s",
-            (site, '{"guard": {"deadman_ms": 300}}'),
-        )
-    with relay_database.transaction() as tx:
-        robot = fleet.load(tx).robots[sim1]
-    assert (robot.site, robot.settings.guard.deadman_ms) == ("lab", 300)
-    assert robot.settings.policy == DEFAULTS.policy
-
-
 def test_settings_that_cannot_be_read_let_nobody_move_the_robot(
     database, relay_database, sim1, caplog
 ):
     """Somebody wrote a member that there is not; the other robots are read as ever."""
+    with database.transaction() as tx:
+        site = tx.insert("INSERT INTO sites (name) VALUES ('lab')")
+        facts = (site, '{"guard": {"deadman_ms": 300}}')
+        tx.change("UPDATE robots SET site_id = %s, settings = %s", facts)
+    with relay_database.transaction() as tx:
+        robot = fleet.load(tx).robots[sim1]
+    assert (robot.site, robot.settings.guard.deadman_ms) == ("lab", 300)
+    assert robot.settings.policy == DEFAULTS.policy
     with database.transaction() as tx:
         tx.change("""UPDATE robots SET settings = '{"guard": {"max_sped": 1}}'""")
     with relay_database.transaction() as tx:

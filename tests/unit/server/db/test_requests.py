@@ -52,7 +52,7 @@ def test_flood_by_a_robot_is_bounded(database, ask):
     assert '"reason": "urgent"' in lines[4]["details"]
 
 
-def test_nothing_that_a_robot_says_makes_its_request_fail(database, ask):
+def test_nothing_that_a_robot_says_makes_its_request_fail(database, ask, sim1):
     """A person's source, a pool that nobody can have and texts of any length are cut down, and markup stays data."""
     ask("page", MARKUP + "\n\0" + "x" * 5000, -7, "No Pool")
     (row,) = rows(database)
@@ -61,11 +61,8 @@ def test_nothing_that_a_robot_says_makes_its_request_fail(database, ask):
     assert (row["priority"], row["pool"], row["asked_by"]) == (1, "", "sim1")
     ask("stop", "", 99, "p" * 63)
     assert [(row["priority"], row["pool"]) for row in rows(database)][1] == (3, "p" * 63)
-
-
-def test_robot_that_is_not_active_asks_in_vain(database, ask, sim1):
+    # A robot that is not active asks in vain.
     with database.transaction() as tx:
         robots.set_state(tx, sim1, "disabled")
-    assert ask() == (None, False)
-    assert ask(robot_id=sim1 + 1) == (None, False)
-    assert rows(database) == []
+    for robot_id in (sim1, sim1 + 1):
+        assert ask("battery", robot_id=robot_id) == (None, False)

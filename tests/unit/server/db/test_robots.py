@@ -62,30 +62,6 @@ def test_python_and_sql_agree_about_macs(database, text):
     assert written == expected
 
 
-def test_name_that_cannot_stand_in_a_url_is_refused(database):
-    with database.transaction() as tx:
-        robots.add(tx, MAC, "good")
-        for name in ("", "Sim1", "-a", "a-", "a_b", "a.b", "a/b", "ä", "a\n", "x" * 64):
-            with pytest.raises(RecordRefusedError):
-                robots.add(tx, mac(1), name)
-            with pytest.raises(RecordRefusedError):
-                tx.change("UPDATE robots SET name = %s", (name,))
-
-
-def test_only_mac_and_name_allot_a_pair(database, admin_database):
-    """The first robots get the first pairs; a deleted robot's pair is free again."""
-    with database.transaction() as tx:
-        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
-        assert [(r.robot.ros_port, r.robot.video_port) for r in seen_robots.list_all(tx)] == [
-            (20000, 20001),
-            (20002, 20003),
-        ]
-    assert pair_owners(admin_database) == {20000: first, 20002: second}
-    with database.transaction() as tx:
-        tx.change("DELETE FROM robots WHERE id = %s", (first,))
-    assert pair_owners(admin_database) == {20002: second}
-
-
 def add_with_ports(tx, number, name, ros, video):
     return tx.insert(
         "INSERT INTO robots (mac, name, ros_port, video_port) VALUES (%s, %s, %s, %s)",
@@ -111,7 +87,6 @@ def test_ports_that_cannot_be_are_refused(database):
         robots.add(tx, mac(1), "a")
         for ros, video in (
             (20001, 30000),
-            (30000, 20000),
             (20000, 30000),
             (30000, None),
             (30000, 30000),
@@ -119,17 +94,6 @@ def test_ports_that_cannot_be_are_refused(database):
         ):
             with pytest.raises((RecordRefusedError, RecordExistsError)):
                 add_with_ports(tx, 2, "b", ros, video)
-
-
-def test_moved_ports_free_the_old_pair(database, admin_database):
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-        tx.change("UPDATE robots SET ros_port = 20010, video_port = 20011")
-    assert pair_owners(admin_database) == {20010: robot_id}
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET ros_port = NULL, video_port = NULL")
-        assert robots.get(tx, "a").ros_port == 20000
-    assert pair_owners(admin_database) == {20000: robot_id}
 
 
 def test_mac_of_no_single_robot_is_refused(database):
@@ -167,48 +131,10 @@ def previous(tx):
     return row["previous_fingerprint"]
 
 
-def test_row_remembers_that_it_had_a_key(database):
-    with database.transaction() as tx:
-        first, second = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
-        robots.set_key(tx, first, KEY, REPORT)
-        robots.forget_key(tx, first)
-        tx.change("UPDATE robots SET public_key = 'k', fingerprint = 'f' WHERE id = %s", (second,))
-        assert robots.get(tx, "a").had_key
-        assert robots.get(tx, "b").had_key
-        robots.add(tx, mac(3), "c")
-        assert not robots.get(tx, "c").had_key
-
-
-def test_taken_name_mac_and_ports_are_told_apart_on_change(database):
-    with database.transaction() as tx:
-        first, _ = robots.add(tx, mac(1), "a"), robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordExistsError, match="cannot use the name b: another robot has it"):
-            robots.rename(tx, first, "b")
-        with pytest.raises(RecordExistsError, match=f"cannot use the MAC {mac(2)}: another robot"):
-            robots.set_mac(tx, first, mac(2))
-        with pytest.raises((RecordExistsError, RecordRefusedError), match="20002"):
-            robots.set_ports(tx, first, 20002, 20003)
-
-
 def add_unknown(tx, number, name):
     robot_id = robots.add(tx, mac(number), name, unknown=True)
     robots.set_key(tx, robot_id, PublicKey("ssh-ed25519 A", f"SHA256:{number}"), REPORT)
     return robot_id
-
-
-def test_unknown_robots_are_those_that_no_admin_has_dealt_with(database):
-    """An approval, a disabling and a forgotten key each end it; announced robots never were any."""
-    with database.transaction() as tx:
-        robots.set_key(tx, robots.add(tx, MAC, "announced"), KEY, REPORT)
-        ids = [add_unknown(tx, number, f"s{number}") for number in range(1, 5)]
-        assert robots.waiting_addresses(tx) == ["192.0.2.1"] * 4
-        robots.set_state(tx, ids[0], "pending")
-        assert len(robots.waiting_addresses(tx)) == 4
-        robots.set_state(tx, ids[0], "active")
-        robots.set_state(tx, ids[1], "disabled")
-        robots.set_state(tx, ids[1], "pending")
-        robots.forget_key(tx, ids[2])
-        assert len(robots.waiting_addresses(tx)) == 1
 
 
 def test_only_old_unknown_robots_are_removed(database, admin_database):
