@@ -19,30 +19,13 @@ def test_any_other_spelling_is_no_name(name: object) -> None:
     assert full_name(name) is None
 
 
-@pytest.mark.parametrize("text", ["/a", "*", "*/cmd_vel", "/a/*/b_1", "/", "/" + "a" * 255])
-def test_full_names_and_stars_are_patterns(text):
-    """What may match a name is a pattern."""
-    assert is_glob(text)
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "",
-        "cmd_vel",
-        "/a b",
-        "~/a",
-        "/a//b",
-        "/ä",
-        "/a?",
-        "/[a]",
-        "/a\n",
-        "/" + "a" * MAX_GLOB_LENGTH,
-    ],
-)
-def test_what_can_match_nothing_is_no_pattern(text):
+def test_full_names_and_stars_are_patterns():
     """A pattern that no name has is a mistake of who wrote it."""
-    assert not is_glob(text)
+    for text in ("/a", "*", "*/cmd_vel", "/a/*/b_1", "/", "/" + "a" * 255):
+        assert is_glob(text)
+    too_long = "/" + "a" * MAX_GLOB_LENGTH
+    for text in ("", "cmd_vel", "/a b", "~/a", "/a//b", "/ä", "/a?", "/[a]", "/a\n", too_long):
+        assert not is_glob(text), text
 
 
 def test_it_matches_as_the_textbook_says():

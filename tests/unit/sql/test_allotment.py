@@ -71,20 +71,6 @@ def test_last_pair_waits_for_the_one_who_holds_it(database, admin_database):
     assert list(pair_owners(admin_database).values()) == waiting
 
 
-def test_full_range_says_what_to_do(database, admin_database):
-    with admin_database.transaction() as tx:
-        migrate.set_port_range(tx, 20000, 20003)
-    with database.transaction() as tx:
-        robots.add(tx, mac(1), "a")
-        robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordRefusedError) as refused:
-            robots.add(tx, mac(3), "c")
-    assert refused.value.detail == (
-        "cannot add robot c: all 2 port pairs are in use; "
-        "widen PORT_RANGE_FIRST..PORT_RANGE_LAST in .env, then run migrate"
-    )
-
-
 def add_with_shell(tx, number):
     return tx.insert(
         "INSERT INTO robots (mac, name, shell) VALUES (%s, %s, TRUE)", (mac(number), f"r{number}")
@@ -123,30 +109,27 @@ def test_shells_switched_on_at_once_get_distinct_ports(database, admin_database)
     assert sorted(shell_owners(admin_database).values()) == sorted(ids)
 
 
-def test_no_free_shell_port_says_what_to_do(database, admin_database):
+def test_full_ranges_say_what_to_do(database, admin_database):
     with admin_database.transaction() as tx:
+        migrate.set_port_range(tx, 20000, 20003)
         migrate.set_shell_port_range(tx, 24000, 24000)
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         second = robots.add(tx, mac(2), "b")
-        with pytest.raises(RecordRefusedError) as refused:
-            robots.set_shell(tx, second, on=True)
+        for action, why in (
+            (
+                lambda: robots.add(tx, mac(3), "c"),
+                "add robot c: all 2 port pairs are in use; widen PORT_RANGE_FIRST..PORT_RANGE_LAST",
+            ),
+            (
+                lambda: robots.set_shell(tx, second, on=True),
+                "change robot b: all 1 shell ports are in use; widen SHELL_PORT_FIRST..SHELL_PORT_LAST",
+            ),
+        ):
+            with pytest.raises(RecordRefusedError) as refused:
+                action()
+            assert refused.value.detail == f"cannot {why} in .env, then run migrate"
         assert robots.get(tx, "b").shell is False
-    assert refused.value.detail == (
-        "cannot change robot b: all 1 shell ports are in use; "
-        "widen SHELL_PORT_FIRST..SHELL_PORT_LAST in .env, then run migrate"
-    )
-
-
-def test_shell_port_that_cannot_be_is_refused(database):
-    with database.transaction() as tx:
-        add_with_shell(tx, 1)
-        robots.add(tx, mac(2), "b")
-        for port in (24000, 23999, 80):
-            with pytest.raises(
-                (RecordExistsError, RecordRefusedError), match=r"no free shell port|exists already"
-            ):
-                tx.change(f"UPDATE robots SET shell = TRUE, shell_port = {port} WHERE name = 'b'")
 
 
 def test_named_shell_port_is_kept(database, admin_database):
@@ -164,6 +147,11 @@ def test_ports_kept_for_shells_are_nobodys_pair(database):
     with database.transaction() as tx:
         add_with_shell(tx, 1)
         robots.add(tx, mac(2), "b")
+        for port in (24000, 23999, 80):
+            with pytest.raises(
+                (RecordExistsError, RecordRefusedError), match=r"no free shell port|exists already"
+            ):
+                tx.change(f"UPDATE robots SET shell = TRUE, shell_port = {port} WHERE name = 'b'")
         for ros, video in ((24000, 30000), (30000, 24049)):
             with pytest.raises(RecordRefusedError, match="is kept for shells"):
                 tx.change(

@@ -6,13 +6,6 @@ from robotether_server.db.audit import AuditSearch, Source, find, record
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.problems import RecordMissingError, RobotUnknownError
 
-LOOK_UPS = [
-    users.get,
-    robots.get,
-    SITES.get,
-    GROUPS.get,
-]
-
 
 def test_no_column_is_compared_past_blanks_or_case(admin_database):
     with admin_database.transaction() as tx:
@@ -27,18 +20,18 @@ def test_no_column_is_compared_past_blanks_or_case(admin_database):
     assert new == {"collation": "utf8mb4_nopad_bin"}
 
 
-@pytest.mark.parametrize("look_up", LOOK_UPS)
-@pytest.mark.parametrize("name", ["x ", "x    ", "X", "x\t", "x\0"])
-def test_name_with_a_blank_or_in_other_case_is_another_name(database, look_up, name):
+def test_name_with_a_blank_or_in_other_case_is_another_name(database):
     """Nobody is found by it whom rules in Python, which compare names as they are, would not know."""
     with database.transaction() as tx:
         users.add(tx, "x", "hash", "admin")
         robots.add(tx, "02:00:00:00:00:01", "x")
         SITES.add(tx, "x")
         GROUPS.add(tx, "x")
-        assert look_up(tx, "x") is not None
-        with pytest.raises((RecordMissingError, RobotUnknownError)):
-            look_up(tx, name)
+        for look_up in (users.get, robots.get, SITES.get, GROUPS.get):
+            assert look_up(tx, "x") is not None
+            for name in ("x ", "X", "x\t", "x\0"):
+                with pytest.raises((RecordMissingError, RobotUnknownError)):
+                    look_up(tx, name)
 
 
 def test_audit_log_tells_names_with_blanks_apart(database):
