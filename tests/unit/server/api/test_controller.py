@@ -119,45 +119,54 @@ def test_end_that_nobody_recorded_is_unknown(at, write, first_line, admin_databa
     assert at(minutes(15))["at_least_until"].startswith(minutes(20).isoformat()[:19])
 
 
-def test_log_that_begins_in_a_drive_has_its_driver(at, write, older_log, admin_database):
-    write(line("robot_added", minutes(50), "root"))
-    write(line("drive_ended", minutes(20), fence=1, lasted_s=600.0))
-    assert answer(at(minutes(25))) == ("driver", "ann", None)
-    assert answer(at(minutes(35))) == ("nobody", None, None)
+LOST = {"since": minutes(30).isoformat(), "until": minutes(25).isoformat(), "count": 3}
+EARLIER = [
+    line("drive_started", minutes(40), fence=1),
+    line("drive_ended", minutes(35), fence=1, lasted_s=300.0),
+]
 
 
-def test_what_a_restored_backup_lacks_is_unknown(at, write, first_line):
-    """The line is as record_restore() writes it."""
-    write(line("drive_started", minutes(40), fence=1))
-    write(line("drive_ended", minutes(35), fence=1, lasted_s=300.0))
-    write(line("records_restored", minutes(20), records_of=minutes(30).isoformat()))
-    for time, expected in (
-        (minutes(37), ("driver", "ann", None)),
-        (minutes(31), ("nobody", None, None)),
-        (minutes(30), ("unknown", None, "restored")),
-        (minutes(20), ("nobody", None, None)),
-    ):
-        assert answer(at(time)) == expected, time
-
-
-def test_what_a_relay_could_not_write_is_unknown_until_the_next_line_of_control(
-    at, write, first_line
-):
-    write(line("drive_started", minutes(40), fence=1))
-    write(line("drive_ended", minutes(35), fence=1, lasted_s=300.0))
-    lost = {"since": minutes(30).isoformat(), "until": minutes(25).isoformat(), "count": 3}
-    write(line("lines_lost", minutes(20), "relay", **lost))
-    write(line("drive_ended", minutes(15), "ben", fence=2))
-    write(line("drive_started", minutes(10), fence=3))
-    write(line("drive_ended", minutes(5), fence=3))
-    for time, expected in (
-        (minutes(31), ("nobody", None, None)),
-        (minutes(30), ("unknown", None, "lines_lost")),
-        (minutes(16), ("unknown", None, "lines_lost")),
-        (minutes(15), ("nobody", None, None)),
-        (minutes(10), ("driver", "ann", None)),
-    ):
-        assert answer(at(time)) == expected, time
+@pytest.mark.parametrize(
+    ("lines", "answers"),
+    [
+        pytest.param(
+            [line("drive_ended", minutes(20), fence=1, lasted_s=600.0)],
+            {25: ("driver", "ann", None), 35: ("nobody", None, None)},
+            id="log begins in a drive",
+        ),
+        pytest.param(
+            # As record_restore() writes it.
+            [*EARLIER, line("records_restored", minutes(20), records_of=minutes(30).isoformat())],
+            {
+                37: ("driver", "ann", None),
+                31: ("nobody", None, None),
+                30: ("unknown", None, "restored"),
+                20: ("nobody", None, None),
+            },
+            id="backup put back",
+        ),
+        pytest.param(
+            [
+                *EARLIER,
+                line("lines_lost", minutes(20), "relay", **LOST),
+                line("drive_ended", minutes(15), "ben", fence=2),
+                line("drive_started", minutes(10), fence=3),
+                line("drive_ended", minutes(5), fence=3),
+            ],
+            {
+                31: ("nobody", None, None),
+                30: ("unknown", None, "lines_lost"),
+                16: ("unknown", None, "lines_lost"),
+                15: ("nobody", None, None),
+                10: ("driver", "ann", None),
+            },
+            id="relay could not write",
+        ),
+    ],
+)
+def test_what_no_line_tells_is_unknown(at, write, first_line, lines, answers):
+    write(*lines)
+    assert {ago: answer(at(minutes(ago))) for ago in answers} == answers
 
 
 def test_robot_that_was_renamed_is_followed(at, write, first_line, root):

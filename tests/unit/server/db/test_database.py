@@ -69,16 +69,6 @@ def test_transactions_that_block_each_other_are_all_done(database):
     assert names == ["annx", "benx"]
 
 
-def test_moments_are_aware_and_in_utc(database):
-    timestamp = dt.datetime(2026, 7, 1, 12, 3, 4, 123456, tzinfo=dt.UTC)
-    with database.transaction() as tx:
-        user_id = tx.insert(ADD_USER, ("ann", "user"))
-        tx.change("UPDATE users SET created_at = %s WHERE id = %s", (timestamp, user_id))
-        row = tx.row("SELECT created_at, updated_at FROM users")
-        assert row["created_at"] == timestamp
-        assert abs(dt.datetime.now(dt.UTC) - row["updated_at"]) < dt.timedelta(minutes=1)
-
-
 @pytest.mark.parametrize(
     ("name", "role", "problem", "why"),
     [
@@ -114,15 +104,6 @@ def test_server_that_lets_nobody_in_is_unavailable(mariadb, port):
         pass
     assert "127.0.0.1" not in unavailable.value.detail
     assert "not-the-one" not in f"{unavailable.value.detail} {unavailable.value.__cause__}"
-
-
-def test_connection_that_is_cut_is_unavailable(database, mariadb):
-    with pytest.raises(LookupError), database.transaction() as tx:  # noqa: PT012 - what is left cannot be committed
-        row = tx.row("SELECT CONNECTION_ID() AS id")
-        mariadb.as_root(f"KILL {row['id']}")
-        with pytest.raises(StoreUnavailableError):
-            tx.rows("SELECT 1")
-        raise LookupError
 
 
 def connection_id(database, *, briefly=False):

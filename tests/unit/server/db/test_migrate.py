@@ -136,19 +136,6 @@ def set_port_range(admin_database, first, last):
     return pairs(admin_database)
 
 
-def test_pair_that_somebody_has_by_hand_is_not_allotted(database, admin_database):
-    """A range that grows over a robot's own choice of ports leaves them to it."""
-    with database.transaction() as tx:
-        tx.insert(
-            "INSERT INTO robots (mac, name, ros_port, video_port) "
-            "VALUES ('02:00:00:00:00:01', 'a', 30001, 30002)"
-        )
-    set_port_range(admin_database, 30000, 30005)
-    with database.transaction() as tx:
-        robots.add(tx, "02:00:00:00:00:02", "b")
-        assert robots.get(tx, "b").ros_port == 30004
-
-
 def test_range_that_moves_by_one_overlaps_nobody(database, admin_database):
     """A pair that is in use stays, and blocks both new pairs that it touches; half a pair is none."""
     set_port_range(admin_database, 20000, 20007)
@@ -183,10 +170,11 @@ def test_ranges_that_move_onto_each_other_share_no_port(database, admin_database
         robots.set_ports(tx, robots.add(tx, "02:00:00:00:00:01", "a"), 30001, 30003)
         robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:02", "b"), on=True)
     assert shell_ports(admin_database, 30000, 30003) == [24000, 30000, 30002]
-    set_port_range(admin_database, 24000, 24003)
-    with database.transaction() as tx:
-        robots.add(tx, "02:00:00:00:00:03", "c")
-        assert robots.get(tx, "c").ros_port == 24002
+    for first, last, name, ros_port in ((24000, 24003, "c", 24002), (30000, 30005, "d", 30004)):
+        set_port_range(admin_database, first, last)
+        with database.transaction() as tx:
+            robots.add(tx, f"02:00:00:00:01:{ros_port % 100:02}", name)
+            assert robots.get(tx, name).ros_port == ros_port
 
 
 def fill(tx):

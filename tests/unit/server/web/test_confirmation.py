@@ -63,14 +63,6 @@ def test_every_form_with_a_wrong_field_comes_back(app, admin, database):
     assert audit_kinds(database) == [*before, ("login_failed", "root", "198.51.100.7")]
 
 
-def test_question_names_what_it_affects_and_how_to_undo_it(admin):
-    """An effect without words is left out."""
-    page = admin.ask("GET", "/admin/robots/sim1/disable").text
-    assert "Disable robot sim1?" in page
-    assert "<strong>Undo:</strong> Enable the robot on its page." in page
-    assert admin.ask("GET", "/admin/users/ann/disable").text.count("<li>") == 2
-
-
 def test_an_action_is_done_and_told_once(admin, database):
     answer = send(admin, "/admin/robots/sim1/disable")
     assert (answer.status_code, answer.location) == (303, "/admin/robots/sim1")

@@ -45,10 +45,3 @@ def test_nothing_else_is_sent(program):
         answer = program.ask("GET", path)
         assert answer.status_code == 404
         assert "not published" not in answer.text
-
-
-def test_a_server_without_the_site_says_so(program, tmp_path, monkeypatch):
-    monkeypatch.setattr(documents, "SITE", tmp_path / "none")
-    answer = program.ask("GET", "/docs/")
-    assert answer.status_code == 404
-    assert "outside of its image" in answer.text

