@@ -2,7 +2,7 @@
 
 import pytest
 from av.video.frame import VideoFrame
-from hypothesis import given
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recorded_drive import (
     BASE_NS,
@@ -15,6 +15,7 @@ from recorded_drive import (
 )
 from robotether_server.lerobot.actions import Action
 from robotether_server.lerobot.decoding import CameraDecoder
+from robotether_server.lerobot.export import read_drive
 from robotether_server.lerobot.pairing import (
     CutReason,
     DriveData,
@@ -54,51 +55,17 @@ DRIVES = st.builds(
 )
 
 
-def drive_of(recorded: RecordedDrive) -> DriveData:
-    """What the reader makes of its recording."""
-    sequences = {
-        camera: {frame.number: frame.sequence for frame in frames}
-        for camera, frames in recorded.frames.items()
-    }
-    return DriveData(
-        frames={
-            camera: [
-                FrameInfo(frame.sequence, ns(frame.taken_ms), ns(frame.log_ms), 64, 48)
-                for frame in frames
-                if frame.is_recorded
-            ]
-            for camera, frames in recorded.frames.items()
-        },
-        commands=[
-            RecordedCommand(
-                ns(command.at_ms),
-                command.fence,
-                command.is_sent,
-                Action("twist", (command.speed, 0.0, 0.0, 0.0, 0.0, 0.0)),
-                tuple(
-                    (camera, sequences[camera][number]) for camera, number in command.seen.items()
-                ),
-            )
-            for command in recorded.commands
-        ],
-        controls=[
-            RecordedControl(ns(at_ms), fence > 0, fence, recorded.is_stopped(at_ms))
-            for at_ms in recorded.changes_ms
-            for fence in [recorded.fence_at(at_ms)]
-        ],
-        states=[
-            RecordedState(ns(at_ms), "/odom", "", (at_ms / 1000,)) for at_ms in recorded.states_ms
-        ],
-    )
-
-
 def ns(at_ms):
     return BASE_NS + at_ms * MS
 
 
+# Each is written as a recording, and read.
+@settings(max_examples=30, suppress_health_check=list(HealthCheck))
 @given(DRIVES)
-def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(recorded):
-    drive = drive_of(recorded)
+def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(tmp_path, recorded):
+    path = recorded.write(tmp_path / "1.mcap")
+    drive = read_drive(path, list(CAMERAS))
+    path.unlink()
     numbers = {
         camera: [frame.number for frame in frames if frame.is_recorded]
         for camera, frames in recorded.frames.items()
