@@ -224,6 +224,16 @@ async def test_a_key_that_is_refused_is_refused_by_the_server(site, start_agent)
     assert "Accepted publickey" not in second.ssh.log_text()
 
 
+async def test_a_machine_whose_relay_hangs_comes_last(site, start_agent, monkeypatch):
+    monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 2.0)
+    first, second = await site()
+    second.cells = first.cells
+    first.mode = "hangs"
+    status = await start_agent(first).until_connected()
+    assert status.ssh == f"127.0.0.1 port {second.ssh.port}"
+    assert len(first.of_kind("session", live=False)) == 1
+
+
 async def test_the_only_relay_is_waited_for(site, start_agent, monkeypatch):
     monkeypatch.setattr("robotether_agent.tunnel.connection.RELAY_ANSWERS_WITHIN_S", 0.2)
     (first,) = await site(1)

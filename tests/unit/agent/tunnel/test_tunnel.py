@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 import re
 import shlex
@@ -11,6 +12,7 @@ import subprocess
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import pytest
 from fake_cloud import eventually
@@ -18,7 +20,7 @@ from openssh_server import command_line, descendants, wait_until
 from robotether_agent.enrolment.join import parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key, pin_host_keys
 from robotether_agent.net.server_dialer import SshAddress
-from robotether_agent.problems import SshMissingError
+from robotether_agent.problems import LinkLostError, SshMissingError
 from robotether_agent.tunnel import openssh
 from robotether_agent.tunnel.openssh import (
     Forward,
@@ -241,6 +243,15 @@ async def test_no_descriptor_stays_open(dialer, place, monkeypatch):
         with pytest.raises(SshMissingError, match="openssh-client"):
             await Tunnel.open(target, files, "session")
     await eventually(lambda: _descriptors() <= before, lambda: f"{_descriptors()} of {before}")
+
+
+async def test_a_client_that_cannot_start_ends_nothing_else(dialer, monkeypatch):
+    """A robot whose memory is full keeps the connections that it has, and tries this one again."""
+    _, target, files = dialer
+    fails = AsyncMock(side_effect=OSError(errno.ENOMEM, "Cannot allocate memory"))
+    monkeypatch.setattr(asyncio, "create_subprocess_exec", fails)
+    with pytest.raises(LinkLostError, match="Cannot allocate memory"):
+        await Tunnel.open(target, files, "media")
 
 
 def clients() -> list[int]:
