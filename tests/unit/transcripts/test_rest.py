@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -11,9 +12,10 @@ from drive_records import add_drive
 from relay_server import ANN, BEN, BOB, CARL, EVE, until
 from robot_signer import RobotSigner
 from robotether_server.db import users
-from robotether_server.web.app import make_app
+from robotether_server.settings.server import SiteAddressSettings
+from robotether_server.web import create_app
 from transcripts import Transcript, problem_line
-from web_visitor import HASH, Browser, bearer
+from web_visitor import HASH, Browser, bearer, web_settings_of, write_host_key
 
 HERE = Path(__file__).parent
 API = "/api/v1"
@@ -48,8 +50,7 @@ class Conversation:
         self.note(who, method, path, body)
         headers = self.headers.get(who, {})
         answer = self.visitor.ask(method, API + path.format(**numbers), headers=headers, **sent)
-        shown = {name: answer.headers[name] for name in SHOWN_HEADERS if name in answer.headers}
-        self.answered(answer.status_code, answer.content_type, shown, answer.text)
+        self.answered(answer, shown_headers(answer))
         return answer.json
 
     def note(self, who, method, path, body=None):
@@ -57,25 +58,34 @@ class Conversation:
             self.transcript.name(body["signature"], "signature")
         self.transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
 
-    def answered(self, status, kind, headers, text):
-        body = [text.rstrip()] if text else []
-        if "Allow" in headers:  # a set, in any order
-            headers["Allow"] = ", ".join(sorted(headers["Allow"].split(", ")))
-        # The database counts on from one test to the next.
-        text = re.sub(r"\b(request|route) \d+", r"\1 <id>", text)
-        heading = f"< {status} {kind}"
-        if kind == "application/problem+json":
-            body = [problem_line(status, json.loads(text))]
-        elif kind == "application/json":
-            said = json.loads(text)
-            for name in SECRETS:
-                if isinstance(said.get(name), str):
-                    self.transcript.name(said[name], name)
-            for pin in re.findall(r"sha256//([A-Za-z0-9+/=]{44})", text):
-                self.transcript.name(pin, "pin")
-            as_before, changes = self.transcript.changes(said)
-            heading, body = heading + as_before, [changes]
-        self.transcript.add(heading, *[f"{k}: {v}" for k, v in headers.items()], *body)
+    def answered(self, answer, shown):
+        add_answer(self.transcript, answer.status_code, answer.content_type, shown, answer.text)
+
+
+def shown_headers(answer):
+    return {name: answer.headers[name] for name in SHOWN_HEADERS if name in answer.headers}
+
+
+def add_answer(transcript, status, kind, shown, text):
+    """Add an answer of web or of the relay, with the headers that are shown."""
+    body = [text.rstrip()] if text else []
+    if "Allow" in shown:  # a set, in any order
+        shown["Allow"] = ", ".join(sorted(shown["Allow"].split(", ")))
+    # The database counts on from one test to the next.
+    text = re.sub(r"\b(request|route) \d+", r"\1 <id>", text)
+    heading, plain_kind = f"< {status} {kind}", kind.partition(";")[0]
+    if plain_kind == "application/problem+json":
+        body = [problem_line(status, json.loads(text))]
+    elif plain_kind == "application/json":
+        said = json.loads(text)
+        for name in SECRETS:
+            if isinstance(said.get(name), str):
+                transcript.name(said[name], name)
+        for pin in re.findall(r"sha256//([A-Za-z0-9+/=]{44})", text):
+            transcript.name(pin, "pin")
+        as_before, changes = transcript.changes(said)
+        heading, body = heading + as_before, [changes]
+    transcript.add(heading, *[f"{k}: {v}" for k, v in shown.items()], *body)
 
 
 @pytest.fixture
@@ -85,38 +95,19 @@ def front(tmp_path):
 
 
 @pytest.fixture
-def talk(
-    mariadb,
-    database,
-    front,
-    tmp_path,
-    monkeypatch,
-):
-    """Web as the image starts it: root is admin, ann and olga are users, and no robot is known."""
-    settings = mariadb.settings("web")
-    host_keys = tmp_path / "host_keys"
-    host_keys.mkdir()
-    (host_keys / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAAhost root@sshd\n")
-    environ = {
-        "DB_HOST": settings.host,
-        "DB_PORT": str(settings.port),
-        "DB_NAME": settings.name,
-        "DB_USER": settings.user,
-        "DB_PASSWORD": settings.password,
-        "TICKET_KEY": "t" * 32,
-        "WEB_SECRET_KEY": "w" * 32,
-        "TLS_FRONT": f"127.0.0.1:{front.endpoint[1]}",
-        "SSH_HOST_KEYS_DIR": str(host_keys),
-        "ALLOW_LOCAL_MACS": "yes",
-        "ALLOWED_ORIGINS": "https://lab.example",
-    }
-    for name, value in environ.items():
-        monkeypatch.setenv(name, value)
+def talk(mariadb, database, front, tmp_path):
+    """Web's pages and API: root is admin, ann and olga are users, and no robot is known."""
+    write_host_key(tmp_path)
+    settings = replace(
+        web_settings_of(mariadb.settings("web"), tmp_path),
+        site_address=SiteAddressSettings(None, 443, front.endpoint),
+        allowed_origins=("https://lab.example",),
+    )
     with database.transaction() as tx:
         users.add(tx, "root", HASH, "admin")
         users.add(tx, "ann", HASH, "user")
         users.add(tx, "olga", HASH, "user")
-    return Conversation(Browser(make_app().test_client()), database)
+    return Conversation(Browser(create_app(settings).test_client()), database)
 
 
 @pytest.fixture
@@ -139,7 +130,7 @@ def test_who_asks(talk, recorded):
     for header in ("Bearer rt_wrong", "Basic YTpi"):
         talk.note(header, "GET", "/me")
         answer = talk.visitor.ask("GET", f"{API}/me", headers={"Authorization": header})
-        talk.answered(answer.status_code, answer.content_type, {}, answer.text)
+        talk.answered(answer, {})
     talk.ask("ann", "GET", "/me")
     talk.ask("root", "GET", "/me")
     first = {}
@@ -158,7 +149,7 @@ def test_who_asks(talk, recorded):
         shown = {name: value for name, value in headers.items() if first.get(name) != value}
         shown |= {name: "<none>" for name in first if name not in headers}
         first = first or headers
-        talk.answered(answer.status_code, answer.content_type, shown, answer.text)
+        talk.answered(answer, shown)
     talk.visitor.log_in("ann")
     talk.ask("login of ann", "GET", "/me")
     talk.ask("login of ann, without the page's token", "POST", "/tokens", {"name": "laptop"})
@@ -168,7 +159,7 @@ def test_who_asks(talk, recorded):
     talk.note("ann", "POST", "/tokens", "no JSON")
     broken = {"Content-Type": "application/json"} | talk.headers["ann"]
     answer = talk.visitor.ask("POST", f"{API}/tokens", headers=broken, data="no JSON")
-    talk.answered(answer.status_code, answer.content_type, {}, answer.text)
+    talk.answered(answer, {})
     assert talk.transcript == recorded
 
 
@@ -405,14 +396,8 @@ async def test_relay(world, recorded):
         transcript.add(f"> {who}: {method} {API}{path}", *([] if body is None else [body]))
         options = {"headers": headers.get(who, {})} | ({} if body is None else {"json": body})
         async with world.http.request(method, server.url + API + path, **options) as answer:
-            shown = [f"{k}: {v}" for k, v in answer.headers.items() if k in SHOWN_HEADERS]
-            heading = f"< {answer.status} {answer.headers['Content-Type']}"
-            said = await answer.json()
-            if answer.content_type == "application/problem+json":
-                transcript.add(heading, *shown, problem_line(answer.status, said))
-            else:
-                as_before, changes = transcript.changes(said)
-                transcript.add(heading + as_before, *shown, changes)
+            kind, text = answer.headers["Content-Type"], await answer.text()
+            add_answer(transcript, answer.status, kind, shown_headers(answer), text)
 
     await _refusals(ask)
     robot = await world.robot()
