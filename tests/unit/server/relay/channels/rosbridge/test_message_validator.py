@@ -171,30 +171,6 @@ def test_a_drive_topic_takes_commands_only(msg, reason):
         assert reason in str(answer["msg"])
 
 
-@pytest.mark.parametrize(
-    ("data", "passed"),
-    [
-        (
-            b'{"op": "publish", "op": "subscribe", "topic": "/a"}',
-            {"op": "subscribe", "topic": "/a"},
-        ),
-        (
-            b'{"op": "subscribe", "topic": "/b", "\\u0074opic": "/a"}',
-            {"op": "subscribe", "topic": "/a"},
-        ),
-        (
-            b'{"op": "publish", "topic": "/a", "msg": {"x": 1, "x": 2}}',
-            {"op": "publish", "topic": "/a", "msg": {"x": 2}},
-        ),
-    ],
-)
-def test_of_a_key_twice_the_last_is_checked_and_sent(data, passed):
-    """The robot gets it once; what comes first is neither checked nor sent."""
-    assert sent(data, validator("manage")) == passed
-    hidden = data.replace(b"/a", b"/cmd_vel").replace(b"subscribe", b"publish")
-    assert refused(hidden, validator("observe"))[0] == "topic"
-
-
 def test_a_status_carries_only_ids_that_rosbridge_knows():
     assert json.loads(status_error("x", "a"))["id"] == "a"
     assert json.loads(status_error("x", 7))["id"] == 7
