@@ -82,9 +82,8 @@ def test_requests_and_logins_are_counted_by_their_outcome(app):
 
 class EndingCertificate(SiteCertificates):
     def certificate(self, host):
-        return Certificate(
-            "ab", "cd", is_known=True, ends_at=dt.datetime(2027, 1, 1, tzinfo=dt.UTC)
-        )
+        ends_at = dt.datetime(2027, 1, 1, tzinfo=dt.UTC)
+        return Certificate("ab", "cd", is_known=True, ends_at=ends_at)
 
 
 def test_refused_keys_and_the_certificate_are_read_and_unknown_has_no_value(app, admin_database):

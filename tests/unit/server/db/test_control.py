@@ -184,10 +184,8 @@ def test_a_drive_outlives_its_robot(database, relay_database, sim1):
     with database.transaction() as tx:
         tx.change("DELETE FROM robots")
     write(relay_database, drive, DriveEntry(sim1, "sim1", "ann", 4, NOON))
-    assert [(row["robot_id"], row["robot"]) for row in rows(relay_database, "drives")] == [
-        (None, "sim1"),
-        (None, "sim1"),
-    ]
+    found = [(row["robot_id"], row["robot"]) for row in rows(relay_database, "drives")]
+    assert found == [(None, "sim1")] * 2
 
 
 def test_what_a_former_relay_left_open_is_ended(relay_database, sim1, ann):

@@ -76,22 +76,15 @@ def test_ports_that_were_named_are_kept_and_not_allotted(database, admin_databas
         robots.add(tx, mac(2), "next")
         assert robots.get(tx, "chosen").video_port == 20004
         assert robots.get(tx, "next").ros_port == 20002
-    assert [p for p, owner in pair_owners(admin_database).items() if owner == chosen] == [
-        20000,
-        20004,
-    ]
+    pairs = [port for port, owner in pair_owners(admin_database).items() if owner == chosen]
+    assert pairs == [20000, 20004]
 
 
 def test_ports_that_cannot_be_are_refused(database):
     with database.transaction() as tx:
         robots.add(tx, mac(1), "a")
-        for ros, video in (
-            (20001, 30000),
-            (20000, 30000),
-            (30000, None),
-            (30000, 30000),
-            (80, 30000),
-        ):
+        wrong = ((20001, 30000), (20000, 30000), (30000, None), (30000, 30000), (80, 30000))
+        for ros, video in wrong:
             with pytest.raises((RecordRefusedError, RecordExistsError)):
                 add_with_ports(tx, 2, "b", ros, video)
 

@@ -46,9 +46,8 @@ def test_cell_is_drained_and_resumed(database):
 def test_last_cell_in_service_is_not_drained(database, admin_database):
     with database.transaction() as tx:
         cell_service.drain(tx, ADMIN, "a")
-    with database.transaction() as tx, pytest.raises(NotPossibleError, match="nowhere to go"):
-        cell_service.drain(tx, ADMIN, "b")
-    with database.transaction() as tx:
+        with pytest.raises(NotPossibleError, match="nowhere to go"):
+            cell_service.drain(tx, ADMIN, "b")
         cell_service.resume(tx, ADMIN, "a")
     kill(admin_database, "a")
     with database.transaction() as tx, pytest.raises(NotPossibleError, match="nowhere to go"):

@@ -122,11 +122,8 @@ def test_rejected_key_is_remembered(site, is_announced):
     with site.database.transaction() as tx:
         robot_service.reject(tx, ADMIN, "robot-006102", "SHA256:b")
         (rejected,) = robots.list_rejected_keys(tx)
-    assert (rejected.robot, rejected.fingerprint, rejected.rejected_by) == (
-        "robot-006102",
-        OTHER_KEY.fingerprint,
-        "root",
-    )
+    assert (rejected.robot, rejected.rejected_by) == ("robot-006102", "root")
+    assert rejected.fingerprint == OTHER_KEY.fingerprint
     assert site.names() == (["robot-006102", "sim1"] if is_announced else ["sim1"])
     if is_announced:
         assert site.robot("robot-006102").key is None
@@ -165,15 +162,9 @@ def test_changes_keep_the_rest_and_are_logged_once(site):
     assert (renamed.id, renamed.name, renamed.key) == (robot.id, "turtle", KEY)
     assert (renamed.shell_port, renamed.settings) == (24000, {"shell_user": "pi"})
     assert renamed.rotate_requested_at is not None
-    assert logged(site) == [
-        ("robot_mac_set", "sim1", "192.0.2.9"),
-        ("robot_shell_set", "sim1", "192.0.2.9"),
-        ("robot_settings_set", "sim1", "192.0.2.9"),
-        ("robot_rotation_requested", "sim1", "192.0.2.9"),
-        ("robot_ports_moved", "sim1", "192.0.2.9"),
-        ("robot_ports_moved", "sim1", "192.0.2.9"),
-        ("robot_renamed", "turtle", "192.0.2.9"),
-    ]
+    changes = ("mac_set", "shell_set", "settings_set", "rotation_requested", *["ports_moved"] * 2)
+    expected = [(f"robot_{change}", "sim1", "192.0.2.9") for change in changes]
+    assert logged(site) == [*expected, ("robot_renamed", "turtle", "192.0.2.9")]
     assert details(site, "robot_mac_set") == {"was": MAC, "mac": OTHER_MAC}
     assert do(site, robot_service.set_shell, "turtle", False).shell_port is None
     do(site, robot_service.change_settings, "turtle", lambda _present: {})

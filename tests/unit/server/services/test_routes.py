@@ -60,12 +60,8 @@ def test_a_route_is_made_read_and_removed(fleet_of_four, relay_database):
     with relay_database.transaction() as tx:
         [read] = routes.read_lasting(tx)
         assert fleet.changes(tx).routes == (read,)
-    assert (read.id, read.source_topic, read.rate_hz, read.user_name) == (
-        route.id,
-        "/cmd_vel",
-        5,
-        "ann",
-    )
+    expected = (route.id, "/cmd_vel", 5, "ann")
+    assert (read.id, read.source_topic, read.rate_hz, read.user_name) == expected
     removed(site, route.id, "ann")
     with relay_database.transaction() as tx:
         assert routes.read_lasting(tx) == ()
@@ -147,12 +143,10 @@ def test_an_app_of_the_maker_is_an_end_of_a_route(fleet_of_four, relay_database)
     to_app = made(site, "sim1", "app:joy", topic="/odom")
     from_app = made(site, "app:joy", "sim1")
     with relay_database.transaction() as tx:
-        ends = [
-            (route.source_id, route.source_app, route.target_id, route.target_app)
-            for route in routes.read_lasting(tx)
-        ]
-    [(sim1, *to_joy), from_joy] = ends
-    assert (to_joy, from_joy) == ([None, None, "joy"], (None, "joy", sim1, None))
+        to_joy, from_joy = routes.read_lasting(tx)
+    assert (to_joy.source_app, to_joy.target_id, to_joy.target_app) == (None, None, "joy")
+    assert (from_joy.source_id, from_joy.source_app) == (None, "joy")
+    assert from_joy.target_id == to_joy.source_id
     assert [event.robot for event in site.events("route_made")] == ["sim1", "sim1"]
     with site.database.transaction() as tx:
         seen = route_service.list_seen(tx, users.get(tx, "ben"))

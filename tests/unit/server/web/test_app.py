@@ -111,6 +111,10 @@ def test_nothing_else_is_for_other_sites(lab):
     for path in ("/", "/login", "/api/v1/me", "/api/v1/users", "/api/v1/robots/sim1"):
         for method, options in (("GET", {"headers": {"Origin": LAB}}), ("OPTIONS", asks("GET"))):
             assert "Access-Control-Allow-Origin" not in lab.ask(method, path, **options).headers
+    # A page must read why it gets no ticket.
+    answer = lab.ask("POST", "/api/v1/tickets", headers={"Origin": LAB})
+    shared_with = answer.headers["Access-Control-Allow-Origin"]
+    assert (answer.json["code"], shared_with) == ("login_missing", LAB)
 
 
 def test_any_page_may_load_the_client(program, monkeypatch, tmp_path):

@@ -24,13 +24,12 @@ def test_login_sends_nobody_to_another_site(browser):
         browser.client.delete_cookie("__Host-robotether_login", domain="robots.example")
 
 
-@pytest.mark.parametrize(("name", "password"), [("ann", "wrong"), ("nobody", "wrong"), ("", "")])
-def test_failed_login_reveals_nothing(browser, database, name, password):
-    answer = browser.log_in(name, password)
-    assert answer.status_code == 401
-    assert "Wrong name or password." in answer.text
-    assert browser.client.get_cookie("__Host-robotether_login", "robots.example") is None
-    assert audit_kinds(database) == [("login_failed", name, "198.51.100.7")]
+def test_failed_login_reveals_nothing(browser, database):
+    for name in ("ann", "nobody", ""):
+        answer = browser.log_in(name, "wrong")
+        assert (answer.status_code, "Wrong name or password." in answer.text) == (401, True)
+        assert browser.client.get_cookie("__Host-robotether_login", "robots.example") is None
+        assert audit_kinds(database)[-1] == ("login_failed", name, "198.51.100.7")
 
 
 def test_guesses_sent_at_once_are_counted_before_they_are_checked(app, database):
