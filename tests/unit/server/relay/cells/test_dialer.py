@@ -19,19 +19,6 @@ def move(cell, to, address):
     to.relay.cells._settings = to.relay._settings.cell
 
 
-async def test_a_cell_that_moves_is_found(cell_a, cell_b, keys_dir, peer_keys):
-    async with PeerListener(keys_dir, peer_keys.proof, cell_b.relay.peer_port) as listener:
-        move(cell_a, cell_b, f"{HOST}:{listener.port}")
-        await until(
-            lambda: (
-                (peer := cell_a.relay.peers._connected.get("b")) is not None
-                and peer.address == f"{HOST}:{listener.port}"
-            ),
-            "a follows b there",
-        )
-    await until(lambda: cell_a.relay.peers.count() == 0, "it is away")
-
-
 async def test_another_cell_at_the_address_is_none(cell_a, cell_b, caplog):
     move(cell_a, cell_b, f"{HOST}:{cell_a.listener.port}")
     await until(lambda: "a answers there; check PEER_ADDRESS" in caplog.text, "the log says so")

@@ -98,15 +98,6 @@ async def test_it_ends_whichever_cell_learns_that_the_right_has_ended(world, cel
     assert ends == ["rights_ended"]
 
 
-async def test_a_source_that_comes_to_the_targets_cell_is_read_there(world):
-    await world.source.listen_no_more()
-    here = await world.a.robot(world.a.database.robots[SOURCE], epoch=2)
-    await until(lambda: here.topics, "the source is subscribed")
-    world.source = here
-    before = len(world.published())
-    await world.send_until(lambda: len(world.published()) > before)
-
-
 async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world, http, peer_keys):
     proof = {PROOF_HEADER: peer_keys.proof}
     at_a, at_b = (f"http://{HOST}:{cell.relay.peer_port}" for cell in (world.a, world.b))

@@ -42,19 +42,6 @@ async def event_writer(memory_database):
         yield event_writer
 
 
-async def test_a_session_waits_once_with_its_newest_state(event_writer, memory_database):
-    memory_database.down = True
-    entry = session()
-    for code in ("link_lost", "timeout"):
-        entry.end_code = code
-        event_writer.add(entry)
-        await asyncio.sleep(0)
-    assert event_writer.waiting() <= 1
-    memory_database.down = False
-    await until(lambda: memory_database.written, "it is written")
-    assert [written.end_code for written in memory_database.sessions()] == ["timeout"]
-
-
 async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_database, caplog):
     memory_database.down = True
     for robot_id in range(20):

@@ -172,14 +172,6 @@ def test_a_driver_is_not_asked_again_and_again(lease):
         lease.ask(BEN, at(59))
 
 
-def test_who_got_the_control_may_ask_anew(lease):
-    for second in range(10):
-        driven_by(ANN, lease, second)
-        assert lease.ask(BEN, at(second))
-        lease.hand_over(ANN, at(second))
-        lease.revoke()
-
-
 def test_what_is_kept_for_a_manager_is_not_taken_again(lease):
     driven_by(ANN, lease)
     lease.take(BEN, at(0))
