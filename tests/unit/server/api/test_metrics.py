@@ -32,10 +32,10 @@ def test_admins_alone_are_led_to_the_numbers(root, ann, program, path, leads_to)
     assert (stranger.status_code, "X-Accel-Redirect" in stranger.headers) == (401, False)
 
 
-@pytest.mark.parametrize("name", ["", "B", "b/../c", "b%0ac", "b%26c", "b" * 64])
-def test_what_is_no_name_of_a_cell_leads_nowhere(root, name):
-    answer = root.ask("GET", f"/metrics?cell={name}")
-    assert (answer.status_code, "X-Accel-Redirect" in answer.headers) == (422, False)
+def test_what_is_no_name_of_a_cell_leads_nowhere(root):
+    for name in ("", "B", "b/../c", "b%0ac", "b%26c", "b" * 64):
+        answer = root.ask("GET", f"/metrics?cell={name}")
+        assert (answer.status_code, "X-Accel-Redirect" in answer.headers) == (422, False), name
 
 
 def test_a_token_for_metrics_alone_reads_them_and_nothing_else(program, browser, relay_database):

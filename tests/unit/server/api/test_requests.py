@@ -1,13 +1,11 @@
 """Requests for help over the API, by programs and by people with a login."""
 
-import pytest
 from api_visitor import in_person
 from robotether_server.db import robots
 
 
-@pytest.mark.parametrize(
-    ("method", "path", "body"),
-    [
+def test_what_no_request_may_say_is_refused(root):
+    for method, path, body in (
         ("POST", "/robots/sim1/requests", {"reason": "x" * 201}),
         ("POST", "/robots/sim1/requests", {"reason": "a\nb"}),
         ("POST", "/robots/sim1/requests", {"reason": "x", "priority": 0}),
@@ -15,10 +13,8 @@ from robotether_server.db import robots
         ("POST", "/requests/1/close", {"note": "x" * 501}),
         ("PUT", "/queue/me", {"state": "busy"}),
         ("PUT", "/users/ann/pools", {"pools": ["<b>"]}),
-    ],
-)
-def test_what_no_request_may_say_is_refused(root, method, path, body):
-    assert root.refused(method, path, body) == (422, "field_invalid")
+    ):
+        assert root.refused(method, path, body) == (422, "field_invalid"), body
 
 
 def test_a_note_is_one_line_and_no_markup(ann, database):

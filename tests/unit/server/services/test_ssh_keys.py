@@ -42,19 +42,16 @@ def test_key_is_named_by_its_comment_unless_a_name_is_given(site, signer):
     assert (len(site.events("ssh_key_added")), len(site.events("ssh_key_deleted"))) == (3, 3)
 
 
-def test_other_peoples_keys_are_out_of_reach(site, signer):
-    """Their numbers are as unknown as those of no key."""
+def test_other_peoples_keys_are_out_of_reach_and_ones_own_bounded(site, signer, monkeypatch):
+    """The numbers of others' keys are as unknown as those of no key."""
     with site.database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
         key = ssh_keys.add(tx, ANN, ann, "desk", signer.line)
         with pytest.raises(RecordMissingError):
             ssh_keys.delete(tx, Source("root"), root, key.id)
-
-
-def test_a_user_has_so_many_keys_at_most(site, signer, monkeypatch):
-    monkeypatch.setattr(ssh_keys, "MAX_KEYS", 0)
-    with site.database.transaction() as tx, pytest.raises(NotPossibleError, match="delete one"):
-        ssh_keys.add(tx, ANN, users.get(tx, "ann"), "desk", signer.line)
+        monkeypatch.setattr(ssh_keys, "MAX_KEYS", 1)
+        with pytest.raises(NotPossibleError, match="delete one"):
+            ssh_keys.add(tx, ANN, ann, "laptop", RobotSigner().line)
 
 
 ENTRY = ShellEntry("sim1", 24000, None)
