@@ -32,9 +32,6 @@ class Server:
     host: RobotHost
     controller: Controller
 
-    def play(self, *arguments: str) -> tuple[int, str]:
-        return self.controller.play("server.yml", *arguments)
-
     def compose(self, arguments: str) -> str:
         return compose(self.host, arguments)
 
@@ -59,17 +56,17 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
         f"[robotether_server]\n{host.inventory_line(robotether_server_settings=settings)}\n"
         f"[robotether_server:vars]\nrobotether_server_images={images}\n"
     )
-    yield Server(host, Controller(inventory, clone_sources(folder)))
+    yield Server(host, Controller("server.yml", inventory, clone_sources(folder)))
     images.unlink()
 
 
 def test_bare_machine_becomes_the_server_once(server: Server) -> None:
     """--check works before; the first run ends healthy and prints its fingerprint; the second changes nothing."""
     before = server.host.run("ls /opt /etc /etc/systemd/system")
-    server.play("--check")
+    server.controller.play("--check")
     assert server.host.run("ls /opt /etc /etc/systemd/system") == before
 
-    changed, said = server.play()
+    changed, said = server.controller.play()
     assert changed > 0
     assert "https://robots.test/" in said
     assert re.search(r"SHA-256 ([0-9A-F]{2}:){31}", said)
@@ -80,9 +77,9 @@ def test_bare_machine_becomes_the_server_once(server: Server) -> None:
     assert password not in said
 
     secrets = server.secrets()
-    changed, said = server.play()
+    changed, said = server.controller.play()
     assert changed == 0, said
-    changed, said = server.play("--check")
+    changed, said = server.controller.play("--check")
     assert changed == 0, said
     assert server.secrets() == secrets
 
@@ -118,7 +115,7 @@ def test_upgrade_makes_a_backup_first(server: Server) -> None:
     folder = "/var/backups/robotether"
     for _ in range(2):
         server.host.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
-        server.play("-e", "robotether_server_dumps_kept=1")
+        server.controller.play("-e", "robotether_server_dumps_kept=1")
     assert server.secrets() == secrets
     [backup] = server.host.run(f"ls {folder}").split()
     server.compose("exec -T web robotether robot remove kept --yes")

@@ -32,9 +32,6 @@ class Site:
     machines: list[RobotHost]
     controller: Controller
 
-    def play(self, *arguments: str) -> tuple[int, str]:
-        return self.controller.play("site.yml", *arguments)
-
     def healthy(self) -> bool:
         first, *others = self.machines
         return are_healthy(first, SERVICES | {"mysql"}) and all(
@@ -65,17 +62,17 @@ def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterato
         f"robotether_server_images={images}\n"
         f'robotether_server_settings={{"TAG": "{image_tag()}"}}\n'
     )
-    yield Site(machines, Controller(inventory, clone_sources(folder)))
+    yield Site(machines, Controller("site.yml", inventory, clone_sources(folder)))
     images.unlink()
 
 
 def test_bare_machines_become_one_site_once(site: Site) -> None:
     """--check works before; a second run changes nothing; what people and robots see is the same everywhere."""
     before = [machine.run("ls /opt /etc") for machine in site.machines]
-    site.play("--check")
+    site.controller.play("--check")
     assert [machine.run("ls /opt /etc") for machine in site.machines] == before
 
-    changed, said = site.play()
+    changed, said = site.controller.play()
     assert changed > 0
     assert site.healthy()
     first, *others = site.machines
@@ -89,9 +86,9 @@ def test_bare_machines_become_one_site_once(site: Site) -> None:
     assert secret not in said
 
     secrets = [secrets_of(machine) for machine in site.machines]
-    changed, said = site.play()
+    changed, said = site.controller.play()
     assert changed == 0, said
-    changed, said = site.play("--check")
+    changed, said = site.controller.play("--check")
     assert changed == 0, said
     assert [secrets_of(machine) for machine in site.machines] == secrets
 
@@ -112,7 +109,7 @@ def test_upgrade_takes_one_cell_after_the_other(site: Site) -> None:
     """Each is emptied before it is restarted, and takes robots again after it."""
     for machine in site.machines:
         machine.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
-    changed, _ = site.play()
+    changed, _ = site.controller.play()
     assert changed > 0
     assert site.healthy()
     site.machines[0].wait("all cells alive", lambda: site.alive() == set(NAMES))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -74,18 +73,17 @@ def secrets_of(host: RobotHost) -> str:
 class Controller:
     """The admin's machine: a checkout and an inventory."""
 
+    playbook: str
     inventory: Path
     sources: Path
 
-    def play(
-        self, playbook: str, *arguments: str, environment: Mapping[str, str] | None = None
-    ) -> tuple[int, str]:
-        """Run a playbook, which must end well; how much it changed on all machines, and what it printed."""
+    def play(self, *arguments: str) -> tuple[int, str]:
+        """Run the playbook, which must end well; how much it changed on all machines, and what it printed."""
         program = Path(sys.executable).with_name("ansible-playbook")
         done = run_command(
-            *(str(program), "-i", str(self.inventory), playbook, *arguments),
+            *(str(program), "-i", str(self.inventory), self.playbook, *arguments),
             cwd=self.sources / "ansible",
-            env={**os.environ, "ANSIBLE_NOCOLOR": "1", **(environment or {})},
+            env={**os.environ, "ANSIBLE_NOCOLOR": "1"},
             limit_s=1800,
         )
         recaps = RECAP.findall(done.stdout)
