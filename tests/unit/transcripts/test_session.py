@@ -39,19 +39,14 @@ class Session:
             self.transcript.name(port, name)
         self._from = 0
 
-    async def line(self, who, kind, of="session", *, at=None, **members):
-        """Wait for a line of this type with these members; `at` is its place among those of this side.
-
-        Without a place it may be any since the last thing that happened.
-        """
-
-        def fits(said):
-            return said["type"] == kind and members.items() <= said.items()
+    async def line(self, who, kind, of="session", **members):
+        """Wait for a line of this type with these members since the last thing that happened."""
 
         def found():
-            lines = self.server.said if at is not None else self.server.said[self._from :]
-            of_side = [line[2] for line in lines if line[:2] == (of, who)]
-            return list(filter(fits, of_side if at is None else _slice(of_side, at)))
+            lines = [said for *side, said in self.server.said[self._from :] if side == [of, who]]
+            return [
+                said for said in lines if said["type"] == kind and members.items() <= said.items()
+            ]
 
         await eventually(
             lambda: bool(found()), lambda: f"{who} {kind} {members}: {self.server.said}", WAIT_S
@@ -72,10 +67,6 @@ class Session:
         robots = self.database.robots
         self.database.robots = {7: replace(robots[7], **changes)}
         await self.relay.relay.fleet.poll()
-
-
-def _slice(lines, at):
-    return lines[at:] if at == -1 else lines[at : at + 1]
 
 
 @pytest.fixture
@@ -124,9 +115,9 @@ async def test_session(session, recorded):
     """It has each type of line in both directions, from the first line to the bye."""
     relay, line = session.relay, session.line
     await line("session command", "preface")
-    await line("relay", "config", at=0)
-    await line("relay", "lease", at=1)
-    await line("agent", "hello", at=0)
+    await line("relay", "config")
+    await line("relay", "lease")
+    await line("agent", "hello")
     await line("agent", "health", ros="ok", video="ok")
     await line("agent", "guard", state="ready")
     await line("agent", "vitals")
@@ -168,8 +159,8 @@ async def test_session(session, recorded):
     await line("relay", "config")
     session.happens("an admin disables the robot")
     await session.change(state="disabled")
-    await line("relay", "bye", at=-1)
-    await line("relay", "bye", "media", at=-1)
+    await line("relay", "bye")
+    await line("relay", "bye", "media")
     assert session.transcript == recorded
 
 
