@@ -121,6 +121,17 @@ class PageSettings(Struct, frozen=True, forbid_unknown_fields=True):
         setting("Wheelbase", "For robots that steer like a car.", unit="m", empty="not known"),
     ] = None
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
+    video: Annotated[
+        Literal["expected", "none"],
+        setting(
+            "Video",
+            "Without rosapi, a robot does not say whether it has a camera.",
+            options={
+                "expected": "Expected, unless the robot says that it has no camera",
+                "none": "None: it has no camera, unless it says that it has one",
+            },
+        ),
+    ] = "expected"
     # The stream request (docs/reference/media.md).
     quality_min: Annotated[
         Percent, setting("Lowest quality", "On a slow link, quality falls to this.")
@@ -192,6 +203,11 @@ def check(page: PageSettings) -> PageSettings:
     if (page.width is None) != (page.height is None):
         raise FieldInvalidError(
             "cannot use page.width: give width and height, or neither", "page.width"
+        )
+    if page.cameras and page.video == "none":
+        raise FieldInvalidError(
+            "cannot use page.video: the page has cameras; remove them, or expect video",
+            "page.video",
         )
     topics = [camera.topic for camera in page.cameras]
     for topic in topics:

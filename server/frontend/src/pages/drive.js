@@ -38,7 +38,7 @@ const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
-const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false };
+const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false, unseen: false };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(robot);
@@ -143,6 +143,7 @@ function controlOptions() {
 function seenAt(timestamp) {
   const seen = () => (interlock.kind === "blind" ? [] : view.tiles.seenAt(timestamp));
   const frames = view.mayHaveCamera ? seen() : null;
+  facts.unseen ||= frames?.length === 0;
   seenAge.command(frames, timestamp);
   return frames?.map(({ topic: camera, sequence: frame }) => ({ camera, frame }));
 }
@@ -166,6 +167,7 @@ function showState(state) {
   if (!live && state.name !== "connecting") driveMode.settle();
   if (!driveMode.pressed) arming.disarm(); // each new link needs new presses, except the one that asked for it
   interlock.revoke();
+  if (!live) facts.unseen = false;
   showDriveMode();
   useLink(live);
 }
@@ -237,7 +239,13 @@ function useTopics({ twistType, speed, topics: all, own, answered }) {
   controls.useType(session.type);
   if (speed) readback.follow(speed);
   view.found(own, answered);
+  reopenUnlimited();
   topics.receive(all);
+}
+
+// On a connection that has named frames, the robot stays at its slowest without any.
+function reopenUnlimited() {
+  if (connection.live && facts.unseen && !view.mayHaveCamera && !controls.held()) connection.reopen();
 }
 
 function receiveRobot(update) {

@@ -46,7 +46,7 @@ export class View {
     /** @type {import("../topics/discovery.js").Camera[]} */
     this.cameras = [];
     this.hasMap = false;
-    this.usualIsDown = false;
+    this.usualIsDown = this.saysNone = this.page.video === "none"; // by its manager; a camera that is found counts all the same
     this.ticks = 0;
     this.tools = this.findTools();
     this.sourceButtons = new SourceButtons(part(root, "sources"), { onChoose: (id) => this.choose(id) });
@@ -149,7 +149,7 @@ export class View {
   }
 
   get mayHaveCamera() {
-    return this.hasCamera || !this.answered; // one that has not said so is not without a camera
+    return this.hasCamera || !(this.answered || this.saysNone); // one that has not said so is not without a camera
   }
 
   offer() {

@@ -99,3 +99,15 @@ test("a robot without a camera shows its map, and one whose camera is down goes 
   assert.deepEqual(offered({ hasMap: true, known: ["/front"] }), ["/front", MAP]);
   assert.deepEqual(offered({ hasMap: true, cameras: [{ topic: "/nowhere" }] }), ["/nowhere", MAP]);
 });
+
+const cameraless = (saysNone, answered, ...known) =>
+  Object.assign(Object.create(View.prototype), { page: {}, saysNone, answered, known: new Set(known) });
+
+for (const [what, view, expected] of [
+  ["it has not said so", cameraless(false, false), true],
+  ["it has said so", cameraless(false, true), false],
+  ["its settings say so, as it cannot", cameraless(true, false), false],
+  ["its settings say so, but it has one", cameraless(true, false, "/front"), true],
+]) {
+  test(`a robot ${expected ? "may have" : "has no"} camera: ${what}`, () => assert.equal(view.mayHaveCamera, expected));
+}

@@ -172,7 +172,7 @@ CAMERAS = Tab(
             "Video",
             "What the drive page requests. Quality and size follow the link within these bounds.",
             "page",
-            "quality_min quality_max fps latency_ms",
+            "video quality_min quality_max fps latency_ms",
         ),
     ),
     more_words="size of the video, topics of map and readings",

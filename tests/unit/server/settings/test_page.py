@@ -26,6 +26,7 @@ def test_a_camera_need_not_say_how_it_is_turned():
         ({"cameras": [{**FRONT, "topic": "/a?b=c"}]}, "page.cameras.1.topic: it must be a topic"),
         ({"quality_min": 81}, "page.quality_min: 81 is over the highest quality, 80"),
         ({"width": 640}, "page.width: give width and height, or neither"),
+        ({"video": "none", "cameras": [FRONT]}, "page.video: the page has cameras"),
         ({"cameras": [{**FRONT, "quality": 5}]}, "page.cameras.1: 'quality' is not a setting"),
     ],
 )
