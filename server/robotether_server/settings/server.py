@@ -145,8 +145,12 @@ def _parse_origins(text: str) -> tuple[str, ...]:
 
 
 def _parse_networks(text: str) -> tuple[str, ...]:
-    networks = [ip_network(part, strict=False) for part in text.split(",") if text]
-    if not all(network.prefixlen for network in networks):
+    parts = text.split(",") if text else []
+    networks = [ip_network(part, strict=False) for part in parts]
+    # As images/nginx/networks.sh: what begins with no address is everybody, or half of them; nginx knows no masks.
+    if any(network.network_address.is_unspecified for network in networks):
+        raise ValueError(text)
+    if any("." in part.partition("/")[2] for part in parts):
         raise ValueError(text)
     return tuple(map(str, networks))
 

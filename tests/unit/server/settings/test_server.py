@@ -80,7 +80,7 @@ WRONG = {
     "SSH_PORTS": ("2222,99999", "2222,"),
     "ALLOWED_ORIGINS": ("lab.example", "https://lab.example/path"),
     "DIRECT_SOURCES": ("10.0.0", "192.0.2.0/24,", "192.0.2.0/33", "0.0.0.0/0", "::/0"),
-    "TRUSTED_PROXIES": ("10.0.0", "0.0.0.0/0"),
+    "TRUSTED_PROXIES": ("10.0.0", "0.0.0.0/1", "10.0.0.0/255.0.0.0"),
     "JOIN_POLICY": ("first",),
     "ALLOW_LOCAL_MACS": ("true",),
     "SHELL_PORT_LAST": ("80", "65536"),
