@@ -5,6 +5,7 @@ Made by web, checked by the relay, which also remembers the ids that were used (
 """
 
 import datetime as dt
+import re
 import secrets
 import time
 from dataclasses import asdict, dataclass
@@ -24,6 +25,7 @@ RECORDER_SALT = "robotether.recorder"
 ID_BYTES = 16
 # Number of parts of a ticket: payload, time, signature.
 PARTS = 3
+TEXT = re.compile(r"[A-Za-z0-9_.-]+")
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,9 @@ class TicketSigner:
 
         Raises TicketMalformedError, TicketForgedError or TicketExpiredError.
         """
+        # The library skips in a signature what is not base64, and raises where text is no Unicode.
+        if not TEXT.fullmatch(text):
+            raise _why_unsigned(text)
         try:
             fields, issued_at = self._serializer.loads(text, return_timestamp=True)
         except BadSignature as error:

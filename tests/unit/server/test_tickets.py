@@ -58,10 +58,12 @@ def test_ticket_is_good_for_its_time(monkeypatch, later_s, is_good):
     [
         TicketSigner("x" * 32, 30).sign(TICKET),
         SIGNER.sign(TICKET)[:-2],
+        SIGNER.sign(TICKET) + "é",
+        SIGNER.sign(TICKET) + "\udce9",
         "e30" + SIGNER.sign(TICKET)[3:],
         TicketSigner("x" * 32, 30).sign(replace(TICKET, user="a" * 500)),
     ],
-    ids=["foreign key", "cut", "changed", "compressed"],
+    ids=["foreign key", "cut", "with more", "not Unicode", "changed", "compressed"],
 )
 def test_ticket_of_another_hand_is_forged(text):
     """A signature that is not ours is told from a text that is no ticket."""

@@ -29,7 +29,7 @@ class PeerKeys:
 
     def is_proof(self, proof: str) -> bool:
         """Return whether a request comes from nginx's peer listener."""
-        return hmac.compare_digest(proof.encode(), self.proof.encode())
+        return hmac.compare_digest(proof.encode(errors="surrogateescape"), self.proof.encode())
 
 
 def read_peer_keys(folder: Path = SECRETS_DIR) -> PeerKeys | None:
