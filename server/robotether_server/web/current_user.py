@@ -14,7 +14,7 @@ from robotether_server.api.context import context
 from robotether_server.db import Transaction, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.users import User
-from robotether_server.problems import GrantMissingError
+from robotether_server.problems import GrantMissingError, LoginMissingError
 from robotether_server.schemas import Level
 
 
@@ -24,9 +24,11 @@ def register(app: Flask) -> None:
 
 
 def require_user() -> AnyResponse | None:
-    """Identify the user; redirect to the log-in page without a login."""
+    """Identify the user; without a login redirect to the log-in page, and raise LoginMissingError for a form."""
     with context().database.transaction() as tx:
         user = auth.page_user(tx, request)
+        if user is None and request.method == "POST":
+            raise LoginMissingError("Your login has ended.")
         if user is None:
             return to_login()
         remember(tx, user)
@@ -49,9 +51,8 @@ def remember(tx: Transaction, user: User) -> None:
 
 
 def to_login() -> AnyResponse:
-    """Redirect to the log-in page, and back here afterwards; what a form held is lost."""
-    here = request.full_path.rstrip("?") if request.method == "GET" else request.path
-    return redirect(f"/login?next={quote(here)}")
+    """Redirect to the log-in page, and back here afterwards."""
+    return redirect(f"/login?next={quote(request.full_path.rstrip('?'))}")
 
 
 def get() -> User:

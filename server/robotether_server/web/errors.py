@@ -16,6 +16,7 @@ from robotether_server.problems import (
     PROBLEM_JSON,
     CsrfRefusedError,
     HttpError,
+    LoginMissingError,
     RobotetherError,
     StoreError,
     StoreUnavailableError,
@@ -56,6 +57,9 @@ def _as_json(problem: RobotetherError) -> Response:
 
 
 def _as_page(problem: RobotetherError) -> Response:
+    if isinstance(problem, LoginMissingError) and request.method == "POST":
+        page = render_template("login.html", onward=request.path, kept=forms.keep(), ended=problem)
+        return make_response(page)
     if problem.status < HTTPStatus.INTERNAL_SERVER_ERROR:
         _keep_menu()
     title = HTTPStatus(problem.status).phrase.capitalize()

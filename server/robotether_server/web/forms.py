@@ -157,6 +157,15 @@ def keep() -> KeptForm:
     )
 
 
+def carry() -> KeptForm | None:
+    """Return the form that waited for this log-in, if any."""
+    sent = request.form.items(multi=True)
+    fields = [(name.removeprefix("kept."), text) for name, text in sent if name.startswith("kept.")]
+    typed = request.form.getlist("typed")
+    passwords = [(name, SECRETS[name]) for name in typed if name in SECRETS]
+    return KeptForm(fields, passwords) if fields or passwords else None
+
+
 def number(name: str, label: str, lowest: int, highest: int) -> int:
     """Return a whole number within the bounds, both included."""
     value = optional_number(name, label, lowest, highest)

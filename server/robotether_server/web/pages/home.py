@@ -69,13 +69,14 @@ def show_login() -> AnyResponse:
         user = auth.page_user(tx, request)
     if user is not None:
         return redirect(_next_page())
-    return make_response(render_template("login.html", error=None))
+    return make_response(render_template("login.html", onward=_next_page()))
 
 
 @blueprint.post("/login")
 def log_in() -> AnyResponse:
     """Log in and go on to the page that was asked for."""
     name = request.form.get("name", "").strip()[:MAX_ACTOR_LENGTH]
+    next_page, waiting_form = _next_page(), forms.carry()
     source = Source(name, request.remote_addr)
     password = forms.secret("password")
     try:
@@ -86,7 +87,8 @@ def log_in() -> AnyResponse:
         throttled = isinstance(problem, ThrottledError)
         context().metrics.count_login("throttled" if throttled else "refused")
         problem.field = "password"
-        response = make_response(render_template("login.html", error=problem))
+        page = render_template("login.html", onward=next_page, kept=waiting_form, error=problem)
+        response = make_response(page)
         response.status_code = problem.status
         if isinstance(problem, ThrottledError):
             response.headers["Retry-After"] = str(problem.retry_after_s)
@@ -94,7 +96,18 @@ def log_in() -> AnyResponse:
     context().metrics.count_login("accepted")
     # Form tokens of the time before the login end with it.
     session.clear()
-    onward = redirect(_next_page(), HTTPStatus.SEE_OTHER)
+    if waiting_form is None:
+        onward = redirect(next_page, HTTPStatus.SEE_OTHER)
+    else:
+        detail = f"You are logged in as {name}. Send your form."
+        page = render_template(
+            "problem.html",
+            title="Form not sent yet",
+            detail=detail,
+            kept=waiting_form,
+            onward=next_page,
+        )
+        onward = make_response(page)
     auth.set_login(onward, text)
     return onward
 

@@ -7,6 +7,7 @@ import re
 import pytest
 from robotether_server.api import auth
 from robotether_server.problems import StoreUnavailableError
+from web_visitor import PASSWORD
 
 
 def test_a_file_that_is_not_there_is_no_page(browser):
@@ -36,6 +37,25 @@ def test_mistake_of_ours_is_logged_and_not_shown(browser, monkeypatch, caplog, p
     assert "inner reason" in caplog.text
     assert "Traceback" in caplog.text
     assert "\nERROR b" not in caplog.text
+
+
+def hidden_fields(page):
+    fields = re.findall(r'<input type="hidden" name="([\w.]+)" value="([^"]*)">', page)
+    return {name: html.unescape(value) for name, value in fields}
+
+
+def test_form_outlives_the_end_of_a_login_without_its_passwords(admin):
+    form = {"csrf_token": admin.csrf(), "name": "ben", "role": "user", "password": "typed secret"}
+    admin.client.delete_cookie(auth.COOKIE, domain="robots.example")
+    ended = admin.ask("POST", "/admin/users", data=form)
+    assert ended.status_code == 401
+    assert "typed secret" not in ended.text
+    login = hidden_fields(ended.text) | {"name": "root", "password": "wrong"}
+    login = hidden_fields(admin.ask("POST", "/login", data=login).text) | {"name": "root"}
+    again = admin.ask("POST", "/login", data=login | {"password": PASSWORD})
+    assert 'action="/admin/users"' in again.text
+    sent = hidden_fields(again.text) | {"password": "a long enough password"}
+    assert admin.ask("POST", "/admin/users", data=sent).status_code == 303
 
 
 def test_form_outlives_a_missing_database_without_its_passwords(admin, monkeypatch):
