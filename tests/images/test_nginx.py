@@ -104,17 +104,27 @@ def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_sign
     assert (done.stdout, done.stderr) == ("ok\n", "")
 
 
-@pytest.mark.parametrize("path", ["/%00", "/a%00b", "/../..", "/%2e%2e/", "/%zz"])
-def test_paths_that_nobody_can_read_are_problems(stack: Stack, path: str) -> None:
+@pytest.mark.parametrize(
+    ("path", "cookie", "status"),
+    [
+        *[(path, "", 400) for path in ("/%00", "/a%00b", "/../..", "/%2e%2e/", "/%zz")],
+        ("/" + "a" * 9000, "", 414),
+        ("/", "a" * 9000, 431),
+    ],
+    ids=lambda value: str(value)[:10],
+)
+def test_requests_that_nobody_can_read_are_problems(
+    stack: Stack, path: str, cookie: str, status: int
+) -> None:
     connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=5, context=insecure_tls()
     )
-    connection.request("GET", path)
+    connection.request("GET", path, headers={"Cookie": cookie})
     answer = connection.getresponse()
-    body = answer.read()
+    body = json.loads(answer.read())
     connection.close()
-    assert (answer.status, answer.headers.get_content_type()) == (400, "application/problem+json")
-    assert json.loads(body)["code"] == "request_invalid"
+    assert answer.headers.get_content_type() == "application/problem+json"
+    assert (answer.status, body["status"], body["code"]) == (status, status, "request_invalid")
 
 
 # Holds connections that have passed to the server for TLS, each with a client's first message, and tries one more.
