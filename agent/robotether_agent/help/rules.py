@@ -45,6 +45,8 @@ FENCE_CLEAR_M = 0.5
 MIN_CORNERS, MAX_CORNERS, MAX_COORDINATE_M = 3, 32, 1e7
 # Maximum number of components whose diagnostics are remembered: the newest, as names may change without end.
 MAX_COMPONENTS = 500
+# Time without a word after which a component counts as gone, as on the drive page.
+COMPONENT_SILENT_S = 10.0
 ERROR = 2  # of a diagnostic_msgs/DiagnosticStatus
 
 Point = tuple[float, float]
@@ -131,7 +133,8 @@ class HelpRules:
     def __init__(self, config: HelpConfig) -> None:
         self._config = config
         self._edges: dict[HelpSource, Edge] = {}
-        self._components: dict[str, tuple[bool, str]] = {}
+        # Whether each failed, in which words, and when it last said so; the newest is the last.
+        self._components: dict[str, tuple[bool, str, float]] = {}
         self._silent_since_s: float | None = None
 
     def on_stopped(self, stopped: bool | None, by: str, now_s: float) -> HelpCall | None:
@@ -155,8 +158,9 @@ class HelpRules:
         statuses = message.get("status")
         for status in statuses if isinstance(statuses, list) else ():
             if isinstance(status, dict):
-                self._note_component(status)
-        failing = next((words for failed, words in self._components.values() if failed), None)
+                self._note_component(status, now_s)
+        self._forget_silent(now_s)
+        failing = next((words for failed, words, _ in self._components.values() if failed), None)
         state = None if not self._components else failing is not None
         return self._call("diagnostics", state, now_s, lambda: f"error: {failing}")
 
@@ -186,13 +190,19 @@ class HelpRules:
             "navigation", is_silent or None, now_s, lambda: f"{topic} silent for {silent_s:g} s"
         )
 
-    def _note_component(self, status: JsonObject) -> None:
+    def _forget_silent(self, now_s: float) -> None:
+        """Forget components that are gone, as when their node has ended: of them nothing is known."""
+        components = self._components
+        while components and now_s - next(iter(components.values()))[2] > COMPONENT_SILENT_S:
+            del components[next(iter(components))]
+
+    def _note_component(self, status: JsonObject, now_s: float) -> None:
         name, level = status.get("name"), level_in(status.get("level"))
         if not isinstance(name, str) or level is None:
             return
         words = f"{name}: {status.get('message')}" if status.get("message") else name
         self._components.pop(name, None)
-        self._components[name] = (level == ERROR, words)
+        self._components[name] = (level == ERROR, words, now_s)
         if len(self._components) > MAX_COMPONENTS:
             del self._components[next(iter(self._components))]
 

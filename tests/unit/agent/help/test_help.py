@@ -19,6 +19,7 @@ from robotether_agent.help import caller as caller_module
 from robotether_agent.help.caller import HelpCaller
 from robotether_agent.help.rules import (
     CLEAR_AFTER_S,
+    COMPONENT_SILENT_S,
     MAX_COMPONENTS,
     HelpConfig,
     HelpRules,
@@ -120,6 +121,14 @@ def test_component_fails_however_many_there_were_before_it():
     for number in range(MAX_COMPONENTS):
         rules.on_diagnostics(diagnostics(**{f"part_{number}": 0}), 0)
     assert rules.on_diagnostics(diagnostics(motor=2), 1) is not None
+
+
+def test_component_that_is_gone_fails_no_more():
+    rules = HelpRules(CONFIG)
+    rules.on_diagnostics(diagnostics(motor=2, lamp=0), 0)
+    for now_s in range(1, 2 * round(COMPONENT_SILENT_S + CLEAR_AFTER_S)):
+        assert rules.on_diagnostics(diagnostics(lamp=0), now_s) is None
+    assert rules.on_diagnostics(diagnostics(motor=2), now_s + 1) is not None
 
 
 def test_navigation_asks_after_its_silence():
