@@ -75,7 +75,7 @@ class RawFrames:
 
 
 class H264Frames:
-    """A robot's own H.264, from its first key frame on."""
+    """A robot's own H.264, from its first parameter sets on: with intra refresh there is no key frame."""
 
     def __init__(self) -> None:
         self._decoder: Any = av.CodecContext.create("h264", "r")
@@ -90,7 +90,7 @@ class H264Frames:
         if packet is None:
             return []
         data, unit = packet
-        self._has_begun = self._has_begun or unit.is_key
+        self._has_begun = self._has_begun or unit.is_complete
         return list(self._decoder.decode(av.Packet(data))) if self._has_begun else []
 
 

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import base64
 import os
 import resource
 import struct
 import sys
 from collections.abc import Awaitable, Callable
 from dataclasses import replace
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
@@ -23,6 +26,7 @@ from robotether_agent.video.encoder_messages import (
     FrameRefusedError,
 )
 from robotether_agent.video.encoding import bits_per_s
+from robotether_agent.video.image_process import H264Frames
 from robotether_common.codecs import H264, VP8
 from video_clips import Decoder, clip, jpeg_of, pixels_of, psnr
 
@@ -242,3 +246,20 @@ async def test_a_driver_that_hangs_or_crashes_costs_one_process(start, monkeypat
         await encoder.encode(request)
     await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
     assert (await encoder.encode(request)).encoder == "libx264"
+
+
+def test_h264_without_key_frames_is_decoded_from_a_recovery_point_on():
+    """A viewer that comes later gets JPEG of a stream with intra refresh, which has one key frame at its start."""
+    encoder = av.CodecContext.create("libx264", "w")
+    encoder.width, encoder.height = SIZE
+    encoder.pix_fmt, encoder.time_base = "yuv420p", Fraction(1, 30)
+    x264 = "intra-refresh=1:repeat-headers=1:annexb=1:keyint=8"
+    encoder.options = {"tune": "zerolatency", "x264-params": x264}
+    packets = []
+    for number in range(30):
+        frame = av.VideoFrame(*SIZE, "yuv420p")
+        frame.pts = number
+        packets += [bytes(packet) for packet in encoder.encode(frame)]
+    frames = H264Frames()
+    messages = [{"format": "h264", "data": base64.b64encode(data).decode()} for data in packets[3:]]
+    assert sum(len(frames.frames_of(message)) for message in messages) > 5
