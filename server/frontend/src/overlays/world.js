@@ -38,6 +38,7 @@ export class World {
     this.mapUnread = false; // whether the robot's newest map could not be read
     this.offset = ORIGIN; // of the odometry's frame in the map's
     this.placed = false; // whether that is known
+    this.placedAt = Infinity; // when what says so came; never old where it comes once, or only as the robot moves
     this.transforms = new Transforms();
     this.laserFixed = false; // whether /tf_static alone says where the laser is
   }
@@ -118,12 +119,13 @@ export class World {
     const frame = this.odometry?.pose.frame;
     const begun = frame && this.transforms.find(this.mapFrame, frame);
     const offset = begun && planarOf(begun);
-    if (offset) this.place(offset);
+    if (offset) this.place(offset, begun.at);
     return Boolean(offset);
   }
 
-  place(offset) {
+  place(offset, at = Infinity) {
     this.offset = offset;
+    this.placedAt = at;
     this.placed = true;
   }
 
@@ -168,11 +170,12 @@ export class World {
     this.onChange();
   }
 
-  // The robot in the map's frame, {x, y, theta, old, unknown, unplaced}; `unknown` while nothing is known of where it is, and
-  // `unplaced` while that is not where in the map.
+  // The robot in the map's frame, {x, y, theta, old, unknown, unplaced}; `old` also where only the odometry goes on, `unknown`
+  // while nothing is known of where it is, and `unplaced` while that is not where in the map.
   get robot() {
     if (this.odometry) {
-      const robot = { ...compose(this.offset, this.odometry.pose), old: this.isOld(this.odometry) };
+      const old = this.isOld(this.odometry) || this.isOld({ at: this.placedAt });
+      const robot = { ...compose(this.offset, this.odometry.pose), old };
       return this.map && !this.placed ? { ...robot, unplaced: true } : robot;
     }
     const place = this.inMap();

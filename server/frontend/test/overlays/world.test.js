@@ -180,6 +180,9 @@ test("the frames say where the odometry began, in whatever frame the map is, and
   const { x, y, theta, old } = world.robot;
   assert.deepEqual([rounded([x, y]), old], [[1, 1], false]);
   assert.ok(Math.abs(theta - Math.PI / 2) < 1e-9);
+  clock = 1001;
+  world.receivePose({ x: 1, y: 2, theta: 0, frame: "odom", base: "base_link" });
+  assert.equal(world.robot.old, true, "the frames are silent, the odometry is not");
 });
 
 test("a robot without odometry is where its frames say, and old when they are silent", () => {
