@@ -31,6 +31,7 @@ FORMATS = {
     "float32": "f",
     "float64": "d",
 }
+OCTETS = frozenset(["byte", "char", "int8", "uint8"])
 # What ROS 1 calls the members of a time.
 STAMP_MEMBERS = {"sec": "secs", "nanosec": "nsecs"}
 COUNT = struct.Struct("<I")
@@ -116,21 +117,21 @@ class _Writers:
 
 def _number(name: str) -> Write:
     number = struct.Struct(f"<{FORMATS[name]}")
-    may_be_null = name.startswith("float")
+    read = _reader(name)
 
     def write(data: bytearray, value: Any) -> None:
         _align(data, number.size)
-        data += number.pack(NAN if value is None and may_be_null else value)
+        data += number.pack(read(value))
 
     return write
 
 
 def _numbers(name: str, length: int) -> Write:
-    letter, may_be_null = FORMATS[name], name.startswith("float")
+    letter, read = FORMATS[name], _reader(name)
     size = struct.calcsize(letter)
 
     def write(data: bytearray, values: Any) -> None:
-        if isinstance(values, str):
+        if isinstance(values, str) and name in OCTETS:
             # How rosbridge writes bytes.
             values = _decoded(values)
         _check_length(values, length)
@@ -142,11 +143,35 @@ def _numbers(name: str, length: int) -> Write:
         if isinstance(values, bytes):
             data += values
             return
-        if may_be_null and None in values:
-            values = [NAN if value is None else value for value in values]
-        data += struct.pack(f"<{len(values)}{letter}", *values)
+        data += struct.pack(f"<{len(values)}{letter}", *map(read, values))
 
     return write
+
+
+def _reader(name: str) -> Callable[[Any], Any]:
+    """Return what reads a number of JSON; struct refuses what else is none."""
+    if name == "bool":
+        return _read_bool
+    if name.startswith("float"):
+        return lambda value: NAN if value is None else value
+    if name in OCTETS:
+        return lambda value: _octet(value) if isinstance(value, str) else value
+    return lambda value: value
+
+
+def _read_bool(value: Any) -> Any:
+    # struct takes null for false, and a text for true.
+    if value not in (0, 1):
+        raise ValueError(f"{value!r:.20} in place of a bool")
+    return value
+
+
+def _octet(text: str) -> int:
+    """Return the byte that a text means, as the agent's help/rules.py: a level's digit, a character, or base64."""
+    if len(text) == 1:
+        return int(text) if text in "0123" else ord(text)
+    (octet,) = _decoded(text)
+    return octet
 
 
 def _write_string(data: bytearray, value: Any) -> None:

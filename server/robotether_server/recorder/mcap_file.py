@@ -243,11 +243,12 @@ class McapFile:
         self._file.close()
 
     def _register(self, channel: RecordedChannel) -> int:
-        names = {schema.name: schema.id for schema in self._index.schemas.values()}
-        schema_id = names.get(channel.type)
+        # One name may have had another definition before.
+        data = channel.definition.encode()
+        schemas = {(schema.name, schema.data): schema.id for schema in self._index.schemas.values()}
+        schema_id = schemas.get((channel.type, data))
         if schema_id is None:
-            schema_id = len(names) + 1
-            data = channel.definition.encode()
+            schema_id = len(schemas) + 1
             self._note(Schema(schema_id, data, "ros2msg", channel.type))
         number = self._channels[channel] = len(self._channels) + 1
         self._note(Channel(number, channel.topic, "cdr", {}, schema_id))

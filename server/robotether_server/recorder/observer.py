@@ -113,7 +113,8 @@ class ObservedMessage(Struct):
 class TopicWriter:
     """Writes the messages of one topic; the first one of a robot that it cannot write is in the log."""
 
-    def __init__(self, robot: str, topic: str, ros_type: RosType | None) -> None:
+    def __init__(self, robot: str, topic: str, kind: str, ros_type: RosType | None) -> None:
+        self.kind = kind
         self._name = f"robot {robot}: {topic[:100]!r}"
         self._channel = channel_of(topic, ros_type or JSON_TEXT)
         self._encode = encoder_of(ros_type or JSON_TEXT)
@@ -258,16 +259,22 @@ class RosbridgeObserver:
             await asyncio.sleep(DISCOVER_EVERY_S)
 
     async def _subscribe(self, topic: str, kind: str) -> None:
-        if topic in self._writers or len(self._writers) >= MAX_RECORDED_TOPICS:
+        if (writer := self._writers.get(topic)) is not None:
+            if writer.kind == kind:
+                return
+            # Its publisher has come back with another type; rosbridge passes none on while somebody has the old one.
+            del self._writers[topic]
+            await self._send(op="unsubscribe", topic=topic)
+        if len(self._writers) >= MAX_RECORDED_TOPICS:
             return
         if topic.startswith(NAMESPACE) or short_name(kind) in LARGE:
             return
-        self._writers[topic] = TopicWriter(self._robot, topic, await self._type(kind))
+        self._writers[topic] = TopicWriter(self._robot, topic, kind, await self._type(kind))
         # In whichever namespace.
         throttle_ms = 0 if topic.rpartition("/")[2] in UNTHROTTLED else THROTTLE_MS
         await self._send(
             op="subscribe",
-            id=f"recorder:{len(self._writers)}",
+            id=f"recorder:{next(self._numbers)}",
             type=kind,
             topic=topic,
             compression="none",

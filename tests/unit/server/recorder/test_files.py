@@ -222,3 +222,17 @@ def test_a_type_that_is_reached_in_many_ways_is_read_once():
 def test_a_message_of_another_type_is_refused(message):
     with pytest.raises(EncodingError):
         encoder_of(type_of("a/B", [typedef("data", "uint8")]))(message)
+
+
+@pytest.mark.parametrize("value", [None, "false", [True, None]])
+def test_a_bool_that_is_none_is_no_false(value):
+    length = 2 if isinstance(value, list) else -1
+    ros_type = type_of("a/B", [typedef("data", "bool", length=length)])
+    with pytest.raises(EncodingError):
+        encoder_of(ros_type)({"data": value})
+
+
+@pytest.mark.parametrize(("text", "octet"), [("2", 2), ("AQ==", 1), ("ÿ", 255)])
+def test_a_byte_may_come_as_text(text, octet):
+    encode = encoder_of(type_of("a/B", [typedef("data", "byte")]))
+    assert encode({"data": text})[-1] == octet

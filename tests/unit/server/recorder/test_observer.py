@@ -7,6 +7,7 @@ import struct
 
 import pytest
 from aiohttp import WSMessage, WSMsgType
+from robotether_server.recorder import observer
 from robotether_server.recorder.observer import RosbridgeObserver
 
 SPEED = {
@@ -33,6 +34,8 @@ class RosbridgeSocket:
                 await self._put(
                     f'{{"op": "publish", "topic": "{message["topic"]}", "msg": {content}}}'
                 )
+            return
+        if message["op"] == "unsubscribe":
             return
         values = {
             "topics": list(self._topics),
@@ -74,6 +77,25 @@ async def test_a_number_that_json_lacks_leaves_the_rest_of_its_message(number):
     [message] = await recorded(socket, 1)
     [value] = struct.unpack_from("<f", message.data, 4)
     assert math.isnan(value)
+
+
+async def test_a_topic_that_comes_back_with_another_type_is_recorded_with_that(monkeypatch):
+    monkeypatch.setattr(observer, "DISCOVER_EVERY_S", 0)
+    topics, channels = {"/speed": "demo/Unknown"}, asyncio.Queue()
+
+    def write(message):
+        channels.put_nowait(message.channel.type)
+        topics["/speed"] = "demo/Speed"
+
+    socket = RosbridgeSocket(topics, '{"value": 0.5}')
+    observing = asyncio.create_task(
+        RosbridgeObserver("sim1", socket, write, [].extend, lambda: "").run()
+    )
+    async with asyncio.timeout(5):
+        assert await channels.get() != "demo/msg/Speed"
+        assert await channels.get() == "demo/msg/Speed"
+    observing.cancel()
+    await asyncio.gather(observing, return_exceptions=True)
 
 
 async def test_of_a_graph_with_many_robots_one_is_recorded():
