@@ -313,11 +313,12 @@ class OperatorSession:
 
     def _on_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
         self.traffic.round_trips.add(driver_ms / 1000)
-        person = self.connection.user
-        self._recorders.send(
-            "round_trips",
-            lambda: {"person": person, "driver_ms": driver_ms, "robot_ms": robot_ms},
-        )
+        if recorders := self._recorders:
+            person = self.connection.user
+            recorders.send(
+                "round_trips",
+                partial(dict, person=person, driver_ms=driver_ms, robot_ms=robot_ms),
+            )
 
     @property
     def _recorders(self) -> Recorders:
