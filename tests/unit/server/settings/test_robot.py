@@ -100,7 +100,8 @@ def test_an_unknown_member_is_refused(settings, path, member):
 
 def test_a_button_that_no_driver_may_press_is_refused():
     """Nobody finds out by a button that does nothing."""
-    parse({"policy": BUTTONS_POLICY, "buttons": [LIGHTS, DOCK]})
+    settings = parse({"policy": BUTTONS_POLICY, "buttons": [LIGHTS, DOCK]})
+    assert parse(settings.as_given()) == settings
     with pytest.raises(FieldInvalidError, match="does not let a driver publish /lights; an admin"):
         parse({"buttons": [LIGHTS]})
     with pytest.raises(FieldInvalidError, match=r"button 'Dock'.*policy\.drive\.call, or the"):
