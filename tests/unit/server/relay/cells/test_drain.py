@@ -1,5 +1,6 @@
 """A cell that is taken out of service, with robots on real sockets."""
 
+import asyncio
 from dataclasses import replace
 
 import pytest
@@ -89,6 +90,23 @@ async def test_one_begins_to_drive_only_while_no_other_cell_takes_robots(
     assert await closing(await ros()) == (4510, reason)
     async with ros("observe"):
         await until(lambda: robot.clients, "one may still observe")
+
+
+@pytest.mark.parametrize("cells", [ALONE])
+@pytest.mark.parametrize("rules", [replace(QUICK, drives_last_s=0.6)])
+async def test_a_drive_that_began_while_no_other_took_robots_has_its_time(
+    relay, memory_database, start_robot, ros
+):
+    robot = await start_robot(relay)
+    driver = await ros()
+    await until(lambda: robot.clients, "the driver is connected")
+    await asyncio.sleep(0.7)
+    began = asyncio.get_running_loop().time()
+    memory_database.cells["b"] = OTHER
+    await until(relay.relay.cells.robots_leave, "b is back")
+    assert (await closing(driver))[0] == 4505
+    assert asyncio.get_running_loop().time() - began > 0.3
+    assert await ended(robot.session) == "cell_draining"
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from relay_server import EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.routes import routes as relay_routes
+from robotether_server.settings import robot as robot_settings
 from route_world import SOURCE, TARGET, RouteWorld
 from site_cells import SiteCell
 
@@ -96,6 +97,15 @@ async def test_it_ends_whichever_cell_learns_that_the_right_has_ended(world, cel
     await until(lambda: not world.source.topics, "the robot sends the topic no more", 2)
     ends = [each.code for each in site_cell.database.written if isinstance(each, RouteEnd)]
     assert ends == ["rights_ended"]
+
+
+async def test_a_source_that_its_policy_hides_is_not_read(world):
+    """The target's cell may know of it later."""
+    hidden = robot_settings.parse({"policy": {"manage": {"subscribe": ["/odom"]}}})
+    robots = world.b.database.robots
+    world.b.database.robots = {**robots, SOURCE: replace(robots[SOURCE], settings=hidden)}
+    await until(lambda: "policy" in world.why(), "the page says so")
+    await until(lambda: not world.source.topics, "the robot sends the topic no more")
 
 
 async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world, http, peer_keys):

@@ -48,3 +48,12 @@ async def test_a_rotated_key_keeps_its_links_and_a_replaced_one_does_not(
     assert [link.bye for link in links] == [None, None]
     await rotate("c", "SHA256:b")
     assert [await ended(link) for link in links] == ["key_changed"] * 2
+
+
+async def test_a_relay_that_has_never_read_the_database_says_so(memory_database):
+    memory_database.down = True
+    async with running_relay(memory_database) as relay:
+        session = RobotSession(7, kind="session", session_key=SESSION_KEY)
+        await session.connect(relay.relay.session_port)
+        assert await ended(session) == "not_ready"
+        await session.close()

@@ -12,6 +12,7 @@ from robotether_server.db.cells import Cell
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.times import utc_now
+from stopwatch import Stopwatch
 
 
 async def refusal(http, url, **headers):
@@ -106,6 +107,15 @@ async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick
         assert guarded.clients_ever == 1
         session.silent = False
         await until(lambda: guarded.clients_ever == 2, "the driver is there")
+
+
+async def test_a_tunnel_without_its_port_is_told_within_a_second(robot, ros):
+    await robot._close_ports()
+    with Stopwatch() as stopwatch:
+        async with ros() as socket:
+            assert (await closing(socket))[0] == 4504
+    assert stopwatch.clock_s > 0.5
+    assert stopwatch.s < 1
 
 
 async def test_a_ticket_outlives_its_login_by_nothing(robot, ros):

@@ -332,6 +332,24 @@ async def test_a_client_keeps_no_more_at_the_relay_than_it_may(wide, robot, monk
     assert operations == ["publish", "publish", "subscribe"]
 
 
+async def test_who_subscribes_anew_without_end_opens_few_topics(relay, sim1):
+    class Connector:
+        opened = 0
+
+        async def run(self, _topic):
+            self.opened += 1
+            await asyncio.Event().wait()
+
+    connector, client = Connector(), Client()
+    topics = SharedTopics(relay.relay.registry, connector)
+    for number in range(3 * MAX_TOPICS):
+        topic = topics.watch(sim1, TopicRequest(f"/t{number}"), client, MAX_OBSERVED_TOPICS)
+        await asyncio.sleep(0)
+        topics.leave(topic, client)
+    assert MAX_OBSERVED_TOPICS < connector.opened < 2 * MAX_TOPICS
+    await topics.close()
+
+
 async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1):
     topics, client = relay.relay.shared_topics, Client()
     for linger_s in (0.1, 60.0, 0.1):
