@@ -11,6 +11,7 @@ import pytest
 from fake_robot import WAIT_S
 from relay_clients import closing
 from relay_server import MESSAGE_LIMIT, until
+from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.shared_topics import (
