@@ -274,15 +274,6 @@ test("a network is too slow when half the way there and back is more than the gu
   assert.deepEqual([slow(500, 501), slow(500, 501, 800), slow(500, 500), slow(null, 5), slow(5)], [true, false, false, false, false]);
 });
 
-test("each state has its own title and says what it means", () => {
-  const all = Object.keys(texts);
-  assert.equal(new Set(all.map((name) => texts[name].title)).size, all.length);
-  const facts = { since: "12:03", video: "old", stopped: { by: "ben", at: "12:03" }, mayDrive: true };
-  const watching = { ...facts, since: "", reason: "the robot says why", video: "missing", mayDrive: false, free: true };
-  for (const name of all)
-    for (const known of [facts, { ...facts, driving: true, again: true }, watching]) assert.notEqual(texts[name].detail(known), "", name);
-});
-
 test("silence of server and video together says whether the robot halts, and offers no driving without video", () => {
   const { headline, detail, action } = states.silent;
   assert.equal(`${headline({ silentS: 3 })} ${detail(FINE)}`, "No connection for 3 s. The robot halts by itself.");

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, asksForKeys, shortNumber, sizeText } from "../../src/dom/page.js";
+import { Choices, LocalStore, asksForKeys, shortNumber } from "../../src/dom/page.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -52,8 +52,4 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
 test("numbers are short and still tell small from none", () => {
   const numbers = [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN];
   assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
-});
-
-test("sizes are written in the unit that people know", () => {
-  assert.deepEqual([12, 1500, 250_000, 1_230_000].map(sizeText), ["12 B", "1.5 KB", "250 KB", "1.2 MB"]);
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { filterOf, fromQuery, inNameOrder, inOrder, inWindow, isFiltered, sitesOf, toQuery } from "../../src/fleet/filters.js";
+import { filterOf, fromQuery, inOrder, inWindow, isFiltered, sitesOf, toQuery } from "../../src/fleet/filters.js";
 
 const USUAL = { words: "", site: null, states: [], sort: "state", down: false };
 const FLEET = [
@@ -45,10 +45,6 @@ test("only what narrows is a filter", () => {
   assert.equal(isFiltered({ ...USUAL, words: "  ", sort: "name" }), false);
   assert.equal(isFiltered({ ...USUAL, site: "" }), true);
   assert.equal(isFiltered({ ...USUAL, states: ["online"] }), true);
-});
-
-test("names are in the order in which a person counts", () => {
-  assert.deepEqual(inNameOrder(["sim10", "zoe", "sim2"]), ["sim2", "sim10", "zoe"]);
 });
 
 // Who has no value comes last, whichever way it is sorted, and equals by name.

@@ -25,6 +25,7 @@ beforeEach(() => {
 for (const [online, battery, ...expected] of [
   [true, { percent: 12, charging: false }, "12 %, low", "poor"],
   [true, { percent: 30, charging: false }, "30 %", "fair"],
+  [true, { percent: 12, charging: true }, "12 %, charging", "good"],
   [true, { percent: null, charging: false }, "?", ""],
   [true, null, "-", ""],
   [false, { percent: 80, charging: false }, "-", ""],

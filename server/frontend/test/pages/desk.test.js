@@ -3,29 +3,8 @@ import { mock, test } from "node:test";
 
 import { showLocalTimes } from "../../src/dom/page.js";
 import { isNew } from "../../src/dom/presses.js";
-import { dayOf, isFiltered, offerSearch, offerWindow, startOrEnd, wireCopyButtons, wireDays } from "../../src/pages/desk.js";
+import { dayOf, offerSearch, offerWindow, startOrEnd, wireDays } from "../../src/pages/desk.js";
 import { FakeElement } from "../fakes.js";
-
-function pageWith(text) {
-  const button = {
-    dataset: { copy: "line" },
-    textContent: "Copy",
-    hidden: true,
-    addEventListener: (_, listener) => {
-      button.click = listener;
-    },
-  };
-  const page = { querySelectorAll: () => [button], getElementById: (id) => (id === "line" ? { textContent: text } : null) };
-  return { button, page };
-}
-
-test("a browser that refuses says to copy by hand", async (t) => {
-  t.mock.timers.enable({ apis: ["setTimeout"] });
-  const { button, page } = pageWith("text");
-  wireCopyButtons(page, { writeText: () => Promise.reject(new Error("not allowed")) });
-  await button.click();
-  assert.equal(button.textContent, "Select and copy by hand");
-});
 
 // Behind UTC in winter and ahead of it in summer, so that no test passes by the zone that the machine has.
 process.env.TZ = "Atlantic/Azores";
@@ -80,17 +59,6 @@ test("a filter asks for the reader's days, and for nothing where no day is given
   const query = new Map([["until", ""]]);
   form.sent(query);
   assert.deepEqual(Object.fromEntries(query), { since: "2026-07-01T00:00:00Z", until: "" });
-});
-
-test("filters stay folded for a page of the list, and for what is ticked in it", () => {
-  const form = { elements: [{ name: "q" }, { name: "" }] };
-  for (const [query, expected] of [
-    ["q=lab", true],
-    ["q=&page=2&robot=sim1", false],
-    ["", false],
-  ]) {
-    assert.equal(isFiltered(form, new URLSearchParams(query)), expected, query);
-  }
 });
 
 function choiceOf(names) {

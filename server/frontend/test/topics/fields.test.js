@@ -27,26 +27,10 @@ for (const [path, number] of [
   test(`the path ${path} leads to ${number}`, () => assert.equal(numberAt(ODOMETRY, path), number));
 }
 
-test("a path that was found leads into a list", () => {
-  const message = { a: [{ b: 7 }] };
-  assert.equal(numberAt(message, numbersIn(message)[0]), 7);
-});
-
 test("a message with very many numbers offers a bounded choice", () => {
   const wide = Object.fromEntries(Array.from({ length: 1000 }, (_, i) => [`joint${i}`, i]));
   assert.equal(numbersIn(wide).length, 200);
 });
-
-const NUMBERS = { x: 0.123456789, sec: 1795583926, at: [1.23456e-7, 12345.678] };
-
-for (const [what, message, text, options] of [
-  ["names and values", { h: { id: "o" }, r: [1, 2], names: [], none: null }, "h:\n  id: o\nr: [1, 2]\nnames: []\nnone: null"],
-  ["four digits of numbers, all of whole ones", NUMBERS, "x: 0.1235\nsec: 1795583926\nat: [1.235e-7, 12346]"],
-  ["all digits", NUMBERS, "x: 0.123456789\nsec: 1795583926\nat: [1.23456e-7, 12345.678]", { exact: true }],
-  ["the places of objects in a list", { s: [{ l: 0 }, { l: 1 }] }, "s:\n  [0]:\n    l: 0\n  [1]:\n    l: 1"],
-]) {
-  test(`a message is shown with ${what}`, () => assert.equal(preview(message, options), text));
-}
 
 test("long lists, texts and messages are cut, and say so", () => {
   assert.match(preview({ ranges: Array(400).fill(1) }), /^ranges: \[(1, ){15}1, … 384 more\]$/);

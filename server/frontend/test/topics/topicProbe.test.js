@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { LastMinute, Rate, TopicProbe } from "../../src/topics/topicProbe.js";
+import { LastMinute, TopicProbe } from "../../src/topics/topicProbe.js";
 
 let clock, watched, probe;
 
@@ -28,8 +28,6 @@ beforeEach(() => {
 });
 
 const messages = (count, nth = 0) => Array.from({ length: count }, () => watched[nth].onMessage({ v: 1 }));
-
-test("a topic is asked for twice a second at most", () => assert.deepEqual(open(), [500]));
 
 test("the newest message that cannot be read is said to be so, until one can", () => {
   watched[0].spec.onUnread();
@@ -129,11 +127,4 @@ test("however fast they come, a bounded number of points is kept", () => {
   const samples = new LastMinute();
   for (let i = 0; i < 5000; i++) samples.push(i, i);
   assert.equal(samples.points.length, 600);
-});
-
-test("a rate is that of the messages that came of late", () => {
-  const rate = new Rate();
-  assert.deepEqual([rate.perSecond(0), rate.silenceMs(0)], [null, null]);
-  for (let at = 0; at <= 20_000; at += 500) rate.mark(at);
-  assert.deepEqual([rate.perSecond(20_000), rate.silenceMs(26_000), rate.perSecond(40_000)], [2, 6000, null]);
 });
