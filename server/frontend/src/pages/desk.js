@@ -14,7 +14,7 @@ const DAY_LENGTH = 10;
 const RENEW_MS = 60_000; // "today" ends while a page is open
 
 // data-copy is the id of the text's element. The buttons show only where copying works.
-export function wireCopyButtons(page, clipboard) {
+function wireCopyButtons(page, clipboard) {
   if (!clipboard) return;
   for (const button of page.querySelectorAll("[data-copy]")) {
     const words = button.textContent;
@@ -62,7 +62,7 @@ export function wireDays(form) {
 }
 
 // Whether the address has a filter, and not only a page of the list or what is ticked in it.
-export const isFiltered = (form, query) => [...form.elements].some(({ name }) => name && query.get(name));
+const isFiltered = (form, query) => [...form.elements].some(({ name }) => name && query.get(name));
 
 const MANY_OPTIONS = 12;
 

@@ -139,7 +139,7 @@ const MINUTE_MS = 60_000;
 const PADDING = 4;
 
 // The points as places on a canvas of this size; what does not change lies in the middle, and a gap has no `y`. Pure.
-export function places(points, { now, min, max }, { width, height }) {
+function places(points, { now, min, max }, { width, height }) {
   const span = max - min;
   const room = height - 2 * PADDING;
   return points.map(({ value, at }) => ({

@@ -195,7 +195,7 @@ export class LastMinute {
   }
 }
 
-export class Rate {
+class Rate {
   constructor() {
     this.times = [];
     this.at = null;
