@@ -82,7 +82,7 @@ const moved = ({ top_speed_m_s, top_turn_rad_s }) => top_speed_m_s > 0 || top_tu
 
 const duration = ({ started_at, ended_at }) => durationText(Date.parse(ended_at) - Date.parse(started_at));
 
-const headline = (drive) => texts.headline(duration(drive), metres(drive.distance_m));
+export const headline = (drive) => texts.headline(duration(drive), metres(drive.distance_m));
 
 // Rows of {name, label, text}; a code without words stays as it is.
 export function driveRows(drive, { ends, refusals }) {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Summary, driveRows, recordOf } from "../../src/control/driveSummary.js";
+import { Summary, driveRows, headline, recordOf } from "../../src/control/driveSummary.js";
 
 const DRIVE = {
   started_at: "2026-01-01T12:00:00Z",
@@ -29,6 +29,23 @@ const SERVER_WORDS = {
   refusals: { topic: "to a topic that is not allowed", guard_old: "too old at the robot" },
 };
 const words = (drive) => Object.fromEntries(driveRows(drive, SERVER_WORDS).map(({ name, text }) => [name, text]));
+
+test("a drive's record is written in words", () => {
+  assert.equal(headline(DRIVE), "Your drive: 2 min 5 s, 14.2 m");
+  assert.deepEqual(words(DRIVE), {
+    duration: "2 min 5 s",
+    ended: "you gave up control",
+    distance: "14.2 m commanded",
+    speed: "0.8 m/s commanded",
+    latency: "42 ms; 95 % within 80 ms",
+    seen: "140 ms ago; 95 % within 211 ms",
+    slowed: "12 s, as you saw late",
+    pictures: "15 a second, 45 MB",
+    bytes: "1.2 MB",
+    stops: "1",
+    refused: "2 to a topic that is not allowed, 3 too old at the robot, 4 too old at the server",
+  });
+});
 
 const NONE = {
   ...{ latency_p50_ms: null, latency_p95_ms: null, seen_p50_ms: null, slowed_s: null, bytes: null, frames: 0, viewed_s: null },
