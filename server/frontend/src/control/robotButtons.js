@@ -132,7 +132,7 @@ export class RobotButtons {
 const MAX_WORDS = 300;
 
 // `ok`, `values` as of connection.js's call. std_srvs says in `success` whether it was done.
-const succeeded = ({ ok, values }) => ok && values?.success !== false;
+export const succeeded = ({ ok, values }) => ok && values?.success !== false;
 
 // The answer's own message, or else what it holds beside `success`.
 export function answerWords({ values }) {

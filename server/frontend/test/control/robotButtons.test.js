@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { RobotButtons, answerWords, refusalWords } from "../../src/control/robotButtons.js";
+import { RobotButtons, answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
 import { settle } from "../fakes.js";
 
 const LIGHTS = { name: "Lights on", kind: "publish", topic: "/lights", type: "std_msgs/Bool", msg: { data: true }, confirm: false };
@@ -150,6 +150,20 @@ test("a press while an answer is awaited sends nothing more", () => {
     [["/scan", { n: 1 }, undefined, 31]],
   );
 });
+
+for (const [answer, does, words] of [
+  [{ ok: true, values: {} }, true, ""],
+  [{ ok: true, values: null }, true, ""],
+  [{ ok: true, values: { success: true } }, true, ""],
+  [{ ok: true, values: { sum: 3 } }, true, '{"sum":3}'],
+  [{ ok: true, values: { success: true, message: "docked" } }, true, "docked"],
+  [{ ok: true, values: { success: false } }, false, ""],
+  [{ ok: false, values: "service /x does not exist" }, false, "service /x does not exist"],
+]) {
+  test(`an answer ${JSON.stringify(answer)} is its message, its other values, or a text`, () => {
+    assert.deepEqual([succeeded(answer), answerWords(answer)], [does, words]);
+  });
+}
 
 test("what a robot says is cut before it fills the page", () => {
   assert.equal(answerWords({ values: { message: "x".repeat(1000) } }).length, 301);

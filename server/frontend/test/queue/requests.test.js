@@ -32,8 +32,17 @@ test("a request is written as it is known, and what is not known is -", () => {
   assert.deepEqual([reason, priority, pool, asker, age, state], ["Battery low", "-", "Any", "-", "-", "-"]);
 });
 
+for (const [state, view, words] of [
+  ["available", { ahead: 0 }, "You are available. You are next."],
+  ["available", { ahead: 2 }, "You are available. 2 operators are before you."],
+  ["available", { ahead: null }, "You are available."],
+  ["busy", { current: REQUEST }, "You are busy with sim1."],
+  ["", null, "It is not known whether you are available."],
+]) {
+  test(`an operator reads: ${words}`, () => assert.equal(stateText(state, view), words));
+}
+
 test("figures and operators that are not known are -", () => {
-  assert.equal(stateText("", null), "It is not known whether you are available.");
   const figures = { open: 0, oldest_open_s: null, waiting_p50_s: 10.6, waiting_p95_s: 63, answered: 12 };
   assert.deepEqual(figureTexts(figures), { open: "0", oldest: "-", p50: "11 s", p95: "1 min 3 s", answered: "12" });
   const away = { user: "ben", state: "away", since: null, request: null, pools: [] };
