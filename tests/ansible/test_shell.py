@@ -75,7 +75,7 @@ def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
     """A robot with a real sshd, made by the install line and approved by an admin; its shell is on."""
     robot = hosts.boot(NAME)
     line = re.sub(r" --token \S+", "", invite(stack, token)["command"])
-    options = f"--interface eth0 --wheelhouse {WHEELHOUSE} --name {NAME} --no-video"
+    options = f"--interface eth0 --wheelhouse {WHEELHOUSE} --no-video"
     said = robot.run(f"{line} {options}")
     assert 'video_encoder = "off"' in robot.run("cat /etc/robotether/agent.toml")
     key = robot.run("ssh-keygen -lf /var/lib/robotether-agent/id_ed25519.pub").split()[1]
