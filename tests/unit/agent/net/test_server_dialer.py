@@ -48,7 +48,7 @@ async def words(connection: socket.socket) -> bytes:
         return await asyncio.wait_for(asyncio.get_running_loop().sock_recv(connection, 64), 5)
 
 
-@pytest.fixture
+@pytest.fixture(autouse=True)
 def quiet_network(monkeypatch):
     network = server_dialer.netlink.Network()
     monkeypatch.setattr(server_dialer.netlink, "listening", lambda: nullcontext(network))
@@ -133,7 +133,7 @@ async def test_it_is_found_soon_after_it_answers(tries_by_itself, quiet_network,
         assert await asyncio.wait_for(finding, 4) == at(ssh_port.port, "h")
 
 
-async def test_a_busy_server_is_not_asked_twice_a_second(quiet_network, monkeypatch):
+async def test_a_busy_server_is_not_asked_twice_a_second(monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 2.0)
     monkeypatch.setattr(server_dialer, "BUSY_NEXT_PORT_AFTER_S", 3.0)
     monkeypatch.setattr(server_dialer, "BUSY_TRY_AFTER_S", (3.0, 3.0))
@@ -184,7 +184,7 @@ async def test_a_cell_that_takes_nobody_is_left_alone_while_the_next_is_waited_f
         assert busy.connections == 1
 
 
-async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(quiet_network, monkeypatch):
+async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(monkeypatch):
     """It may be overloaded: a whole fleet that goes on to the next together would make that one silent, too."""
     monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.3)
     monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (0.8, 0.8))
@@ -196,7 +196,7 @@ async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(quiet_network,
         assert busy.connections == 1
 
 
-async def test_a_busy_server_is_waited_for(quiet_network, monkeypatch):
+async def test_a_busy_server_is_waited_for(monkeypatch):
     monkeypatch.setattr(server_dialer, "FIND_TIMEOUT_S", 0.0)
     monkeypatch.setattr(server_dialer, "TRY_EVERY_S", (60.0, 60.0))
     async with SshPort("late") as ssh_port, asyncio.timeout(WAIT_S):
