@@ -45,6 +45,8 @@ OWN_FOR_EACH_LEFT = 2
 MAX_REMEMBERED_BYTES = 1024 * 1024
 # Maximum size of all messages of one robot that are larger than that, unless it is one.
 MAX_LARGE_BYTES = 32 * 1024 * 1024
+# Time for which what the robot names as repeated may still come by the topic's own connection, as a new message.
+REPEAT_AFTER_S = 0.3
 UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
 
 
@@ -155,8 +157,10 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self._remembered_bytes = 0
         # Whether the newest message was too large to be kept beside the robot's others.
         self.is_unkept = False
-        # The clients since the robot was asked what it repeats, with the digests of the messages from before.
-        self.newcomers: dict[TopicClient, Collection[str]] = {}
+        # The clients since the robot was asked what it repeats, and those for whom it is asked, with the digests of the
+        # messages that they missed.
+        self.newcomers: dict[TopicClient, set[str]] = {}
+        self.asking: dict[TopicClient, set[str]] = {}
         self.is_asked_for = False
         # Since when its messages may have been on the way, of the robot's own connection; set for those who need ages.
         self.timestamps: CommandTimestamps | None = None
@@ -178,6 +182,8 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         if not self.is_ready:
             self.on_ready()
         self._remember(message, kind)
+        if self.is_asked_for:
+            self._note_received(digest(message))
         for subscriber in list(self.users):
             subscriber.on_message(self.key.topic, message, kind)
 
@@ -220,6 +226,11 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         """The size of the newest message if it is a large one."""
         is_large = self._remembered_bytes > MAX_REMEMBERED_BYTES
         return self._remembered_bytes if is_large else 0
+
+    def _note_received(self, received: str) -> None:
+        """Repeat no message that equals one which came since: newcomers have that, and would get it twice."""
+        for missed in (*self.newcomers.values(), *self.asking.values()):
+            missed.discard(received)
 
     def _remember(self, message: bytes, kind: WSMsgType) -> None:
         remembered = self._remembered
@@ -278,7 +289,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
         elif topic.is_unkept:
             subscriber.on_topic_failed(subscription.topic, UNKEPT)
         elif by_digest := topic.by_digest():
-            topic.newcomers[subscriber] = by_digest.keys()
+            topic.newcomers[subscriber] = set(by_digest)
             if not topic.is_asked_for:
                 topic.is_asked_for = True
                 self._start(self._repeat(topic))
@@ -344,19 +355,20 @@ class SharedTopics(SharedCopies[SharedTopic]):
         try:
             while topic.newcomers:
                 await self._turn_to_open(topic)
-                newcomers, topic.newcomers = topic.newcomers, {}
-                await self._repeat_to(newcomers, topic)
+                topic.asking, topic.newcomers = topic.newcomers, {}
+                await self._repeat_to_asking(topic)
         finally:
+            topic.asking = {}
             topic.is_asked_for = False
 
-    async def _repeat_to(
-        self, newcomers: Mapping[TopicClient, Collection[str]], topic: SharedTopic
-    ) -> None:
+    async def _repeat_to_asking(self, topic: SharedTopic) -> None:
         name, by_digest = topic.key.topic, topic.by_digest()
         repeated = await self._connector.repeat(topic, by_digest.keys())
+        if repeated:
+            await asyncio.sleep(REPEAT_AFTER_S)
         # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
         digests = by_digest.keys() if repeated and name.endswith("/tf_static") else repeated
-        for subscriber, missed in newcomers.items():
+        for subscriber, missed in topic.asking.items():
             for each in digests:
                 if subscriber in topic.users and each in missed:
                     subscriber.on_message(name, *by_digest[each])

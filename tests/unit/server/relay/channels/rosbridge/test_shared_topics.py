@@ -121,6 +121,26 @@ async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, 
     topics.end_all_of(sim1.id)
 
 
+async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monkeypatch):
+    """The robot sees both as one that is repeated; what came since is none that a newcomer missed."""
+    topics, connector, got = relay.relay.shared_topics, AskedConnector(), []
+    monkeypatch.setattr(topics, "_connector", connector)
+    monkeypatch.setattr(
+        Client, "on_message", lambda _client, _topic, message, _kind: got.append(message)
+    )
+    topic = topics._open(SharedTopic(sim1, TopicRequest("/button")))
+    for message in (b"pressed", b"armed"):
+        topic.on_message(message, aiohttp.WSMsgType.TEXT)
+    topics.join(sim1, TopicRequest("/button"), Client(), limit=9)
+    await until(lambda: connector.questions == 1, "the robot is asked")
+    connector.answers.release()
+    await until(connector.answers.locked, "it answers")
+    topic.on_message(b"pressed", aiohttp.WSMsgType.TEXT)
+    await until(lambda: not topic.is_asked_for, "it has answered")
+    assert got == [b"pressed", b"armed"]
+    topics.end_all_of(sim1.id)
+
+
 class RepeatingSocket:
     def __init__(self):
         self.read = 0
