@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
-from pages import be_logged_in, open_live, take_control
+from pages import be_logged_in, forget_login, open_live, take_control
 from playwright.sync_api import Browser, BrowserContext, Page, ViewportSize
 from stack import Stack
 
@@ -26,6 +26,7 @@ class PageUsers:
         admin = self.stack.admin
         if name not in admin.users():
             admin.add_user(name, PASSWORD)
+            forget_login(self.stack, name)
         if admin.grant(name, robot, level):
             self.stack.wait_for_right(name, robot)
 

@@ -71,6 +71,12 @@ def be_logged_in(
     context.add_cookies(_cookies[key])
 
 
+def forget_login(site: Site, name: str) -> None:
+    """Let this person log in anew: a user who is made again is another, for whom an older login does not count."""
+    for key in [key for key in _cookies if key[:2] == (site.url, name)]:
+        del _cookies[key]
+
+
 def _cookies_of(http: APIRequestContext, site: Site, name: str, password: str) -> list[Any]:
     door = f"{site.url}/login"
     form = CSRF.search(http.get(door).text())
