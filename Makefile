@@ -122,7 +122,7 @@ bench: venv ## latency, recovery, video and loads, into docs/measurements.md (ab
 	@tools/ensure_test_hosts
 	@PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
-experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,...); needs root
+experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,PART-STEP,...); needs root
 	@tools/ensure_test_hosts
 	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot:benchmarks \
 	  $(VENV)/bin/python -m paper.experiments $(if $(ONLY),--only $(subst $(comma), ,$(ONLY))) \

@@ -1,6 +1,7 @@
 """`make experiments`: a machine's limits, and cells that break, measured against a stack of its own.
 
-A step that raises has failed, and the others run all the same; a part's page is written when its steps have run.
+A step that raises has failed, and the others run all the same; a part's page is written when its steps have run, in
+docs once all of them have.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ import subprocess
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 
 from demo import ROOT
@@ -32,7 +33,7 @@ from paper.world import World
 
 PARTS = {part.name: part for part in (density.PART, cells.PART, requests.PART)}
 ARTIFACTS = ROOT / "tests" / "artifacts"
-SAMPLES, QUICK_PAGES = ARTIFACTS / "experiments", ARTIFACTS / "experiments-quick"
+SAMPLES, TRIAL_PAGES = ARTIFACTS / "experiments", ARTIFACTS / "experiments-quick"
 PAGES = ROOT / "docs" / "experiments"
 # A path that nginx, web and the database take part in, and that costs the same however many robots there are.
 CHEAP_PATH = "/me"
@@ -96,9 +97,24 @@ def run_step(step: Step, world: World) -> Outcome:
     )
 
 
-def run_part(part: Part, scale: Scale, world: World) -> Chapter:
+def chosen(names: Sequence[str], scale: Scale) -> Mapping[str, Sequence[Step]]:
+    """The steps that run, by part: all without a name, those of a part, or one, PART-STEP; raises ValueError."""
+    steps = {name: part.steps(scale) for name, part in PARTS.items()}
+    known = {*PARTS, *(f"{part}-{step.name}" for part, all_of in steps.items() for step in all_of)}
+    if unknown := set(names) - known:
+        raise ValueError(
+            f"there is no {', '.join(sorted(unknown))}, but {', '.join(sorted(known))}"
+        )
+    asked = {
+        part: [step for step in all_of if not names or {part, f"{part}-{step.name}"} & set(names)]
+        for part, all_of in steps.items()
+    }
+    return {part: some for part, some in asked.items() if some}
+
+
+def run_part(part: Part, steps: Sequence[Step], world: World) -> Chapter:
     outcomes = {}
-    for step in part.steps(scale):
+    for step in steps:
         sys.stderr.write(f"experiments: {part.name}: {step.title}\n")
         outcomes[step.name] = run_step(step, world)
     SAMPLES.mkdir(parents=True, exist_ok=True)
@@ -109,21 +125,24 @@ def run_part(part: Part, scale: Scale, world: World) -> Chapter:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", nargs="+", choices=PARTS, default=list(PARTS), help="these parts")
-    parser.add_argument(
-        "--quick", action="store_true", help="all small; pages go to tests/artifacts"
-    )
+    parser.add_argument("--only", nargs="+", default=[], help="these parts, or steps: PART-STEP")
+    parser.add_argument("--quick", action="store_true", help="all small, which no page of docs has")
     parser.add_argument("--full", action="store_true", help="what lasts, for longer")
     arguments = parser.parse_args()
     scale = Scale(quick=arguments.quick, full=arguments.full)
+    try:
+        asked = chosen(arguments.only, scale)
+    except ValueError as error:
+        parser.error(str(error))
     # It ends as by Ctrl-C, with the stack, all robots and rows.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     faults = []
     with World.own() as world:
         where = list(circumstances(world))
-        for name in arguments.only:
-            done = run_part(PARTS[name], scale, world)
-            page = write_page(QUICK_PAGES if scale.quick else PAGES, done, scale, where)
+        for name, steps in asked.items():
+            done = run_part(PARTS[name], steps, world)
+            is_whole = not scale.quick and len(steps) == len(PARTS[name].steps(scale))
+            page = write_page(PAGES if is_whole else TRIAL_PAGES, done, scale, where)
             faults += done.faults
             lines = [f"{len(done.failed)} of {len(done.outcomes)} steps failed", *done.faults]
             sys.stdout.write("\n  ".join([f"{name}: a page is {page}", *lines]) + "\n")
