@@ -119,8 +119,12 @@ def _record(page: Page, stack: Stack, people: People) -> int:
     expect(page.get_by_test_id("recording")).to_have_text("This drive is being recorded.")
     page.keyboard.press("Escape")
     with SimWatch(stack, ROBOT) as watch:
-        page_holds.drive(page, watch)
-        page.wait_for_timeout(3000)
+        page_holds.hold(
+            page,
+            lambda: page.keyboard.down("w"),
+            lambda: page.keyboard.up("w"),
+            lambda: _drive_on(page, watch),
+        )
         page.keyboard.up("w")
     open_drawer(page)
     record.click()
@@ -129,6 +133,13 @@ def _record(page: Page, stack: Stack, people: People) -> int:
     stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
     expect(page.get_by_test_id("recording")).to_be_empty()
     return number
+
+
+def _drive_on(page: Page, watch: SimWatch) -> None:
+    """Drive for longer than the shortest episode of a dataset, without a pause."""
+    watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
+    page.wait_for_timeout(3000)
+    assert not page_holds.had_to_let_go(page)
 
 
 def _replay(page: Page, stack: Stack, number: int) -> None:
