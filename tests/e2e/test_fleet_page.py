@@ -72,7 +72,7 @@ def _shown(page: Page) -> list[str]:
 
 @pytest.mark.usefixtures("_released")
 def test_robots_are_found_sorted_and_shown_as_the_address_says(fleet: Page, stack: Stack) -> None:
-    """As cards and as a table, which is remembered."""
+    """The page shows cards or a table, and remembers which."""
     fleet.get_by_test_id("fleet-search").fill("sim")
     fleet.get_by_test_id("show-online").click()
     fleet.get_by_test_id("fleet-sort").select_option("name")

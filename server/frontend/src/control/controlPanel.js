@@ -233,8 +233,8 @@ export class Banner {
   }
 
   act() {
-    const page = this.nextPage;
     if (isNew(this.button)) return;
+    const page = this.nextPage;
     if (page) location.assign(page);
     else if (this.shown === "not_allowed") location.reload();
     else if (this.shown === "held") this.onBlind();

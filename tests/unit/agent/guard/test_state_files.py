@@ -237,7 +237,7 @@ async def test_a_newer_number_waits_for_the_disk_and_an_older_one_does_not(tmp_p
 
 
 async def test_the_disk_gets_one_number_after_the_other(tmp_path: Path) -> None:
-    """Also when whoever waited has gone: two writes at once could leave the older one there."""
+    """Two writes at once could leave the older one there, even after whoever waited has gone."""
     file = SlowFenceFile(tmp_path)
     store = FenceStore(file)
     gone = asyncio.create_task(store.keep(14))

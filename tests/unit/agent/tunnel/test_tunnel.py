@@ -144,7 +144,7 @@ def test_a_client_that_never_connected(words, status, code):
 
 @pytest.mark.parametrize("why", ["invalid format", "error in libcrypto"])
 def test_a_damaged_key_is_no_matter_of_its_mode(why):
-    """As memory cards leave it; ssh says which of the two keys it is."""
+    """Memory cards leave such files; ssh says which of the two keys it is."""
     words = [f'Load key "/s/id_ed25519": {why}', "tunnel@a: Permission denied (publickey)."]
     problem = why_not_connected(words, 255, TARGET, FILES)
     assert problem.code == "key_unusable"

@@ -218,7 +218,7 @@ def test_a_frame_that_fits_is_not_held_up(bit_s: float, base_s: float, frame: fl
 
 
 def test_frames_with_pauses_are_not_held_up_to_measure_the_path() -> None:
-    """Also where round trips are never again as short as the shortest: the pauses empty the queue by themselves."""
+    """The pauses empty the queue by themselves, even if no round trip is ever again as short as the shortest."""
     path = Camera(5e6 / 8, 0.038, 33_000.0)
     path.run(5)
     path.base_s += 0.005

@@ -241,7 +241,7 @@ def check(target, key, *, accept_new=False):
 
 @pytest.mark.parametrize("accept_new", [False, True])
 def test_revoked_key_is_never_taken(target, key, accept_new):
-    """Nor is a key that cannot be noted, or is known for the address but not for the robot's name."""
+    """A key that cannot be noted, or is known for the address alone, is refused, too."""
     write(target, line(key, "[127.0.0.1]:24000"))
     with pytest.raises(FleetError, match="no UserKnownHostsFile" if accept_new else UNKNOWN):
         check(replace(target, known_hosts=()), key, accept_new=accept_new)
