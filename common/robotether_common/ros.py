@@ -1,4 +1,4 @@
-"""Names of ROS, patterns for them, the members of the messages that drive a robot, and which topics are cameras.
+"""Names of ROS, patterns for them, members of messages that drive a robot, topics of cameras, and bytes sent as text.
 
 In a pattern `*` matches any text, `/` included; a robot's policy and its drive topics are made of them. The time
 that a look takes grows with the lengths of name and pattern and no faster, whoever chose either; so no regular
@@ -7,6 +7,7 @@ expressions there. Pure.
 
 from __future__ import annotations
 
+import base64
 import re
 from collections.abc import Iterable, Iterator, Mapping
 
@@ -109,3 +110,14 @@ def _matches(parts: tuple[str, ...], name: str) -> bool:
             return False
         place = start + len(part)
     return True
+
+
+def octet_of(text: str) -> int:
+    """Return the byte that a bridge wrote as text: the digit of a level, a character, or base64.
+
+    Raises ValueError for what is none.
+    """
+    if len(text) == 1:
+        return int(text) if text in "0123" else ord(text)
+    (octet,) = base64.b64decode(text, validate=True)
+    return octet

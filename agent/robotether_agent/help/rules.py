@@ -6,13 +6,12 @@ clears. Between the two values of a threshold nothing changes, so that noise doe
 
 from __future__ import annotations
 
-import base64
-import binascii
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
+from robotether_common.ros import octet_of
 from robotether_common.session import (
     LOWEST_PRIORITY,
     MAX_HELP_REASON,
@@ -255,18 +254,11 @@ def position_in(message: JsonObject) -> Point | None:
 def level_in(value: object) -> int | None:
     """Return the level of a DiagnosticStatus, a number, or as some bridges write bytes; None: unreadable."""
     if isinstance(value, str):
-        return _level_of_text(value)
+        try:
+            return octet_of(value)
+        except ValueError:
+            return None
     return value if type(value) is int else None
-
-
-def _level_of_text(text: str) -> int | None:
-    if len(text) == 1:
-        return int(text) if text in "0123" else ord(text)
-    try:
-        octets = base64.b64decode(text, validate=True)
-    except (binascii.Error, ValueError):
-        return None
-    return octets[0] if len(octets) == 1 else None
 
 
 def fence_margin_m(fence: Sequence[Point], point: Point) -> float:

@@ -11,6 +11,8 @@ import struct
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robotether_common.ros import octet_of
+
 from robotether_server.contract.recordings import CDR_START
 from robotether_server.problems import RobotetherError
 from robotether_server.recorder.ros_types import RosField, RosType
@@ -155,7 +157,7 @@ def _reader(name: str) -> Callable[[Any], Any]:
     if name.startswith("float"):
         return lambda value: NAN if value is None else value
     if name in OCTETS:
-        return lambda value: _octet(value) if isinstance(value, str) else value
+        return lambda value: octet_of(value) if isinstance(value, str) else value
     return lambda value: value
 
 
@@ -164,14 +166,6 @@ def _read_bool(value: Any) -> Any:
     if value not in (0, 1):
         raise ValueError(f"{value!r:.20} in place of a bool")
     return value
-
-
-def _octet(text: str) -> int:
-    """Return the byte that a text means, as the agent's help/rules.py: a level's digit, a character, or base64."""
-    if len(text) == 1:
-        return int(text) if text in "0123" else ord(text)
-    (octet,) = _decoded(text)
-    return octet
 
 
 def _write_string(data: bytearray, value: Any) -> None:
