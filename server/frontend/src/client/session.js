@@ -163,26 +163,37 @@ const seenOf = ({ age_ms, max_speed_m_s, max_turn_rad_s }) => ({
 // What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
 // connection and with the fleet's events. Mixing them would bring old states after new ones, so while the
 // connection reports it, it alone counts. Pure.
+const MAX_AHEAD = 32; // number of the connection's reports
+
 export class ControlState {
   /** @param {{onControl: (control: Control) => void}} options */
   constructor({ onControl }) {
     this.onControl = onControl;
     this.linked = false;
     this.pending = null;
+    this.ahead = /** @type {string[]} */ ([]); // what the connection reported and the events may still bring, late
+    this.fed = "";
   }
 
   fromLink(control) {
+    const text = JSON.stringify(control);
+    this.ahead = text === this.fed ? [] : [...this.ahead, text].slice(-MAX_AHEAD);
     this.linked = true;
     this.pending = null;
     this.onControl(control);
   }
 
+  // What the connection has reported is no news, not even when the connection has ended.
   fromFeed(control) {
-    if (this.linked) this.pending = control;
+    this.fed = JSON.stringify(control);
+    const place = this.ahead.indexOf(this.fed);
+    this.ahead = place < 0 ? [] : this.ahead.slice(place + 1);
+    if (place >= 0) this.pending = null;
+    else if (this.linked) this.pending = control;
     else this.onControl(control);
   }
 
-  // What the events reported since the connection's last report counts when the connection has ended.
+  // What the events alone reported since the connection's last report counts when the connection has ended.
   linkEnded() {
     const { pending } = this;
     this.linked = false;

@@ -97,6 +97,22 @@ for (const [name, act, expected] of [
     () => [state.fromLink("a"), state.fromFeed("a, late"), state.fromLink("b"), state.linkEnded()],
     ["a", "b"],
   ],
+  [
+    "what the connection reported and the events bring late is no news, before and after its end",
+    () =>
+      ["stopped", "stopping", "free"].forEach((control) => state.fromLink(control)) ?? [
+        state.fromFeed("stopped"),
+        state.linkEnded(),
+        state.fromFeed("stopping"),
+        state.fromFeed("free"),
+      ],
+    ["stopped", "stopping", "free"],
+  ],
+  [
+    "what is so again is news",
+    () => [state.fromFeed("free"), state.fromLink("free"), state.linkEnded(), state.fromFeed("driven"), state.fromFeed("free")],
+    ["free", "free", "driven", "free"],
+  ],
 ]) {
   test(name, () => {
     act();
