@@ -18,6 +18,7 @@ export class StopBar {
     this.release = byTestId(root, "release"); // drivers have one
     this.failure = "";
     this.offered = "idle";
+    this.asked = 0; // number of releases without an answer
     this.stopping = new Stopping({ send, post: () => api.stop(robot), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
   }
@@ -87,19 +88,32 @@ export class StopBar {
   }
 
   showHold(state) {
-    this.release.dataset.hold = state;
-    setText(part(this.release, "release-text"), releaseTexts[state === "idle" ? this.offered : state]);
+    const shown = state === "idle" && this.asked ? "asked" : state;
+    this.release.dataset.hold = shown;
+    setText(part(this.release, "release-text"), releaseTexts[shown === "idle" ? this.offered : shown]);
   }
 
   async letGo() {
     const { stopped } = this.stopping;
     if (!stopped) return;
     const again = this.offered === "again"; // the news that it is released may come before the answer
-    const answer = await api.release(this.robot, stopped);
+    const answer = await this.askRelease(stopped);
     if (answer.ok) return this.onReleased(again);
     if (!this.stopping.stopped) return; // it is released: this answer was lost on the way, or is of a second hold
     this.failure = releaseTexts.failed(answer.detail);
     this.show();
+  }
+
+  async askRelease(stopped) {
+    this.count(1);
+    const answer = await api.release(this.robot, stopped);
+    this.count(-1);
+    return answer;
+  }
+
+  count(more) {
+    this.asked += more;
+    if (this.hold) this.showHold(this.hold.state);
   }
 }
 

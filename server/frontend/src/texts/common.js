@@ -120,6 +120,7 @@ export const release = {
   again: "Hold to drive again",
   held: "Keep holding",
   once: "Press again to release",
+  asked: "Releasing",
   failed: (detail) => (detail ? `Not released. ${because(detail)}` : "Release not confirmed. The server does not answer."),
 };
 

@@ -90,8 +90,10 @@ test("the focus goes from the release button, which goes, to what came in its pl
 });
 
 test("a release that failed is said beside the stop that still holds", async () => {
-  const { text, fails } = releaseAsked();
+  const { bar, text, fails } = releaseAsked();
+  assert.equal(bar.release.dataset.hold, "asked");
   await fails();
+  assert.equal(bar.release.dataset.hold, "idle");
   assert.match(text(), /Stopped by ben .*Release not confirmed/);
 });
 
