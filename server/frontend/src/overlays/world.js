@@ -17,6 +17,10 @@ const LIMITS = {
 const [MAP_FRAME, ODOM_FRAME] = ["map", "odom"];
 const BASE_FRAMES = ["base_link", "base_footprint"];
 const OLD_MS = 1000;
+// A localization speaks as the robot moves, at least each half metre. One that the robot has left this far behind, in more time
+// than this, no longer says where it is.
+const SILENT_WAY_M = 2;
+const SILENT_MS = 5000;
 /** @type {(why: string) => void} */
 const ignore = () => {};
 const ORIGIN = { x: 0, y: 0, theta: 0 };
@@ -38,7 +42,8 @@ export class World {
     this.mapUnread = false; // whether the robot's newest map could not be read
     this.offset = ORIGIN; // of the odometry's frame in the map's
     this.placed = false; // whether that is known
-    this.placedAt = Infinity; // when what says so came; never old where it comes once, or only as the robot moves
+    this.placedAt = Infinity; // when the frames that say so came; never old where they come once
+    this.left = /** @type {{x: number, y: number, at: number} | null} */ (null); // where a localization last found the robot, by its odometry
     this.transforms = new Transforms();
     this.laserFixed = false; // whether /tf_static alone says where the laser is
   }
@@ -119,7 +124,10 @@ export class World {
     const frame = this.odometry?.pose.frame;
     const begun = frame && this.transforms.find(this.mapFrame, frame);
     const offset = begun && planarOf(begun);
-    if (offset) this.place(offset, begun.at);
+    if (offset) {
+      this.place(offset, begun.at);
+      this.left = null;
+    }
     return Boolean(offset);
   }
 
@@ -166,7 +174,10 @@ export class World {
     const pose = poseReader(this.topics.located.type)?.(message);
     if (!pose) return;
     this.located = pose;
-    if (this.odometry && !this.locate()) this.place(compose(pose, inverse(this.odometry.pose)));
+    if (this.odometry && !this.locate()) {
+      this.place(compose(pose, inverse(this.odometry.pose)));
+      this.left = { ...this.odometry.pose, at: this.now() };
+    }
     this.onChange();
   }
 
@@ -174,13 +185,18 @@ export class World {
   // while nothing is known of where it is, and `unplaced` while that is not where in the map.
   get robot() {
     if (this.odometry) {
-      const old = this.isOld(this.odometry) || this.isOld({ at: this.placedAt });
+      const old = this.isOld(this.odometry) || this.isOld({ at: this.placedAt }) || this.wasLeft(this.odometry.pose);
       const robot = { ...compose(this.offset, this.odometry.pose), old };
       return this.map && !this.placed ? { ...robot, unplaced: true } : robot;
     }
     const place = this.inMap();
     if (place) return { ...planarOf(place), old: this.isOld(place) };
     return { ...(this.located ?? ORIGIN), old: true, unknown: !this.located };
+  }
+
+  wasLeft({ x, y }) {
+    const { left } = this;
+    return left !== null && this.now() - left.at > SILENT_MS && Math.hypot(x - left.x, y - left.y) > SILENT_WAY_M;
   }
 
   // Where the robot is in the map, by its frames alone; null for unknown.

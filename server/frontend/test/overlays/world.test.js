@@ -133,6 +133,25 @@ test("the localization moves the odometry's frame, and the way with it", () => {
   assert.deepEqual([world.robot.x, world.robot.y], [6, 5]);
 });
 
+test("the place of a robot that has left its localization behind is old, and of one that stands is not", () => {
+  world.follow({ map: MAP, located: PLACE });
+  world.show({ map: true });
+  world.receivePose({ x: 1, y: 0, theta: 0 });
+  say("/amcl_pose", { pose: { pose: at(5, 5) } });
+  const old = [];
+  for (const [ms, x] of [
+    [4000, 4],
+    [6000, 1],
+    [7000, 4],
+  ]) {
+    clock = ms;
+    world.receivePose({ x, y: 0, theta: 0 });
+    old.push(world.robot.old);
+  }
+  say("/amcl_pose", { pose: { pose: at(8, 5) } });
+  assert.deepEqual([...old, world.robot.old], [false, false, true, false]);
+});
+
 test("a newer map takes the place of the one before, whose bitmap is closed", async () => {
   world.follow({ map: MAP });
   world.show({ map: true });
