@@ -22,7 +22,8 @@ from sim_watch import SimWatch
 
 # As of gamepad.js, which looks in each frame; teleop.js, by its timer, waits 100 ms longer.
 LOOK_MS = 250
-# Time in which a page that holds its button has the robot released, or says why not: 1 s, and that of its requests (api.js).
+# Time in which a page that holds its button has the robot released, or says why not: a second of holding, and the
+# time limit of a request (api.js).
 RELEASED_WITHIN_MS = 10_000
 # Maximum number of presses that a busy machine may spoil one after the other.
 MAX_PRESSES = 5
