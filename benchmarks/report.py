@@ -62,7 +62,9 @@ def cell(value: str | float | None) -> str:
     return f"{value:.3g}"
 
 
-def quantiles(values: Iterable[float | None], *parts: float, unit: str = "s") -> Row:
+def quantiles(
+    values: Iterable[float | None], *parts: float, unit: str = "s"
+) -> Mapping[str, float]:
     """Columns such as "p50, s", and "max, s" for 1; what did not happen (None) is in none of them."""
     known = pd.Series(list(values), dtype=float).dropna()
     names = ("max" if part == 1 else f"p{100 * part:g}" for part in parts)

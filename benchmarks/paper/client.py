@@ -24,8 +24,6 @@ from typing import Any
 import aiohttp
 from local_network import insecure_tls
 
-from paper.histogram import Histogram
-
 TOPIC, TYPE = "/cmd_vel", "geometry_msgs/Twist"
 SPEED_M_S = 0.2
 # Long enough for a cell that is busy, short enough to go to the next one.
@@ -131,7 +129,7 @@ class Echoes:
 
     # When those were sent that have not come back, by their numbers.
     sent_at: dict[int, float] = field(default_factory=dict)
-    round_trips: Histogram = field(default_factory=Histogram)
+    round_trips_ms: list[float] = field(default_factory=list)
     # What relay or guard did not pass on, by their words without what differs each time.
     refused: Counter[str] = field(default_factory=Counter)
     count: int = 0
@@ -154,7 +152,7 @@ class Echoes:
     def _hear(self, number: int) -> None:
         self.at_s, self.count = time.monotonic(), self.count + 1
         if (sent_at := self.sent_at.pop(number, None)) is not None:
-            self.round_trips.add((self.at_s - sent_at) * 1000)
+            self.round_trips_ms.append(round((self.at_s - sent_at) * 1000, 2))
             self._came.set()
 
     async def until_all_came(self) -> None:

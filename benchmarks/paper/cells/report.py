@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from report import quantiles
 
-from paper.histogram import Histogram
 from paper.step import Comparison, Report, Values, against_aim, never
 
 # Of issue 18.
@@ -44,7 +43,6 @@ def _nemesis(run: Values) -> Values:
             outage
         )
     return {
-        "p99_ms": Histogram(run["seen"]["round_trips"]).quantile_ms(0.99),
         "faults": ", ".join(
             f"{name.replace('_', ' ')} ({count})" for name, count in run["faults"].items()
         ),

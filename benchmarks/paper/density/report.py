@@ -10,7 +10,6 @@ import pandas as pd
 from report import Row, plain, quantiles
 
 from paper.fleet.fleet import AGENTS, FAILED_AFTER_S
-from paper.histogram import Histogram
 from paper.step import Comparison, Report, Values, against_aim
 
 RATE_HZ = 50
@@ -129,8 +128,8 @@ def _carries(run: FleetOutcome) -> Mapping[str, float]:
     }
 
 
-def merged(drives: Drives, name: str) -> Histogram:
-    return Histogram.merged(drive[name] for drive in drives)
+def merged(drives: Drives, name: str, *parts: float) -> Mapping[str, float]:
+    return quantiles([ms for drive in drives for ms in drive[name]], *parts, unit="ms")
 
 
 def _driven_rows(fleet: Values) -> Iterable[Row]:
@@ -149,8 +148,8 @@ def _driven_rows(fleet: Values) -> Iterable[Row]:
                 "not sent": sum(item["unsent"] for item in some),
                 "refusals told": sum(sum(item["refused"].values()) for item in some),
                 "connections that ended": sum(sum(item["endings"].values()) for item in some),
-                **quantiles(merged(some, "round_trips").times_ms, 0.5, 0.99, 1, unit="ms"),
-                "sent late, p99, ms": merged(some, "late").quantile_ms(0.99),
+                **merged(some, "round_trips_ms", 0.5, 0.99, 1),
+                "sent late, p99, ms": merged(some, "late_ms", 0.99)["p99, ms"],
                 "server, % of a core": 100 * sum(used[name] for name in SERVER) / took_s,
                 "cores busy": sum(used.values()) / took_s,
                 # The drivers are a process of their own.
@@ -162,7 +161,7 @@ def _aims(fleet: Values, start: FleetOutcome, back: FleetOutcome) -> Iterable[Co
     """Beside the largest fleet that was measured."""
     drives = fleet["drive"].get("drives", [])
     gone = sum(drive["lost"] + drive["unsent"] for drive in drives) if drives else None
-    p99 = merged(drives, "round_trips").quantile_ms(0.99)
+    p99 = merged(drives, "round_trips_ms", 0.99)["p99, ms"]
     for what, aim, ours, unit in (
         (
             "late or never back after all containers restart",
