@@ -4,7 +4,7 @@
         await VirtualRobot(account, services, rng).run()
 
 Who may enter is decided by the guard's own rules. A published message goes to all who subscribe to its topic, without
-the relay's stamp; a command is neither limited nor followed by zeros, as nothing moves here.
+the relay's stamp; a command is neither limited nor followed by zeros, and the guard never says that the robot moves.
 """
 
 from __future__ import annotations
@@ -21,15 +21,10 @@ from robotether_agent.guard.authorizer import Authorizer, DriveNotAuthorizedErro
 from robotether_agent.guard.topics import Authorization
 from robotether_agent.tunnel.openssh import ServiceAddress
 from robotether_agent.tunnel.session import Session
-from robotether_common.guard import DEFAULT_MS, REFUSED_KINDS, STAMP, STOP_CAUSES
+from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 from robotether_common.topics import PATH
 
-# What a fleet's operators and drivers use, and what its pages find.
 LOCALHOST = "127.0.0.1"
-TOPICS = {"/cmd_vel": "geometry_msgs/Twist"}
-# A guard publishes zeros for so long, at a stop and when no command has come for the deadman's time.
-ZEROS_S = 0.5
-RESTS_AFTER_S = DEFAULT_MS / 1000 + ZEROS_S
 Said = dict[str, Any]
 
 
@@ -42,10 +37,6 @@ class Services:
         self._authorizer = Authorizer(time.monotonic())
         self._by = ""
         self._reported_fence = 0
-        self._lost = 0
-        self._moving = False
-        self._was_driven = False
-        self._rests_at = 0.0
         self._closing: set[asyncio.Task[bool]] = set()
         self._clients: dict[web.WebSocketResponse, Authorization] = {}
         # By whoever hears it.
@@ -76,7 +67,7 @@ class Services:
         """Say how the guard is, now and at each change."""
 
         def say(answers: str | None) -> None:
-            session.send({"type": "guard", **self.guard, "answers": answers})
+            session.send({"type": "guard", **self._guard, "answers": answers})
 
         self._say = say
         say(None)
@@ -87,17 +78,17 @@ class Services:
         raise AssertionError
 
     @property
-    def guard(self) -> Mapping[str, Any]:
+    def _guard(self) -> Mapping[str, Any]:
         return {
             "state": "ready",
             "stopped": self._authorizer.stopped,
             "by": self._by,
-            "moving": self._moving,
+            "moving": False,
             "fence": self._authorizer.fence,
             "unheard": [],
             "blind_limits": True,
             "refused": dict.fromkeys(REFUSED_KINDS, 0),
-            "stops": dict.fromkeys(STOP_CAUSES, 0) | {"lost": self._lost},
+            "stops": dict.fromkeys(STOP_CAUSES, 0),
         }
 
     # What the session brings.
@@ -115,8 +106,6 @@ class Services:
         self._rights_changed()
 
     def on_stop(self, message_id: str, by: str) -> None:
-        if self._was_driven:
-            self._moves_for(ZEROS_S)
         self._authorizer.stop()
         self._by = by
         self._rights_changed()
@@ -135,15 +124,10 @@ class Services:
             self._say(None)
         for client, authorization in list(self._clients.items()):
             if not self._authorizer.keeps(authorization):
-                self._leaves(client)
+                del self._clients[client]
                 closing = asyncio.ensure_future(client.close(code=1001))
                 self._closing.add(closing)
                 closing.add_done_callback(self._closing.discard)
-
-    def _leaves(self, client: web.WebSocketResponse) -> None:
-        """Count a stop if a driver is lost, who is the only client while the robot moves."""
-        if self._clients.pop(client, None) is not None:
-            self._lost += self._moving
 
     async def _answer_ros(self, request: web.BaseRequest) -> web.StreamResponse:
         client = web.WebSocketResponse(timeout=0.5, compress=False, max_msg_size=16 * 1024 * 1024)
@@ -162,7 +146,7 @@ class Services:
                     if message.type in (WSMsgType.TEXT, WSMsgType.BINARY):
                         await self._handle(client, json.loads(message.data))
             finally:
-                self._leaves(client)
+                self._clients.pop(client, None)
         return client
 
     async def _answer_topics(self, request: web.BaseRequest) -> web.StreamResponse:
@@ -183,54 +167,15 @@ class Services:
         if said["op"] == "publish":
             await self._publish(said)
         elif said["op"] == "call_service":
-            await client.send_json(_service_response(said))
+            # Any service succeeds, with nothing.
+            answer = {"op": "service_response", "values": {}, "result": True}
+            await client.send_json({**answer, "service": said["service"], "id": said.get("id")})
 
     async def _publish(self, said: Said) -> None:
         topic, message = said["topic"], said["msg"]
-        if STAMP in said:
-            self._on_command(message)
         text = ""
         for client, heard in list(self._topics.items()):
             if topic == heard:
                 text = text or json.dumps({"op": "publish", "topic": topic, "msg": message})
                 with suppress(ConnectionError):
                     await client.send_str(text)
-
-    def _on_command(self, command: Said) -> None:
-        """Report that the robot moves or rests, when that changes."""
-        if any(value for part in command.values() for value in part.values()):
-            self._moves_for(RESTS_AFTER_S)
-            self._was_driven = True
-        else:
-            self._rests_at = 0.0
-            self._rest()
-
-    def _moves_for(self, seconds: float) -> None:
-        loop = asyncio.get_running_loop()
-        self._rests_at = loop.time() + seconds
-        if not self._moving:
-            self._moving = True
-            self._say(None)
-            loop.call_later(seconds, self._rest)
-
-    def _rest(self) -> None:
-        """Report that it moves no more, unless a command has come since."""
-        loop = asyncio.get_running_loop()
-        left_s = self._rests_at - loop.time()
-        if left_s > 0:
-            loop.call_later(left_s, self._rest)
-        elif self._moving:
-            self._moving = False
-            self._say(None)
-
-
-def _service_response(said: Said) -> Said:
-    """Answer a look-up of rosapi; any other service succeeds with nothing."""
-    service = said["service"]
-    values: Said = {}
-    if service == "/rosapi/topics":
-        values = {"topics": list(TOPICS), "types": list(TOPICS.values())}
-    elif service == "/rosapi/topic_type":
-        values = {"type": TOPICS.get(said.get("args", {}).get("topic"), "")}
-    answer = {"op": "service_response", "service": service, "values": values, "result": True}
-    return answer | ({"id": said["id"]} if "id" in said else {})
