@@ -1,19 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Api, backoff, framesUrl, rosUrl, streamUrl } from "../../src/client/api.js";
+import { Api, backoff } from "../../src/client/api.js";
 import { reasons } from "../../src/texts/common.js";
-
-const SERVER = "https://robots.example:8443";
-
-for (const [what, address, expected] of [
-  ["a name and a ticket stay what they are", rosUrl(SERVER, "sim 1", "a+b"), "wss://robots.example:8443/robots/sim%201/ros?ticket=a%2Bb"],
-  ["so does a topic", framesUrl(SERVER, "sim1", "/cam/raw"), "wss://robots.example:8443/robots/sim1/video/frames?topic=/cam/raw"],
-  ["of a page only the host counts", framesUrl("http://lab/x?y#z", "a", "/c", "t"), "ws://lab/robots/a/video/frames?topic=/c&ticket=t"],
-  ["a stream has more", streamUrl(SERVER, "a", "/c", "t", { fps: 5 }), `${SERVER}/robots/a/video/stream?topic=/c&fps=5&ticket=t`],
-]) {
-  test(`addresses: ${what}`, () => assert.equal(address, expected));
-}
 
 const first = (random) => {
   const delays = backoff(() => random);

@@ -58,14 +58,8 @@ test("it connects with a ticket of its own, and offers and takes its topics on e
   sockets[1].open();
   await settle();
   for (const socket of sockets) {
-    assert.deepEqual(
-      socket.said("advertise").map(({ topic, type }) => [topic, type]),
-      [["/stick", TWIST]],
-    );
-    assert.deepEqual(
-      socket.said("subscribe").map(({ topic, type }) => [topic, type]),
-      [["/pose", "a/B"]],
-    );
+    const said = ["advertise", "subscribe"].flatMap((op) => socket.said(op).map(({ topic, type }) => `${topic} ${type}`));
+    assert.deepEqual(said, [`/stick ${TWIST}`, "/pose a/B"]);
   }
   assert.equal(app.publish("/stick", TWIST, { linear: { x: 1 } }), true);
   assert.deepEqual(sockets[1].said("publish")[0].msg, { linear: { x: 1 } });

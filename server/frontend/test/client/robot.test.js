@@ -37,11 +37,9 @@ class FakeServer extends FakeWebSocket {
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout", "setInterval"] });
-  robots = [];
   sockets = FakeWebSocket.opened = [];
-  asked = [];
+  [robots, asked, ticketsGiven] = [[], [], []];
   answers = { "/api/v1/tickets": [201, { ticket: "t1" }] };
-  ticketsGiven = [];
   stopped = { by: "ann", at: "2026-01-01T12:03:00Z", confirmed: true };
   windowHears = new EventTarget();
   const quiet = { addEventListener() {} };
@@ -244,10 +242,8 @@ test("a name without its first slash is the same topic", async () => {
   assert.deepEqual(heard, [{ x: 1 }]);
   robot.publish("lights", "std_msgs/Bool", { data: true });
   robot.publish("/lights", "std_msgs/Bool", { data: false });
-  assert.deepEqual(
-    sockets[0].said("advertise").map(({ topic }) => topic),
-    ["/cmd_vel", "/lights"],
-  );
+  const topics = sockets[0].said("advertise").map(({ topic }) => topic);
+  assert.deepEqual(topics, ["/cmd_vel", "/lights"]);
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
 });
 
@@ -255,22 +251,18 @@ test("a link on which nothing was asked for stays, as the robot answers each sec
   let clock = 0;
   mock.method(performance, "now", () => clock);
   const robot = await goLive();
-  for (let seconds = 0; seconds < 20; seconds++) {
-    clock += 1000;
-    mock.timers.tick(1000);
-    await settle();
-  }
-  assert.equal(sockets.length, 1);
-  assert.equal(robot.driving, true);
-  assert.equal(robot.roundTripMs, 0);
+  const after = async (seconds) => {
+    for (let i = 0; i < seconds; i++) {
+      clock += 1000;
+      mock.timers.tick(1000);
+      await settle();
+    }
+    return [robot.driving, robot.roundTripMs, sockets.length];
+  };
+  assert.deepEqual(await after(20), [true, 0, 1]);
   sockets[0].answer = () => {};
-  for (let seconds = 0; seconds < 8; seconds++) {
-    clock += 1000;
-    mock.timers.tick(1000);
-    await settle();
-    if (seconds === 3) assert.deepEqual([robot.driving, robot.roundTripMs], [true, null]);
-  }
-  assert.equal(robot.driving, false);
+  assert.deepEqual(await after(4), [true, null, 1]);
+  assert.equal((await after(4))[0], false);
   robot.close();
   mock.restoreAll();
 });

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { driveMessage, isSteered, openLink, parse, speedReader } from "../../src/client/rosbridge.js";
+import { driveMessage, openLink, parse, speedReader } from "../../src/client/rosbridge.js";
 import { FakeWebSocket } from "./fakes.js";
 
 let socket, told, link;
@@ -22,20 +22,9 @@ beforeEach(() => {
 const open = () => socket.open();
 const receive = (message) => socket.tell(message);
 
-test("operations of our own reach their handler alone", () => {
-  open();
-  assert.equal(told.opened, 1);
-  receive({ op: "robotether.control", control: { driver: null } });
-  receive({ op: "status", level: "error", msg: "cannot publish to /x" });
-  assert.deepEqual(told.relay, [{ op: "robotether.control", control: { driver: null } }]);
-  assert.deepEqual(told.robot, ["status"]);
-});
-
 test("what is not a message of rosbridge ends nothing", () => {
   open();
-  socket.onmessage({ data: "{" });
-  socket.onmessage({ data: "null" });
-  socket.onmessage({ data: new ArrayBuffer(1) });
+  for (const data of ["{", "null", new ArrayBuffer(1)]) socket.onmessage({ data });
   receive({ op: 5 });
   assert.deepEqual(told.robot, []);
 });
@@ -76,16 +65,19 @@ test("a command carries its timestamp beside the message", () => {
   ]);
 });
 
-test("who publishes hears of a message that the server refuses", () => {
+test("who publishes or subscribes hears when the server refuses that", () => {
   open();
   const refused = [];
-  const channel = link.advertise({ name: "/lights", type: "std_msgs/Bool", onRefused: (why) => refused.push(why) });
-  channel.publish({ data: true });
-  const { id } = socket.sent.at(-1);
-  receive({ op: "status", level: "error", id: "another", msg: "cannot publish to /arm" });
-  receive({ op: "status", level: "warning", id, msg: "slow" });
-  receive({ op: "status", level: "error", id, msg: "cannot publish to /lights" });
-  assert.deepEqual(refused, ["cannot publish to /lights"]);
+  const spec = { name: "/lights", type: "std_msgs/Bool", onRefused: (why) => refused.push(why) };
+  for (const act of [() => link.advertise(spec).publish({ data: true }), () => link.subscribe(spec, () => {})]) {
+    act();
+    const { id } = socket.sent.at(-1);
+    receive({ op: "status", level: "error", id: "another", msg: "cannot publish to /arm" });
+    receive({ op: "status", level: "warning", id, msg: "slow" });
+    receive({ op: "service_response", id, result: false });
+    receive({ op: "status", level: "error", id, msg: "refused" });
+  }
+  assert.deepEqual(refused, ["refused", "refused"]);
 });
 
 test("a call settles with the robot's answer, whatever that is, and with the server's refusal", async () => {
@@ -101,18 +93,6 @@ test("a call settles with the robot's answer, whatever that is, and with the ser
     { ok: false, values: "no such service" },
     { ok: false, values: "cannot call /arm" },
   ]);
-});
-
-test("who subscribes hears when the server refuses that", () => {
-  open();
-  const refused = [];
-  const spec = { name: "/odom", type: "nav_msgs/Odometry", throttleMs: 500, onRefused: (why) => refused.push(why) };
-  const { end } = link.subscribe(spec, () => {});
-  const [{ id }] = socket.sent;
-  receive({ op: "service_response", id, result: false });
-  receive({ op: "status", level: "error", id, msg: "cannot subscribe to /odom" });
-  assert.deepEqual(refused, ["cannot subscribe to /odom"]);
-  end();
 });
 
 test("subscriptions and publishers are those of rosbridge's protocol", () => {
@@ -196,13 +176,6 @@ test("speed is read from odometry and from turtlesim's pose", () => {
   assert.deepEqual(speedReader("nav_msgs/Odometry")(odometry), { forward: 0.5, left: 0.2, turn: -1 });
   const pose = { linear_velocity: 0.5, angular_velocity: -1 };
   assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
-});
-
-test("only a car's type is steered, under its ROS 1 and ROS 2 name", () => {
-  assert.equal(isSteered("ackermann_msgs/AckermannDriveStamped"), true);
-  assert.equal(isSteered("ackermann_msgs/msg/AckermannDriveStamped"), true);
-  assert.equal(isSteered("geometry_msgs/Twist"), false);
-  assert.equal(isSteered(null), false);
 });
 
 test("numbers that are none are read as rosbridge writes them, and texts stay as they are", () => {

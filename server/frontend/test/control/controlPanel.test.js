@@ -57,18 +57,6 @@ test("who drives is left out while it is not known", () => {
   assert.equal(driver(), "");
 });
 
-test("what happens again is said again, after its note has gone", () => {
-  open();
-  driveMode.receive({ driver: { user: "ben", since: "2026-01-01T12:03:00Z", fence: 1 } });
-  driveMode.press();
-  mock.timers.tick(9000);
-  panel.show();
-  assert.equal(note().dataset.fresh, "false");
-  driveMode.press();
-  assert.match(note().textContent, /ben is driving/);
-  assert.equal(note().dataset.fresh, "true");
-});
-
 test("who asks for control in another's place gets no answer that was meant for that one", () => {
   let clock = 0;
   const now = mock.method(performance, "now", () => clock);
@@ -162,15 +150,6 @@ test("a press that was meant for what the button was before lets nobody drive wi
   assert.equal(button.textContent, "Drive without video");
 });
 
-test("a server that gives a ticket and opens no connection is no fault of this device's network", () => {
-  const detail = (more) => {
-    banner.show({ name: "server_unreachable", reason: "", retry: true, ...more }, {});
-    return part(byTestId(root, "state"), "state-detail").textContent;
-  };
-  assert.match(detail({}), /this device's network/);
-  assert.match(detail({ code: 1006 }), /opens no connection/);
-});
-
 test("who has had the time to read it, or saw no button before, may drive without video", () => {
   banner.show(LINK_LOST, {});
   held();
@@ -198,15 +177,6 @@ function click() {
   event.stopPropagation = mock.fn();
   return element.dispatchEvent(event) && event.stopPropagation.mock.callCount() === 0;
 }
-
-test("a question is deaf for its first 1.2 s", () => {
-  question.show(true);
-  assert.equal(click(), false);
-  clock += 1190;
-  assert.equal(click(), false);
-  clock += 20;
-  assert.equal(click(), true);
-});
 
 test("a question that goes and comes again is new", () => {
   question.show(true);

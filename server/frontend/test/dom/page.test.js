@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, asksForKeys, shortNumber } from "../../src/dom/page.js";
+import { Choices, LocalStore, shortNumber } from "../../src/dom/page.js";
 
 // As the browser's, in memory.
 function storage() {
@@ -11,18 +11,6 @@ function storage() {
     getItem: (name) => values.get(name) ?? null,
     setItem: (name, value) => values.set(name, value),
   };
-}
-
-for (const [what, event, asks] of [
-  ["a question mark", { key: "?" }, true],
-  ["one with Shift", { key: "?", shiftKey: true }, true],
-  ["one in a text", { key: "?", target: { closest: (selector) => selector.includes("textarea") } }, false],
-  ["one with a modifier", { key: "?", ctrlKey: true }, false],
-  ["another key", { key: "/" }, false],
-]) {
-  test(`${what} ${asks ? "asks" : "does not ask"} for the keys`, () => {
-    assert.equal(asksForKeys({ target: { closest: () => null }, ...event }), asks);
-  });
 }
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {

@@ -1,19 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { driverText, healthText, presenceText, robotOf, utcText } from "../../src/fleet/cards.js";
+import { healthText, robotOf, utcText } from "../../src/fleet/cards.js";
 import { batteryText } from "../../src/overlays/battery.js";
 
 const SINCE = "2026-01-01T12:03:00Z";
-
-for (const [robot, words] of [
-  [{ state: "active", online: true, since: SINCE }, /^Online since .*\d\d:03$/],
-  [{ state: "active", online: false, since: SINCE }, /^Offline since .*\d\d:03$/],
-  [{ state: "active", online: false, since: null }, /^Never seen$/],
-  [{ state: "pending", online: false, since: null }, /^Awaiting approval$/],
-]) {
-  test(`a card says since when: ${words}`, () => assert.match(presenceText(robot), words));
-}
 
 const AWAY = { state: "active", online: false, since: null, ros: "down", video: "down" };
 
@@ -51,12 +42,3 @@ for (const [robot, health, charge = ""] of [
     assert.deepEqual([healthText(robot), batteryText(robot)], [health, charge]);
   });
 }
-
-test("a card tells who drives, who gets the control and who asks for it", () => {
-  const ann = { user: "ann", since: "2026-01-01T12:03:00Z" };
-  const ben = { user: "ben", since: "2026-01-01T12:04:00Z" };
-  assert.equal(driverText({}), "");
-  assert.equal(driverText({ control: { driver: ann } }), "ann");
-  assert.equal(driverText({ control: { driver: null, reserved: ben } }), "none; reserved for ben");
-  assert.equal(driverText({ control: { driver: ann, waiting: ben } }), "ann; ben asks for control");
-});

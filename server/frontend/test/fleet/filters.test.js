@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { filterOf, fromQuery, inOrder, inWindow, isFiltered, sitesOf, toQuery } from "../../src/fleet/filters.js";
+import { filterOf, fromQuery, inOrder } from "../../src/fleet/filters.js";
 
 const USUAL = { words: "", site: null, states: [], sort: "state", down: false };
 const FLEET = [
@@ -14,15 +14,6 @@ const names = (filter) => FLEET.filter(filterOf({ ...USUAL, ...filter })).map(({
 test("an address without a query shows all, as one with nonsense does", () => {
   assert.deepEqual(fromQuery(""), USUAL);
   assert.deepEqual(fromQuery("?show=flying&sort=colour"), USUAL);
-});
-
-test("what is asked for stands in the address and comes back out of it", () => {
-  const filter = { words: "sim lab", site: "north yard", states: ["online", "driven"], sort: "battery", down: true };
-  const query = toQuery(filter);
-  assert.equal(query, "?q=sim+lab&site=north+yard&show=online,driven&sort=-battery");
-  assert.deepEqual(fromQuery(query), filter);
-  assert.equal(toQuery(USUAL), "");
-  assert.deepEqual(fromQuery(toQuery({ ...USUAL, site: "" })).site, "");
 });
 
 test("each choice narrows what is shown", () => {
@@ -41,12 +32,6 @@ test("each choice narrows what is shown", () => {
   assert.equal(filterOf({ ...USUAL, states: ["attention"] })(waiting), true);
 });
 
-test("only what narrows is a filter", () => {
-  assert.equal(isFiltered({ ...USUAL, words: "  ", sort: "name" }), false);
-  assert.equal(isFiltered({ ...USUAL, site: "" }), true);
-  assert.equal(isFiltered({ ...USUAL, states: ["online"] }), true);
-});
-
 // Who has no value comes last, whichever way it is sorted, and equals by name.
 for (const [sort, down, expected] of [
   ["state", false, ["sim10", "sim30", "sim2"]],
@@ -63,13 +48,3 @@ for (const [sort, down, expected] of [
     assert.deepEqual(found, expected);
   });
 }
-
-test("sites are told once, none of them last", () => {
-  assert.deepEqual(sitesOf([...FLEET, { site: "lab" }, { site: undefined }]), ["lab", "yard", ""]);
-});
-
-test("the first of a long list show, and how many follow", () => {
-  const fits = (name) => name !== "sim2";
-  assert.deepEqual(inWindow(["sim1", "sim2", "sim3", "sim4"], fits, 2), { shown: new Set(["sim1", "sim3"]), left: 1 });
-  assert.deepEqual(inWindow(["sim1", "sim2"], fits, 2), { shown: new Set(["sim1"]), left: 0 });
-});

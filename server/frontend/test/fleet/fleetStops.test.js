@@ -2,20 +2,8 @@ import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
 import { part } from "../../src/dom/page.js";
-import { FleetStops, managedSites, outcome } from "../../src/fleet/fleetStops.js";
+import { FleetStops, outcome } from "../../src/fleet/fleetStops.js";
 import { FakeElement, settle } from "../fakes.js";
-
-test("only sites with a robot that is managed can be stopped, each once and in order", () => {
-  const robots = [
-    { site: "yard", level: "manage" },
-    { site: "lab", level: "manage" },
-    { site: "lab", level: "drive" },
-    { site: "hall", level: "observe" },
-    { site: null, level: "manage" },
-    { site: "new", level: "" },
-  ];
-  assert.deepEqual(managedSites(robots), ["lab", "new", "yard"]);
-});
 
 test("what became of a stop follows the robot's own news", () => {
   const answer = { name: "sim1", stopped: true, confirmed: false };

@@ -1,23 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
-import { Batch, PointerPause, throttled } from "../../src/fleet/list.js";
-
-test("what changes within a frame is applied once", () => {
-  const frames = [];
-  const applied = [];
-  const batch = new Batch({ apply: (names) => applied.push([...names]), frame: (act) => frames.push(act) });
-  for (const name of ["a", "b", "a"]) batch.add(name);
-  assert.equal(frames.length, 1);
-  assert.deepEqual(applied, []);
-  frames.shift()();
-  assert.deepEqual(applied, [["a", "b"]]);
-  batch.add("a");
-  batch.flush();
-  batch.add("b");
-  for (const frame of frames) frame();
-  assert.deepEqual(applied, [["a", "b"], ["a"], ["b"]], "what was applied early leaves its frame nothing to do");
-});
+import { PointerPause, throttled } from "../../src/fleet/list.js";
 
 test("what is costly is done at once, and then seldom, but never left undone", () => {
   let acts = 0;
@@ -69,13 +53,4 @@ test("a finger disturbs it for some seconds after it has touched", () => {
   pass(1);
   assert.equal(pause.active, false);
   assert.equal(rests, before + 1);
-});
-
-test("so does the keyboard's focus", () => {
-  focused = {};
-  assert.equal(pause.active, true);
-  focused = null;
-  say("focusout");
-  pass(0);
-  assert.equal(rests, 1);
 });

@@ -1,9 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { nearestOf, showNearest } from "../../src/fleet/nearest.js";
-
-globalThis.document = { createElement: () => ({}) };
+import { nearestOf } from "../../src/fleet/nearest.js";
 
 const [a, b] = [
   { name: "a", authority: "a.example" },
@@ -24,12 +22,3 @@ for (const [here, others, expected] of CASES) {
     assert.deepEqual(nearestOf(here, [a, b], others).machine ?? {}, expected);
   });
 }
-
-test("the machine that is nearer is named with both times, and linked", async () => {
-  const links = [];
-  const element = { dataset: { machines: JSON.stringify([a, b]) }, textContent: "", append: (_, link) => links.push(link) };
-  const times = { "": 95.4, "https://a.example": null, "https://b.example:8443": 0.4 };
-  await showNearest(element, async (origin) => times[origin]);
-  assert.equal(element.textContent, "Machine b is nearer to you: 1 ms, this one 95 ms.");
-  assert.deepEqual(links, [{ href: "https://b.example:8443/", textContent: "Open b" }]);
-});

@@ -1,9 +1,7 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { part } from "../../src/dom/page.js";
-import { MovingHand, askingText, fillTile, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
-import { FakeElement } from "../fakes.js";
+import { MovingHand, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
 
 const robot = (name, online = true) => ({ name, online });
 const asks = (name, more = {}) => ({ robot: name, reason: "stuck", source: "page", age_s: 125, priority: 2, state: "waiting", ...more });
@@ -43,20 +41,6 @@ for (const [press, key] of [
 ]) {
   test(`the press ${JSON.stringify(press)} takes the robot of the key ${key || "none"}`, () => assert.equal(keyOfPress(press), key));
 }
-
-test("what a robot asks for is said in words, with its urgency and who works on it", () => {
-  assert.equal(askingText(undefined), "");
-  assert.equal(askingText(asks("a")), "Asks for help (2 min 5 s): stuck");
-  const urgent = asks("a", { priority: 1, reason: "", source: "battery", age_s: null, state: "accepted", accepted_by: "ben" });
-  assert.equal(askingText(urgent), "Urgent. Asks for help (-): Battery low, ben works on it");
-});
-
-test("a tile says why its robot is offline", () => {
-  const tile = new FakeElement();
-  const offline = { ...robot("a", false), since: "", offline_reason: "no answer for 10 s" };
-  fillTile(tile, offline, { request: undefined, key: "1", mayDrive: true });
-  assert.equal(part(tile, "health").textContent, "no answer for 10 s");
-});
 
 test("a hand that moves keeps the robots where they are, and one that rests does not", (t) => {
   t.mock.timers.enable({ apis: ["setTimeout"] });

@@ -30,13 +30,6 @@ test("a small map draws laser and map, except what the person left out on the la
   assert.deepEqual(shown, [{ scan: true, path: true, map: false }]);
 });
 
-test("a small map shows four times as much around the robot as the large one", () => {
-  const memory = () => ({ zoom: 4 });
-  assert.equal(tile({ memory }).zoom, 4);
-  assert.equal(tile({ small: true, memory }).zoom, 2);
-  assert.equal(tile({ small: true, memory: () => ({ zoom: 0 }) }).zoom, 0);
-});
-
 test("nothing is to draw while neither the robot's place nor a wanted part is known", () => {
   const all = { scan: true, path: true, map: true };
   const nowhere = { robot: { unknown: true }, map: null, points: null };

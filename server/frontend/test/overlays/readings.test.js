@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { byTestId, part } from "../../src/dom/page.js";
-import { health, latencyBreakdown, Readback, Readings, speedText } from "../../src/overlays/readings.js";
+import { latencyBreakdown, Readback, Readings, speedText } from "../../src/overlays/readings.js";
 import { FakeElement } from "../fakes.js";
 
 for (const [what, parts, rosbridge] of [
@@ -15,13 +15,6 @@ for (const [what, parts, rosbridge] of [
     assert.deepEqual(latencyBreakdown(parts), { server, robot, rosbridge });
   });
 }
-
-test("a number is good, fair or poor by its bounds, and nothing when it is not known", () => {
-  assert.deepEqual(
-    [100, 101, 300, 301, null].map((ms) => health(ms, [100, 300])),
-    ["good", "fair", "fair", "poor", ""],
-  );
-});
 
 test("a number on the page says how good it is, one that came long ago that it is old, and one that is not known nothing", () => {
   const root = new FakeElement();
@@ -73,24 +66,6 @@ test("the speed is subscribed to ten times a second at most, and shown until it 
   assert.notEqual(speed, null);
   mock.timers.tick(1);
   assert.equal(speed, null);
-});
-
-test("another topic replaces the first, the same one changes nothing", () => {
-  readback.follow(POSE);
-  readback.follow({ ...POSE });
-  assert.equal(subscriptions.length, 1);
-  readback.follow(ODOM);
-  assert.equal(subscriptions[0].ended, true);
-  assert.equal(subscriptions[1].spec.name, "/odom");
-});
-
-test("speed is the length of the vector, with its direction as seen from the robot", () => {
-  assert.equal(speedText(0.3, 0), "↑ 0.30");
-  assert.equal(speedText(-0.3, 0), "↓ 0.30");
-  assert.equal(speedText(0, -0.4), "→ 0.40");
-  assert.equal(speedText(0.3, 0.4), "↖ 0.50");
-  assert.equal(speedText(-0.3, -0.001), "↓ 0.30");
-  assert.equal(speedText(0, 0.004), "0.00");
 });
 
 test("a speed of which a part is not known is none", () => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { appsIn, isDrawn, lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
+import { isDrawn, lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
 
 test("only what can be a topic with its type is offered, by name", () => {
   const answer = { topics: ["/b", "/a", "/c d", 7], types: ["t/B", "t/A", "t/C", "t/D"] };
@@ -19,16 +19,6 @@ test("what nobody measured is not claimed", () => {
   assert.equal(stateWords({ state: "elsewhere", rate_hz: null, why: "" }), "Not on this machine; another one may know its state");
   assert.equal(stateWords({ state: "runs", rate_hz: 0, why: "" }), "Runs, 0/s");
   assert.equal(stateWords({ state: "waits", rate_hz: 0, why: "sim1 is offline" }), "Waits: sim1 is offline");
-});
-
-test("an app is shown with what it offers and takes, and one that only a route names without topics", () => {
-  const stick = { topic: "/stick", type: "t/A" };
-  const live = [{ name: "joy", advertises: [stick], subscribes: [] }];
-  const rows = [
-    { source: "app:joy", target: "sim1" },
-    { source: "sim1", target: "app:map" },
-  ];
-  assert.deepEqual(Object.fromEntries(appsIn(live, rows)), { "app:joy": { source: [stick], target: [] }, "app:map": null });
 });
 
 test("another user's route leads to no app of this one", () => {

@@ -42,11 +42,3 @@ test("each is switched off by itself, and stays so at the next visit", async () 
   next.offer("Offer: sim2");
   assert.deepEqual([page.title, sound.played, next.isOn("sound")], ["Queue", 2, false]);
 });
-
-test("a browser that plays nothing yet is said, unless no sound is wanted", async () => {
-  sound.isSilent = true;
-  const alerts = open();
-  assert.equal(alerts.isSilenced, true);
-  await alerts.set("sound", false);
-  assert.equal(alerts.isSilenced, false);
-});

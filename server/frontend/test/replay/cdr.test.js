@@ -23,11 +23,8 @@ test("a message is read as the recorder writes it", () => {
   assert.deepEqual(message.ranges, [1.5, NaN]);
   assert.equal(message.big, 2 ** 40);
   assert.deepEqual(
-    message.parts.map(({ name, small }) => [name, small]),
-    [
-      ["x", -2],
-      ["", 3],
-    ],
+    message.parts.map(({ name, small }) => `${name} ${small}`),
+    ["x -2", " 3"],
   );
 });
 

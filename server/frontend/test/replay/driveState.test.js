@@ -65,10 +65,8 @@ test("events are what changed, and markup in a name stays a text", () => {
     { atMs: 4000, message: { ...CONTROL, driver: "" } },
   ];
   const { events, stops, drives, isMore } = historyOf(controls, RECORDED);
-  assert.deepEqual(
-    events.map(({ text }) => text),
-    ["ann drives", "Nobody drives", `Stopped by ${markup}`, "Stop confirmed by the robot", "Released"],
-  );
+  const texts = events.map(({ text }) => text);
+  assert.deepEqual(texts, ["ann drives", "Nobody drives", `Stopped by ${markup}`, "Stop confirmed by the robot", "Released"]);
   assert.deepEqual([stops, drives, isMore], [STOPS, [{ fromMs: 1000, toMs: 2000 }], false]);
   const many = Array.from({ length: 1000 }, (_, i) => ({ atMs: i, message: { ...CONTROL, stopped: i % 2 === 0 } }));
   assert.deepEqual([historyOf(many, RECORDED).events.length, historyOf(many, RECORDED).isMore], [200, true]);

@@ -10,10 +10,3 @@ test("nothing of another robot is drawn, also where the robot has none of its ow
   const { scan: drawn, speed } = drawnTopics(topics, "/robot2/cmd_vel");
   assert.deepEqual([drawn, speed], [undefined, odometry]);
 });
-
-test("the settings name a topic, if it is in the recording", () => {
-  const type = "nav_msgs/msg/Odometry";
-  const topics = ["/odom", "/odometry/filtered"].map((name) => ({ name, type }));
-  const speedBy = (odometry) => drawnTopics(topics, "/cmd_vel", { odometry }).speed?.name;
-  assert.deepEqual([null, "/odometry/filtered", "/wheels"].map(speedBy), ["/odom", "/odometry/filtered", "/odom"]);
-});

@@ -70,10 +70,7 @@ test("nothing is handed over before its time, at any speed, and nothing is left 
     assert.ok(handed.every(({ atMs }) => atMs <= player.atMs));
   }
   const states = handed.filter(({ topic }) => topic === "/state").map(({ atMs }) => atMs);
-  assert.deepEqual(
-    states,
-    states.map((_, i) => (i + 1) * 100),
-  );
+  assert.ok(states.every((atMs, i) => atMs === (i + 1) * 100));
 });
 
 test("a seek gives what was the case there: the newest map, and the video from its key frame on", async () => {

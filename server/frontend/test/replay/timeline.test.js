@@ -1,17 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { keyTarget, share } from "../../src/replay/timeline.js";
-
-test("keys lead along the line; up and down do on the slider alone", () => {
-  const to = (key, more = {}) => keyTarget({ key, ...more }, 20_000, 60_000);
-  assert.deepEqual(
-    ["ArrowLeft", "ArrowRight", "Home", "End"].map((key) => to(key)),
-    [15_000, 25_000, 0, 60_000],
-  );
-  assert.deepEqual([to("ArrowRight", { shiftKey: true }), to("ArrowUp"), to("a")], [21_000, undefined, undefined]);
-  assert.equal(to("ArrowUp", { target: { type: "range" } }), 25_000);
-});
+import { share } from "../../src/replay/timeline.js";
 
 test("no span leaves the line", () => {
   assert.deepEqual(share({ fromMs: 250, toMs: 500 }, 1000), { from: 0.25, width: 0.25 });

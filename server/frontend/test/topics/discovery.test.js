@@ -79,10 +79,8 @@ test("which topics a robot has is known once it has named one with its type, and
     await discovery.run(call);
   }
   discovery.stop();
-  assert.deepEqual(
-    found.map(({ answered }) => answered),
-    [false, false, true, true, false],
-  );
+  const answers = found.map(({ answered }) => answered);
+  assert.deepEqual(answers, [false, false, true, true, false]);
 });
 
 test("a robot that is still starting is asked again, until the connection ends", async () => {
@@ -126,17 +124,6 @@ test("the odometry that the settings name comes before any other, if it is one",
     one.stop();
   }
   assert.deepEqual(found, [{ name: "/wheels", type: "nav_msgs/msg/Odometry" }, undefined]);
-});
-
-test("who wants to know now is answered on the link that stands, and not without one", async () => {
-  const { call, asked } = robot({ "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" }, "geometry_msgs/Twist");
-  const times = () => asked.filter(({ service }) => service === "/rosapi/topics").length;
-  await discovery.run(call);
-  discovery.refresh();
-  assert.equal(times(), 2);
-  discovery.stop();
-  discovery.refresh();
-  assert.equal(times(), 2);
 });
 
 test("configured cameras are all that are offered, and before anything is known the usual one", () => {

@@ -84,16 +84,6 @@ for (const [name, periodMs, silenceMs, pace] of [
   });
 }
 
-test("a number is plotted from the newest message on", () => {
-  watched[0].onMessage({ v: 1 });
-  probe.plot("v");
-  clock = 500;
-  watched[0].onMessage({ v: 3 });
-  assert.deepEqual(probe.samples.extent(clock), { now: 3, min: 1, max: 3 });
-  probe.plot("");
-  assert.equal(probe.samples.extent(clock), null);
-});
-
 test("a refusal stays until a message comes, whatever the connection does", () => {
   watched[0].spec.onRefused("cannot subscribe to /x");
   watched[0].onState("lost");

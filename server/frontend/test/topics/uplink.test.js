@@ -48,13 +48,6 @@ test("a probe that a person opened is closed, and is not waited for", () => {
   assert.deepEqual([probes.close.mock.calls[0].arguments, topicSwitch.off.size], [["/scan"], 0]);
 });
 
-test("a row says what this page knows of a stream besides", async () => {
-  const camera = { off: new Set(), has: () => true, switchTo() {}, note: (name) => `H.264 of ${name}` };
-  list = new Uplink(root, { get: async () => answer, switches: { camera } });
-  await list.renew();
-  assert.match(facts()[1], /^Camera · .* · H.264 of \/a$/);
-});
-
 test("nothing is asked while the list is closed or the page hidden", async () => {
   const get = mock.fn(async () => answer);
   list.get = get;

@@ -87,13 +87,6 @@ test("an old frame stays with words, and with its age where the page has none fo
   assert.equal(textOf("facts"), "13 s old");
 });
 
-test("why a tile was stopped is said, also of one that played nothing", async () => {
-  tile.stop("login_missing");
-  assert.equal(textOf("words"), "Your login has ended.");
-  tile.stop("rights_ended");
-  assert.equal(textOf("words"), "Your rights have changed.");
-});
-
 test("the reason that the server or the robot gave is never replaced", () => {
   for (const why of ["down", "robot_offline", "video_down", "rights_ended", "crowded", "slow", "restarting", "link_lost", "refused"])
     assert.match(frame.why[why]("you read nothing for 10 s"), /^You read nothing for 10 s\./, why);
@@ -107,10 +100,7 @@ test("a frame that is decoded after the stream has ended counts no more", async 
   paintings[0].done(image);
   await shown;
   assert.deepEqual([tile.at, image.closed], [null, true]);
-  assert.deepEqual(
-    streams.map(({ started }) => started),
-    [false, true],
-  );
+  assert.deepEqual([streams[0].started, streams[1].started], [false, true]);
 });
 
 test("a small tile asks for less as soon as the camera's size is known, once, and for what the browser decodes", async () => {

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { MAP } from "../../src/video/layout.js";
-import { MainTimestamp, View, viewActionOf, snapshotName } from "../../src/video/view.js";
+import { MainTimestamp, View, viewActionOf } from "../../src/video/view.js";
 
 const within = (...selectors) => ({ closest: (asked) => selectors.some((one) => asked.includes(one)) || null });
 
@@ -20,12 +20,6 @@ for (const [what, event, action] of [
 ]) {
   test(`keys: ${what}`, () => assert.deepEqual(viewActionOf({ target: within(), ...event }), action));
 }
-
-test("a file is named after robot, camera and time, in plain letters", () => {
-  const time = new Date("2026-01-02T03:04:05.678Z");
-  assert.equal(snapshotName("sim1", "/camera/image_raw", time), "sim1-camera-image-raw-20260102T030405Z.jpg");
-  assert.equal(snapshotName("sim1", "../..", time), "sim1-camera-20260102T030405Z.jpg");
-});
 
 test("another camera begins with the timestamp of the one before and then answers for itself", () => {
   const timestamp = new MainTimestamp();
