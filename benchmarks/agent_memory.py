@@ -1,7 +1,7 @@
-"""What the agent's processes cost a robot's memory: the real agent, connected to a fake cloud, and all that it started.
+"""What the agent's processes cost a robot's memory: the real agent, connected to a fake cloud. Used by `bench`.
 
-Used by `bench`. PSS shares a page among the processes that have it, those of other programs too: what is anonymous is
-the agent's own, while the file pages of Python and its libraries count less here than on a robot without other Python.
+What is anonymous is the agent's own; the file pages of Python and its libraries count less here than on a robot without
+other Python, as PSS shares a page among all processes that have it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,6 @@ def installed(place: Path) -> Path:
 
 
 async def measured() -> list[Row]:
-    """Start the agent, and measure it when it has been connected for a while."""
     async with AsyncExitStack() as stack:
         place = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-")))
         rosbridge = await stack.enter_async_context(FakeRosbridge())

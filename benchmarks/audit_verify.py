@@ -1,8 +1,4 @@
-"""How long `robotether audit verify` takes for an exported file of a million lines, on one core.
-
-The lines are of 100 chains, as drives and settings leave them, each signed by the server and verified by the command's
-own code, in this process. Used by `bench`; needs neither a demo nor root.
-"""
+"""How long `robotether audit verify` takes for an exported file, on one core. Used by `bench`; needs no demo."""
 
 from __future__ import annotations
 

@@ -1,9 +1,7 @@
-"""How long control takes while video, a map or topics fill the robot's uplink: `ssh -R` beside Robotether.
+"""How long control takes while video, a map or topics fill the robot's uplink. Used by `bench`; needs root.
 
-Over an emulated link like the worst of the paper's (linked_robot.py), a call goes to the robot and its answer comes
-back on the connection that drives, 20 times a second and without waiting for the one before. What fills the link is a
-camera of the simulator, and topics that this process publishes at its rosbridge. Used by `bench`; needs root. No sample
-may be dropped: one that is still out at the end is waited for.
+What fills the link (linked_robot.py) is a camera of the simulator, and topics that this process publishes at its
+rosbridge. No sample may be dropped: one that is still out at the end is waited for.
 """
 
 from __future__ import annotations
@@ -200,7 +198,6 @@ async def publish(link: Link, topic: Topic, setup: Setup) -> None:
 async def observe(
     http: aiohttp.ClientSession, address: Address, topic: Topic, setup: Setup
 ) -> None:
-    """Take a topic's messages until this is cancelled."""
     url = address("ros?", "observe")
     async with http.ws_connect(url, compress=0, max_msg_size=0) as observer:
         await observer.send_json({"op": "subscribe", "topic": topic.name, "type": TYPE})
@@ -211,7 +208,6 @@ async def observe(
 
 
 async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> None:
-    """Take frames until this is cancelled."""
     if setup.video == PLAIN:
         url = address(f"video/stream?topic={FAST_CAMERA}&quality={PLAIN_QUALITY}&", "observe")
         await view_stream(http, setup.frames.append, url)
@@ -221,7 +217,6 @@ async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> 
 
 
 async def view_beside(http: aiohttp.ClientSession, address: Address, who: str) -> None:
-    """Take frames for nothing until this is cancelled."""
     url = frames_url(address, FAST_CAMERA)
     if who != RECORDER:
         await view_frames(http, url, lambda _frame: None, {"codecs": [who]})
@@ -231,7 +226,6 @@ async def view_beside(http: aiohttp.ClientSession, address: Address, who: str) -
 
 
 async def round_trips(socket: aiohttp.ClientWebSocketResponse, setup: Setup, count: int) -> None:
-    """Make `count` calls, each at its time, and take every answer."""
     sent_s: dict[str, float] = {}
 
     async def take_answers() -> None:

@@ -88,7 +88,6 @@ def put_disc(image: Values, row: float, column: float, radius: float, colour: Va
 
 
 def grain(random: np.random.Generator, shape: tuple[int, int]) -> Values:
-    """Draw a texture whose amplitude falls with its frequency."""
     spectrum = np.fft.rfft2(random.standard_normal(shape))
     down, across = np.fft.fftfreq(shape[0])[:, None], np.fft.rfftfreq(shape[1])[None, :]
     frequency = np.hypot(down, across)

@@ -1,10 +1,4 @@
-"""How many bits codecs need for the PSNR of JPEG, and what encoding costs a robot, on the clips of clips.py.
-
-The camera gives JPEGs of web_video_server's default quality, and the agent's own encoder process makes access units of
-them. Between some rates is that at which the decoded frames are as near to the raw ones as JPEGs of quality 50 are.
-Used by `bench`; needs neither a demo nor root. Processor time is the encoder process's own, with the decoding of the
-camera's JPEGs.
-"""
+"""How many bits codecs need for the PSNR of JPEG, and what encoding costs a robot. Used by `bench`; needs no demo."""
 
 from __future__ import annotations
 
@@ -42,8 +36,6 @@ LUMA = np.array([0.299, 0.587, 0.114], np.float32)
 
 @dataclass(frozen=True)
 class Coding:
-    """A codec, and how much work its encoder may put into it."""
-
     codec: Codec
     preset: str
 
@@ -77,7 +69,6 @@ class Footage:
 
 
 def make_footage(clip: Clip, size: Size, count: int) -> Footage:
-    """Draw a clip, and encode it as the camera does and as JPEGs of quality MEASURE."""
     raw, camera, total, errors = [], [], 0, []
     for frame in clip.frames(size, count):
         raw.append(frame @ LUMA)
@@ -154,7 +145,6 @@ def row(footage: Footage, codec: str, point: RatePoint | None) -> Row:
 
 
 def measure(seconds: float = SECONDS, sizes: Sequence[Size] = SIZES) -> Section:
-    """Measure all clips, one after the other."""
     count = round(seconds * FPS)
     rows = [
         row for size in sizes for clip in CLIPS for row in rows_of(make_footage(clip, size, count))

@@ -1,9 +1,6 @@
-"""The drive page in Chromium over the whole demo: its weight, first frame, smoothness, input latency.
+"""The drive page in Chromium over the whole demo: its weight, first frame, smoothness, input latency. Used by `bench`.
 
-The first frame is the first whose timestamp can be read out of what the page shows. Smoothness is counted in animation
-frames while the processor is throttled to a quarter. A key press is timed from its event to the command on the robot's
-/cmd_vel, as a subscriber of its own rosbridge gets it. A press without a command in 2 s ends the run, unless the page
-paused driving meanwhile, as it does when the video is old: that is counted. Used by `bench`; needs `make demo`.
+A press without a command in 2 s ends the run, unless the page paused driving meanwhile: that is counted.
 """
 
 from __future__ import annotations
@@ -113,7 +110,6 @@ def weigh(browser: Browser, demo: Demo) -> dict[str, int]:
 
 
 def throttled_gaps_ms(page: Page, seconds: float) -> list[float]:
-    """The gaps between animation frames on a slow processor."""
     session = page.context.new_cdp_session(page)
     session.send("Emulation.setCPUThrottlingRate", {"rate": THROTTLE})
     page.wait_for_timeout(SETTLE_MS)
@@ -170,7 +166,6 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
 
 
 def first_after(watch: SimWatch, since: float, fits: Callable[[Seen], bool], what: str) -> Seen:
-    """Wait for the first fitting command that came after `since`."""
     came = wait_until(
         lambda: list(filter(fits, watch.commands(since))), lambda: what, WITHIN_S, every_s=0.005
     )
@@ -214,7 +209,6 @@ def row(event: str, took_ms: list[float]) -> Row:
 
 
 def measure_input(demo: Demo, presses: int = PRESSES) -> Section:
-    """From a key event to the command; a press is made so often."""
     with sync_playwright() as playwright:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()

@@ -1,11 +1,8 @@
-"""What observers of the same topics cost the robot's uplink and the relay.
+"""What observers of the same topics cost the robot's uplink and the relay. Used by `bench`.
 
-The uplink is that of a simulated robot's laser, odometry and map: what leaves the robot from before the first observer
-subscribes until all have had the topics for a while, so that the map's copy counts, too. The relay's processor is that
-of a topic at 1000 messages a second, which this process publishes at the robot's own rosbridge. Observers connect to
-the relay itself, as viewers do (video.py). `beside_clouds` has the round trips of round_trip.py while observers take
-a lidar's clouds over the whole path; they are a process of their own, started as `python -m fan_out`. Used by `bench`;
-needs `make demo`, and root for the robot's network.
+`fan_out` has observers straight at the relay, as viewers are (video.py). `beside_clouds` has the round trips of
+round_trip.py beside observers of a lidar's clouds, a process of their own: `python -m fan_out`. Both need `make demo`,
+the second also root.
 """
 
 from __future__ import annotations
@@ -54,7 +51,6 @@ class Observer:
         self.missing = set(topics)
 
     async def observe(self, http: aiohttp.ClientSession, url: str, topics: Sequence[str]) -> None:
-        """Count until this is cancelled."""
         async with http.ws_connect(
             url, ssl=insecure_tls(), compress=0, max_msg_size=0, decode_text=False
         ) as socket:
@@ -102,7 +98,6 @@ async def publish_fast(url: str) -> None:
 
 
 def urls_of(demo: Demo, count: int) -> list[str]:
-    """Addresses of so many observers' connections, straight at the relay."""
     address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/ros"
     return [f"{address}?ticket={demo.ticket(ROBOT, 'observe')}" for _ in range(count)]
 
@@ -155,7 +150,6 @@ def compared(runs: Sequence[Row]) -> pd.DataFrame:
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
-    """Measure all, one after the other, and return them as a table."""
     text = (
         f"Each row took {seconds:g} s from before the first observer subscribed. All that leaves the robot in it "
         f"counts, the map of a latched topic too, and all of the relay's processor time. {FAST} has {FAST_HZ} messages "

@@ -56,8 +56,6 @@ Address = Callable[[str, Mode], str]
 
 @dataclass
 class Site:
-    """What all robots share."""
-
     relay: RelayServer
     records: MemoryDatabase
     sshd: OpenSshServer
@@ -92,7 +90,6 @@ class Subject:
         self._agent: Program | None = None
 
     async def enrol(self) -> None:
-        """Put into its place what a join would have brought."""
         state = self._folder / "state"
         state.mkdir(mode=0o700)
         sshd, robot = self._site.sshd, self.robot

@@ -1,7 +1,7 @@
-"""What recording costs the recorder's processor: ten robots with two cameras each, as a relay brings them.
+"""What recording costs the recorder's processor. Used by `bench`; needs no demo.
 
 The recorder runs in a process of its own with its rows in memory. This process stands in for the relay, so that nothing
-else counts: it speaks its three channels at the rates of a robot that is driven. Used by `bench`; needs no demo.
+else counts: it speaks its three channels at the rates of a robot that is driven.
 """
 
 from __future__ import annotations
@@ -72,8 +72,6 @@ CONTROL = {
 
 
 class StandInRelay:
-    """The relay's three channels."""
-
     def __init__(self, codec: int, frame_bytes: int) -> None:
         self._codec = codec
         self._frame = os.urandom(frame_bytes)
@@ -99,7 +97,6 @@ class StandInRelay:
         return socket
 
     async def rosbridge(self, request: web.Request) -> web.StreamResponse:
-        """Answer rosapi, and send what is subscribed."""
         socket = web.WebSocketResponse(compress=False)
         await socket.prepare(request)
         tasks = []
@@ -118,7 +115,6 @@ class StandInRelay:
         return socket
 
     async def show(self, request: web.Request) -> web.StreamResponse:
-        """Send a camera's frames at its rate."""
         socket = web.WebSocketResponse(compress=False)
         await socket.prepare(request)
         await socket.receive()
@@ -163,7 +159,6 @@ async def at_rate(rate: float, work: Callable[[], Awaitable[None]]) -> None:
 
 
 def answer(call: dict[str, object]) -> dict[str, object]:
-    """What rosapi answers."""
     values: dict[str, object] = {
         "topics": list(TOPICS),
         "types": [kind for kind, _, _ in TOPICS.values()],
@@ -205,7 +200,6 @@ class RowsInMemory(RecorderStore):
 
 
 async def record(port: int, folder: Path) -> None:
-    """Record until this process is ended."""
     relay_client.PUBLIC_PORT = relay_client.INSIDE_PORT = port
     database = DatabaseSettings("nowhere", 1, "none", "none", "none")
     settings = RecorderSettings(
@@ -238,7 +232,6 @@ async def recorder(port: int, folder: Path) -> AsyncIterator[int]:
 
 
 async def run_codec(name: str, seconds: float) -> Row:
-    """Record frames of one codec."""
     relay = StandInRelay(*CODECS[name])
     app = web.Application()
     app.router.add_get("/recorder", relay.follow)
@@ -267,7 +260,6 @@ async def run_codec(name: str, seconds: float) -> Row:
 
 
 def size_of(folder: str) -> int:
-    """How much is recorded."""
     return sum(path.stat().st_size for path in Path(folder).iterdir())
 
 

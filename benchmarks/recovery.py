@@ -1,8 +1,6 @@
-"""How soon a robot is drivable again after its network was cut or changed, or its agent stood still or was killed.
+"""How soon a robot is drivable again after its network or its agent was lost. Used by `bench`; needs root.
 
-Real agents (linked_robot.py), each in a network of its own (roaming.py). The time runs from the moment in which the
-robot has a network again until a new drive connection through the relay has passed a message and its answer. All cuts
-are made side by side, each on a robot of its own. Used by `bench`; needs root.
+Real agents (linked_robot.py), each in a network of its own (roaming.py). All cuts are made side by side.
 """
 
 from __future__ import annotations

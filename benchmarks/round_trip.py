@@ -1,10 +1,8 @@
-"""What a message costs on the whole path, beside what a user would have without it.
+"""What a message costs on the whole path, beside what a user would have without it. Used by `bench`.
 
-A 200-byte std_msgs/String is published at 100 Hz and comes back to the same connection, on several connections whose
-messages alternate, so that what else the machine does hits all of them. The whole path is nginx, TLS, ticket, relay,
-tunnel and guard; it needs `make demo` and root. Its robot is a real agent in a network of its own and not one of the
-demo's containers: between those and a published port is a process of Docker's, which no other robot meets. It must
-never drop a sample: a message that does not come back in 5 s ends the run.
+It needs `make demo` and root: its robot is a real agent in a network of its own and not one of the demo's containers,
+between which and a published port is a process of Docker's, which no other robot meets. Messages of several connections
+alternate, so that what else the machine does hits all of them. One that does not come back in 5 s ends the run.
 """
 
 from __future__ import annotations
@@ -148,8 +146,6 @@ def whole_robot(demo: Demo, *publishes: str) -> Iterator[tuple[World, str, Names
 
 
 def wait_online(world: World, name: str, programs: Sequence[Program]) -> None:
-    """Wait until the server says that the robot is online."""
-
     def is_online() -> bool:
         for program in programs:
             program.check()

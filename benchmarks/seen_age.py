@@ -1,10 +1,7 @@
-"""How old what a driver sees is when the robot obeys, and how right the guard's own word for it is.
+"""How old what a driver sees is when the robot obeys, and how right the guard's own word for it is. Used by `bench`.
 
-A program views a robot as a page does, and names a frame in each command. The guard's age comes back on its connection.
-`measure` has one of the last frames named, and compares that age with the frame's age by the drawn clock when the
-command was sent, on the same machine's clock, and with the delay of an emulated network: the rest of the command's way
-to the guard is all that may be between them. `measure_loop` has the newest frame named; a screen, an eye and a hand are
-missing. Used by `bench`; `measure` needs `make demo`, both need root. The robot moves some millimetres.
+A program views a robot as a page does, and names a frame in each command; the guard's age comes back on its connection.
+Needs root, and `measure` also `make demo`. The robot moves some millimetres.
 """
 
 from __future__ import annotations
@@ -147,7 +144,6 @@ async def run(address: Address, seconds: float, view: DriverView, **how: Any) ->
 async def run_behind(
     link: Link, seconds: float, views: Sequence[DriverView], camera_fps: int = FPS
 ) -> list[list[Seen]]:
-    """The same with the real relay, OpenSSH and agent."""
     async with linked_robot(link, camera_fps) as (site, subject):
         address = site.address_of(subject.robot)
         await until_seen(
@@ -174,7 +170,6 @@ def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
 
 
 def measure(demo: Demo, seconds: float = SECONDS) -> Section:
-    """Measure on loopback over the whole demo, and behind emulated networks."""
     address = demo_address(demo)
     views = [DriverView({"codecs": [codec]}) for codec in CODECS_VIEWED]
     rows = [
@@ -204,7 +199,6 @@ def loop_row(view: DriverView, seen: list[Seen]) -> Row:
 
 
 def measure_loop(seconds: float = SECONDS) -> Section:
-    """Measure from capture to guard, each camera by each codec."""
     request = {"width": WIDTH, "height": HEIGHT, "fps": CAMERA_FPS}
     views = [
         DriverView({**request, "codecs": [codec]}, camera, by_newest=True)

@@ -1,8 +1,7 @@
-"""How soon the robot stands when its driver is lost, for each way of losing one.
+"""How soon the robot stands when its driver is lost, for each way of losing one. Used by `bench`.
 
-A page in Chromium, or a program on the WebSocket, drives the demo's first robot; then the driver, the network, a part
-of the server or a part of the robot is taken away. What the robot's own rosbridge saw on /cmd_vel tells the rest. Used
-by `bench`; needs `make demo` and root (it drops packets with iptables, and takes the rules away again).
+What the demo robot's own rosbridge saw on /cmd_vel tells it. Needs `make demo` and root: it drops packets with
+iptables, and takes the rules away again.
 """
 
 from __future__ import annotations
@@ -133,7 +132,6 @@ def _processes(browser: Browser, kind: str) -> list[int]:
 
 
 def press_stop(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
-    """Somebody stops the robot, while the program goes on."""
     undo.callback(demo.ask, "POST", f"/robots/{ROBOT}/release")
     demo.ask("POST", f"/robots/{ROBOT}/stop")
 
@@ -204,7 +202,6 @@ CAUSES: Mapping[str, Callable[[Demo, Outcome], None]] = {
 
 
 def wait_drivable(demo: Demo) -> None:
-    """Wait until a program can drive the robot, or can again."""
     wait_until(lambda: _drives(demo), lambda: f"{ROBOT} is back", BACK_WITHIN_S, every_s=0.5)
 
 
@@ -222,7 +219,6 @@ def _drives(demo: Demo) -> bool:
 
 
 def outcome_of(demo: Demo, cause: str, repeat: int) -> Outcome:
-    """Lose the driver by one cause, `repeat` times."""
     outcome = Outcome()
     for _ in range(repeat):
         wait_drivable(demo)

@@ -1,10 +1,6 @@
-"""How old a frame is at the viewer, and what 1, 5 and 20 viewers of one camera cost.
+"""How old a frame is at the viewer, and what viewers of one camera cost. Used by `bench`.
 
-The age is by the timestamp that the simulated camera has drawn into the frame, on loopback over the whole demo, and
-over an emulated link like the worst of the paper's with the real agent, OpenSSH and relay; each beside plain
-MJPEG through a bare `ssh -R`. No frame may be left out: one whose timestamp cannot be read ends the run. The cost is
-the robot's uplink and the relay's processor time, with viewers straight at the relay: nginx and TLS are not in it.
-Used by `bench`; needs `make demo`, and root for the link.
+No frame may be left out: one whose timestamp cannot be read ends the run. `make demo` is needed, and root for links.
 """
 
 from __future__ import annotations
@@ -235,7 +231,6 @@ def demo_address(demo: Demo) -> Address:
 
 
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
-    """The demo's robot as a viewer outside sees it."""
     where, both = "loopback", (CAMERA, FAST_CAMERA)
     how = {"ssl": insecure_tls()}
     rows = await ours_viewed(where, demo_address(demo), seconds, {}, both, **how)
@@ -258,8 +253,6 @@ async def ours_viewed(
     cameras: Sequence[str],
     **how: Any,
 ) -> list[Row]:
-    """Look at each camera by each codec."""
-
     def frames_view(camera: str, codec: str) -> View:
         wanted = {**request, "codecs": [codec]}
         return lambda http, on_frame: view_frames(
@@ -390,7 +383,6 @@ class Usage:
 
 
 def beside_relay(demo: Demo) -> View:
-    """A viewer of the frames protocol, straight at the relay."""
     address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/video/frames"
     url = f"{address}?topic={CAMERA}&ticket={demo.ticket(ROBOT, 'observe')}"
     return lambda http, on_frame: view_frames(http, url, on_frame, STREAM_REQUEST)

@@ -1,8 +1,7 @@
 """A robot's ROS side without a robot: the simulator's rosbridge and bus alone, with no camera, sensor and motion.
 
-Started as `python -m paper.bus_robot ADDRESS PORT` for experiments that count or time messages; idle it
-does nothing. Stands in for ROS and rosbridge, as the simulator does. Ends on SIGTERM. With CLOUD behind the port it
-publishes a large message of a lidar each second, too, while somebody subscribes.
+Started as `python -m paper.bus_robot ADDRESS PORT`; idle it does nothing. Ends on SIGTERM. With CLOUD behind the port
+it publishes a large message of a lidar each second, too, while somebody subscribes.
 """
 
 from __future__ import annotations

@@ -53,8 +53,6 @@ def new_http(token: str = "", **how: Any) -> aiohttp.ClientSession:
 
 
 class Client:
-    """Somebody with a token at the HOST:PORT of a site."""
-
     def __init__(
         self, http: aiohttp.ClientSession, address: str, token: str, request_s: float = REQUEST_S
     ) -> None:
@@ -102,7 +100,6 @@ class Client:
 
 
 async def begin(socket: aiohttp.ClientWebSocketResponse) -> None:
-    """Say what will be published, and that it should come back."""
     for op in ("advertise", "subscribe"):
         await socket.send_json({"op": op, "topic": TOPIC, "type": TYPE})
 
@@ -137,7 +134,6 @@ class Echoes:
     _came: asyncio.Event = field(default_factory=asyncio.Event)
 
     async def listen(self, socket: aiohttp.ClientWebSocketResponse, connection: int = 0) -> None:
-        """Hear what comes on a connection until it ends."""
         async for frame in socket:
             if frame.type is not aiohttp.WSMsgType.TEXT:
                 continue

@@ -1,8 +1,7 @@
 """Processor time and memory of the server's containers, of robots, of operators, and of the rest of this machine.
 
-The kernel's control groups are read, of both kinds; the engine's own statistics come from them too, and are missing on
-some machines. Memory is what the kernel cannot give back without the programs: their own pages and what the kernel
-itself keeps for them. Pure except for what it reads below /proc and /sys.
+The kernel's control groups are read, of both kinds; the engine's own statistics are missing on some machines. Memory is
+what the kernel cannot give back without the programs: their own pages and what the kernel itself keeps for them.
 """
 
 from __future__ import annotations
@@ -33,8 +32,6 @@ MACHINE_FIELDS = 8
 
 @dataclass(frozen=True)
 class Use:
-    """What one container has used and holds."""
-
     cpu_s: float
     memory_bytes: int
     processes: int
@@ -91,8 +88,6 @@ def machine_cpu_s() -> float:
 
 @dataclass(frozen=True)
 class Reading:
-    """All at one moment."""
-
     at_s: float
     services: Mapping[str, Use]
     robots_cpu_s: float

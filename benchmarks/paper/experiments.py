@@ -50,7 +50,6 @@ _VERSION = re.compile(r"\d+\.\d[\w.]*")
 
 
 def circumstances(world: World) -> Iterator[str]:
-    """On what it is measured: this machine, what runs on it, and the sources."""
     here = machine()
     yield (
         f"Machine: {here['processor']}, {here['cores']} cores, {here['memory_gb']} GB of memory, "

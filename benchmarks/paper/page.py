@@ -17,8 +17,6 @@ LONGEST_FAILURE = 300
 
 @dataclass(frozen=True, kw_only=True)
 class Chapter:
-    """What the page has of one part."""
-
     part: Part
     # By the steps' names.
     outcomes: Mapping[str, Outcome]
@@ -32,7 +30,6 @@ class Chapter:
 
     @property
     def failures(self) -> list[str]:
-        """Which steps failed, and why, in Markdown."""
         return [f"{plain(step.title)}: {plain(step.failure)}" for step in self.failed]
 
     @property

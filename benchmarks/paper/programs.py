@@ -62,7 +62,6 @@ class Program:
         self.pid = self._process.pid
 
     def check(self) -> None:
-        """Raise with its last words if it has ended."""
         if (code := self._process.poll()) is not None:
             raise RuntimeError(f"{self._name} ended with {code}; its last words:\n{self.tail()}")
 
@@ -182,6 +181,5 @@ async def read_line() -> Any:
 
 
 def write_line(value: object) -> None:
-    """Write to whoever started this process."""
     sys.stdout.write(json.dumps(value) + "\n")
     sys.stdout.flush()

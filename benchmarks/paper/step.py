@@ -22,8 +22,6 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """How much is run."""
-
     # Everything once and small, for continuous integration.
     quick: bool = False
     # What lasts, for longer.
@@ -44,8 +42,6 @@ class Step:
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """What became of one step."""
-
     title: str
     # None: it failed.
     values: Values | None

@@ -62,7 +62,6 @@ class World(LiveServer):
 
     @cached_property
     def tls_fingerprint(self) -> str:
-        """The SHA-256 of the site's certificate, which robots pin."""
         host, port = self.address.split(":")
         certificate = ssl.get_server_certificate((host, int(port)), timeout=ANSWERS_WITHIN_S)
         return hashlib.sha256(ssl.PEM_cert_to_DER_cert(certificate)).hexdigest()

@@ -1,9 +1,7 @@
 """Whether several cells keep their promises while they break.
 
-A site of three cells, 30 agents and 300 virtual robots, all with the real guard; 10 drivers at 20 Hz, 10 observers and
-operators who stop and release; one robot follows another by a route. A nemesis breaks things by a seed, which SEED in
-the environment sets. The history of all is checked by rules (checker.py); one that breaks a rule is kept in
-tests/artifacts/cells.
+A nemesis breaks things by a seed, which SEED in the environment sets. The history of all is checked by rules
+(checker.py); one that breaks a rule is kept in tests/artifacts/cells.
 """
 
 from __future__ import annotations
@@ -51,7 +49,6 @@ def steps_of(scale: Scale) -> Sequence[Step]:
 
 
 def run_nemesis(size: Size, world: World) -> Values:
-    """Break and mend a site while people are at work, and check the history of it."""
     seed, folder = new_run(KEPT)
     with (
         Site.started(world, size.cells) as site,

@@ -343,7 +343,6 @@ class Faults:
         )
 
     def is_live(self, cell: str, source: str, at_s: float) -> bool:
-        """Whether the robots of a process could use a cell then."""
         return not any(
             item.what in CELL_GONE and item.begin_s <= at_s < item.end_s
             for item in self.of_cell(cell, source)
@@ -377,7 +376,6 @@ class Faults:
         return last
 
     def any_live(self, cells: Sequence[str], source: str, at_s: float) -> bool:
-        """Whether the robots of a process had a live cell then."""
         return any(self.is_live(cell, source, at_s) for cell in cells)
 
 

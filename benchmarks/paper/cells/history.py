@@ -75,8 +75,6 @@ ENDING = ".jsonl"
 
 
 class History:
-    """Writes the events that one process sees."""
-
     def __init__(self, file: IO[str], source: str) -> None:
         self._file, self._source = file, source
 
@@ -94,7 +92,6 @@ class History:
 
 
 def as_line(event: Event) -> str:
-    """JSON without what is empty."""
     values = asdict(event)
     return json.dumps(
         {name: value for name, value in values.items() if value != _DEFAULTS.get(name)}

@@ -43,8 +43,6 @@ class Target:
 
 @dataclass
 class Context:
-    """What faults work on."""
-
     site: Site
     # By their sources.
     robots: Mapping[str, RobotProcess]
@@ -54,7 +52,6 @@ class Context:
         return next(item for item in self.site.cells if item.name == target.cell)
 
     def full(self, target: Target) -> Path:
-        """What fills the disk of a process."""
         return self.robots[target.source].disk / "full"
 
 
@@ -115,8 +112,6 @@ def _database_cut(*, to_drop: bool) -> Do:
 
 
 def _peers_cut(*, to_drop: bool) -> Do:
-    """Cut a cell from all others, both ways."""
-
     def do(context: Context, target: Target) -> None:
         cell = context.cell(target)
         others = [item for item in context.site.cells if item is not cell]
@@ -194,8 +189,6 @@ class _Open:
 
 @dataclass
 class Nemesis:
-    """One that works until it is ended."""
-
     context: Context
     history: History
     faults: Mapping[str, Fault] = field(default_factory=lambda: FAULTS)
@@ -274,7 +267,6 @@ class Nemesis:
 
 
 def make_disk(place: Path, size_bytes: int, folders: Sequence[Path]) -> None:
-    """Mount a small file system there, and move folders into it."""
     place.mkdir()
     options = f"size={size_bytes},mode=0700"
     output_of_command("mount", "-t", "tmpfs", "-o", options, "robots", place)

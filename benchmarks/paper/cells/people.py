@@ -64,8 +64,6 @@ CONNECTIONS_A_DRIVER = 10_000
 
 @dataclass(frozen=True)
 class CellAddress:
-    """A cell by its name and HOST:PORT."""
-
     name: str
     address: str
 
@@ -112,7 +110,6 @@ class Person(Client, ABC):
         self._at = (self._at + 1) % len(self._cells)
 
     def meet(self, error: BaseException) -> str:
-        """Count what stood in the way; return its words."""
         if isinstance(error, RefusedError):
             words = str(error)
         elif isinstance(error, aiohttp.WSServerHandshakeError):
@@ -124,8 +121,6 @@ class Person(Client, ABC):
 
 
 class Driver(Person):
-    """Drives one robot after the other at a fixed rate."""
-
     def __init__(self, number: int, *person: Any) -> None:
         super().__init__(*person)
         self.begin_at(number)
@@ -317,7 +312,6 @@ class Operator(Person):
         return datetime.fromisoformat(stopped["at"]).timestamp() >= asked_at - RESOLUTION_S
 
     async def release(self, robot: str) -> None:
-        """Release a robot, by as many requests as it takes."""
         while True:
             self.begin_at(self._rng.randrange(len(self._cells)))
             where = {"connection": self.name, "cell": self.cell.name}
@@ -338,8 +332,6 @@ class Operator(Person):
 
 
 class Recorder(Person):
-    """An admin who adds one site after the other, at one cell after the other."""
-
     async def run(self) -> None:
         number = 0
         while True:
@@ -356,8 +348,6 @@ class Recorder(Person):
 
 
 class People:
-    """All of them."""
-
     def __init__(self, scene: Scene) -> None:
         order = scene.order
         drivers, observers, operators = (

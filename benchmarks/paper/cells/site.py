@@ -52,8 +52,6 @@ AT_ONCE = 4
 
 @dataclass
 class Cell:
-    """One cell."""
-
     name: str
     stack: Stack
     # HOST of all of them.
@@ -61,7 +59,6 @@ class Cell:
 
     @property
     def address(self) -> str:
-        """HOST:PORT of its pages."""
         return f"{self.host}:{self.stack.https_port}"
 
     @property
@@ -184,7 +181,6 @@ class Site:
 
     @property
     def database_ports(self) -> list[int]:
-        """Inside and published."""
         return [DATABASE_PORT, int(str(self.cells[0].stack.settings["DB_PORT"]))]
 
     def wait_live(self) -> None:
@@ -196,12 +192,10 @@ class Site:
 
 
 def offset_bytes(seconds: float) -> bytes:
-    """As stepped_clock.c reads it."""
     return struct.pack("q", round(seconds * NS_PER_S))
 
 
 def _add_clock(stack: Stack) -> None:
-    """Give web and relay a clock that can be stepped, before they start."""
     folder = stack.folder / "clock"
     folder.mkdir(parents=True, exist_ok=True)
     here = {str(folder): {"bind": "/out"}}

@@ -50,8 +50,6 @@ FPS = 5.0
 
 
 class HistoryWatch(Watch):
-    """Writes down what happens at one robot."""
-
     def __init__(self, robot: str, history: History) -> None:
         self._add = partial(history.add, robot=robot)
         # The names of cells by their SSH addresses.
@@ -69,7 +67,6 @@ class HistoryWatch(Watch):
             self._add("arrived", connection=connection, number=number, fence=stamp["fence"])
 
     def on_command(self, message: TopicMessage) -> None:
-        """A command came to rosbridge."""
         sent = origin(message.values)
         if sent is None:
             self._add("zeroed")
@@ -113,7 +110,6 @@ class GuardedSide:
         self._topics_port = 0
 
     async def run(self) -> None:
-        """Keep the guard and the topics' port."""
         app = web.Application()
         app.router.add_get(PATH, self._topics_service.answer)
         runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
@@ -148,8 +144,6 @@ class CellRobot(RosRobot):
 
 
 class RealRobot(CellRobot):
-    """The real agent, all of it; its guard is no process of its own."""
-
     async def play(self) -> None:
         agent = LightAgent(self.settings(), self.watch)
         self.supervisor = agent.supervisor

@@ -50,8 +50,6 @@ MOST_VIOLATIONS = 30
 
 @dataclass(frozen=True, kw_only=True)
 class Size:
-    """How large a run is."""
-
     cells: int
     agents: int
     virtual: int
@@ -100,8 +98,6 @@ class RobotProcess(Worker):
 
 
 class Workload:
-    """Robots at a site, online inside `running`."""
-
     def __init__(
         self, site: Site, size: Size, folder: Path, seed: int, processes: Sequence[RobotProcess]
     ) -> None:
@@ -243,7 +239,6 @@ def at_work(module: str, folder: Path, order: Values) -> Iterator[LineProgram]:
 
 
 def new_run(place: Path) -> tuple[int, Path]:
-    """A seed, which SEED in the environment sets, and a folder for the history."""
     seed = int(os.environ.get("SEED") or secrets.randbelow(1 << 32))
     sys.stderr.write(f"SEED={seed}\n")
     folder = place / f"{now().replace(':', '')}-{seed}"
@@ -267,7 +262,6 @@ def judged(folder: Path, violations: Sequence[Violation], values: Values) -> Val
 
 
 def read_database(site: Site) -> Database:
-    """What it has of drives, stops, sites and sessions."""
     rows = site.sql
     drives = rows("SELECT robot, fence FROM drives")
     fences = rows("SELECT r.name, l.fence FROM control_leases l JOIN robots r ON r.id = l.robot_id")

@@ -100,7 +100,6 @@ def tokens(world: World, how_many: int) -> list[str]:
 async def _drive(
     world: World, fleet: Fleet, chosen: Sequence[tuple[str, str]], seconds: float
 ) -> dict[str, Any]:
-    """Drive all of these at once, and return what their drivers saw, and what the fleet cost meanwhile."""
     with ExitStack() as stack:
         place = Path(stack.enter_context(TemporaryDirectory(prefix="rt-drivers-")))
         given = await asyncio.to_thread(tokens, world, len(chosen))

@@ -1,10 +1,8 @@
 """A process that drives many robots at once, started by density.py as `python -m paper.density.drivers`.
 
 In: a line with the robots and how they are driven. Out: "ready" when each has its lease, and after the line "begin"
-what each driver saw. A driver publishes a numbered Twist on /cmd_vel at a fixed rate, as a page does, and subscribes
-to the same topic: what it hears has passed relay, sshd and the robot's guard and rosbridge, and the same way back. A
-command counts as lost when it is not heard within two seconds of the last one. Each connection is dialled again and
-counted when it ends before.
+what each driver saw. A command counts as lost when it is not heard within two seconds of the last one. Each connection
+is dialled again and counted when it ends before.
 """
 
 from __future__ import annotations
@@ -59,7 +57,6 @@ class Driver:
         self._echoes.refused.clear()
 
     async def _dial(self) -> None:
-        """Have the lease, trying again for a while."""
         async with asyncio.timeout(READY_WITHIN_S):
             while True:
                 with suppress(*FAILURES):

@@ -119,7 +119,6 @@ def report(measured: Mapping[str, Values]) -> Report:
 
 
 def _carries(run: FleetOutcome) -> Mapping[str, float]:
-    """How many idle robots a core and a GiB carry."""
     memory = run.memory_mib()
     return {
         "count": run.count,

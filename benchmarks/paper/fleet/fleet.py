@@ -2,11 +2,9 @@
 
     values = with_fleet(world, 50, lambda fleet: fleet.start())
 
-The first 50 robots of a fleet are light ones: the real agent with its guard and its own OpenSSH clients, in a worker
-process with others (worker.py), behind the address of the worker's uplink. All more are virtual (paper.virtual): what
-hundreds of agents say, without what they cost, as this machine has no cores for them beside the server's. A clock
-starts with the order to start, so that no interpreter's start is in it. Robots are enrolled once in a world; the fleet
-ends with the `with` block.
+Agents and virtual robots run in workers (worker.py), behind the addresses of the workers' uplinks. A clock starts with
+the order to start, so that no interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with
+the `with` block.
 """
 
 from __future__ import annotations
@@ -70,8 +68,6 @@ def _nearly_equal(robots: Sequence[Enrolled], most: int) -> list[Sequence[Enroll
 
 
 class Worker(LineProgram):
-    """A process of robots behind an uplink; takes orders."""
-
     def __init__(
         self,
         inside: Namespace,
@@ -90,13 +86,11 @@ class Worker(LineProgram):
         return "failed" in message
 
     def has_done(self, what: str, within_s: float) -> None:
-        """Wait until it tells that an order is done."""
         said = self.receive(f"that {what} is done", within_s)
         if said["done"] != what:
             raise RuntimeError(f"a worker has done {said['done']} in place of {what}")
 
     def do(self, what: str, within_s: float, **more: Any) -> None:
-        """Give an order and wait until it is done."""
         self.send({"do": what, **more})
         self.has_done(what, within_s)
 

@@ -32,8 +32,6 @@ EVENTS_SILENT_S = 25.0
 
 
 class Operators:
-    """All operators of a fleet, who follow the server's events."""
-
     def __init__(self, client: Client, http: aiohttp.ClientSession) -> None:
         self._client, self._http = client, http
         self._slots = asyncio.Semaphore(AT_ONCE)
@@ -48,7 +46,6 @@ class Operators:
         self._waits: Counter[str] = Counter()
 
     def begin(self) -> None:
-        """Measure from now on."""
         self._began_s, self._server_s = time.monotonic(), None
         for seen in (self._online_s, self._drivable_s, self._waits):
             seen.clear()

@@ -179,8 +179,6 @@ class SupervisorHere(GuardSupervisor):
 
 
 class LightAgent(Agent):
-    """The agent, all of it; its guard is no process of its own."""
-
     def __init__(self, settings: Settings, watch: Watch) -> None:
         self._watch = watch
         super().__init__(settings, Notifier(None), random.SystemRandom())
@@ -236,8 +234,6 @@ class Robot(ABC):
 
 
 class RosRobot(Robot):
-    """One with a rosbridge of its own."""
-
     def __init__(self, name: str, given: Mapping[str, str]) -> None:
         self.bus = BusRobot(LOCALHOST, 0)
         super().__init__(name, given, self.bus)
@@ -249,16 +245,12 @@ class RosRobot(Robot):
 
 
 class LightRobot(RosRobot):
-    """One robot with its agent."""
-
     async def play(self) -> None:
         # No camera: what is asked for is one message.
         await LightAgent(self.settings(video_source="rosbridge"), Watch()).run()
 
 
 class FleetRobot(Robot):
-    """A virtual one."""
-
     def __init__(self, name: str, given: Mapping[str, str]) -> None:
         self._services = Services()
         super().__init__(name, given, self._services)

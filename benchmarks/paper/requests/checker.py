@@ -41,7 +41,6 @@ class Records:
 
 
 def check(history: Sequence[Event], records: Records) -> list[Violation]:
-    """All violations, in the order of time."""
     found = [*_lost(history, records), *_given_to_two(history, records), *_out_of_turn(records)]
     found += [
         Violation("late pass", "", end_s, f"an offer's end was noticed {late_s:.2f} s after it")

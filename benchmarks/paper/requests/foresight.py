@@ -33,7 +33,6 @@ class SmallQueue:
     chance: float
 
     def jobs(self, rng: Random) -> list[Job]:
-        """Return requests by chance."""
         jobs: list[Job] = []
         step = 0
         while len(jobs) < self.requests:

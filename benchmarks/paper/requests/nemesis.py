@@ -1,7 +1,6 @@
 """Whether no request is lost or given to two while web, relay and database of a site break.
 
-The nemesis of the cells breaks the site; 10 operators poll the queue, and somebody asks for help with 200 robots, which
-are never online. First nothing is broken, so that there are offers to judge whose operators have left.
+The nemesis of the cells breaks the site. First nothing is broken, so that there are offers whose operators have left.
 """
 
 from __future__ import annotations
@@ -43,8 +42,6 @@ ENDS_WITHIN_S = 30.0
 
 @dataclass(frozen=True, kw_only=True)
 class QueueSize:
-    """How large a run is."""
-
     cells: int
     robots: int = 200
     operators: int = 10
@@ -104,7 +101,6 @@ def _order(site: Site, size: QueueSize, folder: Path, seed: int) -> Values:
 
 
 def _add_robots(site: Site, count: int) -> list[str]:
-    """Add active robots without a key, which can never be online."""
     names = site.world.names("requests", count)
     rows = ", ".join(
         f"('{local_mac(os.getpid(), 40_000 + number)}', '{name}', 'active')"

@@ -91,6 +91,5 @@ def _later(at: _State, jobs: Sequence[Job]) -> _State | None:
 
 
 def _arrived(at: _State, jobs: Sequence[Job]) -> _State:
-    """Return the moment with all requests that are made by now."""
     made = sum(job.made_s <= at.now for job in jobs)
     return _State(at.now, made, (*at.waiting, *range(at.next, made)), at.free, at.busy)

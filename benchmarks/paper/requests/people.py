@@ -29,8 +29,6 @@ SETTLED_WITHIN_S = 200.0
 
 
 class QueuePerson(Person):
-    """Somebody who uses the API at one cell after the other."""
-
     async def call(
         self, method: str, path: str, body: Mapping[str, Any] | None = None
     ) -> dict[str, Any] | None:
@@ -44,8 +42,6 @@ class QueuePerson(Person):
 
 
 class Asker(QueuePerson):
-    """Asks for help with one robot after the other."""
-
     async def run(self) -> None:
         while True:
             robot = self._rng.choice(self._order["robots"])
@@ -56,7 +52,6 @@ class Asker(QueuePerson):
             await asyncio.sleep(ASK_EVERY_S)
 
     async def wait_for_none(self) -> None:
-        """Wait until no request is open."""
         async with asyncio.timeout(SETTLED_WITHIN_S):
             while True:
                 listed = await self.call("GET", "/requests")
@@ -66,8 +61,6 @@ class Asker(QueuePerson):
 
 
 class QueueOperator(QueuePerson):
-    """Accepts what is offered, helps for a while, and closes it."""
-
     async def run(self) -> None:
         while True:
             self._history.add("polled", connection=self.name, cell=self.cell.name)

@@ -120,7 +120,6 @@ def run_queue(load: float, requests: int, _: object = None) -> Values:
 
 
 def run_instances(name: str, count: int, _: object = None) -> Values:
-    """Compare the planner with the optimum in many small instances."""
     operators, at_once, _title = KINDS[name]
     instances = [
         instance(Random(f"{name} {number}"), operators, at_once=at_once) for number in range(count)
