@@ -7,14 +7,12 @@ a sensor's noise of its own, so that no codec can take it from the frame before.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 # Rows, columns, and the colours red, green and blue, 0 to 255.
 RawFrame = NDArray[np.uint8]
@@ -101,9 +99,3 @@ def turned(whole: Values, pixels: float) -> Values:
     steps, part = int(pixels // 1), pixels % 1
     left = np.roll(whole, -steps, axis=1)
     return left if part == 0 else left * (1 - part) + np.roll(left, -1, axis=1) * part
-
-
-def jpeg_of(frame: RawFrame, quality: int) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(frame).save(file, "JPEG", quality=quality)
-    return file.getvalue()

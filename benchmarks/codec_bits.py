@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import asyncio
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from clips import CLIPS, FPS, SIZES, Clip, RawFrame, Size, jpeg_of
+from clips import CLIPS, FPS, SIZES, Clip, RawFrame, Size
 from numpy.typing import NDArray
 from paper.costs import trees_cpu_s
-from PIL import Image
 from report import Row, Section
 from robotether_agent.video.av_process import av_process
 from robotether_agent.video.encoder import COMMAND
@@ -22,7 +20,7 @@ from robotether_agent.video.encoder_messages import (
     unpacked_answer,
 )
 from robotether_common.codecs import H264, VP8, Codec
-from video_clips import Decoder
+from video_clips import Decoder, jpeg_of, pixels_of
 
 SECONDS = 5.0
 # Quality whose PSNR is the measure, and that of the camera's JPEGs.
@@ -75,8 +73,7 @@ def make_footage(clip: Clip, size: Size, count: int) -> Footage:
         camera.append(jpeg_of(frame, CAMERA))
         measure = jpeg_of(frame, MEASURE)
         total += len(measure)
-        with Image.open(io.BytesIO(measure)) as opened:
-            errors.append(error_of(np.asarray(opened), raw[-1]))
+        errors.append(error_of(pixels_of(measure), raw[-1]))
     point = RatePoint(total * 8 * FPS / count, float(np.mean(errors)))
     return Footage(clip, size, raw, camera, point)
 
@@ -93,15 +90,8 @@ async def encoded(footage: Footage, coding: Coding, bits_per_s: float) -> RatePo
         await process.message(MAX_ANSWER_BYTES)
         [started_cpu_s] = trees_cpu_s([process._process.pid])
         for jpeg, raw_luma in zip(footage.camera, footage.raw, strict=True):
-            request = EncodeRequest(
-                jpeg,
-                coding.codec,
-                *footage.size,
-                bits_per_s,
-                FPS,
-                coding.preset,
-                allows_hardware=False,
-            )
+            how = (coding.codec, *footage.size, bits_per_s, FPS, coding.preset)
+            request = EncodeRequest(jpeg, *how, allows_hardware=False)
             await process.send(request.packed())
             unit = unpacked_answer(await process.message(MAX_ANSWER_BYTES)).data
             total += len(unit)

@@ -23,7 +23,7 @@ OPENED = 8
 SECONDS = 10.0
 SETTLE_MS = 3000
 THROTTLE = 4
-AIM_KB, AIM_FIRST_MS, AIM_FPS = 200, 1000, 60
+AIM_FPS = 60
 FRAME = "[data-testid=stage] canvas.picture, [data-testid=view] img"
 # Reads the frame once an animation frame, and notes when each new one came and how old it was, both in ms; ends after
 # the given time, or with the first that can be read.
@@ -130,31 +130,21 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
         browser.close()
     parts = ", ".join(f"{kind} {size / 1000:.0f}" for kind, size in sizes.items())
     late = sum(gap > 1.5 * 1000 / AIM_FPS for gap in gaps_ms)
-    rows: list[Row] = [
-        {
-            "what": "weight, KB",
-            "measured": f"{sum(sizes.values()) / 1000:.1f} ({parts})",
-            "aim": f"under {AIM_KB}",
-        },
-        {
-            "what": f"click to first frame, ms, p50 and max of {len(first_ms)}",
-            "measured": f"{median(first_ms):.0f}, {max(first_ms):.0f}",
-            "aim": f"under {AIM_FIRST_MS}",
-        },
-        {
-            "what": f"age of a frame when the page has drawn it, ms, p50 and p95 of {len(ages_ms)}",
-            "measured": f"{median(ages_ms):.0f}, {quantile(ages_ms, 0.95):.0f}",
-            "aim": "p95 under 80",
-        },
-        {
-            "what": f"animation frames a second, processor {THROTTLE}x slower",
-            "measured": 1000 * len(gaps_ms) / sum(gaps_ms),
-            "aim": AIM_FPS,
-        },
-        {
-            "what": f"of {len(gaps_ms)} animation frames, more than half a frame late",
-            "measured": late,
-        },
+    ages = f"age of a frame when the page has drawn it, ms, p50 and p95 of {len(ages_ms)}"
+    rows = [
+        ("weight, KB", f"{sum(sizes.values()) / 1000:.1f} ({parts})", "under 200"),
+        (
+            f"click to first frame, ms, p50 and max of {OPENED}",
+            f"{median(first_ms):.0f}, {max(first_ms):.0f}",
+            "under 1000",
+        ),
+        (ages, f"{median(ages_ms):.0f}, {quantile(ages_ms, 0.95):.0f}", "p95 under 80"),
+        (
+            f"animation frames a second, processor {THROTTLE}x slower",
+            1000 * len(gaps_ms) / sum(gaps_ms),
+            AIM_FPS,
+        ),
+        (f"of {len(gaps_ms)} animation frames, more than half a frame late", late, None),
     ]
     text = (
         "Over the whole demo on loopback, with live video of 640x480 at 15 frames a second. The weight is what the "
@@ -162,7 +152,9 @@ def measure(demo: Demo, seconds: float = SECONDS) -> Section:
         "from the click on the fleet page, with a warm cache. Headless Chromium draws without a GPU, on the cores "
         "that run everything else."
     )
-    return Section("The drive page in Chromium", text, rows)
+    columns = ("what", "measured", "aim")
+    table = [dict(zip(columns, row, strict=True)) for row in rows]
+    return Section("The drive page in Chromium", text, table)
 
 
 def first_after(watch: SimWatch, since: float, fits: Callable[[Seen], bool], what: str) -> Seen:

@@ -24,6 +24,7 @@ from link import Link
 from link_queue import Shape
 from linked_robot import FPS, UP, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
 from local_network import free_port, insecure_tls
+from paper.costs import use_of
 from PIL import Image
 from relay_server import until
 from report import Row, Section, quantiles
@@ -362,24 +363,18 @@ def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
 
 
 class Usage:
-    """What the kernel has counted for two containers; asking the engine itself would hold the viewers up."""
+    """What the kernel has counted for two containers since their start."""
 
     def __init__(self, demo: Demo) -> None:
-        processes = demo.container("relay").top()["Processes"]
-        self._relay_pids = [int(process[1]) for process in processes]
-        self._robot_pid = demo.container(ROBOT).attrs["State"]["Pid"]
+        self._relay, self._robot = demo.container("relay"), demo.container(ROBOT)
 
     def relay_cpu_s(self) -> float:
-        """Processor time of the relay's processes since their start."""
-        tasks = [task for pid in self._relay_pids for task in Path(f"/proc/{pid}/task").iterdir()]
-        return sum(int((task / "schedstat").read_text().split()[0]) for task in tasks) / 1e9
+        return use_of(self._relay).cpu_s
 
     def uplink_bytes(self) -> int:
-        lines = Path(f"/proc/{self._robot_pid}/net/dev").read_text().splitlines()
-        [counts] = [
-            line.split(":")[1].split() for line in lines if line.strip().startswith("eth0:")
-        ]
-        return int(counts[8])
+        lines = Path(f"/proc/{self._robot.attrs['State']['Pid']}/net/dev").read_text().splitlines()
+        [counts] = [line.split() for line in lines if line.strip().startswith("eth0:")]
+        return int(counts[9])
 
 
 def beside_relay(demo: Demo) -> View:
