@@ -30,7 +30,6 @@ from openssh_server import OpenSshServer
 from paper.programs import Program
 from paper.world import environment
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
-from roaming import RoamingNetwork
 from robotether_agent.enrolment.enroller import Enrolment, EnrolmentStore
 from robotether_agent.enrolment.join import SshAccess, parse_host_keys
 from robotether_agent.enrolment.keys import ensure_key
@@ -68,48 +67,38 @@ class Site:
         return address
 
 
-@dataclass(frozen=True)
-class Network:
-    """What an agent needs of its robot's network, as RoamingNetwork has it too."""
-
-    # The server's address there.
-    server: str
-    robot: Namespace
-
-
+@dataclass
 class Subject:
-    """One robot: its network, its agent, and its user."""
+    """One robot: its network, in which the server has this address, its agent, and its user."""
 
-    def __init__(
-        self, site: Site, network: Network | RoamingNetwork, robot: RelayRobot, folder: Path
-    ) -> None:
-        self.network = network
-        self._site = site
-        self.robot = robot
-        self._folder = folder
-        self._agent: Program | None = None
+    site: Site
+    server: str
+    inside: Namespace
+    robot: RelayRobot
+    folder: Path
+    _agent: Program | None = None
 
     async def enrol(self) -> None:
-        state = self._folder / "state"
+        state = self.folder / "state"
         state.mkdir(mode=0o700)
-        sshd, robot = self._site.sshd, self.robot
+        sshd, robot = self.site.sshd, self.robot
         key = await ensure_key(state)
         sshd.authorize_too(key.public, (robot.ros_port, robot.video_port), robot.id)
-        access = SshAccess(sshd.user, self.network.server, (sshd.port,))
-        enrolment = Enrolment(self.network.server, robot.name, MAC, access)
+        access = SshAccess(sshd.user, self.server, (sshd.port,))
+        enrolment = Enrolment(self.server, robot.name, MAC, access)
         EnrolmentStore(state).keep(enrolment, parse_host_keys({"host_keys": sshd.host_keys}))
 
     def start_agent(self) -> None:
         settings = {
-            "server": self.network.server,
+            "server": self.server,
             "mac": MAC,
-            "state_dir": self._folder / "state",
-            "run_dir": self._folder / "run",
+            "state_dir": self.folder / "state",
+            "run_dir": self.folder / "run",
             "shell_address": "none",
             "log_level": "debug",
         }
-        words, log = ("robotether_agent", "run"), self._folder / "agent.log"
-        self._agent = Program(self.network.robot, words, log, environment(settings))
+        words, log = ("robotether_agent", "run"), self.folder / "agent.log"
+        self._agent = Program(self.inside, words, log, environment(settings))
 
     def signal_agent(self, number: signal.Signals) -> None:
         """Send a signal to the agent, and to nothing that it started."""
@@ -138,10 +127,8 @@ class Subject:
             raise RuntimeError(f"the robot is not drivable at all:\n{self.log_tail()}")
 
     async def _drive(self) -> None:
-        url = self._site.relay.ros_url(self.robot)
-        async with self._site.http.ws_connect(
-            url, timeout=aiohttp.ClientWSTimeout(ws_close=0.05)
-        ) as client:
+        url, closing = self.site.relay.ros_url(self.robot), aiohttp.ClientWSTimeout(ws_close=0.05)
+        async with self.site.http.ws_connect(url, timeout=closing) as client:
             await client.send_json(CALL)
             while json.loads(await client.receive_str())["op"] != "service_response":
                 pass
@@ -164,13 +151,13 @@ async def start_site(
 
 
 async def start_subject(
-    stack: AsyncExitStack, site: Site, network: Network | RoamingNetwork, robot: RelayRobot
+    stack: AsyncExitStack, site: Site, server: str, inside: Namespace, robot: RelayRobot
 ) -> Subject:
     """Its agent, which ends with the stack."""
     # The agent's own directory, which holds sockets, must have a short name.
     folder = Path(mkdtemp(prefix="rt-"))
     stack.callback(shutil.rmtree, folder, ignore_errors=True)
-    subject = Subject(site, network, robot, folder)
+    subject = Subject(site, server, inside, robot, folder)
     stack.callback(subject.kill_agent)
     await subject.enrol()
     subject.start_agent()
@@ -202,5 +189,4 @@ async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple
         }
         simulator = Program(link.robot, ("sim_robot",), folder / "log", given)
         stack.callback(simulator.end)
-        network = Network(link.server.address, link.robot)
-        yield site, await start_subject(stack, site, network, robot)
+        yield site, await start_subject(stack, site, link.server.address, link.robot, robot)

@@ -29,7 +29,7 @@ GIVE_UP_S = 30.0
 
 
 # Loses the robot, and returns the moment in which it had a network again.
-Make = Callable[[Subject], Awaitable[float]]
+Make = Callable[[Subject, RoamingNetwork], Awaitable[float]]
 
 
 @dataclass
@@ -51,17 +51,16 @@ class Cut:
 def with_network(*steps: Callable[[RoamingNetwork], None], for_s: float = 0.0) -> Make:
     """Do one thing with the robot's network, or one after the other with a time between."""
 
-    async def make(subject: Subject) -> float:
-        assert isinstance(subject.network, RoamingNetwork)
+    async def make(_: Subject, network: RoamingNetwork) -> float:
         for number, step in enumerate(steps):
             await asyncio.sleep(for_s * (number > 0))
-            await asyncio.to_thread(step, subject.network)
+            await asyncio.to_thread(step, network)
         return time.monotonic()
 
     return make
 
 
-async def frozen(subject: Subject) -> float:
+async def frozen(subject: Subject, _: RoamingNetwork) -> float:
     """Stop the agent alone, for longer than a session lives."""
     subject.signal_agent(signal.SIGSTOP)
     await asyncio.sleep(10)
@@ -69,7 +68,7 @@ async def frozen(subject: Subject) -> float:
     return time.monotonic()
 
 
-async def rebooted(subject: Subject) -> float:
+async def rebooted(subject: Subject, _: RoamingNetwork) -> float:
     await asyncio.to_thread(subject.kill_agent)
     at_s = time.monotonic()
     subject.start_agent()
@@ -99,7 +98,7 @@ async def measure_all(networks: Sequence[RoamingNetwork], repeat: int) -> list[C
     async with AsyncExitStack() as stack:
         subjects = await _start_all(stack, networks)
         await asyncio.gather(
-            *(_measure(*pair, repeat) for pair in zip(made, subjects, strict=True))
+            *(_measure(*each, repeat) for each in zip(made, subjects, networks, strict=True))
         )
     return made
 
@@ -111,17 +110,18 @@ async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) 
         log = Path(stack.enter_context(TemporaryDirectory(prefix="rt-ros-"))) / "log"
         words = ("paper.bus_robot", "127.0.0.1", str(ROS_PORT))
         stack.callback(Program(network.robot, words, log, {}).end)
-        subjects.append(await start_subject(stack, site, network, robot))
+        started = await start_subject(stack, site, network.server, network.robot, robot)
+        subjects.append(started)
     return subjects
 
 
-async def _measure(cut: Cut, subject: Subject, repeat: int) -> None:
+async def _measure(cut: Cut, subject: Subject, network: RoamingNetwork, repeat: int) -> None:
     rng = random.Random(cut.name)
     for _ in range(repeat):
         await subject.until_drivable()
         # Cuts come at any moment of a heartbeat, and mostly to connections that stood for a while.
         await asyncio.sleep(rng.uniform(1, 2))
-        since = await cut.make(subject)
+        since = await cut.make(subject, network)
         cut.took_s.append(await subject.drivable_after(since, GIVE_UP_S))
         sys.stderr.write(f"{cut.name}: {cut.took_s[-1]:.2f} s\n")
         if cut.took_s[-1] > AIM_S:
