@@ -44,6 +44,13 @@ class RefusedError(Exception):
 FAILURES = (aiohttp.ClientError, OSError, TimeoutError, RefusedError)
 
 
+def words_of(error: BaseException) -> str:
+    """What stood in the way, in the server's words if it said any."""
+    if isinstance(error, aiohttp.WSServerHandshakeError):
+        return f"no WebSocket: {error.status}"
+    return str(error) if isinstance(error, RefusedError) else type(error).__name__
+
+
 def new_http(token: str = "", **how: Any) -> aiohttp.ClientSession:
     """As many connections as are asked for, to sites whose certificate is not checked; each shows the token."""
     return aiohttp.ClientSession(

@@ -112,25 +112,13 @@ def cpu_between(first: Reading, last: Reading) -> dict[str, float]:
 
     A container that was restarted meanwhile counts from its new start on.
     """
-    services = {
-        name: round(since(first.services[name].cpu_s, use.cpu_s), 3)
+    used = {
+        name: use.cpu_s - first.services[name].cpu_s * (use.cpu_s >= first.services[name].cpu_s)
         for name, use in last.services.items()
     }
-    robots = last.robots_cpu_s - first.robots_cpu_s
-    operators = last.operators_cpu_s - first.operators_cpu_s
-    machine = last.machine_cpu_s - first.machine_cpu_s
-    rest = machine - sum(services.values()) - robots - operators
-    return {
-        **services,
-        "robots": round(robots, 3),
-        "operators": round(operators, 3),
-        "rest": round(rest, 3),
-    }
-
-
-def since(first: float, last: float) -> float:
-    """How much a counter has grown; one that is lower than before began anew."""
-    return last - first if last >= first else last
+    used["robots"] = last.robots_cpu_s - first.robots_cpu_s
+    used["operators"] = last.operators_cpu_s - first.operators_cpu_s
+    return {**used, "rest": last.machine_cpu_s - first.machine_cpu_s - sum(used.values())}
 
 
 def memory_between(first: Reading, last: Reading) -> dict[str, int]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import asyncio
 import time
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -30,7 +29,6 @@ from paper.cells.history import History
 from paper.client import (
     CLOSE_S,
     FAILURES,
-    MAX_WORDS,
     TOPIC,
     TYPE,
     Client,
@@ -38,6 +36,7 @@ from paper.client import (
     RefusedError,
     command,
     new_http,
+    words_of,
 )
 from paper.programs import read_line, write_line
 
@@ -88,8 +87,6 @@ class Person(Client, ABC):
         self._rng = Random(f"{scene.order['seed']} {name}")
         self._cells = scene.cells
         self._at = 0
-        # What stood in the way, by the words of the server, and how often.
-        self.met: Counter[str] = Counter()
 
     @abstractmethod
     async def run(self) -> None:
@@ -108,16 +105,6 @@ class Person(Client, ABC):
 
     def go_on(self) -> None:
         self._at = (self._at + 1) % len(self._cells)
-
-    def meet(self, error: BaseException) -> str:
-        if isinstance(error, RefusedError):
-            words = str(error)
-        elif isinstance(error, aiohttp.WSServerHandshakeError):
-            words = f"no WebSocket: {error.status}"
-        else:
-            words = type(error).__name__
-        self.met[words[:MAX_WORDS]] += 1
-        return words
 
 
 class Driver(Person):
@@ -143,11 +130,11 @@ class Driver(Person):
         began = time.monotonic()
         end, latest = began + seconds, began + seconds + TIMEOUT_S
         while time.monotonic() < end:
-            echoes = Echoes(round_trips_ms=self.round_trips_ms, refused=self.met)
+            echoes = Echoes(round_trips_ms=self.round_trips_ms)
             try:
                 await self._connection(robot, end, echoes)
             except FAILURES as error:
-                what = f"{self.name}: {self.meet(error)}"
+                what = f"{self.name}: {words_of(error)}"
                 self._history.add("refused", robot=robot, cell=self.cell.name, what=what)
                 code = error.code if isinstance(error, RefusedError) else 0
                 if code in HELD_CODES:
@@ -227,8 +214,7 @@ class Observer(Person):
         while True:
             try:
                 await watch()
-            except FAILURES as error:
-                self.meet(error)
+            except FAILURES:
                 self.go_on()
             await asyncio.sleep(STOPPED_AGAIN_S)
 
@@ -324,11 +310,9 @@ class Operator(Person):
     async def _ask(
         self, robot: str, what: str, body: Mapping[str, Any]
     ) -> Mapping[str, Any] | None:
-        try:
+        with suppress(*FAILURES):
             return await self.ask(f"/robots/{robot}/{what}", body, within_s=ORDER_S)
-        except FAILURES as error:
-            self.meet(error)
-            return None
+        return None
 
 
 class Recorder(Person):
@@ -341,10 +325,9 @@ class Recorder(Person):
             name = f"{self._order['prefix']}-{number}"
             try:
                 await self.ask("/sites", {"name": name})
-            except FAILURES as error:
-                self.meet(error)
-            else:
-                self._history.add("recorded", what=name, cell=self.cell.name)
+            except FAILURES:
+                continue
+            self._history.add("recorded", what=name, cell=self.cell.name)
 
 
 class People:
@@ -373,7 +356,6 @@ class People:
             "frames": sum(observer.frames for observer in self.observers),
             "messages": sum(observer.messages for observer in self.observers),
             "confirmed_stops": sum(operator.confirmed for operator in self.operators),
-            "met": dict(sum((person.met for person in self.all), Counter[str]()).most_common(30)),
         }
 
 

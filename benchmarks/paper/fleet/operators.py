@@ -17,7 +17,7 @@ from typing import Any
 
 import aiohttp
 
-from paper.client import FAILURES, MAX_WORDS, Client, RefusedError, close
+from paper.client import FAILURES, MAX_WORDS, Client, RefusedError, close, words_of
 
 # The server lets one user have 32; one that closes still counts for a moment.
 AT_ONCE = 28
@@ -85,8 +85,7 @@ class Operators:
                 try:
                     await self._attempt(robot)
                 except FAILURES as error:
-                    words = str(error) if isinstance(error, RefusedError) else type(error).__name__
-                    self._waits[words] += 1
+                    self._waits[words_of(error)] += 1
                 else:
                     self._drivable_s[robot] = self._since()
                     return

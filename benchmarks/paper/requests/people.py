@@ -1,14 +1,13 @@
 """A process of people at the queue, started by nemesis.py as `python -m paper.requests.people`.
 
-In: a line with the cells, the people and the robots, then `settle`, then `end`. Out: `begun`, `settled` when no request
-is open any more, and what people met. One asks for help, the others answer; who gets no answer from a cell goes to the
+In: a line with the cells, the people and the robots, then `settle`, then `end`. Out: `begun`, and who failed when no
+request is open any more. One asks for help, the others answer; who gets no answer from a cell goes to the
 next. Some leave when they are offered a request, without a word. What counts is written into the history.
 """
 
 from __future__ import annotations
 
 import asyncio
-from collections import Counter
 from collections.abc import Mapping
 from typing import Any
 
@@ -35,8 +34,7 @@ class QueuePerson(Person):
         """The answer; None, and the next cell, if it is none or a refusal."""
         try:
             return await self.ask(path, body, method=method)
-        except FAILURES as error:
-            self.meet(error)
+        except FAILURES:
             self.go_on()
             return None
 
@@ -112,8 +110,7 @@ async def work() -> None:
             task.cancel()
         ended = await asyncio.gather(*tasks, asking, return_exceptions=True)
         failed = [repr(result) for result in ended if isinstance(result, Exception)]
-        met = sum((person.met for person in (asker, *operators)), Counter[str]())
-        write_line({"met": dict(met.most_common(30)), "failed": failed})
+        write_line({"failed": failed})
         await read_line()
         scene.history.close()
         write_line({"ended": True})

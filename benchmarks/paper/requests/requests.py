@@ -207,7 +207,7 @@ def _instance_row(name: str, value: Values) -> Row:
         "how many": value["instances"],
         "weighted waiting, planner, s": value["ours"],
         "optimum, s": value["least"],
-        "the planner reaches": f"{100 * _reached(value):.0f} %",
+        "the planner reaches": f"{100 * value['least'] / value['ours']:.0f} %",
         "is best itself in": value["best"],
     }
 
@@ -225,10 +225,6 @@ def _small_row(name: str, value: Values) -> Row:
     }
 
 
-def _reached(value: Values) -> float:
-    return float(value["least"] / value["ours"]) if value["ours"] else 1.0
-
-
 def _against_theory(queue: Values) -> Comparison:
     off = 100 * abs(queue["planned_s"] / _theory_s(queue) - 1)
     what = f"waiting p95 at load {queue['load']}: off the theory"
@@ -236,15 +232,17 @@ def _against_theory(queue: Values) -> Comparison:
 
 
 def _against_optimum(name: str, value: Values) -> Comparison:
-    what = f"{KINDS[name][2]}: more weighted waiting than the optimum"
-    more = 100 * (1 / _reached(value) - 1) if _reached(value) else None
-    return against_aim(what, 100 * (1 / AIM_OF_OPTIMUM - 1), more, "%")
+    return _more_than("the optimum", KINDS[name][2], value["ours"] / value["least"])
 
 
 def _against_best(name: str, value: Values) -> Comparison:
-    what = f"{SMALL[name][1]}: more weighted waiting than the best planner without foresight"
-    more = 100 * (value["ours"] / value["blind"] - 1)
-    return against_aim(what, 100 * (1 / AIM_OF_OPTIMUM - 1), more, "%")
+    best = "the best planner without foresight"
+    return _more_than(best, SMALL[name][1], value["ours"] / value["blind"])
+
+
+def _more_than(best: str, title: str, times: float) -> Comparison:
+    what = f"{title}: more weighted waiting than {best}"
+    return against_aim(what, 100 * (1 / AIM_OF_OPTIMUM - 1), 100 * (times - 1), "%")
 
 
 def _nemesis(run: Values) -> Values:
