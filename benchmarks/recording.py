@@ -9,17 +9,17 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import aiohttp
 from aiohttp import web
 from paper.costs import trees_cpu_s
+from paper.programs import LineProgram, read_line
 from report import Row, Section
+from robotether_agent.tasks import first_of
 from robotether_common.frames import HEADER, KEY
 from robotether_server.db.recordings import Progress, RecordableRobot, RecordingCause, RecordingRow
 from robotether_server.recorder import relay_client
@@ -79,8 +79,7 @@ class StandInRelay:
 
     async def follow(self, request: web.Request) -> web.StreamResponse:
         """Send each robot's control once, and commands of all at 20 Hz."""
-        socket = web.WebSocketResponse(compress=False)
-        await socket.prepare(request)
+        socket = await opened(request)
         texts = [
             (self._event(number, "control", CONTROL), self._event(number, "commands", COMMAND))
             for number in range(1, ROBOTS + 1)
@@ -97,10 +96,8 @@ class StandInRelay:
         return socket
 
     async def rosbridge(self, request: web.Request) -> web.StreamResponse:
-        socket = web.WebSocketResponse(compress=False)
-        await socket.prepare(request)
-        tasks = []
-        try:
+        socket = await opened(request)
+        async with asyncio.TaskGroup() as group:
             async for message in socket:
                 call = json.loads(message.data)
                 if call["op"] == "call_service":
@@ -108,15 +105,11 @@ class StandInRelay:
                 elif call["op"] == "subscribe":
                     _, rate, msg = TOPICS[call["topic"]]
                     text = json.dumps({"op": "publish", "topic": call["topic"], "msg": msg})
-                    tasks.append(asyncio.create_task(self._publish(socket, text, rate)))
-        finally:
-            for task in tasks:
-                task.cancel()
+                    group.create_task(self._publish(socket, text, rate))
         return socket
 
     async def show(self, request: web.Request) -> web.StreamResponse:
-        socket = web.WebSocketResponse(compress=False)
-        await socket.prepare(request)
+        socket = await opened(request)
         await socket.receive()
         sender_ms = time.monotonic() * 1000
         await socket.send_json({"op": "clock_sync", "t_ms": 0, "sender_ms": sender_ms})
@@ -126,12 +119,10 @@ class StandInRelay:
             head = HEADER.pack(self._codec, KEY, 50, self.frames, time.monotonic() * 1000)
             await socket.send_bytes(head + self._frame)
 
-        sending = asyncio.create_task(at_rate(FPS, send))
-        try:
+        async with asyncio.TaskGroup() as group:
+            group.create_task(at_rate(FPS, send))
             async for _ in socket:
                 pass
-        finally:
-            sending.cancel()
         return socket
 
     async def _publish(self, socket: web.WebSocketResponse, text: str, rate: float) -> None:
@@ -144,6 +135,12 @@ class StandInRelay:
     @staticmethod
     def _event(robot_id: int, topic: str, message: dict[str, object]) -> str:
         return json.dumps({"robot_id": robot_id, "topic": topic, "message": message})
+
+
+async def opened(request: web.Request) -> web.WebSocketResponse:
+    socket = web.WebSocketResponse(compress=False)
+    await socket.prepare(request)
+    return socket
 
 
 async def at_rate(rate: float, work: Callable[[], Awaitable[None]]) -> None:
@@ -199,36 +196,16 @@ class RowsInMemory(RecorderStore):
         pass
 
 
-async def record(port: int, folder: Path) -> None:
-    relay_client.PUBLIC_PORT = relay_client.INSIDE_PORT = port
+async def record() -> None:
+    """Record until the input ends."""
+    order = await read_line()
+    relay_client.PUBLIC_PORT = relay_client.INSIDE_PORT = order["port"]
     database = DatabaseSettings("nowhere", 1, "none", "none", "none")
-    settings = RecorderSettings(
-        database,
-        TicketSettings("k" * 40, 30),
-        "main",
-        "127.0.0.1",
-        folder,
-        10**12,
-        0,
-        10**7,
-        "info",
-    )
+    who = (database, TicketSettings("k" * 40, 30), "main", "127.0.0.1")
+    settings = RecorderSettings(*who, Path(order["folder"]), 10**12, 0, 10**7, "info")
     async with aiohttp.ClientSession() as session:
-        await RecorderService(settings, RelayClient(settings, session), RowsInMemory()).run()
-
-
-@asynccontextmanager
-async def recorder(port: int, folder: Path) -> AsyncIterator[int]:
-    """The recorder as a process, and its number."""
-    process = await asyncio.create_subprocess_exec(
-        *(sys.executable, __file__, str(port), str(folder)),
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)},
-    )
-    try:
-        yield process.pid
-    finally:
-        process.kill()
-        await process.wait()
+        recorder = RecorderService(settings, RelayClient(settings, session), RowsInMemory())
+        await first_of(recorder.run(), read_line())
 
 
 async def run_codec(name: str, seconds: float) -> Row:
@@ -241,20 +218,24 @@ async def run_codec(name: str, seconds: float) -> Row:
     await runner.setup()
     await web.TCPSite(runner, "127.0.0.1", 0).start()
     try:
-        with tempfile.TemporaryDirectory() as folder:
-            async with recorder(int(runner.addresses[0][1]), Path(folder)) as pid:
-                await asyncio.sleep(SETTLE_S)
-                began_s, frames, messages = time.monotonic(), relay.frames, relay.messages
-                [used_s], size = trees_cpu_s([pid]), size_of(folder)
-                await asyncio.sleep(seconds)
-                lasted_s = time.monotonic() - began_s
-                return {
-                    "codec": name,
-                    "frames/s": (relay.frames - frames) / lasted_s,
-                    "messages/s": (relay.messages - messages) / lasted_s,
-                    "MB/s": (size_of(folder) - size) / lasted_s / 1e6,
-                    "recorder, % of a core": (trees_cpu_s([pid])[0] - used_s) / lasted_s * 100,
-                }
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            tempfile.NamedTemporaryFile() as log,
+            LineProgram("recording", Path(log.name)) as recorder,
+        ):
+            recorder.send({"port": runner.addresses[0][1], "folder": folder})
+            await asyncio.sleep(SETTLE_S)
+            began_s, frames, messages = time.monotonic(), relay.frames, relay.messages
+            [used_s], size = trees_cpu_s([recorder.pid]), size_of(folder)
+            await asyncio.sleep(seconds)
+            lasted_s = time.monotonic() - began_s
+            return {
+                "codec": name,
+                "frames/s": (relay.frames - frames) / lasted_s,
+                "messages/s": (relay.messages - messages) / lasted_s,
+                "MB/s": (size_of(folder) - size) / lasted_s / 1e6,
+                "recorder, % of a core": (trees_cpu_s([recorder.pid])[0] - used_s) / lasted_s * 100,
+            }
     finally:
         await runner.cleanup()
 
@@ -273,4 +254,4 @@ def measure(seconds: float = SECONDS) -> Section:
 
 
 if __name__ == "__main__":
-    asyncio.run(record(int(sys.argv[1]), Path(sys.argv[2])))
+    asyncio.run(record())
