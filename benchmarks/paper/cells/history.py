@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterable, Sequence
-from dataclasses import MISSING, asdict, dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, Literal
 
@@ -68,9 +68,6 @@ class Event:
     source: str = ""
 
 
-_DEFAULTS = {
-    member.name: member.default for member in fields(Event) if member.default is not MISSING
-}
 ENDING = ".jsonl"
 
 
@@ -84,18 +81,11 @@ class History:
         return cls((folder / f"{source}{ENDING}").open("a", buffering=1), source)
 
     def add(self, kind: Kind, **more: Any) -> None:
-        event = Event(at_s=time.monotonic(), kind=kind, **{"source": self._source, **more})
-        self._file.write(f"{as_line(event)}\n")
+        event = {"at_s": time.monotonic(), "kind": kind, "source": self._source, **more}
+        self._file.write(f"{json.dumps(event)}\n")
 
     def close(self) -> None:
         self._file.close()
-
-
-def as_line(event: Event) -> str:
-    values = asdict(event)
-    return json.dumps(
-        {name: value for name, value in values.items() if value != _DEFAULTS.get(name)}
-    )
 
 
 def read(folder: Path) -> list[Event]:

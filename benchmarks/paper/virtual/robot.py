@@ -42,10 +42,10 @@ from robotether_agent.problems import (
 from robotether_agent.settings import Settings
 from robotether_agent.tasks import first_of
 from robotether_agent.tunnel.connection import (
-    RELAY_ANSWERS_WITHIN_S,
     Role,
     _ask_for_checks,
     _keep_forward,
+    _leave_silent_relay,
 )
 from robotether_agent.tunnel.connector import has_no_relay
 from robotether_agent.tunnel.openssh import Forward, ServiceAddress
@@ -191,6 +191,9 @@ asyncssh.SSHClientConnection.forward_connection = _none_left(  # type: ignore[me
 class VirtualTunnel(asyncssh.SSHClientSession[bytes]):
     """A connection as the agent's Tunnel is one, and its session's writer."""
 
+    # None is used before.
+    is_logged_in = True
+
     def __init__(self, target: SshAddress) -> None:
         self.lines_in = asyncio.StreamReader(limit=MAX_LINE_BYTES)
         self.lines_out = self
@@ -310,7 +313,8 @@ class VirtualRobot:
             target=self._side.ros_target,
             moved=self._side.moved,
             on_up=partial(self._is_up, uptime),
-            reports=(self._report, *([_leave_silent_relay] if len(targets) > 1 else [])),
+            reports=(self._report,),
+            elsewhere=lambda: targets[1:],
             recheck=self._recheck,
             guard=self._side,
             on_config=self._on_config,
@@ -359,6 +363,7 @@ class VirtualRobot:
             await first_of(
                 session.run(),
                 _keep_forward(tunnel, session, role, self._at),  # type: ignore[arg-type] # as Tunnel
+                _leave_silent_relay(tunnel, session, role, self._at),  # type: ignore[arg-type]
                 *(report(session) for report in role.reports),
                 *checks,
             )
@@ -390,11 +395,3 @@ class VirtualRobot:
         await session.new_config(None)
         session.send(HEALTH)
         await self._side.report(session)
-
-
-async def _leave_silent_relay(session: Session) -> None:
-    """Raise ServerSilentError when the cell, which is not the only one, sends no configuration."""
-    await asyncio.sleep(RELAY_ANSWERS_WITHIN_S)
-    if session.config is None:
-        raise ServerSilentError("cannot open the session: the relay does not answer")
-    await asyncio.Event().wait()
