@@ -13,7 +13,7 @@ import time
 import urllib.error
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 
 import processes
@@ -36,37 +36,35 @@ LIMIT_MS = 1000
 MARK = ("-m", "comment", "--comment", "robotether-bench")
 
 
-@dataclass
-class Outcome:
-    """What the robot got after each loss, in ms; `drove_on` counts repetitions with a late command or no zero."""
+@dataclass(frozen=True)
+class Stop:
+    """What the robot got after a loss, in ms; `drove_on` says that a late command came, or no zero."""
 
-    last_command_to_zero: list[float] = field(default_factory=list)
-    loss_to_zero: list[float] = field(default_factory=list)
-    drove_on: int = 0
+    drove_on: bool
+    last_command_to_zero: float | None = None
+    loss_to_zero: float | None = None
 
 
 def is_zero(seen: Seen) -> bool:
     return not any(value for part in seen.msg.values() for value in part.values())
 
 
-def judge(commands: list[Seen], lost_at: float, outcome: Outcome) -> None:
-    """Add what one repetition showed; `commands` go on for some seconds after the loss."""
+def judge(commands: list[Seen], lost_at: float) -> Stop:
+    """Return what one repetition showed; `commands` go on for some seconds after the loss."""
     moving = [seen.at for seen in commands if not is_zero(seen)]
     last = max(moving)
     zeros = [seen.at for seen in commands if is_zero(seen) and seen.at > last]
     if not zeros:
-        outcome.drove_on += 1
-        return
+        return Stop(drove_on=True)
     first = min(zeros)
-    outcome.last_command_to_zero.append((first - last) * 1000)
-    outcome.loss_to_zero.append((first - lost_at) * 1000)
     # Commands that were on their way may arrive after the loss, but none after the robot was stopped.
     stopped = min((seen.at for seen in commands if is_zero(seen) and seen.at > lost_at), default=0)
-    outcome.drove_on += any(at > stopped for at in moving)
+    drove_on = any(at > stopped for at in moving)
+    return Stop(drove_on, (first - last) * 1000, (first - lost_at) * 1000)
 
 
-def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
-    """Wait until the robot moves, have the driver lost, and return what /cmd_vel got until some seconds later."""
+def watched(demo: Demo, lose: Callable[[], None]) -> Stop:
+    """Wait until the robot moves, have the driver lost, and judge what /cmd_vel got until some seconds later."""
     with SimWatch(demo, ROBOT) as watch:
         wait_until(
             lambda: sum(not is_zero(seen) for seen in watch.commands()) >= 10,
@@ -76,24 +74,20 @@ def watched(demo: Demo, lose: Callable[[], None]) -> tuple[list[Seen], float]:
         lost_at = time.monotonic()
         lose()
         time.sleep(WATCHED_S)
-        return watch.commands(), lost_at
+        return judge(watch.commands(), lost_at)
 
 
-def program_loses(
-    loss: Callable[[Demo, ProgramDriver, ExitStack], None], demo: Demo, outcome: Outcome
-) -> None:
+def program_loses(loss: Callable[[Demo, ProgramDriver, ExitStack], None], demo: Demo) -> Stop:
     with ExitStack() as undo:
         driver = undo.enter_context(ProgramDriver(drive_url(demo)))
-        judge(*watched(demo, partial(loss, demo, driver, undo)), outcome)
+        return watched(demo, partial(loss, demo, driver, undo))
 
 
 def drive_url(demo: Demo) -> str:
     return f"wss://{demo.address}/robots/{ROBOT}/ros?ticket={demo.ticket(ROBOT, 'drive')}"
 
 
-def page_loses(
-    loss: Callable[[Browser, Page, ExitStack], None], demo: Demo, outcome: Outcome
-) -> None:
+def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> Stop:
     """One repetition with a person's page, on which a key is held."""
     with sync_playwright() as playwright, ExitStack() as undo:
         browser = chromium(playwright)
@@ -102,11 +96,12 @@ def page_loses(
         drive_live(page, demo, ROBOT)
         expect_armed(page)
         page.keyboard.down("w")
-        judge(*watched(demo, partial(loss, browser, page, undo)), outcome)
+        stop = watched(demo, partial(loss, browser, page, undo))
         undo.close()
         # One that was killed has nothing to close.
         with suppress(Error):
             browser.close()
+        return stop
 
 
 def close_page(_: Browser, page: Page, __: ExitStack) -> None:
@@ -186,7 +181,7 @@ def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Itera
         subprocess.run([*command, "-D", chain, *rule], check=True)
 
 
-CAUSES: Mapping[str, Callable[[Demo, Outcome], None]] = {
+CAUSES: Mapping[str, Callable[[Demo], Stop]] = {
     "stop pressed": partial(program_loses, press_stop),
     "page closed": partial(page_loses, close_page),
     "tab frozen": partial(page_loses, freeze_tab),
@@ -218,28 +213,24 @@ def _drives(demo: Demo) -> bool:
         return False
 
 
-def outcome_of(demo: Demo, cause: str, repeat: int) -> Outcome:
-    outcome = Outcome()
+def row_of(demo: Demo, cause: str, repeat: int) -> Row:
+    stops = []
     for _ in range(repeat):
         wait_drivable(demo)
-        CAUSES[cause](demo, outcome)
-    return outcome
-
-
-def row(cause: str, outcome: Outcome) -> Row:
-    times = quantiles(outcome.last_command_to_zero, 0.5, 1, unit="ms")
-    losses = quantiles(outcome.loss_to_zero, 0.5, unit="ms")
+        stops.append(CAUSES[cause](demo))
+    times = quantiles([stop.last_command_to_zero for stop in stops], 0.5, 1, unit="ms")
+    losses = quantiles([stop.loss_to_zero for stop in stops], 0.5, unit="ms")
     return {
         "cause": cause,
-        "times": len(outcome.loss_to_zero),
+        "times": sum(stop.loss_to_zero is not None for stop in stops),
         **{f"last command to zero, {name}": ms for name, ms in times.items()},
         **{f"loss to zero, {name}": ms for name, ms in losses.items()},
-        "continued to drive": outcome.drove_on,
+        "continued to drive": sum(stop.drove_on for stop in stops),
     }
 
 
 def measure(demo: Demo, repeat: int) -> Section:
-    rows = [row(cause, outcome_of(demo, cause, repeat)) for cause in CAUSES]
+    rows = [row_of(demo, cause, repeat) for cause in CAUSES]
     wait_drivable(demo)
     return Section(
         title="From the loss of the driver to the stopped robot",

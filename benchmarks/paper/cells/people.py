@@ -330,53 +330,45 @@ class Recorder(Person):
             self._history.add("recorded", what=name, cell=self.cell.name)
 
 
-class People:
-    def __init__(self, scene: Scene) -> None:
-        order = scene.order
-        drivers, observers, operators = (
-            [(scene, person["name"], person["token"]) for person in order[kind]]
-            for kind in ("drivers", "observers", "operators")
-        )
-        self.drivers = [Driver(number, *person) for number, person in enumerate(drivers, 1)]
-        self.drivers.append(Leader(len(drivers) + 1, scene, "admin", order["admin"]))
-        self.observers = [Observer(*person) for person in observers]
-        self.operators = [
-            Operator(order["hot"][number :: len(operators)], *person)
-            for number, person in enumerate(operators)
-        ]
-        self.recorder = Recorder(scene, "admin", order["admin"])
-        self.all = [*self.drivers, *self.observers, *self.operators, self.recorder]
-
-    def seen(self) -> dict[str, Any]:
-        trips_ms = [ms for driver in self.drivers for ms in driver.round_trips_ms]
-        return {
-            "sent": sum(driver.sent for driver in self.drivers),
-            "heard": len(trips_ms),
-            "p99_ms": quantiles(trips_ms, 0.99, unit="ms")["p99, ms"],
-            "frames": sum(observer.frames for observer in self.observers),
-            "messages": sum(observer.messages for observer in self.observers),
-            "confirmed_stops": sum(operator.confirmed for operator in self.operators),
-        }
-
-
 async def work() -> None:
     order = await read_line()
     async with new_http(force_close=True) as http:
         scene = Scene(order, "people", http)
-        people = People(scene)
-        tasks = [asyncio.create_task(person.run()) for person in people.all]
+        some_drivers, some_observers, some_operators = (
+            [(scene, person["name"], person["token"]) for person in order[kind]]
+            for kind in ("drivers", "observers", "operators")
+        )
+        admin = (scene, "admin", order["admin"])
+        drivers = [Driver(number, *person) for number, person in enumerate(some_drivers, 1)]
+        drivers.append(Leader(len(drivers) + 1, *admin))
+        observers = [Observer(*person) for person in some_observers]
+        operators = [
+            Operator(order["hot"][number :: len(some_operators)], *person)
+            for number, person in enumerate(some_operators)
+        ]
+        people = [*drivers, *observers, *operators, Recorder(*admin)]
+        tasks = [asyncio.create_task(person.run()) for person in people]
         write_line({"begun": True})
         await read_line()
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
-        failed = [repr(result) for result in ended if isinstance(result, Exception)]
-        write_line({**people.seen(), "failed": failed})
-        await asyncio.gather(*(operator.settle() for operator in people.operators))
+        trips_ms = [ms for driver in drivers for ms in driver.round_trips_ms]
+        seen = {
+            "sent": sum(driver.sent for driver in drivers),
+            "heard": len(trips_ms),
+            "p99_ms": quantiles(trips_ms, 0.99, unit="ms")["p99, ms"],
+            "frames": sum(observer.frames for observer in observers),
+            "messages": sum(observer.messages for observer in observers),
+            "confirmed_stops": sum(operator.confirmed for operator in operators),
+            "failed": [repr(result) for result in ended if isinstance(result, Exception)],
+        }
+        write_line(seen)
+        await asyncio.gather(*(operator.settle() for operator in operators))
         write_line({"settled": True})
         # The database is read meanwhile.
         await read_line()
-        for operator in people.operators:
+        for operator in operators:
             for robot in operator.robots:
                 await operator.release(robot)
         scene.history.close()

@@ -52,7 +52,7 @@ def steps(scale: Scale) -> Sequence[Step]:
 def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World) -> Values:
     """Start, idle, drive, and return after a restart; what fails is told, and the rest goes on."""
 
-    async def use(fleet: Fleet) -> dict[str, Any]:
+    async def use(fleet: Fleet) -> Values:
         values: dict[str, Any] = {"count": count, "agents": agents}
         values["start"] = await fleet.start()
         values["start"] |= await fleet.idle(idle_s)
@@ -62,7 +62,7 @@ def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World
         values["return"] = await fleet.run(lambda: asyncio.to_thread(restart_all, world))
         return values
 
-    return with_fleet(world, count, use, agents)
+    return with_fleet(world, count, agents, use)
 
 
 def restart_all(world: World) -> None:

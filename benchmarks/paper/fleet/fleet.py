@@ -1,6 +1,6 @@
 """Many robots that start and come back together: the machinery of `density`.
 
-    values = with_fleet(world, 50, lambda fleet: fleet.start())
+    values = with_fleet(world, 200, AGENTS, lambda fleet: fleet.start())
 
 Agents and virtual robots run in workers (worker.py), behind the addresses of the workers' uplinks. A clock starts with
 the order to start, so that no interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with
@@ -12,10 +12,10 @@ from __future__ import annotations
 import asyncio
 import os
 import tempfile
-from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from collections.abc import Awaitable, Callable, Mapping, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from namespaces import Namespace
 from openssh_server import descendants
@@ -26,6 +26,7 @@ from paper.costs import PROC, Reading, cpu_between, memory_between
 from paper.fleet.operators import REQUEST_S, Operators
 from paper.fleet.worker import allow_files
 from paper.programs import LineProgram
+from paper.step import Values
 from paper.world import Enrolled, World
 
 # Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
@@ -47,7 +48,6 @@ FILES_OF_OPERATORS = 4096
 POLL_EVERY_S, SETTLES_IN_POLLS = 0.5, 20
 # The relay takes a robot for used for a while after its last operator has left; and two heartbeats more.
 UNUSED_AFTER_S = USE_KEPT_S + 4.0
-T = TypeVar("T")
 # The agents and the virtual robots of one worker.
 Share = tuple[Sequence[Enrolled], Sequence[Enrolled]]
 
@@ -172,25 +172,26 @@ class Fleet:
 
 
 def with_fleet(
-    world: World,
-    count: int,
-    use: Callable[[Fleet], Awaitable[T]],
-    agents: int = AGENTS,
-) -> T:
+    world: World, count: int, agents: int, use: Callable[[Fleet], Awaitable[Values]]
+) -> Values:
     """What `use` returns of a fleet none of which has started yet: `agents` light robots, and the others virtual."""
     robots = world.robots(count)
     parts = shares(robots, agents)
     allow_files(FILES_OF_OPERATORS)
-    with (
-        world.uplinks(len(parts)) as uplinks,
-        tempfile.TemporaryDirectory(prefix="rt-fleet-") as logs,
-    ):
+    with ExitStack() as stack:
+        uplinks = stack.enter_context(world.uplinks(len(parts)))
+        logs = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="rt-fleet-")))
+        sides: list[Worker] = []
+        for number, (part, uplink) in enumerate(zip(parts, uplinks, strict=True)):
+            real, virtual = ({robot.name: robot.settings for robot in some} for some in part)
+            order = {"agents": real, "virtual": virtual}
+            sides.append(Worker(uplink, logs / f"{number}.log", order))
+            stack.callback(sides[-1].end, ENDS_WITHIN_S)
+        for side in sides:
+            side.has_done("open", OPENS_WITHIN_S)
 
-        async def run() -> T:
-            async with (
-                workers(parts, uplinks, Path(logs)) as sides,
-                new_http(world.token) as http,
-            ):
+        async def run() -> Values:
+            async with new_http(world.token) as http:
                 operators = Operators(Client(http, world.address, world.token, REQUEST_S), http)
                 following = asyncio.ensure_future(operators.follow())
                 try:
@@ -210,20 +211,3 @@ def no_longer_aside(pids: Sequence[int]) -> None:
             # To Linux a priority is a thread's, and one with a lock of the interpreter makes the others wait.
             for thread in (PROC / str(pid) / "task").iterdir():
                 os.setpriority(os.PRIO_PROCESS, int(thread.name), 0)
-
-
-@asynccontextmanager
-async def workers(
-    parts: Sequence[Share], uplinks: Sequence[Namespace], logs: Path
-) -> AsyncIterator[list[Worker]]:
-    """A worker for the agents and virtual robots of each part; all have their rosbridge, and no agent yet."""
-    made: list[Worker] = []
-    async with AsyncExitStack() as stack:
-        for number, (part, uplink) in enumerate(zip(parts, uplinks, strict=True)):
-            agents, virtual = ({robot.name: robot.settings for robot in some} for some in part)
-            worker_settings = {"agents": agents, "virtual": virtual}
-            made.append(Worker(uplink, logs / f"{number}.log", worker_settings))
-            stack.push_async_callback(asyncio.to_thread, made[-1].end, ENDS_WITHIN_S)
-        for worker in made:
-            await asyncio.to_thread(worker.has_done, "open", OPENS_WITHIN_S)
-        yield made

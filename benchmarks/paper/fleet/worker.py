@@ -320,17 +320,14 @@ async def work(wanted: Mapping[str, Any], run_dirs: Path) -> None:
     await Robots(robots).serve(await standard_input())
 
 
-def main(
-    work: Callable[[Mapping[str, Any], Path], Coroutine[Any, Any, None]],
-    run: Callable[[Coroutine[Any, Any, None]], None] = asyncio.run,
-) -> None:
+def main(work: Callable[[Mapping[str, Any], Path], Coroutine[Any, Any, None]]) -> None:
     """Work in folders that end with this process; their paths must be short, as they hold sockets."""
     logging.basicConfig(level=logging.WARNING, format=LOG_FORMAT)
     # It tells each login, and makes a text of each packet for it.
     logging.getLogger("asyncssh").setLevel(logging.ERROR)
     wanted = json.loads(sys.stdin.readline())
     with tempfile.TemporaryDirectory(prefix="rt-", dir="/tmp") as folder:
-        run(work(wanted, Path(folder)))
+        asyncio.run(work(wanted, Path(folder)))
 
 
 if __name__ == "__main__":
