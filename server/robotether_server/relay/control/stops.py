@@ -27,7 +27,7 @@ from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots import session_messages as lines
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
-from robotether_server.relay.robots.robot_stops import RobotStops
+from robotether_server.relay.robots.robot_stops import Release, RobotStops
 from robotether_server.times import rfc3339, utc_now
 
 log = logging.getLogger(__name__)
@@ -183,22 +183,21 @@ class Stops:
         """
         self._check_seen(robot, seen)
         presence, stops = self._registry.presence(robot.id), self._of(robot.id)
-        released = list(stops.in_force)
-        if not released and not presence.report.stopped:
+        if not stops.in_force and not presence.report.stopped:
             return
         if not presence.online:
             raise RobotOfflineError(
                 close_reasons.offline_sentence(robot.name, presence.since, utc_now())
             )
+        release = Release(robot, by, address, tuple(stops.in_force))
         # Without a guard nobody confirms, and the stop was never more than the server's.
         if presence.guard_mode == "on":
-            await self._released_by_guard(robot, by)
-        for stop_id, stop in stops.in_force.items():
-            if stop_id not in released:
-                # It came between the guard's answer and this line.
-                raise _stopped_again(robot, stop.by)
-        self._end(robot.id, released)
-        self._audit("robot_released", robot, by, address, {})
+            await self._released_by_guard(release)
+        else:
+            self._end_by(release)
+        if (stop := self.of(robot.id)) is not None:
+            # It came between the guard's answer and this line.
+            raise _stopped_again(robot, stop.by)
 
     def on_robot_change(self, change: Change) -> None:
         """Something happened to a robot."""
@@ -227,13 +226,14 @@ class Stops:
     def _of(self, robot_id: int) -> RobotStops:
         return self._registry.ensure_robot(robot_id).stops
 
-    def _pending_releases(self, robot_id: int) -> list[asyncio.Future[None]]:
-        return [answer for answer in self._of(robot_id).releases.values() if _may_end_it(answer)]
+    def _pending_releases(self, robot_id: int) -> list[Release]:
+        """Return the releases that wait for the guard."""
+        releases = self._of(robot_id).releases.values()
+        return [release for release in releases if not release.answer.done()]
 
     def _fail_releases(self, robot: RelayRobot, by: str) -> None:
-        for answer in self._pending_releases(robot.id):
-            if not answer.done():
-                answer.set_exception(_stopped_again(robot, by))
+        for release in self._pending_releases(robot.id):
+            release.answer.set_exception(_stopped_again(robot, by))
 
     def _begin_here(self, robot: RelayRobot, by: str, reason: str | None = None) -> None:
         self._begin(robot, Stop(robot.id, utc_now(), by, reason))
@@ -254,6 +254,10 @@ class Stops:
             stops.pressed_at.clear()
         self._event_writer.add(stops.entry)
         self._changed(robot_id)
+
+    def _end_by(self, release: Release) -> None:
+        self._end(release.robot.id, release.stop_ids)
+        self._audit("robot_released", release.robot, release.by, release.address, {})
 
     def _send_stop(self, robot_id: int, stop: Stop) -> None:
         link = self._registry.session_of(robot_id)
@@ -285,16 +289,16 @@ class Stops:
         if stops.newest is not None and not self.confirmed(robot_id) and not stops.releases:
             self._send_stop(robot_id, stops.newest)
 
-    async def _released_by_guard(self, robot: RelayRobot, by: str) -> None:
-        link, message_id = self._registry.session_of(robot.id), _message_id()
-        answer: asyncio.Future[None] = asyncio.get_running_loop().create_future()
+    async def _released_by_guard(self, release: Release) -> None:
+        robot, message_id = release.robot, _message_id()
+        link = self._registry.session_of(robot.id)
         releases = self._of(robot.id).releases
-        releases[message_id] = answer
+        releases[message_id] = release
         try:
             if link is not None:
-                link.send(lines.release_line(message_id, by))
+                link.send(lines.release_line(message_id, release.by))
             async with asyncio.timeout(RELEASED_WITHIN_S):
-                await answer
+                await release.answer
         except TimeoutError as exc:
             # The answer alone may be lost: both sides must say the same again.
             if (stop := self.of(robot.id)) is not None:
@@ -313,9 +317,11 @@ class Stops:
         if report.stopped:
             self._stopped_by_guard(robot_id, report.by)
             return
-        answer = self._of(robot_id).releases.get(change.answers or "")
-        if answer is not None and not answer.done():
-            answer.set_result(None)
+        release = self._of(robot_id).releases.get(change.answers or "")
+        if release is not None and not release.answer.done():
+            # In one step: nobody may read that the robot is stopped and its guard does not have it.
+            self._end_by(release)
+            release.answer.set_result(None)
 
     def _stopped_by_guard(self, robot_id: int, by: str) -> None:
         self.on_confirmed(robot_id)
@@ -334,11 +340,6 @@ class Stops:
         details: Mapping[str, object],
     ) -> None:
         self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
-
-
-def _may_end_it(answer: asyncio.Future[None]) -> bool:
-    """Return whether a release may still end the stop: it waits for its guard, or has just had the answer."""
-    return not answer.done() or not (answer.cancelled() or answer.exception())
 
 
 def _stopped_again(robot: RelayRobot, by: str) -> NotPossibleError:

@@ -5,12 +5,27 @@ from __future__ import annotations
 import asyncio
 import math
 from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 from robotether_server.db.control import Stop, StopEntry, StopId
+from robotether_server.db.fleet import RelayRobot
 
 # Maximum number of stops in force, and of ended ones, that are kept of a robot. A stop whose end was forgotten here may
 # come back from a cell that never learned of it.
 MAX_STOPS = 32
+
+
+@dataclass(frozen=True)
+class Release:
+    """A release that waits for the robot's guard; `answer` fails when somebody stops the robot meanwhile."""
+
+    robot: RelayRobot
+    by: str
+    address: str | None
+    stop_ids: tuple[StopId, ...]
+    answer: asyncio.Future[None] = field(
+        default_factory=lambda: asyncio.get_running_loop().create_future()
+    )
 
 
 class RobotStops:
@@ -25,7 +40,7 @@ class RobotStops:
         self.pressed_at: dict[str, float] = {}
         self.repeat_timer: asyncio.TimerHandle | None = None
         # Releases that wait for the guard, by the id of the message.
-        self.releases: dict[str, asyncio.Future[None]] = {}
+        self.releases: dict[str, Release] = {}
         # Requests that wait until the guard has the stop.
         self.confirmations: list[asyncio.Future[None]] = []
 

@@ -208,7 +208,10 @@ async def test_a_silent_guard_is_sent_the_stop_after_a_release(world, monkeypatc
 
 
 async def test_only_the_answer_to_a_release_ends_it(world):
-    """A status that answers nothing, or something else, says nothing of it; two may release a robot at once."""
+    """A status that answers nothing, or something else, says nothing of it; two may release a robot at once.
+
+    Nobody reads meanwhile that the robot is stopped and that its guard does not have it.
+    """
     link = world.online()
     world.stops.stop(SIM1, "ben")
     releases = [asyncio.create_task(world.stops.release(SIM1, by)) for by in ("ann", "carl")]
@@ -219,8 +222,8 @@ async def test_only_the_answer_to_a_release_ends_it(world):
     assert not any(release.done() for release in releases)
     for line, release in zip(link.sent[1:], releases, strict=True):
         world.registry.on_guard_status(link, GuardReport("ready"), line["id"])
+        assert world.stops.of(SIM1.id) is None
         await release
-    assert world.stops.of(SIM1.id) is None
 
 
 async def test_a_robot_that_is_gone_leaves_nothing(world):
