@@ -369,6 +369,8 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         # A click comes before what the page does next.
         page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
         expect(page.get_by_test_id("control")).to_have_attribute("data-mode", "drive")
+        # A page whose link the machine delays shows it again later.
+        expect(page.get_by_test_id("control-leave")).to_be_visible()
         under = page.evaluate("(at) => document.elementFromPoint(...at).dataset.testid", point)
         assert under == "control-leave"
     finally:

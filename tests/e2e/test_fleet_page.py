@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -12,6 +13,10 @@ from playwright.sync_api import Page, expect
 from stack import Stack
 
 CROWD = 500
+MEASURED = re.compile(
+    r"No machine that answers is clearly nearer to you than this one \(\d+ ms\)\."
+    r"|Machine other is nearer to you: \d+ ms, this one \d+ ms\. Open other"
+)
 SIMS = ("sim1", "sim2", "sim3")
 PHONE = {"viewport": {"width": 360, "height": 740}, "has_touch": True, "is_mobile": True}
 # Of the range that is kept for documentation: no machine has such a MAC.
@@ -119,7 +124,10 @@ def test_the_fleet_fits_a_phone(fleet: Page) -> None:
 
 
 def test_other_machines_are_measured(page: Page, stack: Stack) -> None:
-    """The browser may ask them: here the same nginx, by its address, which counts as another machine."""
+    """The browser may ask them: here the same nginx, by its address, which counts as another machine.
+
+    Which of the two is nearer is up to the moment.
+    """
     stack.sql(
         "INSERT INTO cells (name, host, https_port, ssh_ports, version, heartbeat_at)"
         f" VALUES ('other', '127.0.0.1', {stack.https_port}, '1', '0', NOW() + INTERVAL 1 HOUR)"
@@ -129,6 +137,6 @@ def test_other_machines_are_measured(page: Page, stack: Stack) -> None:
         with page.expect_response(there) as answer:
             open_page(page, stack, "/")
         assert answer.value.ok
-        expect(page.get_by_test_id("nearest")).to_contain_text("No machine that answers is clearly")
+        expect(page.get_by_test_id("nearest")).to_have_text(MEASURED)
     finally:
         stack.sql("DELETE FROM cells WHERE name = 'other'")
