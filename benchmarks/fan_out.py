@@ -184,7 +184,7 @@ def measure_beside(demo: Demo, seconds: float = DRIVEN_S) -> Section:
                 "straight to rosbridge": f"ws://127.0.0.1:{ROSBRIDGE_PORT}",
                 "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={world.ticket(name, 'drive')}",
             }
-            return asyncio.run(measure_all(urls, count, inside=inside, rate_hz=DRIVER_HZ))
+            return asyncio.run(measure_all(urls, count, inside, DRIVER_HZ))
 
         measured = [cloud_row(route, 0, {}) for route in routes()]
         address = f"wss://{world.address}/robots/{name}/ros?ticket="

@@ -81,17 +81,12 @@ class Route:
 async def measure_all(
     urls: Mapping[str, str],
     count: int,
-    headers: Mapping[str, str] | None = None,
-    inside: Namespace | None = None,
+    inside: Namespace,
     rate_hz: float = RATE_HZ,
 ) -> list[Route]:
-    """Make `count` round trips each way, one after the other in every period; the first ones do not count.
-
-    The connections are made in this network, or `inside` another.
-    """
+    """Make `count` round trips each way, one after the other in every period; the first ones do not count."""
     async with AsyncExitStack() as stack:
-        connector = aiohttp.TCPConnector(**made_in(inside)) if inside else None
-        session = aiohttp.ClientSession(headers=headers, connector=connector)
+        session = aiohttp.ClientSession(connector=aiohttp.TCPConnector(**made_in(inside)))
         http = await stack.enter_async_context(session)
         routes = []
         for name, url in urls.items():
@@ -170,7 +165,7 @@ def measure(demo: Demo, count: int = COUNT) -> Section:
             "bare ssh -R": f"ws://{world.machine}:{bare_port}/",
             "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={ticket}",
         }
-        routes = asyncio.run(measure_all(urls, count, inside=inside))
+        routes = asyncio.run(measure_all(urls, count, inside))
     table = pd.DataFrame([route.row(0.5, 0.99, 1) for route in routes])
     bare = table.iloc[1]
     table["p50 above bare ssh -R, ms"] = table["p50, ms"] - bare["p50, ms"]

@@ -22,7 +22,6 @@ from linked_robot import DOWN, FPS, UP, UP_MBIT_S, Address, emulated, linked_rob
 from local_network import insecure_tls
 from relay_server import until
 from report import Row, Section, quantiles
-from robotether_common.codecs import JPEG
 from video import (
     CAMERA,
     CODECS_VIEWED,
@@ -61,7 +60,7 @@ class Seen:
 
     sent_ms: float
     guards_ms: float
-    codec: str = JPEG.name
+    codec: str
 
     def error_ms(self, delay_ms: float) -> float:
         """How much more the guard measured than the network's delay explains."""

@@ -14,16 +14,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-from demo import ROOT
 from namespaces import Namespace
 from openssh_server import descendants, is_alive, kill, wait_until
 
-# Where our programs find their modules.
-SUPPORT = tuple(f"tests/support/{name}" for name in ("fakes", "networks", "stack", "browser"))
-FOLDERS = [
-    ROOT / folder
-    for folder in ("common", "agent", "server", "images/sim_robot", "benchmarks", *SUPPORT)
-]
 # An agent publishes zeros for half a second when its robot was moving, and closes its tunnels.
 ENDS_WITHIN_S = 5.0
 LOG_LINES = 30
@@ -32,13 +25,13 @@ GONE = object()
 
 
 def our_environment() -> dict[str, str]:
-    """This process's environment, with nothing in it that the agent or the simulator would take for settings."""
+    """This process's environment and modules, with nothing that the agent or the simulator would take for settings."""
     stored = {
         name: value
         for name, value in os.environ.items()
         if not name.startswith(("ROBOTETHER_", "SIM_"))
     }
-    return {**stored, "PYTHONPATH": os.pathsep.join(map(str, FOLDERS))}
+    return {**stored, "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))}
 
 
 class Program:

@@ -28,8 +28,6 @@ from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
 
-# A statement must fit into one argument of a command.
-ROWS_A_STATEMENT = 500
 _numbers = count(1)
 # The server lets one robot in at a time; so many keys are made meanwhile.
 AT_ONCE = 4
@@ -81,9 +79,20 @@ class World(LiveServer):
 
     def enrol(self, names: Sequence[str]) -> list[Enrolled]:
         """Announce robots and let them join with a token of the admin's. None is online then."""
-        made = [self._robot(name) for name in names]
-        for at in range(0, len(made), ROWS_A_STATEMENT):
-            self._announce(made[at : at + ROWS_A_STATEMENT])
+        made = [
+            Enrolled(
+                name=name,
+                mac=local_mac(os.getpid(), next(_numbers)),
+                server=self.address,
+                tls_fingerprint=self.tls_fingerprint,
+                folder=self.folder / name,
+            )
+            for name in names
+        ]
+        # As docs/howto/enrolment.md has it: the API takes no MAC that a machine gave itself.
+        rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in made)
+        statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
+        self.exec("mysql", "mariadb", "robotether", "-e", statement)
         asyncio.run(join_all(made, self.token))
         return made
 
@@ -110,22 +119,6 @@ class World(LiveServer):
             self.ask("POST", "/users", {"name": user, "role": "admin"})
             self._tokens[user] = self.token_of(user)
         return self._tokens[user]
-
-    def _robot(self, name: str) -> Enrolled:
-        number = next(_numbers)
-        return Enrolled(
-            name=name,
-            mac=local_mac(os.getpid(), number),
-            server=self.address,
-            tls_fingerprint=self.tls_fingerprint,
-            folder=self.folder / name,
-        )
-
-    def _announce(self, robots: Sequence[Enrolled]) -> None:
-        """Insert their rows, as docs/howto/enrolment.md has it: the API takes no MAC that a machine gave itself."""
-        rows = ", ".join(f"('{robot.mac}', '{robot.name}')" for robot in robots)
-        statement = f"INSERT INTO robots (mac, name) VALUES {rows}"
-        self.exec("mysql", "mariadb", "robotether", "-e", statement)
 
 
 @dataclass(frozen=True)

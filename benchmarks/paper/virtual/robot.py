@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -149,43 +149,29 @@ def login_options(
     )
 
 
-def _without_ignored(send_packet: Callable[..., None]) -> Callable[..., None]:
+_send_packet = asyncssh.SSHClientConnection.send_packet
+_forward_connection = asyncssh.SSHClientConnection.forward_connection
+
+
+def _send(connection: asyncssh.SSHClientConnection, kind: int, *args: bytes, **more: Any) -> None:
     """Leave out the empty packet that asyncssh puts before each other one: it doubles what a server has to read.
 
     OpenSSH's client sends none either, and asyncssh has no setting for it.
     """
-
-    def send(
-        connection: asyncssh.SSHClientConnection, kind: int, *args: bytes, **more: Any
-    ) -> None:
-        if kind != MSG_IGNORE:
-            send_packet(connection, kind, *args, **more)
-
-    return send
+    if kind != MSG_IGNORE:
+        _send_packet(connection, kind, *args, **more)
 
 
-asyncssh.SSHClientConnection.send_packet = _without_ignored(  # type: ignore[method-assign]
-    asyncssh.SSHClientConnection.send_packet
-)
-
-
-def _none_left(
-    forward_connection: Callable[..., Awaitable[SSHForwarder]],
-) -> Callable[..., Awaitable[SSHForwarder]]:
+async def _forward(connection: asyncssh.SSHClientConnection, *args: Any) -> SSHForwarder:
     """Close what was opened to a service while the SSH connection ended: asyncssh forgets it open, at both its ends."""
-
-    async def forward(connection: asyncssh.SSHClientConnection, *args: Any) -> SSHForwarder:
-        forwarder = await forward_connection(connection, *args)
-        if connection.is_closed():
-            forwarder.close()
-        return forwarder
-
-    return forward
+    forwarder = await _forward_connection(connection, *args)
+    if connection.is_closed():
+        forwarder.close()
+    return forwarder
 
 
-asyncssh.SSHClientConnection.forward_connection = _none_left(  # type: ignore[method-assign, assignment]
-    asyncssh.SSHClientConnection.forward_connection
-)
+asyncssh.SSHClientConnection.send_packet = _send  # type: ignore[method-assign, assignment]
+asyncssh.SSHClientConnection.forward_connection = _forward  # type: ignore[method-assign, assignment]
 
 
 class VirtualTunnel(asyncssh.SSHClientSession[bytes]):
