@@ -21,8 +21,6 @@ class Chapter:
     # By the steps' names.
     outcomes: Mapping[str, Outcome]
     report: Report
-    # Why the part's report could not be made.
-    problems: Sequence[str]
 
     @property
     def failed(self) -> list[Outcome]:
@@ -36,14 +34,14 @@ class Chapter:
     def shortfalls(self) -> list[str]:
         """What falls short besides the comparisons, in Markdown."""
         failed = [f"{len(self.failed)} of {len(self.outcomes)} steps failed."] * bool(self.failed)
-        return [*failed, *map(plain, [*self.problems, *self.report.shortfalls])]
+        return [*failed, *map(plain, [*self.report.problems, *self.report.shortfalls])]
 
     @property
     def faults(self) -> list[str]:
         """All that makes a run fail: steps that failed, and what has to be equal and is not."""
         return [
             *(f"{step.title}: {step.failure}" for step in self.failed),
-            *self.problems,
+            *self.report.problems,
             *(
                 f"{row.what} is {cell(row.ours)} and has to be {cell(row.reference)} {row.unit}"
                 for row in self.report.comparisons
@@ -58,14 +56,13 @@ class Chapter:
 
 def chapter(part: Part, outcomes: Mapping[str, Outcome]) -> Chapter:
     """Let a part report; a report that raises is a problem and not the page's end."""
-    problems, report = [], Report()
     values = {name: step.values for name, step in outcomes.items() if step.values is not None}
     try:
         report = part.report(values)
     except Exception as error:  # noqa: BLE001 (the border of a part)
         traceback.print_exc()
-        problems.append(f"its report could not be made: {sentence(error)}")
-    return Chapter(part=part, outcomes=outcomes, report=report, problems=problems)
+        report = Report(problems=[f"its report could not be made: {sentence(error)}"])
+    return Chapter(part=part, outcomes=outcomes, report=report)
 
 
 def sentence(error: BaseException) -> str:

@@ -102,6 +102,8 @@ class Report:
     comparisons: Sequence[Comparison] = ()
     # What falls short beside the comparisons that do, in sentences.
     shortfalls: Sequence[str] = ()
+    # Why there is no report.
+    problems: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -174,6 +174,16 @@ class Site:
     def names(self) -> list[str]:
         return [cell.name for cell in self.cells]
 
+    @property
+    def addresses(self) -> list[dict[str, str]]:
+        """Where people find the cells."""
+        return [{"name": cell.name, "address": cell.address} for cell in self.cells]
+
+    def people(self, prefix: str, count: int) -> list[dict[str, str]]:
+        """So many admins, each with a token."""
+        names = [f"{prefix}-{number}" for number in range(1, count + 1)]
+        return [{"name": name, "token": self.world.admin_token(name)} for name in names]
+
     @cached_property
     def ssh_addresses(self) -> dict[str, str]:
         """The names of the cells by HOST:PORT at which robots log in."""

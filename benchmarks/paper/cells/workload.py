@@ -179,24 +179,14 @@ class Workload:
 
     def order(self) -> dict[str, Any]:
         """What the process of drivers, observers and operators has to know."""
-        size, tokens = self.size, self.site.world.admin_token
-        kinds = {
-            "drivers": ("driver", size.drivers),
-            "observers": ("observer", size.observers),
-            "operators": ("operator", size.operators),
-        }
-        people = {
-            kind: [
-                {"name": f"x-{service}-{number}", "token": tokens(f"x-{service}-{number}")}
-                for number in range(1, count + 1)
-            ]
-            for kind, (service, count) in kinds.items()
-        }
         return {
-            **people,
+            **{
+                kind: self.site.people(f"x-{kind}", getattr(self.size, kind))
+                for kind in ("drivers", "observers", "operators")
+            },
             "folder": str(self.folder),
             "seed": self.seed,
-            "cells": [{"name": cell.name, "address": cell.address} for cell in self.site.cells],
+            "cells": self.site.addresses,
             "admin": self.site.world.token,
             "robots": [name for name in self.robots if name not in self.routed],
             "source": self.routed[0],

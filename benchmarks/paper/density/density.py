@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Awaitable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -100,14 +99,15 @@ def tokens(world: World, how_many: int) -> list[str]:
 async def _drive(
     world: World, fleet: Fleet, chosen: Sequence[tuple[str, str]], seconds: float
 ) -> dict[str, Any]:
-    with ExitStack() as stack:
-        place = Path(stack.enter_context(TemporaryDirectory(prefix="rt-drivers-")))
-        given = await asyncio.to_thread(tokens, world, len(chosen))
-        drives = [
-            {"robot": name, "kind": kind, "token": token}
-            for (name, kind), token in zip(chosen, given, strict=True)
-        ]
-        drivers = stack.enter_context(LineProgram("paper.density.drivers", place / "log"))
+    given = await asyncio.to_thread(tokens, world, len(chosen))
+    drives = [
+        {"robot": name, "kind": kind, "token": token}
+        for (name, kind), token in zip(chosen, given, strict=True)
+    ]
+    with (
+        TemporaryDirectory(prefix="rt-drivers-") as folder,
+        LineProgram("paper.density.drivers", Path(folder, "log")) as drivers,
+    ):
         order = {"site": world.address, "rate_hz": RATE_HZ, "seconds": seconds, "drives": drives}
         drivers.send(order)
         await asyncio.to_thread(drivers.receive, "it has all leases", READY_WITHIN_S)

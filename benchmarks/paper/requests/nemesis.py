@@ -88,13 +88,12 @@ def _run(site: Site, size: QueueSize, folder: Path, seed: int) -> tuple[list[str
 
 
 def _order(site: Site, size: QueueSize, folder: Path, seed: int) -> Values:
-    operators = [f"x-queue-{number}" for number in range(1, size.operators + 1)]
     return {
         "folder": str(folder),
         "seed": seed,
-        "cells": [{"name": cell.name, "address": cell.address} for cell in site.cells],
+        "cells": site.addresses,
         "admin": site.world.token,
-        "operators": [{"name": name, "token": site.world.admin_token(name)} for name in operators],
+        "operators": site.people("x-queue", size.operators),
         "robots": _add_robots(site, size.robots),
     }
 
