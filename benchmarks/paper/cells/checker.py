@@ -211,12 +211,10 @@ def _releases_of_nobody(events: Sequence[Event]) -> Iterator[Violation]:
         elif event.kind == "stop_done" and stop_asked_s > asked_s:
             done_s = event.at_s
         elif event.kind == "released" and (asked_s < 0 or done_s > asked_s):
-            words = (
-                "its guard released it, and nobody had asked"
-                if asked_s < 0
-                else f"its guard released it, asked {event.at_s - asked_s:.2f} s ago, before a stop "
-                f"that was confirmed {event.at_s - done_s:.2f} s ago"
-            )
+            why = "nobody had asked"
+            if asked_s >= 0:
+                why = f"the stop that was confirmed {event.at_s - done_s:.2f} s ago is newer"
+            words = f"its guard released it, and {why}"
             yield Violation("release of nobody", event.robot, event.at_s, words)
 
 

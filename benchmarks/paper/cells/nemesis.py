@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
@@ -97,29 +98,27 @@ def _order(order: str) -> Do:
     return lambda context, target: context.cell(target).order(order)
 
 
-def _robots_cut(*, to_drop: bool) -> Do:
-    def do(context: Context, target: Target) -> None:
-        cell, robots = context.cell(target), context.robots[target.source]
-        drop(robots.inside(), cell.ssh_ports, to_drop=to_drop)
-
-    return do
+def _cut_robots(context: Context, target: Target, *, to_drop: bool) -> None:
+    inside = context.robots[target.source].inside()
+    drop(inside, context.cell(target).ssh_ports, to_drop=to_drop)
 
 
-def _database_cut(*, to_drop: bool) -> Do:
-    return lambda context, target: context.cell(target).drop_to(
-        OF_DATABASE, context.site.database_ports, to_drop=to_drop
-    )
+def _cut_database(context: Context, target: Target, *, to_drop: bool) -> None:
+    context.cell(target).drop_to(OF_DATABASE, context.site.database_ports, to_drop=to_drop)
 
 
-def _peers_cut(*, to_drop: bool) -> Do:
-    def do(context: Context, target: Target) -> None:
-        cell = context.cell(target)
-        others = [item for item in context.site.cells if item is not cell]
-        cell.drop_to(OF_PEERS, [item.peer_port for item in others], to_drop=to_drop)
-        for item in others:
-            item.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
+def _cut_peers(context: Context, target: Target, *, to_drop: bool) -> None:
+    """Cut a cell from all others, both ways."""
+    cell = context.cell(target)
+    others = [item for item in context.site.cells if item is not cell]
+    cell.drop_to(OF_PEERS, [item.peer_port for item in others], to_drop=to_drop)
+    for item in others:
+        item.drop_to(OF_PEERS, [cell.peer_port], to_drop=to_drop)
 
-    return do
+
+def _cut(how: Callable[..., None]) -> tuple[Do, Do]:
+    """Do it, and mend it."""
+    return partial(how, to_drop=True), partial(how, to_drop=False)
 
 
 def _kill_database(context: Context, _: Target) -> None:
@@ -151,11 +150,9 @@ FAULTS: Mapping[str, Fault] = {
     "cell_paused": Fault(
         lambda context, target: context.cell(target).each(SERVICES, "pause"), _unpause, weight=3
     ),
-    "robots_cut": Fault(
-        _robots_cut(to_drop=True), _robots_cut(to_drop=False), of_robots=True, weight=3
-    ),
-    "database_cut": Fault(_database_cut(to_drop=True), _database_cut(to_drop=False)),
-    "peers_cut": Fault(_peers_cut(to_drop=True), _peers_cut(to_drop=False), weight=3),
+    "robots_cut": Fault(*_cut(_cut_robots), of_robots=True, weight=3),
+    "database_cut": Fault(*_cut(_cut_database)),
+    "peers_cut": Fault(*_cut(_cut_peers), weight=3),
     "clock_stepped": Fault(_step_clock(MOST_STEPPED_S), _step_clock(0.0)),
     "cell_drained": Fault(_order("drain"), _order("resume")),
     "database_away": Fault(_kill_database, _start_database, of_cell=False),
