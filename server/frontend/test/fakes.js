@@ -62,3 +62,10 @@ export class FakeElement extends EventTarget {
     return false;
   }
 }
+
+// The browser's storage, in memory.
+export const storageOf = (values = new Map()) => ({
+  getItem: (name) => values.get(name) ?? null,
+  setItem: (name, text) => values.set(name, text),
+  removeItem: (name) => values.delete(name),
+});

@@ -55,6 +55,14 @@ test("after that it drives no more until its program has said zero", () => {
   assert.equal(moved(), 1);
 });
 
+test("zero stands still at once and then is silent", () => {
+  driver.drive({ forward: 0.5 });
+  sent.length = 0;
+  driver.drive(STILL);
+  pass(1000);
+  assert.deepEqual(sent, Array(5).fill(STILL));
+});
+
 test("a program that goes on through a cut does not drive on the new link", () => {
   driver.drive({ forward: 0.5 });
   driver.arm(false);

@@ -65,3 +65,41 @@ export class FakeWebSocket {
     this.onclose({ code, reason });
   }
 }
+
+// A link as rosbridge.js makes it, that notes what it is told and lets the test play the server.
+export class FakeLink {
+  /** @type {FakeLink[]} */
+  static opened = []; // those of a test, which begins it anew
+  static open = (url, handlers) => new FakeLink(url, handlers);
+  subscribed = [];
+  published = [];
+  told = [];
+  closed = false;
+  backlog = 0;
+
+  constructor(url, handlers) {
+    Object.assign(this, handlers, { url });
+    FakeLink.opened.push(this);
+  }
+
+  subscribe({ name }) {
+    this.subscribed.push(name);
+    return { end: () => this.subscribed.splice(this.subscribed.indexOf(name), 1) };
+  }
+
+  advertise() {
+    return { publish: (message) => this.published.push(message), end() {} };
+  }
+
+  call() {
+    return new Promise((resolve) => (this.answer = resolve));
+  }
+
+  send(operation) {
+    return this.told.push(operation) > 0;
+  }
+
+  close(code) {
+    Object.assign(this, { closed: true, code });
+  }
+}

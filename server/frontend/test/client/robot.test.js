@@ -292,14 +292,9 @@ test("a topic and a service answer over HTTP without a connection", async () => 
   assert.equal(await robot.newest("arm/state", { since: "a-1" }), null);
   answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [200, { result: true, values: { ok: true } }];
   assert.deepEqual(await robot.callOnce("arm/move", { x: 1 }, { timeoutS: 9 }), { ok: true });
-  assert.deepEqual(
-    asked.map(({ url, body }) => [new URL(url).search, body]),
-    [
-      ["?throttle_rate=100&wait_s=30", undefined],
-      ["?since=a-1", undefined],
-      ["?timeout_s=9", { x: 1 }],
-    ],
-  );
+  const queries = asked.map(({ url }) => new URL(url).search);
+  assert.deepEqual(queries, ["?throttle_rate=100&wait_s=30", "?since=a-1", "?timeout_s=9"]);
+  assert.deepEqual(asked[2].body, { x: 1 });
   answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [200, { result: false, reason: "it is broken" }];
   await assert.rejects(robot.callOnce("arm/move"), /cannot call arm\/move: it is broken/);
   answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [409, { code: "lease_held", detail: "ben drives" }];

@@ -80,36 +80,17 @@ beforeEach(() => {
   state = new ControlState({ onControl: (control) => heard.push(control) });
 });
 
+const link = (...controls) => controls.forEach((control) => state.fromLink(control));
+const feed = (...controls) => controls.forEach((control) => state.fromFeed(control));
+
 // What is heard of the control, by what connection and events report.
 for (const [name, act, expected] of [
-  ["the events count while the connection has reported nothing", () => [state.fromFeed("a"), state.fromLink("b")], ["a", "b"]],
-  ["while the connection tells, older news of the events change nothing", () => [state.fromLink("a"), state.fromFeed("late")], ["a"]],
-  [
-    "what the events reported last counts when the connection has ended",
-    () => [state.fromLink("driven"), state.fromFeed("stopped"), state.linkEnded(), state.fromFeed("released")],
-    ["driven", "stopped", "released"],
-  ],
-  [
-    "the connection's own last word stands when the events reported nothing after it",
-    () => [state.fromLink("a"), state.fromFeed("a, late"), state.fromLink("b"), state.linkEnded()],
-    ["a", "b"],
-  ],
-  [
-    "what the connection reported and the events bring late is no news, before and after its end",
-    () =>
-      ["stopped", "stopping", "free"].forEach((control) => state.fromLink(control)) ?? [
-        state.fromFeed("stopped"),
-        state.linkEnded(),
-        state.fromFeed("stopping"),
-        state.fromFeed("free"),
-      ],
-    ["stopped", "stopping", "free"],
-  ],
-  [
-    "what is so again is news",
-    () => [state.fromFeed("free"), state.fromLink("free"), state.linkEnded(), state.fromFeed("driven"), state.fromFeed("free")],
-    ["free", "free", "driven", "free"],
-  ],
+  ["the events count while the connection has reported nothing", () => [feed("a"), link("b")], ["a", "b"]],
+  ["while the connection tells, older news of the events change nothing", () => [link("a"), feed("late")], ["a"]],
+  ["the events' last report counts once it has ended", () => [link("a"), feed("b"), state.linkEnded(), feed("c")], ["a", "b", "c"]],
+  ["else the connection's own last word stands", () => [link("a"), feed("a, late"), link("b"), state.linkEnded()], ["a", "b"]],
+  ["what the events bring late is no news", () => [link("a", "b", "c"), feed("a"), state.linkEnded(), feed("b", "c")], ["a", "b", "c"]],
+  ["what is so again is news", () => [feed("a"), link("a"), state.linkEnded(), feed("b", "a")], ["a", "a", "b", "a"]],
 ]) {
   test(name, () => {
     act();

@@ -48,12 +48,3 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
     assert.deepEqual(verdict(status, ""), { name: "server_unreachable", retry: true, login: false });
   }
 });
-
-test("the reason of a refused ticket is shown as the server gave it, and what to do beside it", () => {
-  const reason = (status, code, detail) => afterTicketRefusal({ status, code, detail }).reason;
-  const proxy = "cannot serve a page of https://x: a proxy in front changes the header Host";
-  assert.equal(reason(403, "origin_refused", proxy), "A proxy in front changes the header Host. Reload the page.");
-  assert.match(reason(403, "grant_missing", "cannot drive robot sim1: your grant is observe"), /^Your grant is observe\. Reload/);
-  assert.match(reason(503, "store_unavailable", "cannot answer: the database is away"), /^The database is away\. This page keeps/);
-  assert.match(reason(429, "throttled", "too many tickets; wait 5 s"), /^Too many tickets; wait 5 s\. This page keeps/);
-});

@@ -175,18 +175,9 @@ beforeEach(() => {
 function click() {
   const event = new Event("click", { cancelable: true });
   event.stopPropagation = mock.fn();
-  return element.dispatchEvent(event) && event.stopPropagation.mock.callCount() === 0;
+  element.dispatchEvent(event);
+  return event.stopPropagation.mock.callCount() === 0;
 }
-
-test("a question that goes and comes again is new", () => {
-  question.show(true);
-  clock += 1300;
-  question.show(true);
-  assert.equal(click(), true);
-  question.show(false);
-  question.show(true);
-  assert.equal(click(), false);
-});
 
 test("a question is deaf while a key or stick is held, and looks so", () => {
   question.show(true);

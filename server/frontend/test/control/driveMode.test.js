@@ -4,6 +4,7 @@ import { beforeEach, test } from "node:test";
 import { DriveMode, ReloadStore } from "../../src/control/driveMode.js";
 import { LocalStore } from "../../src/dom/page.js";
 import { driveMode as notes } from "../../src/texts/common.js";
+import { storageOf } from "../fakes.js";
 
 const SINCE = "2026-01-01T12:03:00Z";
 const ann = { user: "ann", since: SINCE, fence: 1 };
@@ -22,6 +23,12 @@ function sitDown(level = "drive", drove = null) {
 const receive = (control) => driveMode.receive(control);
 const lose = (why, reason = "") => driveMode.lose(why, reason);
 const ask = () => driveMode.ask();
+const loseAsk = () => [lose("lease_held"), ask()];
+const refuse = () => receive({ driver: ann, waiting: null });
+const kept = () => receive({ driver: null, reserved: me });
+const stop = () => [lose("robot_stopped"), receive({ stopped })];
+const askAgain = () => [askAnn(), driveMode.withdraw(), ask()];
+const REFUSED = { why: "refused", by: "ann" };
 const askAnn = () => [lose("lease_held"), receive({ driver: ann }), ask(), receive({ driver: ann, waiting: me })];
 
 // What is so after some steps, by the drive mode's own members; `moves` are the connections it asked for, `why` is that of its note.
@@ -35,57 +42,24 @@ function check(expected) {
 // Of a page that drives.
 const WHILE_DRIVING = {
   "who gives up the control watches": [() => driveMode.leave(), { moves: ["observe"], mode: "observe", armed: false, why: "left" }],
-  "control that is kept for who asked is taken, not armed, though the question was not seen standing": [
-    () => [lose("lease_held"), ask(), receive({ driver: null, reserved: me })],
-    { moves: ["drive"], armed: false, why: "arrived" },
-  ],
+  "control that is kept for who asked is taken, not armed": [() => [loseAsk(), kept()], { moves: ["drive"], armed: false, why: "arrived" }],
   "a driver who leaves leaves the control to who asked": [() => [askAnn(), receive({ driver: null })], { moves: ["drive"], armed: false }],
-  "a question that is gone while the driver stays was refused": [
-    () => [askAnn(), receive({ driver: ann, waiting: null })],
-    { note: { why: "refused", by: "ann" }, asked: null },
-  ],
-  "a question that was refused brings no control": [
-    () => [askAnn(), receive({ driver: ann, waiting: null }), receive({ driver: null, reserved: me })],
-    { mode: "observe" },
-  ],
-  "news from before the question is no refusal": [() => [lose("lease_held"), ask(), receive({ driver: ann })], { asked: "sent" }],
-  "a question that was withdrawn brings no control": [
-    () => [askAnn(), driveMode.withdraw(), receive({ driver: null, reserved: me })],
-    { mode: "observe" },
-  ],
-  "who withdraws and asks again at once is not told of a refusal": [
-    () => [askAnn(), driveMode.withdraw(), ask(), receive({ driver: ann, waiting: null })],
-    { note: null, asked: "sent" },
-  ],
-  "who asked again is waited for": [
-    () => [askAnn(), driveMode.withdraw(), ask(), receive({ driver: ann, waiting: null }), receive({ driver: ann, waiting: me })],
-    { asked: "waiting" },
-  ],
+  "a question that is gone while the driver stays was refused": [() => [askAnn(), refuse()], { note: REFUSED, asked: null }],
+  "a question that was refused brings no control": [() => [askAnn(), refuse(), kept()], { mode: "observe" }],
+  "news from before the question is no refusal": [() => [loseAsk(), receive({ driver: ann })], { asked: "sent" }],
+  "a question that was withdrawn brings no control": [() => [askAnn(), driveMode.withdraw(), kept()], { mode: "observe" }],
+  "who withdraws and asks again is told of no refusal": [() => [askAgain(), refuse()], { note: null, asked: "sent" }],
+  "who asked again is waited for": [() => [askAgain(), refuse(), receive({ driver: ann, waiting: me })], { asked: "waiting" }],
   "a stop ends the question": [() => [askAnn(), receive({ driver: null, stopped })], { asked: null, why: "stopped_meanwhile" }],
   "a question answered for another window of the same person ends here": [() => [askAnn(), receive({ driver: mine })], { asked: null }],
-  "who drove when the robot was stopped may drive on by releasing it": [
-    () => [lose("robot_stopped"), receive({ stopped })],
-    { wasStopped: true },
-  ],
-  "who releases it so drives on": [
-    () => [lose("robot_stopped"), receive({ stopped }), driveMode.released(true)],
-    { moves: ["drive"], armed: true },
-  ],
-  "who drove when the robot was stopped has no more claim on it once somebody released it": [
-    () => [lose("robot_stopped"), receive({ stopped }), receive({ stopped: null }), receive({ stopped })],
-    { wasStopped: false },
-  ],
+  "who drove when the robot was stopped may drive on by releasing it": [() => stop(), { wasStopped: true }],
+  "who releases it so drives on": [() => [stop(), driveMode.released(true)], { moves: ["drive"], armed: true }],
+  "but not once somebody else released it": [() => [stop(), receive({ stopped: null }), receive({ stopped })], { wasStopped: false }],
   "only the driver's own page is asked": [() => receive({ driver: mine, waiting: ben }), { asking: ben }],
   "a page that no longer drives is not asked": [() => [receive({ driver: mine, waiting: ben }), lose("superseded")], { asking: null }],
-  "a page that is told nothing any more says of nobody that they drive or ask": [
-    () => [askAnn(), driveMode.end()],
-    { known: false, asking: null, note: null, asked: null },
-  ],
+  "a page that is told nothing any more knows nobody": [() => [askAnn(), driveMode.end()], { known: false, asking: null, asked: null }],
   "a page that is told nothing any more takes nothing": [() => [askAnn(), driveMode.end(), receive({ driver: null })], { mode: "observe" }],
-  "a release ends no note of something else": [
-    () => [lose("lease_held"), receive({ driver: ann, stopped }), receive({ driver: ann })],
-    { why: "lease_held" },
-  ],
+  "a release ends no other note": [() => [lose("lease_held"), receive({ stopped }), receive({ driver: ann })], { why: "lease_held" }],
 };
 
 for (const [name, [act, expected]] of Object.entries(WHILE_DRIVING)) {
@@ -96,29 +70,22 @@ for (const [name, [act, expected]] of Object.entries(WHILE_DRIVING)) {
   });
 }
 
+const pressFree = () => [receive({ driver: null }), driveMode.press()];
+
 // Of a page that watches.
 const WHILE_WATCHING = {
-  "for others a release leaves the control free": [
-    () => [receive({ stopped }), driveMode.released(false)],
-    { wasStopped: false, mode: "observe" },
-  ],
+  "for others a release leaves the control free": [() => [receive({ stopped }), driveMode.released(false)], { wasStopped: false }],
   "a press takes the control that nobody has, and says so": [
     () => [receive({ driver: null }), check({ free: true }), assert.ok(driveMode.press())],
     { moves: ["drive"], armed: true, why: "pressed", pressed: true },
   ],
-  "a press has driven on once the connection stands": [
-    () => [receive({ driver: null }), driveMode.press(), driveMode.settle()],
-    { moves: ["drive"], pressed: false },
-  ],
+  "a press has driven on once the connection stands": [() => [pressFree(), driveMode.settle()], { moves: ["drive"], pressed: false }],
   "a press before it is known who drives does nothing": [() => assert.ok(!driveMode.press() && driveMode.actions(true).length === 0), {}],
-  "a press that lost the race for the control has to be made anew": [
-    () => [receive({ driver: null }), driveMode.press(), lose("lease_held")],
+  "a press that lost the race has to be made anew": [
+    () => [pressFree(), lose("lease_held")],
     { moves: ["drive"], pressed: false, armed: false },
   ],
-  "who asked before a reload, or got no answer, can ask again and is waited for": [
-    () => [receive({ driver: ann, waiting: me }), ask(), receive({ driver: ann, waiting: null })],
-    { note: { why: "refused", by: "ann" } },
-  ],
+  "who asked before a reload can ask again": [() => [receive({ driver: ann, waiting: me }), ask(), refuse()], { note: REFUSED }],
 };
 
 for (const [name, [act, expected]] of Object.entries(WHILE_WATCHING)) {
@@ -237,12 +204,8 @@ beforeEach(() => {
   arrival = "reload";
 });
 
-const storage = {
-  getItem: (name) => store.get(name) ?? null,
-  setItem: (name, text) => store.set(name, text),
-  removeItem: (name) => store.delete(name),
-};
-const load = (robot = "sim1") => new ReloadStore(robot, { store: new LocalStore(() => storage), arrival: () => arrival, now: () => clock });
+const load = (robot = "sim1") =>
+  new ReloadStore(robot, { store: new LocalStore(() => storageOf(store)), arrival: () => arrival, now: () => clock });
 
 test("a page that drove when it was loaded anew may drive on, once, and one that did not leaves nothing", () => {
   load().save(null);

@@ -2,40 +2,26 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { part } from "../../src/dom/page.js";
-import { RecordButton, recordingUnderWay } from "../../src/control/recordButton.js";
+import { RecordButton } from "../../src/control/recordButton.js";
 import { FakeElement } from "../fakes.js";
 
 const NOW = Date.parse("2026-11-28T12:00:00Z");
-const asked = (more) => ({
-  id: 7,
-  cause: "asked",
-  state: "recording",
-  asked_by: "ann",
-  asked_at: "2026-11-28T11:00:00Z",
-  started_at: null,
-  ...more,
-});
-
-for (const [what, recording, id] of [
-  ["one that goes on", {}, 7],
-  ["one that is about to begin", { state: "requested", asked_at: "2026-11-28T11:59:30Z" }, 7],
-  ["one that nobody began", { state: "requested" }, undefined],
-  ["one that ended", { state: "ended" }, undefined],
-  ["one by the robot's settings", { cause: "driven" }, undefined],
-]) {
-  test(`${what} is ${id ? "" : "not "}under way`, () => {
-    assert.equal(recordingUnderWay([asked(recording)], NOW)?.id, id);
-  });
-}
+const RECORDING = { id: 7, cause: "asked", state: "recording", asked_by: "ann", asked_at: "2026-11-28T11:00:00Z", started_at: null };
+const asked = (more) => ({ ...RECORDING, ...more });
 
 for (const [me, level, underWay, words, disabled] of [
   ["ann", "drive", null, "Record", false],
+  ["ann", "drive", { state: "requested" }, "Record", false], // an hour ago, and nobody began it
+  ["ann", "drive", { state: "requested", asked_at: "2026-11-28T11:59:30Z" }, "Stop recording", false],
+  ["ann", "drive", { state: "ended" }, "Record", false],
+  ["ann", "drive", { cause: "driven" }, "Record", false],
   ["ann", "drive", {}, "Stop recording", false],
   ["ben", "drive", {}, "Stop recording", true],
   ["ben", "manage", {}, "Stop recording", false],
   ["ann", "drive", undefined, "Record", true],
 ]) {
-  test(`${me} with ${level} has ${disabled ? "no use of " : ""}the button ${words}`, async () => {
+  test(`${me} with ${level} has ${disabled ? "no use of " : ""}the button ${words} of ${JSON.stringify(underWay)}`, async (context) => {
+    context.mock.timers.enable({ apis: ["setTimeout"] });
     const root = new FakeElement();
     const calls = [];
     const body = { recordings: underWay ? [asked(underWay)] : [] };
@@ -49,7 +35,7 @@ for (const [me, level, underWay, words, disabled] of [
     assert.deepEqual([element.textContent, element.disabled], [words, disabled]);
     if (disabled) return;
     await button.press();
-    assert.deepEqual(calls, [underWay ? "/api/v1/recordings/7/stop" : "/api/v1/robots/sim1/recordings"]);
+    assert.deepEqual(calls, [words === "Record" ? "/api/v1/robots/sim1/recordings" : "/api/v1/recordings/7/stop"]);
     assert.match(part(root, "record-state").textContent, /^Not (recorded|stopped)\. It is disabled\.$/);
   });
 }

@@ -81,35 +81,21 @@ for (const [name, act, state, open] of [
   });
 }
 
+const refuse = () => [calls[0].reject(new Error("not connected")), settle()].at(-1);
+const UNKNOWN = "Scan: outcome unknown.";
+const ENDED = "The connection ended before the robot answered. It may have done it, or still do it.";
+
 // What is said of a press, by what becomes of it.
 for (const [name, button, act, state, words] of [
   ["it waits for the robot", () => scan, () => {}, "pending", "Scan: waiting for the robot."],
   ["it did it", () => scan, () => answer(0, { success: true, message: "found 3" }), "done", "Scan: done. The robot says: found 3"],
   ["it did not", () => scan, () => answer(0, { success: false, message: "no laser" }), "failed", "Scan: failed. no laser"],
-  [
-    "no answer for a while",
-    () => scan,
-    () => tick(30_000),
-    "unknown",
-    "Scan: outcome unknown. No answer for 30 s. The robot may still do it.",
-  ],
+  ["no answer for a while", () => scan, () => tick(30_000), "unknown", `${UNKNOWN} No answer for 30 s. The robot may still do it.`],
   ["a late answer counts", () => scan, () => [tick(30_000), answer(0)].at(-1), "done", "Scan: done."],
   ["but not of a newer press", () => scan, () => [tick(30_000), press(scan), answer(0)].at(-1), "pending", "Scan: waiting for the robot."],
   ["the server refuses it", () => lights, () => publishers[0].onRefused("cannot publish"), "failed", "Lights on: failed. cannot publish"],
-  [
-    "a link that ends leaves open whether it was done",
-    () => scan,
-    () => robotButtons.use({ live: false, driving: true }),
-    "unknown",
-    "Scan: outcome unknown. The connection ended before the robot answered. It may have done it, or still do it.",
-  ],
-  [
-    "a call that cannot be sent",
-    () => scan,
-    () => [calls[0].reject(new Error("not connected")), settle()].at(-1),
-    "failed",
-    "Scan: failed. The robot is not connected.",
-  ],
+  ["a link that ends", () => scan, () => robotButtons.use({ live: false, driving: true }), "unknown", `${UNKNOWN} ${ENDED}`],
+  ["a call that cannot be sent", () => scan, () => refuse(), "failed", "Scan: failed. The robot is not connected."],
 ]) {
   test(`words of a press: ${name}`, async () => {
     drive();

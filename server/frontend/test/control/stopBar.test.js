@@ -141,18 +141,6 @@ beforeEach(() => {
   hold.listen(button);
 });
 
-test("it acts after one second of holding, once", () => {
-  send("pointerdown", { button: 0 });
-  mock.timers.tick(999);
-  assert.equal(done, 0);
-  mock.timers.tick(1);
-  assert.equal(done, 1);
-  mock.timers.tick(5000);
-  send("pointerup");
-  assert.equal(done, 1);
-  assert.deepEqual(states, ["held", "idle"]);
-});
-
 const point = (button = 0) => send("pointerdown", { button });
 const key = (name, code, repeat = false) => send(name, { code, repeat });
 const tick = (ms) => mock.timers.tick(ms);
@@ -171,19 +159,23 @@ for (const [name, act] of [
   });
 }
 
-for (const code of ["Enter", "Space"]) {
-  test(`${code} can hold it, and its repeats do not begin anew`, () => {
-    assert.equal(key("keydown", code).defaultPrevented, true);
+for (const [name, press, repeat, release] of [
+  ["a pointer", point, () => {}, () => send("pointerup")],
+  ...["Enter", "Space"].map((code) => [code, () => key("keydown", code), () => key("keydown", code, true), () => key("keyup", code)]),
+]) {
+  test(`${name} acts after one second of holding, once, and its repeats do not begin anew`, () => {
+    assert.equal(press().defaultPrevented, name !== "a pointer");
     for (let i = 0; i < 9; i++) {
       tick(100);
-      key("keydown", code, true);
+      repeat();
     }
+    tick(99);
     assert.equal(done, 0);
-    tick(100);
-    assert.equal(done, 1);
-    key("keydown", code, true);
+    tick(1);
+    repeat();
     tick(5000);
-    assert.equal(done, 1);
+    release();
+    assert.deepEqual([done, states], [1, ["held", "idle"]]);
   });
 }
 

@@ -44,7 +44,7 @@ test("a page that is used asks once in five minutes, and one that nobody touches
   assert.equal(made.asked, 2);
 });
 
-test("a press, a key and the wheel are use, wherever on the page", () => {
+test("a press, a key and the wheel are use", () => {
   const made = make();
   const page = new EventTarget();
   made.use.watch(page);

@@ -2,20 +2,10 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { Choices, LocalStore, shortNumber } from "../../src/dom/page.js";
-
-// As the browser's, in memory.
-function storage() {
-  const values = new Map();
-  return {
-    values,
-    getItem: (name) => values.get(name) ?? null,
-    setItem: (name, value) => values.set(name, value),
-  };
-}
+import { storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
-  const store = storage();
-  store.values.set("robotether.sticks", "{");
+  const store = storageOf(new Map([["robotether.sticks", "{"]]));
   const blocked = () => {
     throw new Error("blocked");
   };
@@ -28,9 +18,8 @@ test("what is not JSON, what was never written, and all of a browser that keeps 
 });
 
 test("choices are those of their name, nonsense is none, and what is chosen anew leaves the others", () => {
-  const store = storage();
+  const store = storageOf(new Map([["robotether.sight.sim2", "7"]]));
   const choices = (name) => new Choices(name, new LocalStore(() => store));
-  store.values.set("robotether.sight.sim2", "7");
   choices("sight.sim1").keep({ quality: "50" });
   choices("sight.sim1").keep({ laser: true });
   assert.deepEqual(choices("sight.sim1").all, { quality: "50", laser: true });

@@ -69,19 +69,13 @@ test("a drag is refused and lets go", () => {
 });
 
 const SECOND = { button: 2 };
+const OF_WINDOW = ["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "resize", "contextmenu"];
 
 for (const [name, act, times] of [
-  ...["blur", "pagehide", "beforeprint", "fullscreenchange", "orientationchange", "resize", "contextmenu"].map((event) => [
-    event,
-    () => dispatch(window, event),
-    1,
-  ]),
+  ...OF_WINDOW.map((event) => [event, () => dispatch(window, event), 1]),
   ...["visibilitychange", "freeze", "resume"].map((event) => [event, () => dispatch(document, event), 1]),
-  [
-    "another button than the main one, also while that is down",
-    () => [dispatch(window, "pointerdown", SECOND), dispatch(window, "pointermove", SECOND)],
-    2,
-  ],
+  ["another button than the main one", () => dispatch(window, "pointerdown", SECOND), 1],
+  ["another button while the main one is down", () => dispatch(window, "pointermove", SECOND), 1],
   ["the main button, a finger", () => dispatch(window, "pointerdown", { button: 0 }), 0],
   ["a plain move", () => dispatch(window, "pointermove", { button: -1 }), 0],
   ["a list that opens", () => dispatch(window, "pointerdown", { button: 0, element: inside("select") }), 1],

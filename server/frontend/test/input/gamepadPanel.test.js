@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { byTestId, part } from "../../src/dom/page.js";
+import { LocalStore, byTestId, part } from "../../src/dom/page.js";
 import { GamepadPanel } from "../../src/input/gamepadPanel.js";
-import { FakeElement } from "../fakes.js";
+import { FakeElement, storageOf } from "../fakes.js";
 
 const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
 
@@ -23,11 +23,7 @@ beforeEach(() => {
 function openPanel(onStop = () => {}) {
   root = new FakeElement();
   limits = { share: 1 };
-  const store = {
-    read: (name) => kept.get(name) ?? null,
-    write: (name, value) => kept.set(name, value),
-    forget: (name) => kept.delete(name),
-  };
+  const store = new LocalStore(() => storageOf(kept));
   const panel = new GamepadPanel(root, { kind: "differential", teleop: { letGo() {} }, limits, onStop, store });
   panel.found(DEVICE);
   return panel;

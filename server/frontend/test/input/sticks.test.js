@@ -51,13 +51,7 @@ test("a resting thumb near the centre moves nothing, and strength grows from the
 
 // What the stick reports, by what the pointers do.
 for (const [name, act, ...expected] of [
-  [
-    "dragging is reported, and letting go once",
-    () => [down(120), move(), up(), send("lostpointercapture", { pointerId: 1 })],
-    { up: 0, left: 0 },
-    UP,
-    "released",
-  ],
+  ["letting go is reported once", () => [down(), up(), send("lostpointercapture", { pointerId: 1 })], UP, "released"],
   ["a second finger changes nothing", () => [down(), down(120, 2), move(220, 2), up(2)], UP],
   ["a pointer that is cancelled lets go", () => [down(), pointer("cancel", 1, 120, 20)], UP, "released"],
   ["after a drop the same drag drives no longer", () => [down(), joystick.drop(), move()], UP],

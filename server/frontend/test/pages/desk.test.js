@@ -3,6 +3,7 @@ import { mock, test } from "node:test";
 
 import { showLocalTimes } from "../../src/dom/page.js";
 import { isNew } from "../../src/dom/presses.js";
+import { USUAL_ENDS } from "../../src/pages/grants.js";
 import { dayOf, startOrEnd, wireDays } from "../../src/pages/desk.js";
 import { FakeElement } from "../fakes.js";
 
@@ -57,4 +58,13 @@ test("a filter asks for the reader's days, and for nothing where no day is given
   const query = new Map([["until", ""]]);
   form.sent(query);
   assert.deepEqual(Object.fromEntries(query), { since: "2026-07-01T00:00:00Z", until: "" });
+});
+
+test("the usual ends are in the reader's own time, and seven days are so over a change of clocks", () => {
+  assert.deepEqual(Object.fromEntries(USUAL_ENDS.map(([words, end]) => [words, end(new Date("2026-03-25T12:03:59Z"))])), {
+    "1 h": "2026-03-25T12:03",
+    Today: "2026-03-25T23:59",
+    "7 days": "2026-04-01T11:03",
+    "No end": "",
+  });
 });

@@ -58,15 +58,6 @@ test("without an answer for 4 s, or with a refusal, what is shown is old since t
   assert.equal(states.at(-1).name, "live");
 });
 
-test("what a page that was hidden knows is old until the next answer", async () => {
-  tick();
-  await ok("first");
-  tick(60_000);
-  assert.deepEqual([states.at(-1).name, asked.length], ["lost", 2]);
-  await ok("second");
-  assert.equal(states.at(-1).name, "live");
-});
-
 test("an answer that a newer question has overtaken counts no more", async () => {
   tick();
   const late = asked[0];

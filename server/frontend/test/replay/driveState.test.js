@@ -2,6 +2,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { COMMANDS, DriveState, SEEN_AGES, historyOf } from "../../src/replay/driveState.js";
+import { drawnTopics } from "../../src/replay/mapOfDrive.js";
+import { share } from "../../src/replay/timeline.js";
 
 const CONTROL = { online: true, driver: "ann", stopped: false, stopped_by: "", stop_confirmed: false };
 const COMMAND = { speed_m_s: 0.5, turn_rad_s: NaN, age_ms: 41.6, outcome: "too_old" };
@@ -70,4 +72,18 @@ test("events are what changed, and markup in a name stays a text", () => {
   assert.deepEqual([stops, drives, isMore], [STOPS, [{ fromMs: 1000, toMs: 2000 }], false]);
   const many = Array.from({ length: 1000 }, (_, i) => ({ atMs: i, message: { ...CONTROL, stopped: i % 2 === 0 } }));
   assert.deepEqual([historyOf(many, RECORDED).events.length, historyOf(many, RECORDED).isMore], [200, true]);
+});
+
+test("nothing of another robot is drawn, also where the robot has none of its own", () => {
+  const scan = { name: "/robot1/scan", type: "sensor_msgs/msg/LaserScan" };
+  const odometry = { name: "/robot2/odom", type: "nav_msgs/msg/Odometry" };
+  const topics = [scan, { ...odometry, name: "/robot1/odom" }, odometry, { name: "/robot1/cmd_vel", type: "geometry_msgs/msg/Twist" }];
+  const { scan: drawn, speed } = drawnTopics(topics, "/robot2/cmd_vel");
+  assert.deepEqual([drawn, speed], [undefined, odometry]);
+});
+
+test("no span leaves the line", () => {
+  assert.deepEqual(share({ fromMs: 250, toMs: 500 }, 1000), { from: 0.25, width: 0.25 });
+  assert.deepEqual(share({ fromMs: -1e12, toMs: 1e18 }, 1000), { from: 0, width: 1 });
+  assert.deepEqual(share({ fromMs: 0, toMs: 0 }, 0), { from: 0, width: 0 });
 });
