@@ -213,13 +213,13 @@ async def watch(http: aiohttp.ClientSession, address: Address, setup: Setup) -> 
         await view_stream(http, setup.frames.append, url)
     else:
         url = frames_url(address, FAST_CAMERA)
-        await view_frames(http, url, setup.frames.append, {"codecs": [setup.video]})
+        await view_frames(http, setup.frames.append, url, {"codecs": [setup.video]})
 
 
 async def view_beside(http: aiohttp.ClientSession, address: Address, who: str) -> None:
     url = frames_url(address, FAST_CAMERA)
     if who != RECORDER:
-        await view_frames(http, url, lambda _frame: None, {"codecs": [who]})
+        await view_frames(http, lambda _frame: None, url, {"codecs": [who]})
         return
     async with http.ws_connect(url, compress=0, max_msg_size=0) as socket:
         await CameraObserver(socket, FAST_CAMERA, lambda _message: None).run()

@@ -128,7 +128,7 @@ async def run(address: Address, seconds: float, view: DriverView, **how: Any) ->
     frames = deque[Frame](maxlen=FRAMES)
     async with aiohttp.ClientSession() as http, asyncio.TaskGroup() as group:
         viewing = group.create_task(
-            view_frames(http, url, frames.append, view.stream_request, **how)
+            view_frames(http, frames.append, url, view.stream_request, **how)
         )
         await until(lambda: len(frames) == FRAMES, f"{FRAMES} frames", STARTS_WITHIN_S)
         async with http.ws_connect(address("ros?", "drive"), compress=0, **how) as socket:
@@ -146,7 +146,7 @@ async def run_behind(
     async with linked_robot(link, camera_fps) as (site, subject):
         address = site.address_of(subject.robot)
         await until_seen(
-            lambda http, on_frame: view_frames(http, frames_url(address, CAMERA), on_frame)
+            lambda http, on_frame: view_frames(http, on_frame, frames_url(address, CAMERA))
         )
         return [await run(address, seconds, view) for view in views]
 

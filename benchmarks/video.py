@@ -127,8 +127,8 @@ def frames_url(address: Address, camera: str) -> str:
 
 async def view_frames(
     http: aiohttp.ClientSession,
-    url: str,
     on_frame: OnFrame,
+    url: str,
     stream_request: Mapping[str, Any] | None = None,
     **how: Any,
 ) -> None:
@@ -233,9 +233,7 @@ def demo_address(demo: Demo) -> Address:
 
 async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     where, both = "loopback", (CAMERA, FAST_CAMERA)
-    how = {"ssl": insecure_tls()}
-    rows = await ours_viewed(where, demo_address(demo), seconds, {}, both, **how)
-    rows.append(await stream_viewed(where, demo_address(demo), seconds, **how))
+    rows = await ours_viewed(where, demo_address(demo), seconds, {}, both, ssl=insecure_tls())
     with bare_tunnel(f"{demo.address_of(ROBOT)}:{VIDEO_PORT}") as port:
         return [*rows, await plain_viewed(where, port, PLAIN_QUALITIES[0], seconds)]
 
@@ -254,24 +252,26 @@ async def ours_viewed(
     cameras: Sequence[str],
     **how: Any,
 ) -> list[Row]:
+    """Look at each camera by each codec, and at one by the stream for players, which nothing may be requested of."""
+
     def frames_view(camera: str, codec: str) -> View:
         wanted = {**request, "codecs": [codec]}
+        # Each time with a fresh ticket.
         return lambda http, on_frame: view_frames(
-            http, frames_url(address, camera), on_frame, wanted, **how
+            http, on_frame, frames_url(address, camera), wanted, **how
         )
 
     await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
-    return [
+    rows = [
         await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
         for camera in cameras
         for codec in CODECS_VIEWED
     ]
-
-
-async def stream_viewed(where: str, address: Address, seconds: float, **how: Any) -> Row:
-    url = address(f"video/stream?topic={CAMERA}&", "observe")
-    view = partial(view_stream, url=url, **how)
-    return await viewed(where, "Robotether, multipart stream", view, seconds)
+    if not request:
+        stream = address(f"video/stream?topic={CAMERA}&", "observe")
+        view = partial(view_stream, url=stream, **how)
+        rows.append(await viewed(where, "Robotether, multipart stream", view, seconds))
+    return rows
 
 
 async def over_link(
@@ -287,8 +287,6 @@ async def over_link(
     async with linked_robot(link, request.get("fps", FPS)) as (site, subject):
         address = site.address_of(subject.robot)
         rows = await ours_viewed(where, address, seconds, request, cameras)
-        if not request:
-            rows.append(await stream_viewed(where, address, seconds))
         for quality in qualities:
             port = free_port()
             forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
@@ -380,7 +378,7 @@ class Usage:
 def beside_relay(demo: Demo) -> View:
     address = f"http://{demo.address_of('relay')}:{RELAY_PORT}/robots/{ROBOT}/video/frames"
     url = f"{address}?topic={CAMERA}&ticket={demo.ticket(ROBOT, 'observe')}"
-    return lambda http, on_frame: view_frames(http, url, on_frame, STREAM_REQUEST)
+    return partial(view_frames, url=url, stream_request=STREAM_REQUEST)
 
 
 async def run(demo: Demo, viewers: int, seconds: float) -> Row:
