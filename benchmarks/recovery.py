@@ -96,23 +96,18 @@ async def measure_all(networks: Sequence[RoamingNetwork], repeat: int) -> list[C
     """Make each cut `repeat` times; this thread must be in the cloud's namespace."""
     made = cuts()
     async with AsyncExitStack() as stack:
-        subjects = await _start_all(stack, networks)
+        site, robots = await start_site(stack, len(networks), "0.0.0.0")
+        subjects = []
+        for network, robot in zip(networks, robots, strict=True):
+            log = Path(stack.enter_context(TemporaryDirectory(prefix="rt-ros-"))) / "log"
+            words = ("paper.bus_robot", "127.0.0.1", str(ROS_PORT))
+            stack.callback(Program(network.robot, words, log, {}).end)
+            started = await start_subject(stack, site, network.server, network.robot, robot)
+            subjects.append(started)
         await asyncio.gather(
             *(_measure(*each, repeat) for each in zip(made, subjects, networks, strict=True))
         )
     return made
-
-
-async def _start_all(stack: AsyncExitStack, networks: Sequence[RoamingNetwork]) -> list[Subject]:
-    site, robots = await start_site(stack, len(networks), "0.0.0.0")
-    subjects = []
-    for network, robot in zip(networks, robots, strict=True):
-        log = Path(stack.enter_context(TemporaryDirectory(prefix="rt-ros-"))) / "log"
-        words = ("paper.bus_robot", "127.0.0.1", str(ROS_PORT))
-        stack.callback(Program(network.robot, words, log, {}).end)
-        started = await start_subject(stack, site, network.server, network.robot, robot)
-        subjects.append(started)
-    return subjects
 
 
 async def _measure(cut: Cut, subject: Subject, network: RoamingNetwork, repeat: int) -> None:

@@ -12,7 +12,7 @@ import json
 import re
 import socket
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AsyncExitStack, ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -136,20 +136,17 @@ def whole_robot(demo: Demo, *publishes: str) -> Iterator[tuple[World, str, Names
             program = Program(inside, words, log, environment(settings))
             stack.callback(program.end)
             programs.append(program)
-        wait_online(world, robot.name, programs)
+
+        def is_online() -> bool:
+            for program in programs:
+                program.check()
+            return bool(world.ask("GET", f"/robots/{robot.name}")["online"])
+
+        def report() -> str:
+            return "\n".join([f"{robot.name} online", *(program.tail() for program in programs)])
+
+        wait_until(is_online, report, ONLINE_WITHIN_S, every_s=0.25)
         yield world, robot.name, inside
-
-
-def wait_online(world: World, name: str, programs: Sequence[Program]) -> None:
-    def is_online() -> bool:
-        for program in programs:
-            program.check()
-        return bool(world.ask("GET", f"/robots/{name}")["online"])
-
-    def report() -> str:
-        return "\n".join([f"{name} online", *(program.tail() for program in programs)])
-
-    wait_until(is_online, report, ONLINE_WITHIN_S, every_s=0.25)
 
 
 def measure(demo: Demo, count: int = COUNT) -> Section:

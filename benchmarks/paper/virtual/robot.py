@@ -112,10 +112,21 @@ class Account:
         enrolment = EnrolmentStore(state).load(settings["server"])
         if enrolment is None:
             raise ValueError(f"{state} has no enrolment at {settings['server']}")
-        options = login_options(
-            enrolment.ssh.user,
-            asyncssh.read_private_key(state / keys.NAME),
-            (state / keys.KNOWN_HOSTS).read_text(),
+        # No file or agent of this machine's user takes part.
+        options = asyncssh.SSHClientConnectionOptions(
+            username=enrolment.ssh.user,
+            client_keys=[asyncssh.read_private_key(state / keys.NAME)],
+            known_hosts=(_pinned((state / keys.KNOWN_HOSTS).read_text()), [], []),
+            config=None,
+            agent_path=None,
+            gss_host=None,
+            preferred_auth="publickey",
+            kex_algs=KEY_EXCHANGES,
+            encryption_algs=CIPHERS,
+            mac_algs=["hmac-sha2-256-etm@openssh.com"],
+            compression_algs=["none"],
+            server_host_key_algs=["ssh-ed25519"],
+            login_timeout=LOGIN_WITHIN_S,
         )
         dialer = ServerDialer(resolver=Numeric())
         return cls(Settings(server=settings["server"]), enrolment.ssh, dialer, options)
@@ -126,27 +137,6 @@ def _pinned(known_hosts: str) -> list[asyncssh.SSHKey]:
     """The keys of a known_hosts file, which is the same for all robots of a server."""
     lines = (line.split(None, 1)[1] for line in known_hosts.splitlines())
     return [asyncssh.import_public_key(line) for line in lines]
-
-
-def login_options(
-    user: str, key: asyncssh.SSHKey, known_hosts: str
-) -> asyncssh.SSHClientConnectionOptions:
-    """No file or agent of this machine's user takes part."""
-    return asyncssh.SSHClientConnectionOptions(
-        username=user,
-        client_keys=[key],
-        known_hosts=(_pinned(known_hosts), [], []),
-        config=None,
-        agent_path=None,
-        gss_host=None,
-        preferred_auth="publickey",
-        kex_algs=KEY_EXCHANGES,
-        encryption_algs=CIPHERS,
-        mac_algs=["hmac-sha2-256-etm@openssh.com"],
-        compression_algs=["none"],
-        server_host_key_algs=["ssh-ed25519"],
-        login_timeout=LOGIN_WITHIN_S,
-    )
 
 
 _send_packet = asyncssh.SSHClientConnection.send_packet
