@@ -34,7 +34,7 @@ def get_health(caller: Caller) -> SiteHealth:
     )
 
 
-@operation("GET", "/health/history", "admin", renews_login=False, problems=(503,))
+@operation("GET", "/health/history", "admin", renews_login=False, problems=(404, 503))
 def get_history(caller: Caller, query: HistoryQuery) -> History:
     """Get the last hour, day or week of a robot, or of all.
 

@@ -10,7 +10,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server import schemas
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import requests
+from robotether_server.db import requests, seen_robots
 from robotether_server.db.requests import Figures, HelpRequest, Priority, RequestPeriod
 from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import NewPlainName, PlainName, RobotName, UserName
@@ -150,9 +150,11 @@ def ask_for_help(caller: Caller, robot: str, body: NewHelpRequest) -> Created[He
     return request, 201
 
 
-@operation("GET", "/requests", "user", tag="requests", renews_login=False)
+@operation("GET", "/requests", "user", tag="requests", renews_login=False, problems=(404,))
 def list_requests(caller: Caller, query: RequestQuery) -> HelpRequestList:
     """List requests of the robots that the caller may see."""
+    if query.robot:
+        seen_robots.require(caller.tx, caller.user, query.robot, "observe", "list requests of")
     find = requests.list_open if query.state == "open" else requests.list_closed
     found_requests = find(caller.tx, caller.user.id, query.robot or None)
     return HelpRequestList([seen.request for seen in found_requests])

@@ -17,6 +17,13 @@ def test_what_no_request_may_say_is_refused(root):
         assert root.refused(method, path, body) == (422, "field_invalid"), body
 
 
+def test_the_requests_of_a_robot_that_is_not_seen_are_not_none(ann, root):
+    """A name with a mistake in it would else read as a robot that needs nobody."""
+    for robot in ("sim9", "sim2"):
+        assert ann.refused("GET", f"/requests?robot={robot}") == (404, "robot_unknown")
+    assert ann.get("/requests?robot=sim1") == root.get("/requests?robot=sim2") == {"requests": []}
+
+
 def test_a_note_is_one_line_and_no_markup(ann, database):
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "sim1").id, "active")
