@@ -13,7 +13,7 @@ const LISTED = 20; // recordings by the robot's settings may be newer than one t
 
 // The recording that a person asked for and that goes on, or is about to begin; null for none. Pure.
 /** @param {Recording[]} recordings @param {number} now the server's, in ms */
-export function recordingUnderWay(recordings, now) {
+function recordingUnderWay(recordings, now) {
   const isAboutToBegin = ({ state, asked_at: at }) => state === "requested" && now - Date.parse(at) < BEGINS_MS;
   const goesOn = (each) => each.state === "recording" || isAboutToBegin(each);
   return recordings.find((each) => each.cause === "asked" && goesOn(each)) ?? null;

@@ -8,7 +8,7 @@ import { fleet as texts } from "../texts/fleet.js";
 
 // The sites that a manager can stop as a whole, in order. `robots` are {site, level}; the level is "" for a robot
 // that came while the page was open. Pure.
-export function managedSites(robots) {
+function managedSites(robots) {
   const managed = robots.filter(({ site, level }) => site && ["manage", ""].includes(level));
   return [...new Set(managed.map(({ site }) => site))].sort();
 }

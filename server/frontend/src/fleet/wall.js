@@ -57,7 +57,7 @@ export function keyOfPress({ key, code, ctrlKey, metaKey, altKey, repeat }) {
 }
 
 // What a robot asks for, in words; empty when it asks for nothing.
-export function askingText(request) {
+function askingText(request) {
   if (!request) return "";
   const { age_s: age, priority, state, accepted_by: name } = request;
   const words = texts.asks(reasonText(request), ageText(age));

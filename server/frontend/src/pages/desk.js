@@ -67,7 +67,7 @@ const isFiltered = (form, query) => [...form.elements].some(({ name }) => name &
 const MANY_OPTIONS = 12;
 
 // A choice among many gets a field that leaves those with the typed words, and what is chosen.
-export function offerSearch(select, field) {
+function offerSearch(select, field) {
   const options = [...select.options].map((option) => ({ option, parent: option.parentElement }));
   if (options.length <= MANY_OPTIONS) return false;
   field.addEventListener("input", () => {
@@ -90,7 +90,7 @@ function wireSearch(select) {
 }
 
 // A long list shows WINDOW of the rows that have the typed words, and a press shows more. A row with a wrong field always shows.
-export function offerWindow(rows, field, more) {
+function offerWindow(rows, field, more) {
   if (rows.length <= WINDOW) return false;
   let length = WINDOW;
   const show = () => {

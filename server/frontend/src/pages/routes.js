@@ -34,7 +34,7 @@ export function stateWords(route) {
 
 // What the diagram shows of web apps, by their names in routes: the user's that are connected, and those that only the user's
 // routes name, of which it knows no topics. Pure.
-export function appsIn(live, rows) {
+function appsIn(live, rows) {
   const names = rows.flatMap(({ source, target }) => [source, target]).filter(isApp);
   // A relay of an earlier version says nothing of apps.
   const topics = (live ?? []).map(({ name, advertises, subscribes }) => [`app:${name}`, { source: advertises, target: subscribes }]);

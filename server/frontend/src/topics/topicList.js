@@ -9,7 +9,7 @@ const MAX_LISTED = 100;
 const MAX_PROBES = 2;
 
 // The topics whose name or type has all words, by name. Pure.
-export function matching(topics, query) {
+function matching(topics, query) {
   const fits = ({ name, type }) => hasWords(`${name} ${type}`, query);
   return topics.filter(fits).sort((a, b) => (a.name < b.name ? -1 : Number(a.name > b.name)));
 }

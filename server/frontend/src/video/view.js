@@ -379,7 +379,7 @@ const isMeantForOthers = ({ repeat, ctrlKey, altKey, metaKey, target }) => repea
 const FULL_QUALITY = 100;
 
 // robot-camera-20260101T120304Z.jpg; a camera's name may have what no file name may.
-export function snapshotName(robot, camera, time) {
+function snapshotName(robot, camera, time) {
   const plain = camera.replace(/[^A-Za-z0-9]+/g, "-").replace(/^-|-$/g, "") || "camera";
   return `${robot}-${plain}-${time.toISOString().replace(/[-:]|\.\d+/g, "")}.jpg`;
 }
