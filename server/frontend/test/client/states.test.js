@@ -44,6 +44,8 @@ test("a refused ticket ends the attempts only where another attempt cannot help"
   assert.deepEqual(verdict(403, "grant_missing"), { name: "not_allowed", retry: false, login: false });
   assert.deepEqual(verdict(404, "robot_unknown"), { name: "not_allowed", retry: false, login: false });
   assert.deepEqual(verdict(400, ""), { name: "not_allowed", retry: false, login: false });
+  const { reason } = afterTicketRefusal({ status: 403, code: "grant_missing", detail: "cannot drive robot sim1: your grant is observe" });
+  assert.match(reason, /^Your grant is observe\. Reload/);
   for (const status of [0, 429, 500, 502, 503]) {
     assert.deepEqual(verdict(status, ""), { name: "server_unreachable", retry: true, login: false });
   }

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Gamepad, MAX_POLL_GAP_MS, usualProfile, DEAD_ZONE, readInput, fits, madeOf } from "../../src/input/gamepad.js";
+import { Gamepad, MAX_POLL_GAP_MS, usualProfile, DEAD_ZONE, readInput, fits } from "../../src/input/gamepad.js";
 
 const PROFILE = usualProfile({ mapping: "standard", axes: 4, buttons: 17 }, "differential");
 const { enable, turbo, stop } = PROFILE;
@@ -169,11 +169,3 @@ const SPOILT = {
 for (const [what, kept] of Object.entries(SPOILT)) {
   test(`what was kept is not used when it is ${what}`, () => assert.equal(fits(kept, STANDARD), false));
 }
-
-test("what was learnt makes a profile that fits its device", () => {
-  const device = { axes: 3, buttons: 4 };
-  const made = madeOf({ forward: { axis: 2, sign: 1 }, turn: { axis: 0, sign: -1 }, enable: 3 }, device);
-  assert.equal(fits(made, device), true);
-  assert.deepEqual([made.left, made.turbo, made.stop], [null, null, null]);
-  assert.equal(push([0, 0, 1], made, []).forward, 1);
-});

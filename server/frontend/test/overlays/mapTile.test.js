@@ -22,14 +22,6 @@ test("a small map that is not running takes nothing from the large one", () => {
   assert.equal(shown.length, 1);
 });
 
-test("a small map draws laser and map, except what the person left out on the large one", () => {
-  const chosen = {};
-  const small = tile({ small: true, memory: () => chosen });
-  chosen.map = false;
-  small.start();
-  assert.deepEqual(shown, [{ scan: true, path: true, map: false }]);
-});
-
 test("nothing is to draw while neither the robot's place nor a wanted part is known", () => {
   const all = { scan: true, path: true, map: true };
   const nowhere = { robot: { unknown: true }, map: null, points: null };

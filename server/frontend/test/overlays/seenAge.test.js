@@ -53,14 +53,6 @@ test("a robot that reports nothing while somebody drives leaves the age unknown"
   assert.equal(words(), "");
 });
 
-test("a report is shown no longer than it counts", () => {
-  receive(140);
-  pass(2000);
-  assert.equal(words(), "seen 140 ms ago");
-  pass(250);
-  assert.equal(words(), "");
-});
-
 test("a robot without a camera has no age to show", () => {
   for (let n = 0; n < 20; n++) {
     seenAge.command(null, clock);

@@ -34,11 +34,6 @@ test("a camera that is switched on in the background waits for the page to be se
   assert.deepEqual(calls, ["paused", "off"]);
 });
 
-test("the map is not a camera", () => {
-  const { tiles } = withCamera();
-  assert.deepEqual([tiles.has("/a"), tiles.has(MAP)], [true, false]);
-});
-
 let tiles, frames;
 
 const tile = (shownFrames) => ({ shownFrames, forget: () => shownFrames?.forget() });
