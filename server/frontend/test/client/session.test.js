@@ -73,6 +73,16 @@ test("a car's steering follows its wheelbase", () => {
   assert.deepEqual(drive, { steering_angle: Math.atan(0.5), speed: 1 });
 });
 
+test("the end of the link ends what the relay's clock says, and the events count", () => {
+  const controls = [];
+  session.controlState.onControl = (control) => controls.push(control);
+  session.clockSync.stop = () => controls.push("no clock");
+  session.controlState.fromLink("a");
+  session.connection.handlers.onLink(null);
+  session.controlState.fromFeed("b");
+  assert.deepEqual(controls, ["a", "no clock", "b"]);
+});
+
 let heard, state;
 
 beforeEach(() => {
@@ -149,7 +159,10 @@ for (const [name, act, lessMs] of [
 
 test("the round trip to the relay is the median of the newest answers, and unknown without any", () => {
   assert.equal(clockSync.roundTripMs, null);
+  clock += 700;
+  assert.equal(clockSync.silenceMs, 700);
   for (const back of [10, 12, 300]) answer(back, { t_ms: clock });
+  assert.equal(clockSync.silenceMs, 0);
   assert.equal(clockSync.roundTripMs, 12);
   clockSync.stop();
   assert.equal(clockSync.roundTripMs, null);

@@ -25,8 +25,8 @@ beforeEach(() => {
   });
 });
 
-async function answer(what) {
-  answers.at(-1)(what);
+async function answer(what, nth = -1) {
+  answers.at(nth)(what);
   for (let i = 0; i < 5; i++) await Promise.resolve();
 }
 
@@ -74,13 +74,19 @@ test("a refusal is final and gives its reason", async () => {
 for (const [name, steps, said, times] of [
   ["a press goes out on both ways before either has answered", [press], "asked", 1],
   ["a second press is said again at once", [press, press], "asked", 2],
+  ["a late answer to the press before says nothing", [press, press, () => answer(OK, 0)], "asked", 2],
   ["without an answer it is said again", [press, NO_ANSWER, () => tick(1000), OK], "heard", 2],
   ["what was heard of on another way ends the attempts", [press, NO_ANSWER, () => stoppedBy("ben"), () => tick(60_000)], "stopped", 1],
   ["a late answer to a stop that was released says nothing", [press, () => stoppedBy("ben"), () => receive(null), NO_ANSWER], "none", 1],
   ["no news of a stop hides none that is on its way", [press, () => receive(null)], "asked", 1],
   ["nor one that the server has, for a while", [press, () => receive(null), OK, () => receive(null)], "heard", 1],
   ["nor longer", [press, () => receive(null), OK, () => receive(null), () => tick(5000)], "none", 1],
-  ["one that the server has is not forgotten while the page hears nothing", [press, OK, () => tick(60_000)], "heard", 1],
+  [
+    "one that the server has is not forgotten while the page hears nothing",
+    [() => receive(null), press, OK, () => tick(60_000)],
+    "heard",
+    1,
+  ],
   ["until it hears something", [press, OK, () => tick(60_000), () => receive(null), () => tick(5000)], "none", 1],
   ["the release of an earlier stop ends none on its way", [() => stoppedBy("ben"), press, () => receive(null), NO_ANSWER], "unheard", 1],
 ]) {

@@ -65,7 +65,7 @@ for (const [name, act, expected] of [
   ["one that is gone is released once", () => [see(enable), gamepad.forget(), gamepad.forget(), see(enable)], "hold released"],
   ["other settings let go", () => [see(enable), gamepad.use({ ...PROFILE, deadZone: 0.3 }), see(enable)], "hold released"],
   ["each press of the stop button counts", () => [(armed = false), see(stop), see(stop), see(), see(stop)], "stop stop"],
-  ["a stop button that made the gamepad seen stops", () => [gamepad.forget(), see(stop)], "stop"],
+  ["a stop button that made the gamepad seen stops", () => [see(stop), gamepad.forget(), see(stop)], "stop stop"],
   ["without a profile it neither drives nor stops", () => [gamepad.use(null), see(enable, stop)], ""],
 ]) {
   test(name, () => {
