@@ -4,14 +4,13 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { Feed, EventReader } from "../../src/client/feed.js";
 import { settle } from "../fakes.js";
 
-let streams, answers, states, heard, feed;
+let answers, states, heard, feed;
 
 // A stream of events that the test writes, as the server's next answer.
 function nextAnswer() {
   const stream = { write: (text) => stream.to.enqueue(new TextEncoder().encode(text)) };
   const body = new ReadableStream({ start: (controller) => (stream.to = controller) });
   stream.send = (name, data) => stream.write(`event: ${name}\ndata: ${JSON.stringify(data)}\n\n`);
-  streams.push(stream);
   answers.push(new Response(body));
   return stream;
 }
@@ -19,10 +18,7 @@ function nextAnswer() {
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout"] });
-  streams = [];
-  answers = [];
-  states = [];
-  heard = [];
+  [answers, states, heard] = [[], [], []];
   globalThis.window = { addEventListener() {} };
   mock.method(globalThis, "fetch", async () => {
     const answer = answers.shift();

@@ -27,11 +27,10 @@ class Memory {
   }
 }
 
-// `messages` are {topic, atMs, data, logNs}, each in a chunk of its own unless `chunkSize` says more. Gives the file's bytes, and where
-// each message's chunk ends.
-export async function recordingOf(messages, { definition = "string data\n", chunkSize = 1 } = {}) {
+// `messages` are {topic, atMs, data, logNs}, each in a chunk of its own. Gives the file's bytes, and where each message's chunk ends.
+export async function recordingOf(messages, { definition = "string data\n" } = {}) {
   const file = new Memory();
-  const writer = new McapWriter({ writable: file, chunkSize });
+  const writer = new McapWriter({ writable: file, chunkSize: 1 });
   await writer.start({ profile: "ros2", library: "robotether" });
   const schemaId = await writer.registerSchema({ name: "std_msgs/msg/String", encoding: "ros2msg", data: encoder.encode(definition) });
   const channels = new Map();

@@ -9,14 +9,6 @@ const ODOMETRY = {
   moving: true,
 };
 
-test("numbers are found by their paths, of lists the first ones", () => {
-  const found = numbersIn(ODOMETRY);
-  assert.deepEqual(found.slice(0, 3), ["header.stamp.sec", "header.stamp.nanosec", "twist.twist.linear.x"]);
-  assert.ok(found.includes("twist.covariance[7]"));
-  assert.ok(!found.includes("twist.covariance[8]"));
-  assert.equal(found.at(-1), "moving");
-});
-
 for (const [path, number] of [
   ["twist.twist.linear.x", 0.5],
   ["twist.covariance[3]", 4],
