@@ -356,25 +356,39 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
     _falls_silent(watch)
     page.get_by_test_id("drawer-open").click()
     try:
-        page.get_by_test_id("stop").tap()
-        page_holds.hold(
-            page,
-            lambda: fingers.put("release"),
-            lambda: fingers.lift("release"),
-            lambda: expect(page.get_by_test_id("control-leave")).to_be_visible(),
-            lambda page: expect(page.get_by_test_id("release")).to_have_text("Hold to drive again"),
-        )
-        point = fingers.lift("release")
-        fingers.tap(point)
+        for _ in range(page_holds.MAX_PRESSES):
+            point = _drive_again_by_thumb(page, fingers)
+            if _tap_at_once(page, fingers, point):
+                break
+            drive_live(page, stack, ROBOT)
+        else:
+            raise AssertionError("the machine was late at each tap")
         # A click comes before what the page does next.
         page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done)))")
         expect(page.get_by_test_id("control")).to_have_attribute("data-mode", "drive")
-        # A page whose link the machine delays shows it again later.
-        expect(page.get_by_test_id("control-leave")).to_be_visible()
         under = page.evaluate("(at) => document.elementFromPoint(...at).dataset.testid", point)
         assert under == "control-leave"
     finally:
         release_all(stack, [ROBOT])
+
+
+def _drive_again_by_thumb(page: Page, fingers: TouchScreen) -> tuple[float, float]:
+    """Stop the robot, and hold its release until the page drives again; gives where the thumb was."""
+    page.get_by_test_id("stop").tap()
+    page_holds.hold(
+        page,
+        lambda: fingers.put("release"),
+        lambda: fingers.lift("release"),
+        lambda: expect(page.get_by_test_id("control-leave")).to_be_visible(),
+        lambda page: expect(page.get_by_test_id("release")).to_have_text("Hold to drive again"),
+    )
+    return fingers.lift("release")
+
+
+def _tap_at_once(page: Page, fingers: TouchScreen, point: tuple[float, float]) -> bool:
+    """Tap what is new there; false if a busy machine was late, so that it may be new no more and the tap may count."""
+    fingers.tap(point)
+    return page.get_by_test_id("control-leave").get_attribute("aria-disabled") == "true"
 
 
 def test_a_driver_without_network_reads_that_and_nothing_drives_on(
