@@ -12,6 +12,7 @@ from robotether_server.contract.control import (
     ShownStop,
     SiteStop,
     StoppedRobotList,
+    StopQuery,
     StopReason,
 )
 from robotether_server.contract.robots import EVENTS
@@ -88,6 +89,7 @@ RELAYED = (
         "does not. This is not a safety-rated emergency stop.",
         who="user",
         tag="control",
+        query=StopQuery,
         body=StopReason,
         is_body_required=False,
         answers=CONTROL,

@@ -11,6 +11,7 @@ from robotether_server.problems import FieldInvalidError
 from robotether_server.schemas import PlainName, RobotName, UserName
 
 MAX_REASON = 255
+MAX_PRESS = 64
 # Maximum length of the members of a stop that a release names. They are compared as they are, and never shown.
 MAX_SHOWN = 255
 
@@ -81,6 +82,17 @@ class StopReason(Struct, frozen=True, forbid_unknown_fields=True):
     """A reason for people to read."""
 
     reason: Reason | None = None
+
+
+class StopQuery(Struct, frozen=True):
+    """Which press it is, by any text: one that the server has had in another way is no other stop."""
+
+    press: Annotated[str, Meta(max_length=MAX_PRESS)] | UnsetType = UNSET
+
+
+def press_of(value: object) -> str | None:
+    """Return the id of a press; None for what is none, which refuses no stop."""
+    return value if isinstance(value, str) and len(value) <= MAX_PRESS else None
 
 
 class SiteStop(StopReason, frozen=True, forbid_unknown_fields=True):

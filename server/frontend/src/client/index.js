@@ -12,7 +12,7 @@ import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
 import { Painter } from "./painter.js";
 import { fullName } from "./rosbridge.js";
-import { Session } from "./session.js";
+import { Session, randomKey } from "./session.js";
 import { ShownFrames, oldestSeen } from "./shownFrames.js";
 
 const USUAL = { token: null, getTicket: null, driveTopic: "/cmd_vel", driveType: null, wheelbase: null, letGoOnBlur: true };
@@ -124,8 +124,9 @@ export class Robot {
   async stop() {
     this.driver.halt();
     const confirmation = this.awaitStop();
-    this.session.stopRobot();
-    const answer = await this.api?.stop(this.name);
+    const press = randomKey();
+    this.session.stopRobot(press);
+    const answer = await this.api?.stop(this.name, press);
     return Boolean(answer?.ok) || confirmation;
   }
 

@@ -147,9 +147,10 @@ export class Session {
     return backlog < MAX_BACKLOG_BYTES && silenceMs < MAX_SILENCE_MS;
   }
 
-  // Stops the robot. Says whether it went; the caller asks the API as well.
-  stopRobot() {
-    return this.connection.send({ op: "robotether.stop" });
+  // Stops the robot. Says whether it went; the caller asks the API as well, with the same `press`: the server takes what
+  // comes later for the same stop, also when that has been released.
+  stopRobot(press) {
+    return this.connection.send({ op: "robotether.stop", press });
   }
 }
 
@@ -284,7 +285,7 @@ export class ClockSync {
   }
 }
 
-function randomKey() {
+export function randomKey() {
   const bytes = crypto.getRandomValues(new Uint8Array(KEY_BYTES));
   return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

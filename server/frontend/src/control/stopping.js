@@ -1,6 +1,8 @@
 // What the Stop button does: sends the stop by every path, none waiting for another, and sends it again
 // until the server has it. What it shows is what is confirmed and nothing more. Pure except for its timer.
 
+import { randomKey } from "../client/session.js";
+
 export const AGAIN_MS = 1000;
 export const TRIES = 15;
 const CONFIRM_MS = 5000; // time limit for the control object; after it the stop is released again
@@ -9,9 +11,9 @@ const CONFIRM_MS = 5000; // time limit for the control object; after it the stop
 export const sameStop = (a, b) => a?.by === b?.by && a?.at === b?.at;
 
 export class Stopping {
-  // `send()` says it on the page's own connection, if that is open; `post()` asks the API and gives
-  // {ok, status, detail}. `onChange()` reports that `shown` may be another.
-  /** @param {{send: () => void, post: () => Promise<{ok: boolean, status: number, detail: string}>, onChange: () => void}} options */
+  // `send(press)` says it on the page's own connection, if that is open; `post(press)` asks the API and
+  // gives {ok, status, detail}; `press` as of Session.stopRobot. `onChange()` reports that `shown` may be another.
+  /** @param {{send: (press: string) => void, post: (press: string) => Promise<{ok: boolean, status: number, detail: string}>, onChange: () => void}} options */
   constructor({ send, post, onChange }) {
     this.send = send;
     this.post = post;
@@ -35,8 +37,9 @@ export class Stopping {
 
   async attempt(round, tries) {
     clearTimeout(this.timer);
-    this.send();
-    const answer = await this.post();
+    const press = randomKey();
+    this.send(press);
+    const answer = await this.post(press);
     if (round === this.round) this.settle(answer, round, tries - 1);
   }
 

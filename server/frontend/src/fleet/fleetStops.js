@@ -115,7 +115,7 @@ export class CardStop {
     this.state = "";
     this.stopping = new Stopping({
       send: () => {}, // this page has no connection to the robot
-      post: () => api.stop(robot),
+      post: (press) => api.stop(robot, press),
       onChange: () => this.show(),
     });
   }

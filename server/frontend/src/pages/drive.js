@@ -90,7 +90,7 @@ const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, isLi
 const stopBar = new StopBar(root, {
   robot,
   halt: () => controls.halt(),
-  send: () => session.stopRobot(),
+  send: (press) => session.stopRobot(press),
   onReleased: (again) => driveMode.released(again),
 });
 const topics = new Topics(part(root, "topics"), {

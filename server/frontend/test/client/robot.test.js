@@ -141,7 +141,7 @@ test("a stop is said on the connection and to the API at once", async () => {
   robot.drive({ forward: 0.3 });
   assert.equal(await robot.stop(), true);
   assert.equal(sockets[0].said("robotether.stop").length, 1);
-  assert.match(asked.at(-1).url, /\/stop$/);
+  assert.match(asked.at(-1).url, /\/stop\?press=/);
   assert.equal(sockets[0].said("publish").at(-1).msg.twist.linear.x, 0);
 });
 

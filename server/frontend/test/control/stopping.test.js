@@ -8,16 +8,18 @@ const OK = { ok: true, status: 200, detail: "" };
 const NO_ANSWER = { ok: false, status: 0, detail: "" };
 const BY_BEN = { by: "ben", at: "2026-01-01T12:03:00Z" };
 
-let ways, answers, stopping;
+let ways, answers, presses, stopping;
 
 beforeEach(() => {
   mock.timers.reset();
   mock.timers.enable({ apis: ["setTimeout"] });
   ways = [];
   answers = [];
+  presses = [];
   stopping = new Stopping({
-    send: () => ways.push("link"),
-    post: () => {
+    send: (id) => presses.push(id) && ways.push("link"),
+    post: (id) => {
+      presses.push(id);
       ways.push("post");
       return new Promise((resolve) => answers.push(resolve));
     },
@@ -46,6 +48,14 @@ test("only what is confirmed is said: server, then robot", async () => {
   assert.deepEqual([stopping.shown, stopping.holds], [{ kind: "stopped", by: "ben", at: BY_BEN.at }, true]);
   receive(null);
   assert.equal(kind(), "none");
+});
+
+test("both ways of an attempt say the same press, and the next attempt another", async () => {
+  press();
+  await answer(NO_ANSWER);
+  tick(1000);
+  const [link, post, next] = presses;
+  assert.deepEqual([link === post, link === next, presses.length], [true, false, 4]);
 });
 
 test("the attempts end after a while, ask for another press and then keep nobody from going on", async () => {

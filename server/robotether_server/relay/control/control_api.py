@@ -24,6 +24,7 @@ from robotether_server.contract.control import (
     StoppedRobot,
     StoppedRobotList,
     StopReason,
+    press_of,
 )
 from robotether_server.contract.uplink import UplinkObject
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
@@ -114,7 +115,13 @@ class ControlApi:
         """Stop a robot: whoever may see it."""
         user, robot = await self._who_and_what(request, stops=True)
         body = schemas.read(await _members(request), StopReason)
-        self._control.stops.stop(robot, user.name, reason=body.reason, address=_address(request))
+        self._control.stops.stop(
+            robot,
+            user.name,
+            reason=body.reason,
+            address=_address(request),
+            press=press_of(request.query.get("press")),
+        )
         await self._control.stops.confirmation(robot.id)
         return self._answer(robot)
 

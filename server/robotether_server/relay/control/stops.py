@@ -130,9 +130,21 @@ class Stops:
         return [] if stop is None else [lines.stop_line(_message_id(), stop.by)]
 
     def stop(
-        self, robot: RelayRobot, by: str, *, reason: str | None = None, address: str | None = None
+        self,
+        robot: RelayRobot,
+        by: str,
+        *,
+        reason: str | None = None,
+        address: str | None = None,
+        press: str | None = None,
     ) -> None:
-        """Stop the robot, also when it is stopped already or offline."""
+        """Stop the robot, also when it is stopped already or offline.
+
+        A `press` of this person that has come before is no other stop, also if its stop has ended since.
+        """
+        if press is not None and not self._of(robot.id).is_new_press(by, press):
+            self._insist(robot.id)
+            return
         if self._same_press(robot.id, by, reason) and not self._pending_releases(robot.id):
             self._insist(robot.id)
             return

@@ -38,6 +38,8 @@ class RobotStops:
         # Of the loop's clock: when the stop was last sent to the guard, and when each person last stopped the robot.
         self.sent_at = -math.inf
         self.pressed_at: dict[str, float] = {}
+        # The last ones, by person and the id that the client gave it.
+        self._presses: dict[tuple[str, str], None] = {}
         self.repeat_timer: asyncio.TimerHandle | None = None
         # Releases that wait for the guard, by the id of the message.
         self.releases: dict[str, Release] = {}
@@ -52,6 +54,15 @@ class RobotStops:
     def knows(self, stop_id: StopId) -> bool:
         """Return whether the stop was here before."""
         return stop_id in self.in_force or stop_id in self.ended
+
+    def is_new_press(self, by: str, press: str) -> bool:
+        """Remember this person's press; return whether it is the first time that it comes."""
+        if (by, press) in self._presses:
+            return False
+        self._presses[by, press] = None
+        if len(self._presses) > MAX_STOPS:
+            del self._presses[next(iter(self._presses))]
+        return True
 
     def begin(self, stop: Stop) -> None:
         """Add the newest stop."""

@@ -37,7 +37,7 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
     MessageRefusedError,
     MessageValidator,
     ValidatedMessage,
-    is_stop,
+    read_stop,
     status_error,
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
@@ -213,7 +213,7 @@ class Bridge(OperatorConnection):
             message = self._next_ahead() if self._ahead else await self._receive()
             if message.type not in PASSED_ON:
                 return self._close_reason_by_operator(message.type, message.data)
-            if self._ended.done() and not is_stop(message.data):
+            if self._ended.done() and read_stop(message.data) is None:
                 # The robot may be stopped, also by the message before: what waits must not reach it.
                 continue
             work = self._handle(robot, message)
@@ -257,8 +257,9 @@ class Bridge(OperatorConnection):
     async def _read_ahead(self) -> None:
         while len(self._ahead) < MAX_AHEAD and self._ahead_bytes < MAX_AHEAD_BYTES:
             message = await self._receive()
-            if message.type in PASSED_ON and is_stop(message.data):
-                self._own.answer(STOP, {})
+            stop = read_stop(message.data) if message.type in PASSED_ON else None
+            if stop is not None:
+                self._own.answer(STOP, stop)
                 continue
             self._ahead.append(message)
             if message.type not in PASSED_ON:
@@ -450,7 +451,9 @@ class OwnOperations:
     def answer(self, operation: str, own: Mapping[str, Any]) -> bytes | None:
         """Do what the client asks; return the answer."""
         if operation == "robotether.stop":
-            self._control.stops.stop(self._robot, self._user, address=self._address)
+            self._control.stops.stop(
+                self._robot, self._user, address=self._address, press=own.get("press")
+            )
             # Its answer, also where it changes nothing: whoever repeats a stop must learn that it came.
             self._changed()
             return None

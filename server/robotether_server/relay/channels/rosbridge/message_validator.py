@@ -237,14 +237,15 @@ class MessageValidator:
         return ValidatedMessage(data, "publish", command)
 
 
-def is_stop(data: bytes) -> bool:
-    """Return whether the message is the operation with which a client stops the robot."""
+def read_stop(data: bytes) -> dict[str, Any] | None:
+    """Return the fields of the operation with which a client stops the robot; None: the message is another."""
     if not _may_be_stop(data):
-        return False
+        return None
     try:
-        return read_json(data).get("op") == STOP
+        message = read_json(data)
     except NotJsonError:
-        return False
+        return None
+    return _fields_of(STOP, OPERATIONS[STOP], message) if message.get("op") == STOP else None
 
 
 def status_error(text: str, message_id: object) -> bytes:

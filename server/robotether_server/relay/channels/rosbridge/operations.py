@@ -26,6 +26,7 @@ from robotether_common.ros import (
     full_name,
 )
 
+from robotether_server.contract.control import press_of
 from robotether_server.contract.ros import MAX_THROTTLE_MS
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp
@@ -425,7 +426,7 @@ OPERATIONS: Mapping[str, Operation] = {
     "robotether.clock_sync": Operation(
         "answer the clock sync", {"t_ms": timestamp, "key": text}, own=True
     ),
-    "robotether.stop": Operation("stop the robot", {}, own=True),
+    "robotether.stop": Operation("stop the robot", {"press": press_of}, own=True),
 }
 
 # Services of rosapi that only look something up in what rosapi knows by itself; every level may call them.

@@ -92,9 +92,22 @@ async def test_bad_bodies_are_named(*, relay, sim1, ask, path, body, status):
 
 @pytest.mark.parametrize("body", [{}, {"reason": None}, {"reason": " "}])
 async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask, body):
-    for path, by in ((f"{SIM1}/stop", "bob"), ("/api/v1/stop", "carl")):
+    for path, by in ((f"{SIM1}/stop?press={'x' * 99}", "bob"), ("/api/v1/stop", "carl")):
         assert (await ask("POST", path, by, body))[0] == 200
     assert relay.relay.control.stops.of(sim1.id) is not None
+
+
+async def test_a_press_that_came_on_the_connection_is_no_stop_behind_its_release(
+    relay, guarded, sim1, ask, ros
+):
+    """A page says it in both ways, and HTTP may be late; the next press stops."""
+    async with ros() as socket:
+        await socket.send_json({"op": "robotether.stop", "press": "1"})
+        await until(lambda: relay.relay.control.stops.of(sim1.id), "it is stopped")
+    assert (await ask("POST", f"{SIM1}/release", "ann"))[0] == 200
+    for press, is_stopped in (("1", False), ("2", True)):
+        status, control = await ask("POST", f"{SIM1}/stop?press={press}", "ann")
+        assert (status, control["stopped"] is not None) == (200, is_stopped)
 
 
 async def test_a_body_is_json(relay, http, people):

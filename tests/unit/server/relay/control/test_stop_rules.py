@@ -355,6 +355,21 @@ async def test_one_press_on_two_ways_does_not_hide_a_stop_between_them(world, mo
     assert world.stops.of(SIM1.id).by == "ann"
 
 
+async def test_a_press_that_comes_late_on_its_second_way_undoes_no_release(world):
+    """Not even one that is under way; another person's press of that id, and the next of this one, are stops."""
+    link = world.online()
+    world.stops.stop(SIM1, "ann", press="1")
+    release = await world.releasing(link)
+    world.stops.stop(SIM1, "ann", press="1")
+    world.registry.on_guard_status(link, GuardReport("ready"), link.sent[-1]["id"])
+    await release
+    world.stops.stop(SIM1, "ann", press="1")
+    assert world.stops.of(SIM1.id) is None
+    for by, press in (("ben", "1"), ("ann", "2")):
+        world.stops.stop(SIM1, by, press=press)
+        assert world.stops.of(SIM1.id).by == by
+
+
 async def test_a_reason_of_its_own_makes_another_stop(world):
     """The log has each reason that the server confirmed; the same press without one adds nothing."""
     world.online()

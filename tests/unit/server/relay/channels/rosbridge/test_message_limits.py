@@ -64,7 +64,7 @@ def test_many_values_count_more_than_a_text():
 
 
 def test_a_stop_alone_passes_at_any_rate():
-    """What only names it, in an id or a text, is held to the rate as everything else is."""
+    """What only names it, in an id or a text, is held to the rate as all else is; a bad press keeps none back."""
     at = validator("observe", {"policy": {"limits": {"messages_per_s": 1, "message_kb": 1}}})
     for _ in range(2):
         sent({"op": "subscribe", "topic": "/a"}, at)
@@ -75,6 +75,11 @@ def test_a_stop_alone_passes_at_any_rate():
         assert refused(message, at)[0] == "rate"
     stop = {"op": "robotether.stop"}
     assert check(stop, at) == ValidatedMessage(b"", "robotether.stop", own=stop)
+    for press in (7, {}, "x" * 65):
+        own = stop | {"press": None}
+        assert check(stop | {"press": press}, at) == ValidatedMessage(
+            b"", "robotether.stop", own=own
+        )
 
 
 SMALL, LARGE = b'{"op":"subscribe","topic":"/a"}', b" " * 100_000
