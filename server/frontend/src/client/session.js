@@ -163,22 +163,23 @@ const seenOf = ({ age_ms, max_speed_m_s, max_turn_rad_s }) => ({
 
 // What is known of a robot's control object (docs/reference/protocols.md, "Control"). It comes twice: on the page's own
 // connection and with the fleet's events. Mixing them would bring old states after new ones, so while the
-// connection reports it, it alone counts. Pure.
-const MAX_AHEAD = 32; // number of the connection's reports
+// connection reports it, it alone counts. Pure except for its clock.
+const LATE_MS = 5000; // time by which the events may bring later what the connection has reported
 
 export class ControlState {
-  /** @param {{onControl: (control: Control) => void}} options */
-  constructor({ onControl }) {
+  /** @param {{onControl: (control: Control) => void, now?: () => number}} options */
+  constructor({ onControl, now = () => performance.now() }) {
     this.onControl = onControl;
+    this.now = now;
     this.linked = false;
     this.pending = null;
-    this.ahead = /** @type {string[]} */ ([]); // what the connection reported and the events may still bring, late
+    this.ahead = /** @type {{text: string, at: number}[]} */ ([]); // what the connection reported and the events may still bring, late
     this.fed = "";
   }
 
   fromLink(control) {
     const text = JSON.stringify(control);
-    this.ahead = text === this.fed ? [] : [...this.ahead, text].slice(-MAX_AHEAD);
+    this.ahead = text === this.fed ? [] : [...this.recent, { text, at: this.now() }];
     this.linked = true;
     this.pending = null;
     this.onControl(control);
@@ -187,11 +188,16 @@ export class ControlState {
   // What the connection has reported is no news, not even when the connection has ended.
   fromFeed(control) {
     this.fed = JSON.stringify(control);
-    const place = this.ahead.indexOf(this.fed);
-    this.ahead = place < 0 ? [] : this.ahead.slice(place + 1);
+    const { recent } = this;
+    const place = recent.findIndex(({ text }) => text === this.fed);
+    this.ahead = place < 0 ? [] : recent.slice(place + 1);
     if (place >= 0) this.pending = null;
     else if (this.linked) this.pending = control;
     else this.onControl(control);
+  }
+
+  get recent() {
+    return this.ahead.filter(({ at }) => this.now() - at < LATE_MS);
   }
 
   // What the events alone reported since the connection's last report counts when the connection has ended.

@@ -83,11 +83,12 @@ test("the end of the link ends what the relay's clock says, and the events count
   assert.deepEqual(controls, ["a", "no clock", "b"]);
 });
 
-let heard, state;
+let heard, heardAt, state;
 
 beforeEach(() => {
   heard = [];
-  state = new ControlState({ onControl: (control) => heard.push(control) });
+  heardAt = 0;
+  state = new ControlState({ onControl: (control) => heard.push(control), now: () => heardAt });
 });
 
 const link = (...controls) => controls.forEach((control) => state.fromLink(control));
@@ -100,6 +101,7 @@ for (const [name, act, expected] of [
   ["the events' last report counts once it has ended", () => [link("a"), feed("b"), state.linkEnded(), feed("c")], ["a", "b", "c"]],
   ["else the connection's own last word stands", () => [link("a"), feed("a, late"), link("b"), state.linkEnded()], ["a", "b"]],
   ["what the events bring late is no news", () => [link("a", "b", "c"), feed("a"), state.linkEnded(), feed("b", "c")], ["a", "b", "c"]],
+  ["after a while it is", () => [link("a", "b"), state.linkEnded(), (heardAt = 5000), feed("a")], ["a", "b", "a"]],
   ["what is so again is news", () => [feed("a"), link("a"), state.linkEnded(), feed("b", "a")], ["a", "a", "b", "a"]],
 ]) {
   test(name, () => {
