@@ -11,6 +11,8 @@ BY_FILE := -n 2 --dist loadfile --no-loadscope-reorder
 ENDS_AFTER = --timeout-method thread --timeout $(1) -o faulthandler_timeout=$(shell expr $(1) - 5)
 # Machines with a Docker engine of their own inside, which need all of this one.
 SERVERS := tests/ansible/test_server.py tests/ansible/test_site.py
+# Tests of images that share no stack: the playbooks, beside which the others run, end sooner than those.
+ALONE := $(addsuffix .py,$(addprefix tests/images/test_,acme certificate kept_cells nginx_log prometheus published_images reverse_proxy secrets))
 # Where programs that are no tests find the modules of tests/support.
 SUPPORT := tests/support/fakes:tests/support/networks:tests/support/stack:tests/support/browser
 
@@ -107,12 +109,12 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 
 test-running: venv images ## the tests of images and end to end in one go, with fewer stacks to start
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 2 $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 2 $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e $(ALONE:%=--ignore %)
 
 # Nice: an installation can wait for the drives that are tested beside it, which end when the machine is late.
-test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own
+test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own; and images alone
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(call ENDS_AFTER,600) -m "not release" tests/ansible $(SERVERS:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(call ENDS_AFTER,600) -m "not release" tests/ansible $(ALONE) $(SERVERS:%=--ignore %)
 
 test-server: venv images robot-host-image ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
 	@tools/ensure_test_hosts
