@@ -59,7 +59,7 @@ ready: lint frontend-test images test-hosts robot-host-image compiled-tests
 compiled-tests: venv
 	@said=$$($(PYTEST) --collect-only -q --snapshot-warn-unused tests benchmarks/tests) || { echo "$$said"; exit 1; }
 
-test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 12 minutes on two cores)
+test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 14 minutes on two cores)
 	@[ -n "$$CI" ] || tools/ensure_docker  # its questions, which several jobs at once cannot ask
 	@$(MAKE) --no-print-directory --jobs=4 --output-sync=target ready
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit
