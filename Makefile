@@ -109,7 +109,7 @@ test-e2e: venv images ## a browser and programs over a running stack of its own
 
 test-running: venv images ## the tests of images and end to end in one go, with fewer stacks to start
 	@tools/ensure_test_hosts
-	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) -n 2 $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e $(ALONE:%=--ignore %)
+	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e $(ALONE:%=--ignore %)
 
 # Nice: an installation can wait for the drives that are tested beside it, which end when the machine is late.
 test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own; and images alone
