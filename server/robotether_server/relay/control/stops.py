@@ -142,10 +142,9 @@ class Stops:
 
         A `press` of this person that has come before is no other stop, also if its stop has ended since.
         """
-        if press is not None and not self._of(robot.id).is_new_press(by, press):
-            self._insist(robot.id)
-            return
-        if self._same_press(robot.id, by, reason) and not self._pending_releases(robot.id):
+        is_late = press is not None and not self._of(robot.id).is_new_press(by, press)
+        is_same = self._same_press(robot.id, by, reason) and not self._pending_releases(robot.id)
+        if is_late or is_same:
             self._insist(robot.id)
             return
         self._fail_releases(robot, by)
