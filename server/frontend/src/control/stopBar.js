@@ -30,7 +30,7 @@ export class StopBar {
     button.addEventListener("click", ({ detail }) => detail === 0 && this.press());
     stopOnSpace(window, () => this.press());
     if (!this.release) return;
-    this.hold = new Hold({ onDone: () => this.letGo(), onState: (state) => this.showHold(state) });
+    this.hold = new Hold({ onDone: () => this.letGo(), onState: () => this.showHold() });
     this.hold.listen(this.release);
   }
 
@@ -84,10 +84,12 @@ export class StopBar {
   // What holding the button brings: "idle", that the robot may be driven, or "again", that this page drives it again.
   offer(offered) {
     this.offered = offered;
-    if (this.hold) this.showHold(this.hold.state);
+    this.showHold();
   }
 
-  showHold(state) {
+  showHold() {
+    if (!this.hold) return;
+    const { state } = this.hold;
     const shown = state === "idle" && this.asked ? "asked" : state;
     this.release.dataset.hold = shown;
     setText(part(this.release, "release-text"), releaseTexts[shown === "idle" ? this.offered : shown]);
@@ -113,7 +115,7 @@ export class StopBar {
 
   count(more) {
     this.asked += more;
-    if (this.hold) this.showHold(this.hold.state);
+    this.showHold();
   }
 }
 

@@ -124,16 +124,14 @@ export class World {
     const frame = this.odometry?.pose.frame;
     const begun = frame && this.transforms.find(this.mapFrame, frame);
     const offset = begun && planarOf(begun);
-    if (offset) {
-      this.place(offset, begun.at);
-      this.left = null;
-    }
+    if (offset) this.place(offset, { at: begun.at });
     return Boolean(offset);
   }
 
-  place(offset, at = Infinity) {
+  place(offset, { at = Infinity, left = null }) {
     this.offset = offset;
     this.placedAt = at;
+    this.left = left;
     this.placed = true;
   }
 
@@ -175,8 +173,8 @@ export class World {
     if (!pose) return;
     this.located = pose;
     if (this.odometry && !this.locate()) {
-      this.place(compose(pose, inverse(this.odometry.pose)));
-      this.left = { ...this.odometry.pose, at: this.now() };
+      const left = { ...this.odometry.pose, at: this.now() };
+      this.place(compose(pose, inverse(left)), { left });
     }
     this.onChange();
   }
