@@ -12,7 +12,7 @@ from robotether_common.session import ByeCode, Kind
 
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.robots.session_messages import Preface
+from robotether_server.relay.robots.session_messages import Preface, config_of
 
 
 class NotAuthorizedError(RobotetherError):
@@ -46,7 +46,7 @@ def needs_config(before: RelayRobot, after: RelayRobot) -> bool:
     """Return whether a live link needs another configuration; NotAuthorizedError when it needs a new login."""
     if _lost_port(before, after):
         raise _ports_changed(after)
-    return _config_of(before) != _config_of(after)
+    return config_of(before) != config_of(after)
 
 
 def port_of(kind: Kind, robot: RelayRobot) -> int | None:
@@ -67,14 +67,4 @@ def _lost_port(before: RelayRobot, after: RelayRobot) -> bool:
     return any(
         old is not None and old != new
         for old, new in zip(before.ports.values(), after.ports.values(), strict=True)
-    )
-
-
-def _config_of(robot: RelayRobot) -> tuple[object, ...]:
-    return (
-        robot.name,
-        robot.ports["shell"],
-        robot.rotate_key,
-        robot.settings.guard,
-        robot.settings.help,
     )

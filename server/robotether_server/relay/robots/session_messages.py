@@ -329,6 +329,18 @@ def _check_printable(name: str, value: str) -> None:
         raise ValueError(f"{name} holds what is not printable")
 
 
+def config_of(robot: RelayRobot) -> dict[str, Any]:
+    """Return what of a configuration a robot's row decides; a live link is sent another one when it changes."""
+    return {
+        "robot": robot.name,
+        **{service.port_member: robot.ports[service.name] for service in SERVICES},
+        "rotate_key": robot.rotate_key,
+        "guard": robot.settings.guard.as_dict(),
+        "battery": robot.settings.battery,
+        "help": robot.settings.help_rules,
+    }
+
+
 def config_line(
     robot: RelayRobot,
     *,
@@ -349,19 +361,16 @@ def config_line(
     `connection_id` is how the logs of sshd and relay name this connection.
     """
     addresses = [{"host": cell.host, "ports": cell.ports, "rank": cell.rank} for cell in cells]
+    config = config_of(robot)
+    config["guard"] = {"key": guard_key, **config["guard"]}
     return _line(
         "config",
-        robot=robot.name,
-        **{service.port_member: robot.ports[service.name] for service in SERVICES},
-        rotate_key=robot.rotate_key,
+        **config,
         heartbeat_s=heartbeat_s,
         idle_heartbeat_s=idle_heartbeat_s,
         timeout_s=timeout_s,
-        guard={"key": guard_key, **robot.settings.guard.as_dict()},
         direct=direct,
         media=media,
-        battery=robot.settings.battery,
-        help=robot.settings.help_rules,
         **({"connection_id": connection_id} if connection_id else {}),
         **({"cells": addresses} if addresses else {}),
     )

@@ -64,6 +64,8 @@ def test_who_is_admitted(robot, preface, code):
         (SIM1, {"agent_version": "9"}, False),
         (SIM1, {"fingerprint": "SHA256:newer"}, False),
         (SIM1, {"settings": parse({"guard": {"deadman_ms": 300}})}, True),
+        (SIM1, {"settings": parse({"page": {"battery_unit": "percent"}})}, True),
+        (SIM1, {"settings": parse({"page": {"odometry_topic": "/odom2"}})}, True),
         (SIM1, {"settings": parse({"policy": {"drive": {"call": ["*"]}}})}, False),
         # A first shell port takes no port away from a login.
         (replace(SIM1, shell_port=None), {"shell_port": 24000}, True),
