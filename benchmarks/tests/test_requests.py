@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from paper.cells.history import Event
 from paper.requests.checker import Record, Records, check
-from paper.requests.foresight import BestPlanner, SmallQueue
 from paper.requests.optimum import least_waiting, weighted_waiting
 from paper.requests.simulation import Job, simulate, waiting_quantile
 
@@ -31,16 +30,6 @@ def test_the_optimum_keeps_to_pools() -> None:
     jobs = [Job(0, 10, 2, "arms"), Job(0, 10, 2, "arms"), Job(0, 10, 2)]
     assert least_waiting(jobs, [ANY, ARMS]) == 20
     assert weighted_waiting(jobs, simulate(jobs, [ANY, ARMS])) == 20
-
-
-def test_the_best_planner_without_foresight_keeps_an_operator_by_the_chances_alone() -> None:
-    """A low request waits 10 s for an urgent one that comes with a probability of 0.9, and not for one of 0.05."""
-    for share, cost in ((0.9, 10 + 100), (0.05, 4 * 90)):
-        kinds = {(1, ""): share, (3, ""): 1 - share}
-        queue = SmallQueue([ANY], kinds, requests=2, step_s=10, takes=10, chance=1)
-        jobs = [Job(0, 100, 3), Job(10, 100, 1)]
-        assert BestPlanner(queue).weighted_waiting(jobs) == cost
-        assert least_waiting(jobs, [ANY]) == 110
 
 
 def event(at_s: float, kind: Any, what: str = "", user: str = "") -> Event:

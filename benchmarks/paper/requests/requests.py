@@ -13,7 +13,6 @@ from report import Row, quantiles
 from robotether_server.services.planning import PLAN_EVERY_S
 
 from paper.requests.checker import PASSES_WITHIN_S
-from paper.requests.foresight import BestPlanner, SmallQueue
 from paper.requests.nemesis import QueueSize, run_nemesis
 from paper.requests.optimum import least_waiting, weighted_waiting
 from paper.requests.simulation import (
@@ -47,29 +46,6 @@ KINDS: Mapping[str, tuple[Sequence[Pools], bool, str]] = {
     "one-pool": ([NOBODYS] * len(SKILLED), False, "one pool, one after the other"),
     "pools": (SKILLED, False, "pools, one after the other"),
 }
-# Queues that are small enough to search for the best planner without foresight, by their steps.
-SMALL: Mapping[str, tuple[SmallQueue, str]] = {
-    f"foresight-{name}": (
-        SmallQueue(
-            operators,
-            {
-                (priority, pool): share * pool_share
-                for priority, share in zip(PRIORITIES, SHARES, strict=True)
-                for pool, pool_share in (POOLS if any(operators) else {"": 1.0}).items()
-            },
-            requests,
-            step_s=(JOB_S + WRAP_UP_S) / takes,
-            takes=takes,
-            chance=LOAD_OF_INSTANCES * len(operators) / takes,
-        ),
-        title,
-    )
-    for name, operators, requests, takes, title in (
-        ("one-pool", [NOBODYS] * len(SKILLED), 10, 9, "one pool"),
-        ("pools", SKILLED, 6, 6, "pools"),
-    )
-}
-SMALL_INSTANCES = {True: 20, False: 2000}
 
 
 def steps_of(scale: Scale) -> Sequence[Step]:
@@ -85,20 +61,11 @@ def steps_of(scale: Scale) -> Sequence[Step]:
         Step(name=name, title=title, run=partial(run_instances, name, INSTANCES[scale.quick]))
         for name, (_, _, title) in KINDS.items()
     ]
-    of_foresight = [
-        Step(
-            name=name,
-            title=f"{title}, without foresight",
-            run=partial(run_small, name, SMALL_INSTANCES[scale.quick]),
-        )
-        for name, (_, title) in SMALL.items()
-    ]
     size = QUICK if scale.quick else WHOLE
     title = f"{size.seconds / 60:.3g} minutes of nemesis"
     return [
         *of_theory,
         *of_optimum,
-        *of_foresight,
         Step(name="nemesis", title=title, run=partial(run_nemesis, size)),
     ]
 
@@ -134,21 +101,6 @@ def run_instances(name: str, count: int, _: object = None) -> Values:
     }
 
 
-def run_small(name: str, count: int, _: object = None) -> Values:
-    """Compare the planner with the best one that does not know the future, and both with the optimum."""
-    queue, _title = SMALL[name]
-    best = BestPlanner(queue)
-    instances = [queue.jobs(Random(f"{name} {number}")) for number in range(count)]
-    ours = [weighted_waiting(jobs, simulate(jobs, queue.operators)) for jobs in instances]
-    return {
-        "instances": count,
-        "requests": queue.requests,
-        "ours": sum(ours) / count,
-        "blind": sum(map(best.weighted_waiting, instances)) / count,
-        "least": sum(least_waiting(jobs, queue.operators) for jobs in instances) / count,
-    }
-
-
 def instance(rng: Random, operators: Sequence[Pools], *, at_once: bool) -> list[Job]:
     """Return requests by chance; those of one pool if the operators have none."""
     takes_s = JOB_S + WRAP_UP_S
@@ -166,19 +118,16 @@ def instance(rng: Random, operators: Sequence[Pools], *, at_once: bool) -> list[
 def report(values: Mapping[str, Values]) -> Report:
     queues = [value for name, value in values.items() if name.startswith("erlang-")]
     instances = {name: values[name] for name in KINDS if name in values}
-    small = {name: values[name] for name in SMALL if name in values}
     return Report(
         values={
             "queues": [_queue_row(queue) for queue in queues],
             "instances": [_instance_row(name, value) for name, value in instances.items()],
-            "small": [_small_row(name, value) for name, value in small.items()],
             "of_instance": OF_INSTANCE,
             "nemesis": _nemesis(values["nemesis"]) if "nemesis" in values else None,
         },
         comparisons=[
             *(_against_theory(queue) for queue in queues),
             *(_against_optimum(name, value) for name, value in instances.items()),
-            *(_against_best(name, value) for name, value in small.items()),
             *(_against_rules(values["nemesis"]) if "nemesis" in values else ()),
         ],
         shortfalls=list(_broken_rules(values["nemesis"])) if "nemesis" in values else [],
@@ -212,19 +161,6 @@ def _instance_row(name: str, value: Values) -> Row:
     }
 
 
-def _small_row(name: str, value: Values) -> Row:
-    return {
-        "small instances": SMALL[name][1],
-        "how many": value["instances"],
-        "requests": value["requests"],
-        "planner, s": value["ours"],
-        "best without foresight, s": value["blind"],
-        "optimum, s": value["least"],
-        "the best reaches of the optimum": f"{100 * value['least'] / value['blind']:.0f} %",
-        "the planner reaches of the best": f"{100 * value['blind'] / value['ours']:.0f} %",
-    }
-
-
 def _against_theory(queue: Values) -> Comparison:
     off = 100 * abs(queue["planned_s"] / _theory_s(queue) - 1)
     what = f"waiting p95 at load {queue['load']}: off the theory"
@@ -232,17 +168,9 @@ def _against_theory(queue: Values) -> Comparison:
 
 
 def _against_optimum(name: str, value: Values) -> Comparison:
-    return _more_than("the optimum", KINDS[name][2], value["ours"] / value["least"])
-
-
-def _against_best(name: str, value: Values) -> Comparison:
-    best = "the best planner without foresight"
-    return _more_than(best, SMALL[name][1], value["ours"] / value["blind"])
-
-
-def _more_than(best: str, title: str, times: float) -> Comparison:
-    what = f"{title}: more weighted waiting than {best}"
-    return against_aim(what, 100 * (1 / AIM_OF_OPTIMUM - 1), 100 * (times - 1), "%")
+    what = f"{KINDS[name][2]}: more weighted waiting than the optimum"
+    more = 100 * (value["ours"] / value["least"] - 1)
+    return against_aim(what, 100 * (1 / AIM_OF_OPTIMUM - 1), more, "%")
 
 
 def _nemesis(run: Values) -> Values:
