@@ -224,13 +224,16 @@ const SPEED_READERS = {
 // The function that reads {forward, left, turn} out of a message of this type, each null where it is not known; or undefined.
 export const speedReader = (type) => SPEED_READERS[plainType(type)];
 
-// Poses in the plane are {x, y, theta} in m and rad (REP-103); odometry names the frame that it is in, and the robot's own.
+// Poses in the plane are {x, y, theta} in m and rad (REP-103); those with a header name the frame that they are in, odometry the robot's own, too.
 const POSE_READERS = {
   "nav_msgs/Odometry": ({ header, child_frame_id, pose }) => {
     const read = planar(pose?.pose);
     return read && { ...read, frame: header?.frame_id, base: child_frame_id };
   },
-  "geometry_msgs/PoseWithCovarianceStamped": ({ pose }) => planar(pose?.pose),
+  "geometry_msgs/PoseWithCovarianceStamped": ({ header, pose }) => {
+    const read = planar(pose?.pose);
+    return read && { ...read, frame: header?.frame_id };
+  },
   "turtlesim/Pose": (pose) => wholePose(pose),
 };
 

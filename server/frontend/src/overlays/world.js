@@ -167,10 +167,11 @@ export class World {
     }
   }
 
-  // Where the localization says that the robot is tells where the odometry began, unless the frames do, which are newer.
+  // Where the localization says that the robot is tells where the odometry began, unless the frames do, which are newer. A filter
+  // of the odometry speaks in the same type, and of no place in the map.
   receiveLocation(message) {
     const pose = poseReader(this.topics.located.type)?.(message);
-    if (!pose) return;
+    if (!pose || !["", this.mapFrame].includes(plainFrame(pose.frame))) return;
     this.located = pose;
     if (this.odometry && !this.locate()) {
       const left = { ...this.odometry.pose, at: this.now() };
@@ -184,11 +185,11 @@ export class World {
   get robot() {
     if (this.odometry) {
       const old = this.isOld(this.odometry) || this.isOld({ at: this.placedAt }) || this.wasLeft(this.odometry.pose);
-      const robot = { ...compose(this.offset, this.odometry.pose), old };
-      return this.map && !this.placed ? { ...robot, unplaced: true } : robot;
+      return this.drawnAs({ ...compose(this.offset, this.odometry.pose), old }, this.placed);
     }
-    const place = this.inMap();
-    if (place) return { ...planarOf(place), old: this.isOld(place) };
+    const place = this.byFrames(this.mapFrame);
+    const way = place ?? this.byFrames(ODOM_FRAME);
+    if (way) return this.drawnAs({ ...planarOf(way), old: this.isOld(way) }, Boolean(place));
     return { ...(this.located ?? ORIGIN), old: true, unknown: !this.located };
   }
 
@@ -197,10 +198,15 @@ export class World {
     return left !== null && this.now() - left.at > SILENT_MS && Math.hypot(x - left.x, y - left.y) > SILENT_WAY_M;
   }
 
-  // Where the robot is in the map, by its frames alone; null for unknown.
-  inMap() {
-    const places = BASE_FRAMES.map((base) => this.transforms.find(this.mapFrame, base) ?? this.transforms.find(ODOM_FRAME, base));
-    return places.find(Boolean) ?? null;
+  // `placed`: whether it is known where that is in the map.
+  drawnAs(robot, placed) {
+    return this.map && !placed ? { ...robot, unplaced: true } : robot;
+  }
+
+  // Where the robot is in a frame, by its frames alone; null for unknown.
+  byFrames(target) {
+    const places = BASE_FRAMES.map((base) => this.transforms.find(target, base));
+    return places.find((place) => place && planarOf(place)) ?? null;
   }
 
   // The newest scan; an old one is none.

@@ -215,6 +215,33 @@ test("a robot without odometry is where its frames say, and old when they are si
   assert.equal(world.robot.old, true);
 });
 
+test("where the robot is by its wheels' frame alone is no place in a map", async () => {
+  follow({ map: MAP, tf: TF });
+  show({ map: true });
+  await say("/map", { header: { frame_id: "map" }, ...grid(0) });
+  const unplaced = [];
+  for (const parent of ["odom", "map"]) {
+    say("/tf", tf(link(parent, "base_link", 2)));
+    unplaced.push(Boolean(world.robot.unplaced));
+  }
+  assert.deepEqual(unplaced, [true, false]);
+});
+
+test("a pose in another frame than the map's says nothing of a place in it", () => {
+  follow({ map: MAP, located: PLACE });
+  show({ map: true });
+  world.receivePose({ x: 1, y: 0, theta: 0 });
+  const places = [];
+  for (const frame_id of ["odom_combined", "/map"]) {
+    say("/amcl_pose", { header: { frame_id }, pose: { pose: at(5, 5) } });
+    places.push([world.placed, world.robot.x]);
+  }
+  assert.deepEqual(places, [
+    [false, 1],
+    [true, 5],
+  ]);
+});
+
 const info = { width: 2, height: 2, resolution: 0.5, origin: { position: { x: -1, y: 2, z: 0 }, orientation: { x: 0, y: 0, z: 1, w: 0 } } };
 
 test("free is dark, occupied is light, unknown is nothing", () => {
