@@ -132,7 +132,8 @@ export const isLost = ({ robot, map }, parts) => Boolean(parts.map && map && (ro
 export function wordsOf(world, parts) {
   if (parts.map && world.mapUnread) return texts.unread;
   if (isEmpty(world, parts)) return texts.nothing;
-  return isLost(world, parts) ? texts.lost : "";
+  if (isLost(world, parts)) return texts.lost;
+  return parts.scan && world.isScanSilent ? texts.silentScan : "";
 }
 
 // `zoom` in device pixels a metre. `parts` {scan, path, map}: what is wanted to be seen.

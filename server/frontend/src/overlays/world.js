@@ -214,6 +214,11 @@ export class World {
     return this.scan && !this.isOld(this.scan) ? this.scan.points : null;
   }
 
+  // Whether there was one, and it says no more what is round the robot.
+  get isScanSilent() {
+    return this.scan !== null && this.points === null;
+  }
+
   isOld({ at }) {
     return this.now() - at > OLD_MS;
   }

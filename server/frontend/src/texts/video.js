@@ -66,9 +66,12 @@ export const map = {
   nothing: "Nothing to draw yet.",
   unread: "The robot's newest map cannot be read.",
   lost: "Where the robot is in the map is unknown.",
+  silentScan: "The laser is silent.",
   pose: ({ x, y, theta }) => `x ${x.toFixed(1)} y ${y.toFixed(1)} ${Math.round((theta * 180) / Math.PI)}°`,
   scale: (metres) => `${metres} m`,
 };
+
+export const ring = { silent: "No laser" };
 
 export const battery = { none: "-" };
 

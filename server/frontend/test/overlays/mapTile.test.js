@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { ringPoints } from "../../src/overlays/laserRing.js";
+import { LaserRing, ringPoints } from "../../src/overlays/laserRing.js";
 import { isEmpty, isLost, MapTile, multiples, wordsOf } from "../../src/overlays/mapTile.js";
 
 let shown, tile;
@@ -51,6 +51,21 @@ test("a map that cannot be read is said to whoever wants to see the map", () => 
   const world = { robot: { x: 1, y: 0 }, map: {}, mapUnread: true };
   assert.equal(wordsOf(world, { map: true }), "The robot's newest map cannot be read.");
   assert.equal(wordsOf(world, { map: false }), "");
+});
+
+test("a laser that has fallen silent is said to be, in the map and round the stick: nothing drawn would be free space", () => {
+  const world = { robot: { x: 1, y: 0 }, isScanSilent: true, points: null, showRing() {} };
+  assert.equal(wordsOf(world, { scan: true }), "The laser is silent.");
+  assert.equal(wordsOf(world, { scan: false }), "");
+  const said = [];
+  globalThis.window = { devicePixelRatio: 1 };
+  globalThis.requestAnimationFrame = (act) => act();
+  const context = { fillRect() {}, fillText: (words) => said.push(words) };
+  const ring = new LaserRing({ getContext: () => context, clientWidth: 100 }, world);
+  ring.show(true);
+  ring.world = { ...world, points: Float32Array.from([]) };
+  ring.draw();
+  assert.deepEqual(said, ["No laser"]);
 });
 
 test("what is ahead is up and what is at the left is left, as far as three metres, and what is near is said", () => {

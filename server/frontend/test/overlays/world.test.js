@@ -84,10 +84,12 @@ test("why the server passes no map on is said", () => {
 test("a scan that is old is shown no more", () => {
   world.follow({ scan: SCAN });
   world.show({ scan: true });
+  assert.equal(world.isScanSilent, false);
   say("/scan", scan);
   assert.equal(world.points.length, 2);
+  assert.equal(world.isScanSilent, false);
   clock = 1001;
-  assert.equal(world.points, null);
+  assert.deepEqual([world.points, world.isScanSilent], [null, true]);
 });
 
 test("the robot is where its odometry says, and old when that is silent", () => {
