@@ -42,11 +42,14 @@ export class Overlays {
   }
 
   showList() {
-    const list = this.diagnostics.list(this.now()).slice(0, MAX_ROWS);
-    const shownList = JSON.stringify(list);
+    const all = this.diagnostics.list(this.now());
+    const list = all.slice(0, MAX_ROWS);
+    const left = all.length - list.length;
+    const shownList = JSON.stringify([list, left]);
     if (shownList === this.shownList) return;
     this.shownList = shownList;
-    part(this.details, "diagnostics-list").replaceChildren(...list.map(row));
+    const more = left ? [make("li", {}, texts.more(left))] : [];
+    part(this.details, "diagnostics-list").replaceChildren(...list.map(row), ...more);
   }
 }
 

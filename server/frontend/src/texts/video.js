@@ -80,5 +80,6 @@ export const diagnostics = {
   warn: (count) => (count === 1 ? "1 warning" : `${count} warnings`),
   error: (count) => (count === 1 ? "1 error" : `${count} errors`),
   stale: (count) => (count === 1 ? "1 part is silent" : `${count} parts are silent`),
+  more: (count) => `${count} more, none of them worse`,
   levels: { ok: "OK", warn: "Warning", error: "Error", stale: "Silent" },
 };

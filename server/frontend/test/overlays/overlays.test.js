@@ -79,6 +79,15 @@ test("nothing is known before the first message, nor of a part that says nothing
   assert.equal(diagnostics.worst(10_001).level, "stale");
 });
 
+test("a list that is cut says what is left out", () => {
+  const list = { replaceChildren: (...rows) => (list.rows = rows) };
+  globalThis.document = { createElement: () => new FakeElement() };
+  overlays.details.querySelector = () => list;
+  overlays.diagnostics.receive({ status: Array.from({ length: 75 }, (_, i) => ({ name: `part ${i}`, level: 2 })) }, 0);
+  overlays.showList();
+  assert.deepEqual([list.rows.length, list.rows.at(-1).children[0]], [61, "15 more, none of them worse"]);
+});
+
 test("of names without end the newest count", () => {
   const diagnostics = new Diagnostics();
   diagnostics.receive({}, 0);
