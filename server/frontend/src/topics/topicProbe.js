@@ -124,15 +124,14 @@ export class TopicProbe {
   // {kind: "none"|"measuring"|"measured"|"slow"|"least"|"rate", perSecond, seconds}
   get pace() {
     if (this.measuring) return { kind: "measuring" };
+    const silence = this.rate.silenceMs(this.now());
+    if (silence !== null && silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
     if (this.measured !== null) return { kind: "measured", perSecond: this.measured };
     return this.throttledPace();
   }
 
   throttledPace() {
-    const now = this.now();
-    const silence = this.rate.silenceMs(now);
-    const perSecond = this.rate.perSecond(now);
-    if (silence !== null && silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
+    const perSecond = this.rate.perSecond(this.now());
     if (this.large || perSecond === null) return { kind: "none" };
     return { kind: perSecond > 850 / THROTTLE_MS ? "least" : "rate", perSecond };
   }

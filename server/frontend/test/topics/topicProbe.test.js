@@ -70,6 +70,9 @@ for (const seconds of [3, 6]) {
     clock = 1000 * seconds;
     mock.timers.tick(3000);
     assert.deepEqual([probe.pace, open()], [{ kind: "measured", perSecond: 10 }, [500]]);
+    messages(1);
+    clock += 6000;
+    assert.deepEqual(probe.pace, { kind: "slow", seconds: 6 }, "what was measured is no longer so");
   });
 }
 
