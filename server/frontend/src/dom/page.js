@@ -86,7 +86,7 @@ const UNITS = [
 
 export function sizeText(bytes) {
   const [unit, size] = UNITS.find(([, least]) => bytes >= least) ?? ["B", 1];
-  return `${size === 1 ? bytes : (bytes / size).toPrecision(bytes >= 100 * size ? 3 : 2)} ${unit}`;
+  return `${size === 1 ? bytes : (bytes / size).toFixed(bytes < 9.95 * size ? 1 : 0)} ${unit}`;
 }
 
 // "2 h 3 min", "2 min 5 s", "5 s".

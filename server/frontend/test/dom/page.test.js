@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, shortNumber } from "../../src/dom/page.js";
+import { Choices, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
 import { storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
@@ -29,4 +29,9 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
 test("numbers are short and still tell small from none", () => {
   const numbers = [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN];
   assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
+});
+
+test("a size has the figures that count, at each end of its unit", () => {
+  const sizes = [999, 1500, 9949, 9950, 99_960, 999_950, 1.5e6].map(sizeText);
+  assert.deepEqual(sizes, ["999 B", "1.5 KB", "9.9 KB", "10 KB", "100 KB", "1000 KB", "1.5 MB"]);
 });
