@@ -160,6 +160,18 @@ async def test_a_stop_that_no_guard_confirmed_is_sent_again(world, monkeypatch):
     await until(lambda: link.kinds[:2] == ["stop", "stop"], "it is sent again")
     world.registry.on_guard_status(link, STOPPED, None)
     await until(lambda: world.robot.stops.repeat_timer is None, "and no more once it is confirmed")
+    link.sent.clear()
+    world.registry.on_guard_status(link, GuardReport("ready"), None)
+    await until(lambda: "stop" in link.kinds, "but to a guard that forgot it")
+
+
+async def test_a_guard_that_comes_up_is_sent_the_stop_again(world, monkeypatch):
+    """The stop reached the robot before there was anybody to confirm it."""
+    monkeypatch.setattr(stops_module, "REPEAT_EVERY_S", 0.01)
+    link = world.online("off")
+    world.stops.stop(SIM1, "ben")
+    world.registry.on_hello(link, "0.1.0", "on")
+    await until(lambda: link.kinds[:2] == ["stop", "stop"], "it is sent again")
 
 
 async def test_all_who_wait_hear_of_the_confirmation_at_once(world, monkeypatch):
@@ -368,6 +380,12 @@ async def test_a_press_that_comes_late_on_its_second_way_undoes_no_release(world
     for by, press in (("ben", "1"), ("ann", "2")):
         world.stops.stop(SIM1, by, press=press)
         assert world.stops.of(SIM1.id).by == by
+    world.stops.stop(SIM2, "ann", press="2")
+    assert world.stops.of(SIM2.id) is not None, "the press was another robot's"
+    for number in range(2 * MAX_STOPS):
+        world.stops.learn_end(SIM2.id, world.stops.of(SIM2.id).id)
+        world.stops.stop(SIM2, "ann", press=f"more {number}")
+        assert world.stops.of(SIM2.id) is not None, "however many are remembered"
 
 
 async def test_a_reason_of_its_own_makes_another_stop(world):
