@@ -22,7 +22,7 @@ SCHEMATHESIS = Path(sys.executable).with_name("schemathesis")
 EXAMPLES = 5
 LONGEST_RUN_S = 900
 # What is printable, and what is a key, no schema can say: random texts are refused although they fit it. And nginx
-# refuses TRACE by itself, without the header Allow; tests/unit/server/api/test_description.py has the others.
+# refuses TRACE by itself, without the header Allow; tests/unit/transcripts has others.
 NOT_CHECKED = "positive_data_acceptance,unsupported_method"
 # What runs without robots and without Prometheus says so: 503.
 SETTINGS = """[checks.not_a_server_error]

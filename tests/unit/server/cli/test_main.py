@@ -1,6 +1,7 @@
 """The command itself: settings, migrate, web, and the border of errors."""
 
 import os
+import subprocess
 import sys
 
 import pytest
@@ -104,3 +105,21 @@ def test_help_lists_the_commands(run):
     done = run("--help")
     listed = {line.split()[0] for line in done.out.splitlines() if line.startswith("  ")}
     assert (done.status, {"user", "robot", "fleet", "audit"} - listed) == (0, set())
+
+
+def test_the_command_needs_no_server():
+    """`pip install ./server` is enough for it: what serves pages, tunnels and recordings stays in the extras."""
+    extras = (
+        "aiohttp",
+        "av",
+        "flask",
+        "gunicorn",
+        "itsdangerous",
+        "mcap",
+        "prometheus_client",
+        "uvloop",
+    )
+    lines = ["import sys", *(f"sys.modules[{name!r}] = None" for name in extras)]
+    lines += ["import robotether_server.cli.main, robotether_server.cli.fleet"]
+    environ = {"PYTHONPATH": os.pathsep.join(sys.path)}
+    subprocess.run([sys.executable, "-c", "\n".join(lines)], env=environ, check=True)
