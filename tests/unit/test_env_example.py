@@ -122,33 +122,6 @@ def test_everything_has_one_version():
     assert bake_targets()["TAG"]["default"] == "VERSION"
 
 
-def image_of(service):
-    """The name of a service's image without registry and tag."""
-    pattern = r"\$\{REGISTRY:-local\.invalid/\}robotether/(\w+):\$\{TAG:-[0-9.]+\}"
-    found = re.fullmatch(pattern, service["image"])
-    assert found is not None, service["image"]
-    return found[1]
-
-
-@pytest.mark.parametrize("name", sorted({image_of(item) for item in ALL_SERVICES.values()}))
-def test_every_image_is_built_by_one_service(name):
-    """Compose builds it from the files and under the name that docker-bake.hcl has, and pulls it only if asked to."""
-    of_image = [service for service in ALL_SERVICES.values() if image_of(service) == name]
-    for service in of_image:
-        assert (
-            service["pull_policy"]
-            == f"${{PULL_POLICY:-{'build' if 'build' in service else 'never'}}}"
-        )
-    [build] = [service["build"] for service in of_image if "build" in service]
-    target = bake_targets()[name]
-    assert f'"${{REGISTRY}}robotether/{name}:${{TAG}}"' in target["tags"]
-    context = build if isinstance(build, str) else build["context"]
-    assert (COMPOSE / context).resolve() == (ROOT / target["context"].strip('"')).resolve()
-    if isinstance(build, dict):
-        assert f'"{build["dockerfile"]}"' == target["dockerfile"]
-        assert ("ca" in build["secrets"]) == ("id=ca" in target["secret"])
-
-
 def test_ports_are_published_at_the_bind_address():
     """None is open over IPv6, where all clients would be one address, by having been forgotten."""
     ports = [port for service in ALL_SERVICES.values() for port in service.get("ports", [])]

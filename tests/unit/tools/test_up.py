@@ -72,21 +72,6 @@ def test_no_password_is_told_that_admin_does_not_have(checkout):
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_user_who_has_just_got_the_group_docker_sees_the_stacks_data(checkout):
-    """Without it in this login Docker shows no volume, and the tool would tell a password that nobody has."""
-    common = checkout / "tools" / "common.sh"
-    common.write_text(common.read_text().replace("/var/run/docker.sock", "/nonexistent"))
-    (checkout / "volumes").write_text("robots_mysql\n")
-    programs = {
-        "id": "echo docker",
-        "sg": 'GROUPS_OF_LOGIN=docker exec sh -c "$3"',
-        "docker": '[ "$GROUPS_OF_LOGIN" = docker ] && cat volumes',
-    }
-    write_programs(checkout / "programs", programs)
-    assert "the one that admin had before" in up(checkout).stdout
-    assert not (checkout / "compose" / "secrets" / "admin_password").exists()
-
-
 def test_nothing_waits_for_an_authority(checkout):
     """The service acme is started when all others are healthy."""
     (checkout / "services").write_text("acme\n")

@@ -126,13 +126,3 @@ def test_sshd_is_asked_through_nginx(line, answers):
         thread.join()
     # Kept, as nobody is there any more.
     assert probe.answers() is answers
-
-
-def test_history_is_for_admins_and_of_robots_that_there_are(root, ann, program, use):
-    assert root.ask("GET", "/health/history").json["code"] == "history_unavailable"
-    assert root.ask("GET", "/health/history?robot=nobody").status_code == 404
-    assert root.ask("GET", "/health/history?range=year").status_code == 422
-    assert root.ask("GET", "/health/history?query=up").status_code == 422
-    for path in ("/health", "/health/history"):
-        assert ann.ask("GET", path).status_code == 403
-        assert program.ask("GET", f"/api/v1{path}").status_code == 401

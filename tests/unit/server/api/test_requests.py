@@ -4,19 +4,6 @@ from api_visitor import in_person
 from robotether_server.db import robots
 
 
-def test_what_no_request_may_say_is_refused(root):
-    for method, path, body in (
-        ("POST", "/robots/sim1/requests", {"reason": "x" * 201}),
-        ("POST", "/robots/sim1/requests", {"reason": "a\nb"}),
-        ("POST", "/robots/sim1/requests", {"reason": "x", "priority": 0}),
-        ("POST", "/robots/sim1/requests", {"reason": "x", "pool": "No Pool"}),
-        ("POST", "/requests/1/close", {"note": "x" * 501}),
-        ("PUT", "/queue/me", {"state": "busy"}),
-        ("PUT", "/users/ann/pools", {"pools": ["<b>"]}),
-    ):
-        assert root.refused(method, path, body) == (422, "field_invalid"), body
-
-
 def test_the_requests_of_a_robot_that_is_not_seen_are_not_none(ann, root):
     """A name with a mistake in it would else read as a robot that needs nobody."""
     for robot in ("sim9", "sim2"):

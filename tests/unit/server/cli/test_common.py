@@ -1,9 +1,12 @@
-"""Tables and waits of the commands."""
+"""Tables of the commands, and their JSON."""
 
-import datetime as dt
+import json
 
-import pytest
+from admin_records import ADD, claim
+from relay_server import cell_settings
 from robotether_server.cli import common
+from robotether_server.db import cells
+from robotether_server.times import utc_now
 
 
 def test_nothing_steers_the_terminal(capsys):
@@ -16,9 +19,31 @@ def test_nothing_steers_the_terminal(capsys):
     assert out == f"{'WHO'.ljust(len(spelt))}  X\n{spelt}  1\nwho  {spelt}\n"
 
 
-def test_json_has_moments_as_text(capsys):
-    """And nothing that a program would have to guess at."""
-    common.print_json([dt.datetime(2026, 1, 2, 3, 4, 5, tzinfo=dt.UTC)])
-    assert capsys.readouterr().out == '[\n  "2026-01-02T03:04:05+00:00"\n]\n'
-    with pytest.raises(TypeError, match="has no place in JSON"):
-        common.print_json([object()])
+def test_each_list_is_a_table_and_json(run, database, relay_database, tmp_path):
+    run(*ADD)
+    run("user", "add", "ann")
+    for words in (
+        ("group", "add", "crew"),
+        ("site", "add", "lab"),
+        ("grant", "ann", "sim1", "drive"),
+        ("token", "create", "--user", "ann", "--name", "ci"),
+    ):
+        assert run(*words).status == 0
+    claim(database)
+    with relay_database.transaction() as tx:
+        cells.write_heartbeat(tx, cell_settings("a"), cells.CellCounts(), utc_now())
+    for words in (
+        "audit",
+        "cell list",
+        "grant list",
+        "group list",
+        "robot list",
+        "robot pending",
+        "site list",
+        "token list",
+        "user list",
+    ):
+        heads, row, *_ = run(*words.split()).out.splitlines()
+        assert heads.isupper(), words
+        first = json.loads(run(*words.split(), "--json").out)[0]
+        assert str(next(iter(first.values()))) in row or words == "audit", words

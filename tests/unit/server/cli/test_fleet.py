@@ -66,21 +66,6 @@ def test_sudo_password_is_asked_once(run_fleet, network, monkeypatch):
     assert "secret" not in done.out + done.err
 
 
-def test_defect_is_one_robots_outcome(run_fleet, network, monkeypatch, caplog):
-    real = fleet_ssh.resolve
-
-    def resolve(name, config):
-        if name == "sim1":
-            raise ZeroDivisionError
-        return real(name, config)
-
-    monkeypatch.setattr(fleet_ssh, "resolve", resolve)
-    done = run_fleet("run", "true", "--on", "*", "--ssh-config", network.config)
-    assert "failed: no reason is known (see the log)" in done.err
-    assert done.err.endswith("1 of 2 robots: ok\n")
-    assert "Traceback" in caplog.text
-
-
 def test_ctrl_c_ends_the_command_everywhere(run_fleet, network):
     """A robot that was to follow never starts."""
     pids = network.folder / "pids"
@@ -180,14 +165,6 @@ def test_lost_link_is_no_exit_status(do, network, tmp_path):
         do(stop)
 
 
-def test_background_process_may_outlive_the_command(do, tmp_path):
-    path = tmp_path / "pid"
-    assert do(f"sleep 60 >/dev/null 2>&1 & echo $! > {path}")[0] == 0
-    pid = pid_written(path)
-    assert is_alive(pid)
-    do(f"kill {pid}")
-
-
 def test_sudo_gets_its_password_and_the_command_does_not(connection, fake_sudo):
     """The password is the first line of standard input, of which the command sees nothing, asked for or not."""
     for option, said in (("-S", "sudo -S\ngot secret\n"), ("-n", "sudo -n\n")):
@@ -221,15 +198,6 @@ def test_lines_are_passed_on_whole(pieces, lines):
         passed.write(piece)
     passed.close()
     assert to.getvalue() == "".join(f"sim1 | {line}\n" for line in lines)
-
-
-def test_two_robots_lines_never_mix():
-    to, lock = StringIO(), Lock()
-    first, second = Lines("1 ", to, lock), Lines("2 ", to, lock)
-    first.write("a")
-    second.write("b\n")
-    first.write("c\n")
-    assert to.getvalue() == "2 b\n1 ac\n"
 
 
 def test_kept_output_has_a_bound():

@@ -165,12 +165,6 @@ def test_another_known_type_of_key_is_a_changed_one(network, connections):
     assert CHANGED in refused(network, connections).detail
 
 
-def test_nothing_opens_after_the_end(network, connections):
-    """A thread that is late leaves no connection behind."""
-    connections.close_all()
-    assert "the run is over" in refused(network, connections).detail
-
-
 @pytest.fixture
 def agent(tmp_path, monkeypatch):
     socket = tmp_path / "agent"
@@ -330,17 +324,6 @@ def test_added_key_is_known(tmp_path, key):
         assert fleet_ssh.find_known([path], name) == ({known_key(key)}, set())
 
 
-def test_file_that_cannot_be_used_is_told(tmp_path, key, monkeypatch):
-    with pytest.raises(FleetError, match="cannot save the key of sim1"):
-        fleet_ssh.add_known(tmp_path, "sim1", known_key(key))
-    program = tmp_path / "ssh-keygen"
-    program.write_text("#!/bin/sh\necho 'Permission denied' >&2; exit 255\n")
-    program.chmod(0o755)
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(FleetError, match=r"known host keys in .*: Permission denied"):
-        fleet_ssh.find_known([tmp_path], "sim1")
-
-
 def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):
     """A person's other hosts, patterns and broken lines are no robots; included files are read."""
     listed, home = tmp_path / "listed", tmp_path / ".ssh"
@@ -356,10 +339,3 @@ def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):
     (home / "fleet.conf").write_text(ROBOTS.replace("sim2", "turtle"))
     (home / "config").write_text(f"Include fleet.* {listed}\n")
     assert fleet_ssh.choose(None, ["*"]) == ["sim1", "sim2", "turtle"]
-
-
-def test_file_that_includes_itself_is_refused(tmp_path):
-    path = tmp_path / "config"
-    path.write_text(f"Include {path}\n")
-    with pytest.raises(FleetError, match="over 16 deep"):
-        fleet_ssh.robots_in(path)

@@ -1,7 +1,6 @@
 """robotether token, join-token and robot invite."""
 
 import datetime as dt
-import json
 import re
 
 import pytest
@@ -34,19 +33,6 @@ def test_token_is_the_last_word_of_the_last_line(run, database):
     assert round((token.expires_at - token.created_at) / dt.timedelta(days=1)) == 7
     assert run("token", "delete", *CI).status == 0
     assert "cannot delete token ci" in run("token", "delete", *CI).err
-
-
-def test_token_for_metrics_alone_is_an_admins(run, database):
-    run("user", "add", "ann")
-    run("user", "add", "root", "--role", "admin")
-    refused = run("token", "create", *CI, "--only", "metrics").err
-    assert "user ann is no admin" in refused
-    of_root = ("--user", "root", "--name", "prometheus")
-    text = run("token", "create", *of_root, "--only", "metrics").out.split()[-1]
-    assert run("token", "list").out.split()[-1] == "metrics"
-    with database.transaction() as tx:
-        assert credentials.find_token_user(tx, text) is None
-        assert credentials.find_token_user(tx, text, "metrics").name == "root"
 
 
 def test_install_line_is_the_last_line(run, database):
@@ -82,16 +68,3 @@ def test_invited_robot_asks_for_its_name(run, monkeypatch):
     assert "https://localhost/join.sh" in done.out.splitlines()[-1]
     monkeypatch.delenv("PUBLIC_HOST")
     assert "PUBLIC_HOST" in run("robot", "invite").err
-
-
-def test_join_tokens_are_listed_and_deleted(run):
-    text = run("robot", "invite", "--name", "lab").out.split()[-1]
-    run("robot", "invite")
-    listed = run("join-token", "list").out
-    assert [line.split()[0] for line in listed.splitlines()] == ["NAME", "robot", "lab"]
-    assert "0 of 1" in listed
-    assert text not in listed
-    label = json.loads(run("join-token", "list", "--json").out)[1]["name"]
-    assert label.startswith("lab ")
-    assert run("join-token", "delete", label).out == f"deleted join token {label}\n"
-    assert "there is none of that name" in run("join-token", "delete", label).err

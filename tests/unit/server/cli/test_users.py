@@ -1,7 +1,5 @@
 """robotether user."""
 
-import json
-
 from robotether_server import passwords
 from robotether_server.db import users
 
@@ -29,18 +27,3 @@ def test_each_change_of_a_user_is_said(run, database):
     assert run("user", "remove", "ann", terminal="y\n").out.endswith("removed user ann\n")
     refused = run("user", "add", "ann", "--password-stdin", stdin="short")
     assert (refused.status, refused.err.count("\n")) == (1, 1)
-
-
-def test_users_are_listed(run, database):
-    run("user", "add", "ann")
-    run("user", "disable", "ann")
-    made = run("user", "add", "root", "--role", "admin").out.split()[-1]
-    with database.transaction() as tx:
-        assert passwords.matches(made, users.get(tx, "root").password_hash)
-    assert [line.split() for line in run("user", "list").out.splitlines()] == [
-        ["NAME", "ROLE", "STATE"],
-        ["ann", "user", "disabled"],
-        ["root", "admin", "enabled"],
-    ]
-    first = json.loads(run("user", "list", "--json").out)[0]
-    assert first == {"name": "ann", "role": "user", "disabled": True}

@@ -3,7 +3,7 @@
 import datetime as dt
 
 import pytest
-from robotether_server.db import credentials, join_tokens, users
+from robotether_server.db import credentials, users
 
 
 def test_half_a_character_has_a_digest_of_its_own():
@@ -39,9 +39,3 @@ def test_login_holds_until_it_ends(tx, ann):
     assert credentials.end_login(tx, text)
     assert not credentials.end_login(tx, text)
     assert credentials.find_login_user(tx, text) is None
-
-
-def test_join_token_whose_time_is_over_lets_nobody_in(tx):
-    past = dt.datetime.now(dt.UTC) - dt.timedelta(seconds=1)
-    token = join_tokens.find(tx, join_tokens.create(tx, "lab", 2, past, "root"))
-    assert not join_tokens.use(tx, token.id, "SHA256:a")

@@ -1,23 +1,18 @@
 """A robot is added in three steps: which one, the line to run on it, its arrival; or announced by its MAC."""
 
 import dataclasses
-import datetime as dt
 import shlex
 from html import unescape
 
 import pytest
 import tls_front
 from admin_visitor import send
-from relay_server import cell_settings
-from robot_signer import RobotSigner
-from robotether_server.db import cells, join_tokens, robots
-from robotether_server.db.grants import GROUPS, SITES
+from robotether_server.db import join_tokens, robots
 from robotether_server.install_line import SiteCertificates
 from robotether_server.settings.server import SiteAddressSettings
 from web_visitor import audit_kinds
 
 FORM = {"name": "", "uses": "1", "hours": "1"}
-NEW_MAC = "00:1b:44:11:3a:b7"
 
 
 @pytest.fixture
@@ -46,16 +41,6 @@ def words_of(page):
     return shlex.split(line)
 
 
-def arrives(program, words, hostname="turtle"):
-    """A new machine joins with what the line gives it; the name that it gets."""
-    body = RobotSigner(9).join(NEW_MAC, words[-1], hostname=hostname)
-    if "--name" in words:
-        body["name"] = words[words.index("--name") + 1]
-    answer = program.ask("POST", "/api/v1/join", json=body)
-    assert answer.status_code == 200, answer.text
-    return str(answer.json["robot"])
-
-
 @pytest.mark.usefixtures("site_certificate")
 def test_the_line_is_shown_once_and_its_token_revoked_after_a_question(admin, database):
     answer = send(admin, "/admin/join-tokens", **FORM)
@@ -76,33 +61,6 @@ def test_the_line_is_shown_once_and_its_token_revoked_after_a_question(admin, da
     assert send(admin, f"/admin/join-tokens/{path}").location == "/admin/add-robot"
     assert names(database) == ["yard"]
     assert admin.ask("GET", f"/admin/join-tokens/{path}").status_code == 404
-
-
-@pytest.mark.usefixtures("site_certificate")
-def test_a_robot_arrives_as_it_was_said(admin, program, database, relay_database):
-    with database.transaction() as tx:
-        SITES.add(tx, "lab")
-        GROUPS.add(tx, "crew")
-    assert 'name="region"' not in admin.ask("GET", "/admin/add-robot").text
-    with relay_database.transaction() as tx:
-        cell = cell_settings("a", region="eu")
-        cells.write_heartbeat(tx, cell, cells.CellCounts(), dt.datetime.now(dt.UTC))
-    assert '<option value="eu">' in admin.ask("GET", "/admin/add-robot").text
-    form = FORM | {"name": "lift", "site": "lab", "group": "crew", "region": "eu"}
-    page = send(admin, "/admin/join-tokens", **form).text
-    assert "at site lab, in region eu" in page
-    live = live_of(page)
-    assert 'data-testid="waits"' in admin.ask("GET", live).text
-    assert arrives(program, words_of(page)) == "lift"
-    page = admin.ask("GET", live).text
-    assert 'data-testid="arrived-lift"' in page
-    assert 'href="/admin/robots/lift" data-testid="arrived-open"' in page
-    assert 'data-testid="waits"' not in page
-    page = admin.ask("GET", "/admin/robots/lift").text
-    assert "<option selected>lab</option>" in page
-    assert "<option selected>eu</option>" in page
-    assert 'data-testid="grant-group crew"' in admin.ask("GET", "/admin/robots/lift/access").text
-    assert "No token can admit a robot now" in admin.ask("GET", "/admin/add-robot").text
 
 
 def test_a_robot_is_announced(admin, database):

@@ -1,7 +1,5 @@
 """Grants on the pages of robots, users, groups and sites: which each shows, given and removed."""
 
-import datetime as dt
-
 import pytest
 from admin_visitor import send
 from robotether_server.db import robots, users
@@ -96,13 +94,6 @@ def test_a_grant_is_given_and_changed(admin, database):
         assert given in all_grants(database)
 
 
-def test_an_end_comes_with_its_offset_or_in_utc(admin):
-    day = (dt.datetime.now(dt.UTC) + dt.timedelta(days=3)).date()
-    for text, shown in (("T23:59:59", "T23:59"), ("T12:45:00+02:00", "T10:45")):
-        send(admin, "/admin/users/ann/grants", **(FORM | {"ends_at": f"{day}{text}"}))
-        assert f'value="{day}{shown}"' in admin.ask("GET", "/admin/users/ann").text
-
-
 def test_a_wrong_grant_comes_back_with_the_page(admin, database):
     before = all_grants(database)
     for wrong in (
@@ -133,14 +124,3 @@ def test_a_grant_is_taken_away_after_a_question(
     assert (who, what, level) in all_grants(database)
     assert send(admin, path).location == onward
     assert (who, what, level) not in all_grants(database)
-
-
-def test_the_question_says_whether_the_grant_has_ended(admin, database, admin_database):
-    send(admin, "/admin/users/ann/grants", **FORM)
-    path = f"/admin/grants/{number_of(database, 'user ann', 'robot sim2')}/take"
-    assert "who may drive now, loses" in admin.ask("GET", path).text
-    with admin_database.transaction() as tx:
-        tx.change("UPDATE grants SET expires_at = '2020-01-01'")
-    page = admin.ask("GET", path).text
-    assert "It no longer allows anything: drive until" in page
-    assert "may drive now" not in page

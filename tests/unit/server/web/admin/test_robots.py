@@ -56,23 +56,6 @@ def test_what_an_unknown_robot_calls_itself_is_text(admin, program):
         assert "<script>alert" not in page, path
 
 
-def test_history_has_the_last_of_everything(admin, program, admin_database):
-    join(program, MAC, 1)
-    path = "/admin/robots/sim1/history"
-    with admin_database.transaction() as tx:
-        tx.change(
-            "INSERT INTO robot_sessions (robot_id, ended_at, end_code, address, agent_version) "
-            "SELECT id, NOW(), 'link_lost', '203.0.113.5', '0.2.0' "
-            "FROM robots JOIN seq_1_to_201 WHERE name = 'sim1'"
-        )
-    page = admin.ask("GET", path).text
-    assert (page.count("(code link_lost)"), 'href="?sessions=all"' in page) == (10, True)
-    for text in ("203.0.113.5", "0.2.0", "sim1 joined and waits for approval"):
-        assert text in page
-    page = admin.ask("GET", f"{path}?sessions=all").text
-    assert (page.count("(code link_lost)"), "These are the newest 200" in page) == (200, True)
-
-
 def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_database):
     for ended_at, exposed, warns in (
         ("NULL", "FALSE", False),
@@ -112,6 +95,7 @@ def test_each_action_is_done_and_audited(admin, database):
         ("sim1", "mac", {"mac": "001b44113ab7"}, "robot_mac_set", {"mac": "00:1b:44:11:3a:b7"}),
         ("sim1", "shell-user", {"shell_user": "pi"}, "robot_settings_set", {"settings": {"shell_user": "pi"}}),
         ("sim1", "shell-user", {"shell_user": ""}, "robot_settings_set", {"settings": {}}),
+        ("sim1", "region", {"region": "eu"}, "robot_settings_set", {"settings": {"region": "eu"}}),
         ("sim1", "ports", {"ros_port": "20100", "video_port": "20101"}, "robot_ports_moved", {}),
         ("sim1", "rename", {"new_name": "lift"}, "robot_renamed", {"was": "sim1"}),
         ("lift", "rekey", {}, "robot_rekeyed", {}),
@@ -125,18 +109,6 @@ def test_each_action_is_done_and_audited(admin, database):
             newest = audit.find(tx)[0]
         assert (newest.kind, newest.actor, newest.address) == (kind, "root", "198.51.100.7")
         assert details.items() <= newest.details.items()
-
-
-def test_region_is_set_and_cleared(admin, database):
-    """There is nothing to choose while neither a machine nor the robot has one."""
-    assert "region-form" not in admin.ask("GET", "/admin/robots/sim1").text
-    send(admin, "/admin/robots/sim1/region", region="eu")
-    assert get(database, "sim1").settings == {"region": "eu"}
-    assert "<option selected>eu</option>" in admin.ask("GET", "/admin/robots/sim1").text
-    answer = send(admin, "/admin/robots/sim1/region", region="E U")
-    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
-    send(admin, "/admin/robots/sim1/region", region="")
-    assert get(database, "sim1").settings == {}
 
 
 @pytest.mark.parametrize(

@@ -52,14 +52,6 @@ def test_each_action_is_done_and_audited(admin, database):
         assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
 
 
-def test_what_an_admin_leaves_behind_is_said(admin):
-    """Tokens that this admin made for robots and others do not end; a user has made none."""
-    for action in ("role", "disable", "remove"):
-        said = "Join tokens that root made"
-        assert said in admin.ask("GET", f"/admin/users/root/{action}").text
-        assert "Join tokens that" not in admin.ask("GET", f"/admin/users/ann/{action}").text
-
-
 @pytest.mark.parametrize(
     ("action", "form", "kind", "asked"),
     [

@@ -25,13 +25,6 @@ def read(program, path):
         return answer.data, answer.headers
 
 
-def test_a_page_is_found_by_its_folder(program, site):
-    assert read(program, "/docs/")[0] == (site / "index.html").read_bytes()
-    assert read(program, "/docs/howto/")[0] == b"<title>how</title>"
-    sent = program.ask("GET", "/docs/howto")
-    assert (sent.status_code, sent.location) == (302, "/docs/howto/")
-
-
 @pytest.mark.usefixtures("site")
 def test_its_scripts_run_by_its_own_policy(program):
     _, headers = read(program, "/docs/")

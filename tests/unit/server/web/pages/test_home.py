@@ -113,20 +113,6 @@ def test_client_cannot_choose_its_address(browser, database):
     assert audit_kinds(database) == [("login_failed", "ann", "198.51.100.7")]
 
 
-def test_fleet_page_names_each_robots_first_camera(browser, database):
-    """For a robot whose settings name none, or are broken, the page asks the robot itself."""
-    browser.log_in("ann")
-    cameras = '[{"topic": "/front", "name": "Front"}, {"topic": "/rear", "name": "Rear"}]'
-    for settings, camera in (
-        (f'{{"page": {{"cameras": {cameras}}}}}', "/front"),
-        ("{}", ""),
-        ('{"page": 1}', ""),
-    ):
-        with database.transaction() as tx:
-            tx.change("UPDATE robots SET settings = %s WHERE name = 'sim1'", (settings,))
-        assert f'data-camera="{camera}">' in browser.ask("GET", "/").text.split("<template")[0]
-
-
 def test_drive_page_has_the_robots_settings_and_the_words_of_codes(browser, database):
     """All that are in force reach the page's script as data, the defaults included."""
     browser.log_in("ann")

@@ -5,7 +5,7 @@ import re
 import pytest
 from admin_visitor import fingerprint, public_key, send
 from robotether_server import passwords
-from robotether_server.db import robots, users
+from robotether_server.db import users
 from web_visitor import PASSWORD, Browser
 
 NEW = "an even longer password"
@@ -14,18 +14,6 @@ NEW = "an even longer password"
 def path_of(page, kind):
     """The page that asks whether to delete the key or token."""
     return re.findall(f'href="(/profile/{kind}/[^"]+)"', page)[0]
-
-
-def test_ssh_configuration_of_the_robots_that_one_manages(browser, database):
-    with database.transaction() as tx:
-        robot = robots.get(tx, "sim1")
-        robots.set_state(tx, robot.id, "active")
-        robots.set_shell(tx, robot.id, on=True)
-    browser.log_in("root")
-    page = browser.ask("GET", "/profile").text
-    assert "Host sim1" in page
-    assert "ProxyJump jump@robots.example:2222" in page
-    assert "Add an SSH key above first" in page
 
 
 def test_password_is_changed_and_this_browser_stays(app, ann):

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 
 import pytest
-from robotether_server import schemas
-from robotether_server.settings.robot import DEFAULTS, GivenSettings, get_path
+from robotether_server.settings.robot import DEFAULTS, get_path
 from robotether_server.web.pages.setting_fields import (
     CAMERAS,
     CAMERAS_PATH,
@@ -12,10 +11,7 @@ from robotether_server.web.pages.setting_fields import (
     HELP,
     PERMISSIONS,
     SAFETY,
-    TABS,
 )
-
-FIELDS = [field for tab in TABS for field in tab.fields]
 
 
 def leaves(settings, above):
@@ -38,9 +34,3 @@ def leaves(settings, above):
 def test_every_setting_has_its_field(part, tabs, own):
     present = leaves(get_path(DEFAULTS.as_dict(), part), f"{part}.")
     assert sorted([*own, *(field.path for tab in tabs for field in tab.fields)]) == sorted(present)
-
-
-@pytest.mark.parametrize("field", [item for item in FIELDS if item.kind == "choice"])
-def test_choices_are_all_there(field):
-    values = schemas.member(GivenSettings, field.path).kind.values
-    assert {value for value, _ in field.options} == {*values, *([""] if field.empty else [])}
