@@ -85,7 +85,11 @@ def list_seen_within(tx: Transaction, seconds: float) -> list[OperatorRow]:
 
 def set_away(tx: Transaction, user_id: int) -> None:
     """Write that the user is away, as if it had been chosen."""
-    tx.change("UPDATE operators SET available = FALSE WHERE user_id = %s", (user_id,))
+    tx.change(
+        "UPDATE operators SET available = FALSE, idle_since = CURRENT_TIMESTAMP(6) "
+        "WHERE user_id = %s AND available",
+        (user_id,),
+    )
 
 
 def write_heartbeat(tx: Transaction, user_id: int, *, available: bool, is_idle: bool) -> None:

@@ -103,7 +103,8 @@ def poll(tx: Transaction, user: User, choice: Choice | None) -> QueueView:
     if row is not None and row.unseen_s > AWAY_AFTER_S:
         was_there = was_there and row.busy_since is not None
     available = was_there if choice is None else choice == "available"
-    is_idle = state_of(row) == "available"
+    stays_away = not available and row is not None and not row.available
+    is_idle = state_of(row) == "available" or (state_of(row) == "away" and stays_away)
     operators.write_heartbeat(tx, user.id, available=available, is_idle=is_idle)
     staff = plan_if_due(tx) or _read_staff(tx)
     return _view(tx, user, staff)
@@ -340,7 +341,7 @@ def _since(row: OperatorRow) -> dt.datetime:
         case "busy":
             return row.busy_since or row.now
         case "away":
-            return row.last_seen_at
+            return row.last_seen_at if row.available else row.idle_since
         case "wrap_up" if row.wrap_up_until is not None:
             return row.wrap_up_until - dt.timedelta(seconds=WRAP_UP_S)
         case _:

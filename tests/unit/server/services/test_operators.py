@@ -10,6 +10,7 @@ from help_desk import HelpDesk
 from robotether_server.db import robots, users
 from robotether_server.problems import GrantMissingError, NotPossibleError
 from robotether_server.services import operators
+from robotether_server.times import utc_now
 
 
 @pytest.fixture
@@ -97,6 +98,23 @@ def test_of_two_pages_of_an_operator_the_choice_counts(desk):
     desk.poll("ann")
     desk.pass_time(11)
     assert desk.poll("ann", None).state == "away"
+
+
+def test_an_operator_is_away_since_the_choice_whatever_the_page_says_or_since_it_is_silent(desk):
+    def away_for(name):
+        with desk.transaction() as tx:
+            shown = operators.list_operators(tx, users.get(tx, "mona"))
+        (seen,) = (operator for operator in shown if operator.user == name)
+        return seen.state, round((utc_now() - seen.since).total_seconds(), -1)
+
+    desk.poll("ann")
+    desk.pass_time(40)
+    desk.poll("ann", "away")
+    desk.poll("ben")
+    for _ in range(3):
+        desk.pass_time(9)
+        desk.poll("ann", None)
+    assert [away_for("ann"), away_for("ben")] == [("away", 30), ("away", 30)]
 
 
 def test_who_drives_is_busy_but_for_the_robot_of_the_offer(desk):
