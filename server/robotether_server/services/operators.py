@@ -43,8 +43,8 @@ class QueueView:
     """What an operator sees: the offer to answer, the request that the operator has, and what waits.
 
     `available` is what the operator chose, which holds again after `busy`. `waiting` has what the operator may be
-    offered. `ahead` is the number of available operators who are offered a request first; null: the operator is not
-    available.
+    offered, the most urgent MAX_WAITING of `waiting_count`. `ahead` is the number of available operators who are
+    offered a request first; null: the operator is not available.
     """
 
     state: OperatorState
@@ -54,6 +54,7 @@ class QueueView:
     current: HelpRequest | None
     wrap_up_left_s: Amount | None
     waiting: list[HelpRequest]
+    waiting_count: Count
     ahead: Count | None
 
 
@@ -252,6 +253,7 @@ def _view(tx: Transaction, user: User, staff: Staff) -> QueueView:
     state = state_of(row)
     open_requests = requests.list_open(tx, user.id)
     offer = _first(open_requests, "offered", user)
+    waiting = _waiting(open_requests, staff.pools.get(user.id, []))
     return QueueView(
         state=state,
         available=row.available,
@@ -259,7 +261,8 @@ def _view(tx: Transaction, user: User, staff: Staff) -> QueueView:
         offer_left_s=_left_s(offer, row.now),
         current=_first(open_requests, "accepted", user),
         wrap_up_left_s=_wrap_up_left_s(row) if state == "wrap_up" else None,
-        waiting=_waiting(open_requests, staff.pools.get(user.id, [])),
+        waiting=waiting[:MAX_WAITING],
+        waiting_count=len(waiting),
         ahead=_ahead(tx, row, staff, open_requests) if state == "available" else None,
     )
 
@@ -282,14 +285,13 @@ def _left_s(offer: HelpRequest | None, now: dt.datetime) -> float | None:
 
 
 def _waiting(open_requests: list[SeenRequest], pools: list[str]) -> list[HelpRequest]:
-    waiting = [
+    return [
         seen.request
         for seen in open_requests
         if seen.request.state == "waiting"
         and includes(seen.level, "drive")
         and seen.request.pool in ("", *pools)
     ]
-    return waiting[:MAX_WAITING]
 
 
 def _ahead(

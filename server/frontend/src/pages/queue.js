@@ -12,8 +12,6 @@ import { Poller, startTicking } from "../queue/poller.js";
 import { fillRequest, keyOfRequest, reasonText, secondsText, showDataState, stateText } from "../queue/requestRows.js";
 import { queue as texts } from "../texts/queue.js";
 
-const MAX_ROWS = 50; // Number of requests that wait and are listed
-
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
 const [offerPanel, currentPanel] = [part(main, "offer"), part(main, "current")];
 const [accept, decline] = [byTestId(main, "offer-accept"), byTestId(main, "offer-decline")];
@@ -53,7 +51,7 @@ function show(newest) {
   showOffer(view.offer);
   showOfferLeft(view.offer_left_s);
   showCurrent(view.current);
-  showWaiting(view.waiting);
+  showWaiting(view);
 }
 
 function showState(state) {
@@ -164,11 +162,10 @@ async function close(event) {
   poller.askNow();
 }
 
-function showWaiting(all) {
-  const shown = all.slice(0, MAX_ROWS);
-  waiting.show(shown);
-  setText(part(main, "waiting-more"), all.length > shown.length ? texts.more(all.length - shown.length) : "");
-  setText(part(main, "waiting-none"), all.length ? "" : texts.waitingNone);
+function showWaiting({ waiting: listed, waiting_count: count }) {
+  waiting.show(listed);
+  setText(part(main, "waiting-more"), count > listed.length ? texts.more(count - listed.length) : "");
+  setText(part(main, "waiting-none"), listed.length ? "" : texts.waitingNone);
 }
 
 function showAlerts() {

@@ -141,7 +141,8 @@ def test_a_pool_and_the_right_to_drive_say_who_is_asked(desk):
     desk.pass_time(1)
     view = desk.poll("ben")
     assert view.offer.id == night
-    assert [request.id for request in desk.poll("ann").waiting] == [second]
+    view = desk.poll("ann")
+    assert ([request.id for request in view.waiting], view.waiting_count) == ([second], 1)
     desk.pass_time(1)
     assert desk.poll("ann").offer is None
 
