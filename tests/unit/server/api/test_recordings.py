@@ -96,19 +96,6 @@ def test_a_recording_does_not_outlive_its_right(people, begun, recorder, databas
     assert people["mia"].get(f"/recordings/{begun}")["end_code"] == "right_ended"
 
 
-def test_what_is_asked_reaches_the_recorder(people, begun, recorder):
-    people["ann"].ask("POST", f"/recordings/{begun}/stop")
-    with recorder.transaction() as tx:
-        assert recordings.read_open(tx, "main")[0].is_stop_requested
-    people["mia"].ask("DELETE", f"/recordings/{begun}")
-    with recorder.transaction() as tx:
-        assert recordings.read_open(tx, "main")[0].is_delete_requested
-        recordings.end(tx, begun, "stopped", None)
-        recordings.note_deleted(tx, begun)
-        assert recordings.read_open(tx, "main") == []
-    assert people["mia"].refused("GET", f"/recordings/{begun}") == (404, "record_missing")
-
-
 def test_many_pieces_are_one_download_of_each_person(people, root, begun, database):
     """The file is sent by nginx, at a path that is made of its number alone."""
     for _ in range(3):

@@ -4,7 +4,6 @@ import json
 import signal
 from io import StringIO
 from threading import Lock, Thread, main_thread
-from unittest.mock import Mock
 
 import pytest
 from openssh_server import is_alive, wait_until
@@ -16,17 +15,6 @@ from robotether_server.cli.fleet import (
     Lines,
 )
 from robotether_server.cli.fleet_ssh import FleetError, SshConnections
-
-
-def test_list_tells_how_robots_are_reached(run_fleet, network):
-    network.stop()
-    done = run_fleet("list", "--on", "sim*", "--ssh-config", network.config)
-    heads, row, _ = done.out.splitlines()
-    jump = f"127.0.0.1:{network.jump.port}"
-    assert heads.split() == ["ROBOT", "USER", "PORT", "THROUGH"]
-    assert row.split() == ["sim1", network.user, str(network.robots["sim1"].port), jump]
-    done = run_fleet("list", "--on", "sim2", "--ssh-config", network.config, "--json")
-    assert [item["robot"] for item in json.loads(done.out)] == ["sim2"]
 
 
 def test_run_prints_lines_and_a_table(run_fleet, network):
@@ -55,15 +43,6 @@ def test_run_prints_json(run_fleet, network):
     [row] = json.loads(done.out)
     expected = {"robot": "sim1", "ok": False, "status": 4, "problem": None, "stdout": "hi\n"}
     assert row == expected | {"stderr": "", "cut": False, "seconds": row["seconds"]}
-
-
-def test_sudo_password_is_asked_once(run_fleet, network, monkeypatch):
-    prompt = Mock(return_value="secret")
-    monkeypatch.setattr(fleet.click, "prompt", prompt)
-    arguments = ("true", "--on", "*", "--ask-sudo-password", "--ssh-config", network.config)
-    done = run_fleet("run", *arguments)
-    prompt.assert_called_once_with("sudo password", hide_input=True, err=True)
-    assert "secret" not in done.out + done.err
 
 
 def test_ctrl_c_ends_the_command_everywhere(run_fleet, network):
@@ -144,19 +123,6 @@ def test_command_runs_as_it_was_typed(do):
         got = do(command)
         assert got[:2] == (status, out), command
         assert err is None or got[2] == err
-
-
-def pid_written(path):
-    wait_until(lambda: path.exists() and path.read_text().endswith("\n"), lambda: "a command runs")
-    return int(path.read_text())
-
-
-def test_time_out_ends_the_command_on_the_robot(do, tmp_path):
-    path = tmp_path / "pid"
-    with pytest.raises(FleetError, match=r"timed out after 0\.5 s"):
-        do(f"sleep 60 & echo $! > {path}; wait", timeout_s=0.5)
-    pid = pid_written(path)
-    wait_until(lambda: not is_alive(pid), lambda: "the command has ended")
 
 
 def test_lost_link_is_no_exit_status(do, network, tmp_path):

@@ -14,7 +14,6 @@ from robotether_server.cli.fleet_ssh import (
     FleetError,
     HostKeyCheck,
     Identities,
-    KnownKey,
     SshConnections,
 )
 
@@ -108,14 +107,6 @@ def replace_in(network, old, new):
 def test_sentence_says_why_a_robot_is_not_reached(network, connections, spoil, sentence):
     spoil(network)
     assert sentence.format(network) in refused(network, connections).detail
-
-
-def test_channel_of_a_lost_jump_host_ends_without_an_error(network, connections):
-    """Whoever waits for the robot is woken after the channel is closed."""
-    connection = connections.open(target_of(network))
-    connection.gateway.transport.packetizer.close()
-    connection.transport.sock.close()
-    assert connection.transport.sock.closed
 
 
 def test_jump_host_that_is_away_is_asked_once(network, connections):
@@ -225,10 +216,6 @@ def line(key, name="robotether-sim1"):
     return f"{name} {key.get_name()} {key.get_base64()}"
 
 
-def known_key(key):
-    return KnownKey(key.get_name(), key.get_base64())
-
-
 def check(target, key, *, accept_new=False):
     HostKeyCheck(target, accept_new=accept_new).missing_host_key(None, "[127.0.0.1]:24000", key)
 
@@ -245,16 +232,6 @@ def test_revoked_key_is_never_taken(target, key, accept_new):
     write(target, line(key), f"@revoked {line(key, '*')}")
     with pytest.raises(FleetError, match="revoked"):
         check(target, key, accept_new=accept_new)
-
-
-def test_host_shall_show_the_key_that_is_known(target, tmp_path):
-    """Of several keys of a host only those types are asked for; of a new host any good one."""
-    unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
-    assert unwanted == ["ssh-rsa", "ssh-dss"]
-    write(target, f"robotether-sim1 {make_key(tmp_path / 'other', kind='ecdsa')}")
-    unwanted = HostKeyCheck(target, accept_new=False).unwanted_algorithms()
-    assert {"ssh-ed25519", "rsa-sha2-512"} <= set(unwanted)
-    assert "ecdsa-sha2-nistp256" not in unwanted
 
 
 @pytest.fixture
@@ -292,36 +269,6 @@ def test_sentence_says_what_is_wrong_here(config, monkeypatch):
     monkeypatch.setenv("PATH", "")
     with pytest.raises(FleetError, match="install OpenSSH's client"):
         fleet_ssh.resolve("sim1", config)
-
-
-@pytest.mark.parametrize(
-    ("lines", "is_trusted", "is_revoked"),
-    [
-        ("# sim1 x y\n\nsim1 half\n@revoked\n\xff sim1\nsim1 {key} a comment\n", True, False),
-        ("@revoked * {key}\n@cert-authority * {key}\n", False, True),
-    ],
-    ids=["rubbish", "markers"],
-)
-def test_known_hosts_are_read_as_openssh_reads_them(tmp_path, key, lines, is_trusted, is_revoked):
-    """A revoked key is known as such; an authority's is no host's. A missing file has none."""
-    path = tmp_path / "known_hosts"
-    path.write_text(lines.format(key=line(key, "").strip()), encoding="latin-1")
-    found = fleet_ssh.find_known([path, tmp_path / "missing"], "sim1")
-    assert found == (
-        {known_key(key)} if is_trusted else set(),
-        {known_key(key)} if is_revoked else set(),
-    )
-
-
-def test_added_key_is_known(tmp_path, key):
-    """It is on a line of its own, in a file that only its owner reads."""
-    path = tmp_path / "new" / "known_hosts"
-    fleet_ssh.add_known(path, "robotether-sim1", known_key(key))
-    assert path.stat().st_mode & 0o777 == 0o600
-    path.write_text(path.read_text().rstrip("\n"))
-    fleet_ssh.add_known(path, "[gate.example]:2222", known_key(key))
-    for name in ("robotether-sim1", "[gate.example]:2222"):
-        assert fleet_ssh.find_known([path], name) == ({known_key(key)}, set())
 
 
 def test_patterns_choose_what_the_server_printed(tmp_path, monkeypatch):

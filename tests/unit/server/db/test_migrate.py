@@ -1,14 +1,10 @@
 """Migrations: applied to the real MariaDB, again and again, and the range of ports after them."""
 
-import shutil
 import threading
 
-import mariadb_server
 import pytest
-from granted import give
-from robotether_server.db import Database, audit, grants, robots, users
 from robotether_server.db import migrate as migrations
-from robotether_server.db.audit import Source
+from robotether_server.db import robots
 from robotether_server.db.migrate import migrate
 from robotether_server.problems import MigrationFailedError
 from robotether_server.settings.server import MigrateSettings
@@ -16,80 +12,6 @@ from robotether_server.settings.server import MigrateSettings
 
 def settings(mariadb, folder, first=20000, last=20199):
     return MigrateSettings(mariadb.settings("migrate"), folder, first, last, 24000, 24049)
-
-
-def migrate_to_older(server, folder, sql_dir, files):
-    """Make a database of an older release, whose migrations `files` are, and whose range of ports nobody has set."""
-    folder.mkdir()
-    for file in sorted(sql_dir.glob(files)):
-        shutil.copy(file, folder)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(migrations, "set_port_range", lambda *_: None)
-        patch.setattr(migrations, "set_shell_port_range", lambda *_: None)
-        patch.setattr(migrations, "set_audit_days", lambda *_: None)
-        migrate(settings(server, folder))
-    with Database(server.settings("migrate")).transaction() as tx:
-        tx.change("INSERT INTO port_pairs (ros_port) VALUES (20000), (20002), (20004)")
-
-
-def rights(tx):
-    rows = tx.rows(
-        "SELECT u.name AS user, r.name AS robot, g.level FROM relay_grants g "
-        "JOIN users u ON u.id = g.user_id JOIN robots r ON r.id = g.robot_id"
-    )
-    return {(row["user"], row["robot"], row["level"]) for row in rows}
-
-
-def add_older_rows(tx, given):
-    """Users and robots as an older release had them, one of which the newer one would refuse to add, and grants."""
-    tx.insert("INSERT INTO users (name, password_hash) VALUES ('ann', 'x'), ('ben', 'x')")
-    tx.insert(
-        "INSERT INTO robots (mac, name, state, public_key, fingerprint, ros_port, video_port) "
-        "VALUES ('01:00:5e:00:00:01', 'odd', 'active', 'k', 'f', 24000, 24002)"
-    )
-    tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b7', 'announced')")
-    tx.insert("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'rekeyed')")
-    audit.record(tx, Source("robot"), "robot_pending", "rekeyed")
-    for user, robot, level in sorted(given):
-        tx.change(
-            "INSERT INTO grants (user_id, robot_id, level) SELECT u.id, r.id, %s "
-            "FROM users u JOIN robots r WHERE u.name = %s AND r.name = %s",
-            (level, user, robot),
-        )
-
-
-def test_rows_of_an_older_release_are_kept(sql_dir, tmp_path, tmp_path_factory):
-    old = {("ann", "odd", "drive"), ("ann", "announced", "observe"), ("ben", "odd", "manage")}
-    with mariadb_server.running(tmp_path_factory.mktemp("older")) as server:
-        # Before join tokens, shells, groups and sites.
-        migrate_to_older(server, tmp_path / "sql", sql_dir, "000[1-4]_*.sql")
-        web, admin = Database(server.settings("web")), Database(server.settings("migrate"))
-        with web.transaction() as tx:
-            add_older_rows(tx, old)
-        assert migrate(settings(server, sql_dir))[0] == "0005_enrolment"
-        with admin.transaction() as tx:
-            tx.change("DELETE FROM schema_migrations")
-        migrate(settings(server, sql_dir))
-        with web.transaction() as tx:
-            assert rights(tx) == old
-            found = grants.list_all(tx)
-            odd, announced = robots.get(tx, "odd"), robots.get(tx, "announced")
-            assert robots.get(tx, "rekeyed").had_key
-            robots.rename(tx, odd.id, "still-odd")
-            robots.set_shell(tx, odd.id, on=True)
-            robots.set_ports(tx, odd.id, None, None)
-            changed = robots.get(tx, "still-odd")
-            give(tx, users.get(tx, "ann").id, announced.id, "manage")
-            assert ("ann", "announced", "manage") in rights(tx)
-        assert {(item.user, item.robot, item.level) for item in found} == old
-        assert all(item.ends_at is None and not item.is_for_all for item in found)
-        assert (odd.had_key, odd.fingerprint, odd.shell_port) == (True, "f", None)
-        assert (announced.had_key, announced.shell, announced.ros_port) == (False, False, 20000)
-        # A robot that exists does not become slower by an upgrade.
-        assert odd.settings == {"guard": {"blind_m": None, "blind_deg": None}}
-        # The ports that it had by hand are nobody's shell port.
-        assert (changed.mac, changed.shell_port) == ("01:00:5e:00:00:01", 24001)
-        assert (changed.ros_port, changed.video_port) == (20004, 20005)
 
 
 def test_every_statement_of_a_file_counts(mariadb, admin_database, tmp_path):

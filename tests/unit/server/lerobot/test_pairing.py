@@ -1,7 +1,6 @@
 """Which frame, command and state belong to a step: compared with the truth of made-up drives."""
 
 import pytest
-from av.video.frame import VideoFrame
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from recorded_drive import (
@@ -9,12 +8,9 @@ from recorded_drive import (
     MS,
     RecordedDrive,
     Row,
-    encoder_of_frames,
-    picture,
     true_row,
 )
 from robotether_server.lerobot.actions import Action
-from robotether_server.lerobot.decoding import CameraDecoder
 from robotether_server.lerobot.export import read_drive
 from robotether_server.lerobot.pairing import (
     CutReason,
@@ -27,7 +23,6 @@ from robotether_server.lerobot.pairing import (
 from robotether_server.lerobot.recording import (
     RecordedCommand,
     RecordedControl,
-    RecordedFrame,
     RecordedState,
 )
 
@@ -141,22 +136,3 @@ def test_an_episode_has_one_driver_no_cut_and_an_end():
     one, other = (EpisodeStep(fence, (), (), (), ()) for fence in (1, 2))
     found = [one] * 3 + [other] * 2 + [CutReason.FROZEN] + [other] * 1001
     assert [len(episode) for episode in episodes(found, fps=1)] == [3, 2, 1000, 1]
-
-
-def test_frames_that_come_in_another_order_are_left_out():
-    """An encoder's B frames are sent after the frame that follows them."""
-    encoder = encoder_of_frames("h264")
-    encoder.options = {"bf": "2", "b-adapt": "0"}
-    packets = []
-    for number in range(12):
-        image = VideoFrame.from_ndarray(picture(number), format="rgb24").reformat(format="yuv420p")
-        image.pts = number
-        packets += encoder.encode(image)
-    decoder = CameraDecoder()
-    places = [
-        place
-        for packet in [*packets, *encoder.encode(None)]
-        for place, _ in decoder.decode(RecordedFrame("/front", "h264", bytes(packet), 0, 0, 0))
-    ]
-    places += [place for place, _ in decoder.flush()]
-    assert places == sorted(set(places))

@@ -34,15 +34,6 @@ def kinds(database):
         return [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
 
 
-def test_cell_is_drained_and_resumed(database):
-    for service, draining in ((cell_service.drain, True), (cell_service.resume, False)):
-        for _ in range(2):
-            with database.transaction() as tx:
-                service(tx, ADMIN, "a")
-                assert cells.get(tx, "a").draining is draining
-    assert kinds(database) == ["cell_drained", "cell_resumed"]
-
-
 def test_last_cell_in_service_is_not_drained(database, admin_database):
     with database.transaction() as tx:
         cell_service.drain(tx, ADMIN, "a")

@@ -10,7 +10,6 @@ from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     LastAdminError,
-    RecordMissingError,
     RobotetherError,
     TokenInvalidError,
 )
@@ -67,20 +66,6 @@ def test_new_password_log_out_and_disabling_end_logins(site):
         assert credentials.find_login_user(tx, text) is None
     assert PASSWORD not in repr(site.events("password_set"))
     assert len(site.events("logins_ended")) == 1
-
-
-def test_role_and_state_change_once(site):
-    with site.database.transaction() as tx:
-        for _ in range(2):
-            assert user_service.set_role(tx, ADMIN, "ann", "admin").role == "admin"
-            assert user_service.set_disabled(tx, ADMIN, "ann", disabled=True).disabled
-        for _ in range(2):
-            assert not user_service.set_disabled(tx, ADMIN, "ann", disabled=False).disabled
-        assert user_service.remove(tx, ADMIN, "ann").name == "ann"
-        with pytest.raises(RecordMissingError):
-            user_service.remove(tx, ADMIN, "ann")
-    for kind in ("user_role_set", "user_disabled", "user_enabled", "user_removed"):
-        assert len(site.events(kind)) == 1, kind
 
 
 LAST = [

@@ -25,17 +25,6 @@ def two(manager):
 
 
 @pytest.mark.usefixtures("two")
-def test_manager_adds_buttons(manager, database):
-    """They stand in the order in which they came, in settings, audit log and list."""
-    assert kept(database, "buttons") == [LIGHTS, DOCK]
-    newest, _ = audited(database, "robot_buttons_set")
-    assert newest == ("may", {"was": [LIGHTS], "buttons": [LIGHTS, DOCK]})
-    page = manager.ask("GET", BUTTONS).text
-    assert page.index('data-testid="button-1"') < page.index('data-testid="button-2"')
-    assert "Publishes to <code>/lights</code>" in page
-
-
-@pytest.mark.usefixtures("two")
 def test_button_is_changed_where_it_stands_moved_and_removed_after_a_question(manager, database):
     path = f"{BUTTONS}/1"
     page = manager.ask("GET", path).text

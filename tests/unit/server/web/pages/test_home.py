@@ -50,26 +50,6 @@ def test_guesses_sent_at_once_are_counted_before_they_are_checked(app, database)
     assert audit_kinds(database) == [("login_failed", "ann", "198.51.100.7")] * 5
 
 
-def test_guess_that_was_right_is_given_back(app, browser):
-    """People behind one address who log in at the same time do not use up each other's tries."""
-    together = threading.Barrier(4)
-    visitors = [Browser(app.test_client()) for _ in range(4)]
-
-    def log_in(item):
-        together.wait(20)
-        return item.log_in("ann").status_code
-
-    for _ in range(4):
-        assert browser.log_in("ann", "wrong").status_code == 401
-    assert browser.log_in("ann").status_code == 303
-    for _ in range(2):
-        with ThreadPoolExecutor(4) as threads:
-            assert set(threads.map(log_in, visitors)) == {303}
-        for visitor in visitors:
-            visitor.client.delete_cookie("__Host-robotether_login", domain="robots.example")
-    assert browser.log_in("ann", "wrong").status_code == 401
-
-
 def test_form_without_its_token_is_refused(browser, database):
     """Another site cannot log a visitor in as somebody else."""
     answer = browser.ask("POST", "/login", data={"name": "ann", "password": "x"})
