@@ -30,8 +30,9 @@ FIREWALL_ADVICE = "this rosbridge of ROS 1 ignores address:=127.0.0.1; close its
 FIREWALLED = "AutobahnPython"
 TIMEOUT_S = 1.0
 DEFAULT_PORTS = {"https": 443, "wss": 443, "rtsp": 554}
-# The kernel's lists of TCP sockets, and the state LISTEN in them.
-LISTS = ("tcp", "tcp6")
+# The kernel's lists of TCP sockets beside that of IPv6 addresses, and the state LISTEN in them.
+LISTS = Path("/proc/self/net")
+TCP_LISTS = ("tcp", "tcp6")
 LISTEN = "0A"
 # Request number for an interface's address (linux/sockios.h); a struct ifreq begins with its name,
 # in 16 bytes.
@@ -49,7 +50,7 @@ def port_of(url: str) -> int:
     return split.port or DEFAULT_PORTS.get(split.scheme, 80)
 
 
-def exposed_at(url: str, lists: Path = Path("/proc/self/net")) -> str:
+def exposed_at(url: str) -> str:
     """Return an address beyond loopback at which the port of `url` answers; empty: none, or not known.
 
     Blocks for TIMEOUT_S for each of the robot's own addresses at most. A service that listens on loopback alone sees no
@@ -57,12 +58,12 @@ def exposed_at(url: str, lists: Path = Path("/proc/self/net")) -> str:
     where a firewall may be in the way.
     """
     port = port_of(url)
-    for address in _listens_beyond_loopback(port, lists):
+    for address in _listens_beyond_loopback(port):
         candidates = [str(address)]
         if address.is_unspecified:
             candidates = own_addresses()
             if isinstance(address, ipaddress.IPv6Address):
-                candidates += own_ipv6_addresses(lists)
+                candidates += own_ipv6_addresses()
         if not candidates:
             # Nobody is in the robot's network now; that may change.
             return str(address)
@@ -85,10 +86,10 @@ def own_addresses() -> list[str]:
     return [str(address) for address in addresses if not address.is_loopback]
 
 
-def own_ipv6_addresses(lists: Path) -> list[str]:
+def own_ipv6_addresses() -> list[str]:
     """Return the IPv6 addresses of this machine's network interfaces, without loopback."""
     addresses = []
-    for line in _lines_of(lists / "if_inet6"):
+    for line in _lines_of(LISTS / "if_inet6"):
         digits, *_, name = line.split()
         address = ipaddress.IPv6Address(bytes.fromhex(digits))
         if not address.is_loopback:
@@ -127,10 +128,10 @@ def _answers(address: str, port: int) -> bool:
     return True
 
 
-def _listens_beyond_loopback(port: int, lists: Path) -> list[Address]:
+def _listens_beyond_loopback(port: int) -> list[Address]:
     addresses = []
-    for name in LISTS:
-        for line in _lines_of(lists / name)[1:]:
+    for name in TCP_LISTS:
+        for line in _lines_of(LISTS / name)[1:]:
             _, local, _, state, *_ = line.split()
             words, _, its_port = local.partition(":")
             if state == LISTEN and int(its_port, 16) == port:
