@@ -36,12 +36,6 @@ def teardown_module() -> None:
     logging.getLogger().handlers.clear()
 
 
-def test_status_of_an_agent_that_never_ran(place, capsys):
-    variables = {"ROBOTETHER_SERVER": "a.example", "ROBOTETHER_RUN_DIR": str(place)}
-    assert main(["status"], variables) == 1
-    assert "sudo systemctl start robotether-agent" in capsys.readouterr().out
-
-
 def test_for_programs_it_is_one_object(place, capsys):
     settings = Settings(server="a.example", run_dir=place)
     assert status(settings, as_json=True) == 1

@@ -13,23 +13,10 @@ from pathlib import Path
 import aiohttp
 import pytest
 from fake_proxy import FakeProxy
-from robotether_agent import problems
 from robotether_agent.describe_error import UNKNOWN, cause_of, describe_error
-from robotether_agent.problems import AgentError, ServerKeyChangedError, SettingsInvalidError
+from robotether_agent.problems import ServerKeyChangedError, SettingsInvalidError
 
 UNIT = Path(__file__).parents[3] / "agent/systemd/robotether-agent.service"
-
-
-PROBLEMS = [
-    member
-    for member in vars(problems).values()
-    if isinstance(member, type) and issubclass(member, AgentError)
-]
-
-
-def test_the_drawn_tree_is_the_real_one():
-    drawn = set(re.findall(r"[A-Z]\w+[A-Z]\w+", problems.__doc__ or ""))
-    assert drawn == {problem.__name__ for problem in PROBLEMS}
 
 
 def test_systemd_does_not_restart_what_a_person_must_look_at():

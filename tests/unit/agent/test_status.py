@@ -62,12 +62,6 @@ def test_what_there_is_to_say_has_its_line(changes, lines):
     assert not any(line in render(UP, NOW).splitlines() for line in lines)
 
 
-def test_a_stopped_robot_says_so_in_its_headline():
-    assert headline(replace(UP, stopped_by="ben")).startswith(
-        "connected to robots.example.com as sim1; STOPPED by ben; rosbridge ok"
-    )
-
-
 def test_reads_the_file_of_an_earlier_agent(place):
     """`switch` asks the version that it replaces, whose file lacks what came since."""
     (place / "status.json").write_text('{"state": "connected", "robot": "sim1", "written_at": 5.0}')
@@ -114,6 +108,8 @@ def test_the_file_holds_what_was_set(place):
     assert writer.status.pid == os.getpid()
     assert (place / "status.json").stat().st_mode & 0o777 == 0o644
     assert lines == ["connected to robots.example.com as sim1; rosbridge ok, video ok"]
+    writer.set(stopped_by="ben")
+    assert "as sim1; STOPPED by ben; rosbridge ok" in lines[-1]
 
 
 def test_no_or_broken_file_is_no_status(place):

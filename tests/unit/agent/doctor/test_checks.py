@@ -7,7 +7,6 @@ import os
 import sys
 import time
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -56,13 +55,6 @@ def test_a_disk_without_room(settings, monkeypatch, changes, words):
     found = checks.check_disk(settings)
     assert found.state == FAIL
     assert words in found.detail
-
-
-def test_a_directory_that_is_missing_or_somebody_elses(settings, monkeypatch):
-    missing = checks.check_disk(replace(settings, state_dir=Path("/none/state")))
-    assert "there is no /none/state" in missing.detail
-    monkeypatch.setattr(os, "access", lambda *_: False)
-    assert "chown" in checks.check_disk(settings).advice
 
 
 def test_which_mac_names_the_robot(settings, tmp_path):

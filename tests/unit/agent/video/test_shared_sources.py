@@ -11,7 +11,6 @@ from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
 from robotether_agent.video.shared_sources import (
     GIVE_UP_S,
-    SharedSource,
     SharedSources,
     SourceSwitch,
 )
@@ -48,9 +47,9 @@ class FakeSource:
     def clock(self) -> float:
         return self.now_s
 
-    def give(self, number: int = 1) -> None:
-        for take in self.takes.values():
-            take(CameraFrame(fake_jpeg(number), self.now_s, self.now_s))
+    def give(self, source_request: SourceRequest = REQUEST, timestamp_s: float = 100.0) -> None:
+        frame = CameraFrame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
+        self.takes[source_request](frame)
 
 
 @pytest.fixture
@@ -65,13 +64,13 @@ async def shared_sources(source: FakeSource) -> AsyncIterator[SharedSources]:
     await made.close()
 
 
-async def until_open(source: FakeSource, count: int = 1) -> None:
-    await eventually(lambda: len(source.takes) == count, lambda: f"{len(source.takes)} are open")
+async def until_open(source: FakeSource, *requests: SourceRequest) -> None:
+    await eventually(lambda: set(source.takes) == set(requests), lambda: f"open: {source.takes}")
 
 
 async def test_the_condition_follows_the_frames(shared_sources, source):
     shared = shared_sources.follow(REQUEST, "a", lambda _: None)
-    await until_open(source)
+    await until_open(source, REQUEST)
     assert shared.condition() == VideoStatus("waiting", "", "mjpeg")
     source.give()
     assert shared.condition() == VideoStatus("live", "", "mjpeg")
@@ -95,121 +94,79 @@ async def test_a_defect_is_no_end(shared_sources, source, monkeypatch, caplog):
 HIGH, LOW = (SourceRequest("/camera", quality, None, None, 15.0) for quality in (80, 40))
 
 
-class FakeSharedSource:
-    def __init__(self, source_request: SourceRequest) -> None:
-        self.source_request = source_request
-        self.followers = {}
-        self.state = "live"
-
-    def condition(self) -> VideoStatus:
-        return VideoStatus(self.state)
-
-
-class FakeSharedSources:
-    def __init__(self) -> None:
-        self.open: dict[SourceRequest, FakeSharedSource] = {}
-        self.now_s = 10.0
-
-    def answered(self, source_request):
-        return source_request
-
-    def follow(self, source_request, who, take):
-        shared = self.open.setdefault(source_request, FakeSharedSource(source_request))
-        shared.followers[who] = take
-        return shared
-
-    def leave(self, shared: SharedSource, who: object) -> None:
-        shared.followers.pop(who, None)
-        if not shared.followers:
-            self.open.pop(shared.source_request, None)
-
-    def give(self, source_request: SourceRequest, timestamp_s: float) -> None:
-        frame = CameraFrame(fake_jpeg(int(timestamp_s * 1000)), timestamp_s, self.now_s)
-        for take in tuple(self.open[source_request].followers.values()):
-            take(frame)
-
-
-@pytest.fixture
-def fake_sources() -> FakeSharedSources:
-    return FakeSharedSources()
-
-
 @pytest.fixture
 def got() -> list[tuple[float, int]]:
     return []
 
 
 @pytest.fixture
-def switch(fake_sources, got) -> SourceSwitch:
+def switch(shared_sources, source, got) -> SourceSwitch:
     return SourceSwitch(
-        fake_sources,
+        shared_sources,
         lambda p, w: got.append((round(p.timestamp_s, 3), w.quality)),
-        lambda: fake_sources.now_s,
+        source.clock,
     )
 
 
-def test_the_new_source_is_open_before_the_old_one_ends(fake_sources, switch, got):
+async def test_the_new_source_is_open_before_the_old_one_ends(source, switch, got):
     switch.follow(HIGH)
+    await until_open(source, HIGH)
     for n in range(10):
-        fake_sources.give(HIGH, n * 0.066)
+        source.give(HIGH, n * 0.066)
     switch.follow(LOW)
-    assert set(fake_sources.open) == {HIGH, LOW}
-    fake_sources.give(HIGH, 0.66)
+    await until_open(source, HIGH, LOW)
+    source.give(HIGH, 0.66)
     # The same frame at another quality, some ms later as the server's own stamp tells.
-    fake_sources.give(LOW, 0.668)
-    assert (switch.source_request, set(fake_sources.open)) == (LOW, {LOW})
-    fake_sources.give(LOW, 0.726)
+    source.give(LOW, 0.668)
+    assert switch.source_request == LOW
+    await until_open(source, LOW)
+    source.give(LOW, 0.726)
     assert [quality for _, quality in got] == [80] * 11 + [40]
     timestamps = [timestamp for timestamp, _ in got]
     assert timestamps == sorted(set(timestamps))
 
 
-def test_an_older_frame_does_not_go_on(fake_sources, switch, got):
+async def test_an_older_frame_does_not_go_on(source, switch, got):
     switch.follow(HIGH)
-    fake_sources.give(HIGH, 5.0)
-    fake_sources.give(HIGH, 4.9)
+    await until_open(source, HIGH)
+    source.give(HIGH, 5.0)
+    source.give(HIGH, 4.9)
     assert got == [(5.0, 80)]
 
 
-def test_a_request_that_changes_meanwhile(fake_sources, switch):
+async def test_a_request_that_changes_meanwhile(source, switch):
     other = SourceRequest("/camera", 20, None, None, 15.0)
-    switch.follow(HIGH)
-    fake_sources.give(HIGH, 1.0)
-    switch.follow(LOW)
+    for request in (HIGH, LOW):
+        switch.follow(request)
+    await until_open(source, HIGH, LOW)
     switch.follow(other)
-    assert set(fake_sources.open) == {HIGH, other}
+    await until_open(source, HIGH, other)
     switch.follow(HIGH)
-    assert set(fake_sources.open) == {HIGH}
+    await until_open(source, HIGH)
 
 
-def test_a_new_source_that_gives_nothing_is_let_go(fake_sources, switch):
+@pytest.mark.parametrize("is_live", [True, False])
+async def test_a_new_source_that_gives_nothing_is_let_go(source, switch, is_live):
+    """When neither gives anything, the newer request counts: it is asked for when the camera comes back."""
     switch.follow(HIGH)
-    fake_sources.give(HIGH, 1.0)
     switch.follow(LOW)
+    await until_open(source, HIGH, LOW)
     assert not switch.give_up_late()
-    fake_sources.now_s += GIVE_UP_S
-    assert switch.give_up_late()
-    assert (switch.source_request, set(fake_sources.open)) == (HIGH, {HIGH})
+    source.now_s += GIVE_UP_S
+    if is_live:
+        source.give(HIGH)
+    assert switch.give_up_late() is is_live
+    assert switch.source_request == (HIGH if is_live else LOW)
+    await until_open(source, HIGH if is_live else LOW)
 
 
-def test_when_neither_gives_anything_the_newer_request_counts(fake_sources, switch):
-    """So that what is wanted is asked for when the camera comes back."""
-    switch.follow(HIGH)
-    fake_sources.open[HIGH].state = "down"
-    switch.follow(LOW)
-    fake_sources.now_s += GIVE_UP_S
-    assert not switch.give_up_late()
-    assert (switch.source_request, set(fake_sources.open)) == (LOW, {LOW})
-
-
-def test_leaving_closes_both(fake_sources, switch):
+async def test_leaving_closes_both(source, switch):
     switch.follow(HIGH)
     switch.follow(LOW)
+    await until_open(source, HIGH, LOW)
     switch.leave()
-    assert (fake_sources.open, switch.source_request, switch.condition()) == (
-        {},
-        None,
-        VideoStatus("waiting", source="web_video_server"),
-    )
+    await until_open(source)
+    nothing = VideoStatus("waiting", source="web_video_server")
+    assert (switch.source_request, switch.condition()) == (None, nothing)
     switch.follow(LOW)
     assert switch.source_request == LOW
