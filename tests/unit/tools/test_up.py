@@ -72,16 +72,6 @@ def test_no_password_is_told_that_admin_does_not_have(checkout):
     assert not (checkout / "compose" / "secrets" / "admin_password").exists()
 
 
-def test_nothing_waits_for_an_authority(checkout):
-    """The service acme is started when all others are healthy."""
-    (checkout / "services").write_text("acme\n")
-    (checkout / "env").write_text("DOMAIN=robots.example.org\n")
-    up(checkout)
-    first, last = [line for line in calls(checkout).splitlines() if line.startswith("up ")]
-    assert first == "up --detach --wait --no-build --pull never secrets web mysql"
-    assert last == "up --detach --no-deps --no-build --pull never acme"
-
-
 @pytest.mark.parametrize("service", ["settings", "certificate", "secrets"])
 def test_what_cannot_be_used_stops_the_start(checkout, service):
     """The service that tries it runs alone, before anything is replaced."""

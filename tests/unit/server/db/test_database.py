@@ -88,12 +88,6 @@ def test_refused_rows_are_problems(database, name, role, problem, why):
     assert refused.value.detail == f"cannot save the record: {why}"
 
 
-def test_mistake_in_a_statement_is_no_problem(database):
-    """What is our own fault is not dressed up as the visitor's."""
-    with database.transaction() as tx, pytest.raises(pymysql.ProgrammingError):
-        tx.rows("SELECT FROM nowhere")
-
-
 @pytest.mark.parametrize("port", [None, 1], ids=["wrong password", "away"])
 def test_server_that_lets_nobody_in_is_unavailable(mariadb, port):
     """The sentence for visitors names no host, and neither shows a secret that is out of step."""

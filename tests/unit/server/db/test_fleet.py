@@ -8,9 +8,7 @@ from granted import give
 from relay_server import cell_settings
 from robotether_server.db import cells, credentials, fleet, robots, users
 from robotether_server.db.fleet import (
-    AuditEntry,
     FormerSessions,
-    HelpEntry,
     RelayUser,
     SessionEntry,
 )
@@ -192,29 +190,6 @@ def test_sessions_of_other_cells_are_left_open(relay_database, sim1):
         (None, "relay_restarted"),
         ("a", None),
     ]
-
-
-def test_call_for_help_is_an_open_request(database, relay_database, sim1):
-    """One of each source, whatever is written in the same transaction; that of a robot that is gone is none."""
-    calls = [
-        HelpEntry(sim1, "stop", "stopped by ben", 2),
-        HelpEntry(999_999, "robot", "gone", 1),
-        HelpEntry(sim1, "robot", "<b>lost</b>", 1, "night"),
-        HelpEntry(sim1, "robot", "still lost", 3),
-    ]
-    audit_line = AuditEntry(NOON, "ann", "drive_ended")
-    with relay_database.transaction() as tx:
-        fleet.write(tx, [*calls, audit_line])
-    with database.transaction() as tx:
-        rows = tx.rows(
-            "SELECT source, reason, priority, pool, asked_by, state FROM help_requests ORDER BY id"
-        )
-        kinds = [row["kind"] for row in tx.rows("SELECT kind FROM audit_events ORDER BY id")]
-    assert [tuple(row.values()) for row in rows] == [
-        ("stop", "stopped by ben", 2, "", "sim1", "waiting"),
-        ("robot", "<b>lost</b>", 1, "night", "sim1", "waiting"),
-    ]
-    assert kinds == ["request_made", "request_made", "drive_ended"]
 
 
 def test_a_session_of_a_robot_that_is_gone_is_refused(relay_database, sim1):

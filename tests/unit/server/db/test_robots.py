@@ -15,7 +15,6 @@ from robotether_server.problems import (
     FieldInvalidError,
     RecordExistsError,
     RecordRefusedError,
-    StoreUnavailableError,
 )
 
 MAC = "00:1b:44:11:3a:b7"
@@ -144,12 +143,3 @@ def test_only_old_unknown_robots_are_removed(database, admin_database):
         names = {seen.robot.name for seen in seen_robots.list_all(tx)}
     assert names == {"announced", "known", "granted", "new"}
     assert ids["old"] not in pair_owners(admin_database).values()
-
-
-def test_who_waits_too_long_is_told_to_try_again(database, monkeypatch):
-    """Nobody waits for ever behind a transaction that hangs."""
-    monkeypatch.setattr(robots, "LOCK_WAIT_S", 0)
-    with database.transaction() as first, database.transaction() as second:
-        robots.lock_enrolment(first)
-        with pytest.raises(StoreUnavailableError, match="try again"):
-            robots.lock_enrolment(second)

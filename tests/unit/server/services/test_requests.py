@@ -138,29 +138,6 @@ def test_what_managers_may_do_drivers_may_not(desk, action, values):
             desk.act(action, "mona", request_id, *values)
 
 
-def test_figures_are_of_what_the_user_may_see_and_null_where_nothing_is(desk):
-    def figures(name):
-        with desk.transaction() as tx:
-            return requests.read_figures(tx, users.get(tx, name), 24)
-
-    unknown = dict.fromkeys(("waiting_p50_s", "waiting_p95_s", "oldest_open_s"))
-    assert vars(figures("ann")) == unknown | {"answered": 0, "open": 0}
-    for _ in range(2):
-        request_id = desk.ask()
-        desk.pass_time(10)
-        desk.poll("ann")
-        desk.act("accept", "ann", request_id)
-        desk.act("cancel", "mona", request_id)
-        desk.pass_time(40)
-    desk.ask("sim2")
-    desk.pass_time(5)
-    shown = figures("ann")
-    assert 10 <= shown.waiting_p50_s <= shown.waiting_p95_s < 15
-    assert (shown.answered, shown.open) == (2, 1)
-    assert 5 <= shown.oldest_open_s < 10
-    assert (figures("olga").answered, figures("olga").open, figures("zoe").answered) == (2, 0, 0)
-
-
 def test_figures_over_time_are_of_what_the_user_may_see(desk, admin_database):
     """A period of which records may be deleted is unknown; one in which nothing happened is not."""
 
