@@ -43,11 +43,19 @@ export function showLocalTimes(page, now = new Date()) {
   for (const time of page.querySelectorAll("time[datetime]")) setText(time, localTimestamp(time.dateTime, now));
 }
 
-// A page as the server has it now; null without an answer. A login that has ended has another page.
+const fresh = { asked: 0, given: 0 }; // pages
+
+// A page as the server has it now; null without an answer, or if a later one came first. A login that has ended has another page.
 export async function freshPage(path) {
-  const answer = await fetch(path, { cache: "no-store" }).catch(() => null);
-  if (!answer?.ok) return null;
-  const page = new DOMParser().parseFromString(await answer.text(), "text/html");
+  const number = ++fresh.asked;
+  const read = async () => {
+    const answer = await fetch(path, { cache: "no-store" });
+    return answer.ok ? answer.text() : null;
+  };
+  const text = await read().catch(() => null);
+  if (text === null || number < fresh.given) return null;
+  fresh.given = number;
+  const page = new DOMParser().parseFromString(text, "text/html");
   showLocalTimes(page);
   return page;
 }

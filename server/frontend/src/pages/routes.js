@@ -3,10 +3,10 @@
 import { api } from "../dom/calls.js";
 import { freshPage, make, part, setText, withoutTokens } from "../dom/page.js";
 import { askOnce } from "../dom/presses.js";
+import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { routes as texts } from "../texts/routes.js";
 import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
 
-const LIVE_EVERY_MS = 1000;
 const REFRESH_AFTER_MS = 2000; // least interval between two looks at the list that nobody here changed
 const LIST_FRESH_MS = 5000; // time after which the list is asked for whatever is live: rights bring and take what has ended
 const MOST_AT_ONCE = 4; // robots that are asked for their topics
@@ -132,6 +132,14 @@ class RoutesPage {
     this.answered = ""; // the list as the server had it last
     this.diagram = /** @type {RouteDiagram | null} */ (null);
     this.topics = /** @type {Topics | null} */ (null);
+    this.poller = new Poller({
+      ask: () => api.get("/api/v1/routes/live"),
+      onAnswer: (body) => this.receive(body),
+      onState: ({ name, detail }) => {
+        if (name !== "live") this.showLive([]);
+        if (name === "login") this.say(detail);
+      },
+    });
   }
 
   start(panel, form) {
@@ -147,8 +155,7 @@ class RoutesPage {
     }
     this.showStates();
     this.list.addEventListener("submit", (event) => this.removeBy(event));
-    this.poll();
-    setInterval(() => this.poll(), LIVE_EVERY_MS);
+    tickWhileSeen(() => this.poller.tick());
   }
 
   async connect(from, to) {
@@ -207,21 +214,17 @@ class RoutesPage {
     (button ?? part(this.list, "title")).focus({ preventScroll: true });
   }
 
-  async poll() {
-    if (document.hidden) return;
-    const { ok, body } = await api.get("/api/v1/routes/live");
-    const routes = ok ? body.routes : [];
+  receive({ routes, apps }) {
+    this.showLive(routes);
+    const drawn = this.drawnRows().map(({ dataset }) => dataset);
+    this.topics?.showApps(appsIn(apps, drawn));
+    const refreshAfterMs = this.isOld() ? REFRESH_AFTER_MS : LIST_FRESH_MS;
+    if (performance.now() - this.refreshedAt > refreshAfterMs) this.refresh();
+  }
+
+  showLive(routes) {
     this.live = new Map(routes.map((route) => [String(route.id), route]));
     this.showStates();
-    if (ok)
-      this.topics?.showApps(
-        appsIn(
-          body.apps,
-          this.drawnRows().map(({ dataset }) => dataset),
-        ),
-      );
-    const refreshAfterMs = this.isOld() ? REFRESH_AFTER_MS : LIST_FRESH_MS;
-    if (ok && performance.now() - this.refreshedAt > refreshAfterMs) await this.refresh();
   }
 
   // Whether a route came or went; the relay knows that before the list does.

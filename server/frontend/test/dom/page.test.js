@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
+import { Choices, freshPage, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
 import { storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
@@ -34,4 +34,19 @@ test("numbers are short and still tell small from none", () => {
 test("a size has the figures that count, at each end of its unit", () => {
   const sizes = [999, 1500, 9949, 9950, 99_960, 999_950, 1.5e6].map(sizeText);
   assert.deepEqual(sizes, ["999 B", "1.5 KB", "9.9 KB", "10 KB", "100 KB", "1000 KB", "1.5 MB"]);
+});
+
+test("a page that comes late does not take the place of one that was asked for after it", async () => {
+  const answers = [];
+  globalThis.fetch = () => new Promise((answer) => answers.push((text) => answer({ ok: true, text: async () => text })));
+  globalThis.DOMParser = class {
+    parseFromString = (text) => ({ text, querySelectorAll: () => [] });
+  };
+  const pages = [freshPage("/routes"), freshPage("/routes"), freshPage("/routes")];
+  answers[1]("new");
+  assert.equal((await pages[1]).text, "new");
+  answers[0]("old");
+  assert.equal(await pages[0], null);
+  answers[2]("newest");
+  assert.equal((await pages[2]).text, "newest");
 });
