@@ -17,6 +17,7 @@ from datetime import UTC, datetime
 import agent_memory
 import audit_verify
 import behind_video
+import codec_bits
 import drive_page
 import fan_out
 import operations_rate
@@ -45,6 +46,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "behind_video": lambda _, quick: behind_video.measure(5 if quick else behind_video.SECONDS),
     "bulk_topics": lambda _, quick: behind_video.measure_bulk(5 if quick else behind_video.BULK_SECONDS),
     "mixed_topics": lambda _, quick: behind_video.measure_mixed(5 if quick else behind_video.SECONDS),
+    "codecs": lambda _, quick: codec_bits.measure(*((2, codec_bits.SIZES[:1]) if quick else ())),
     "picture_age": lambda demo, quick: video.measure_age(demo, 3 if quick else video.SECONDS),
     "networks": lambda _, quick: video.measure_networks(3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
