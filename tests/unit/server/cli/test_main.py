@@ -100,13 +100,6 @@ def test_web_starts_while_the_database_is_away(run, started, monkeypatch):
     assert len(started) == 1
 
 
-def test_help_lists_the_commands(run):
-    """The help needs no setting, and has those too that are loaded when they are asked for."""
-    done = run("--help")
-    listed = {line.split()[0] for line in done.out.splitlines() if line.startswith("  ")}
-    assert (done.status, {"user", "robot", "fleet", "audit"} - listed) == (0, set())
-
-
 def test_the_command_needs_no_server():
     """`pip install ./server` is enough for it: what serves pages, tunnels and recordings stays in the extras."""
     extras = (

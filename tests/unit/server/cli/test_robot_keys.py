@@ -1,7 +1,6 @@
 """robotether robot pending, approve, reject, rekey, rotate-key."""
 
 import json
-import threading
 
 import pytest
 from admin_records import ADD, MAC, OTHER_KEY, activate, claim, kinds, robot, show_key
@@ -83,14 +82,6 @@ def test_only_the_key_that_was_compared_counts(run, database, monkeypatch, actio
     assert "SHA256:abc" in done.err
     found = robot(database)
     assert (found.state, found.fingerprint) == ("pending", "SHA256:other")
-
-
-def test_approve_waits_for_the_key(run, database):
-    run(*ADD)
-    joins = threading.Timer(0.2, show_key, [database])
-    joins.start()
-    assert run("robot", "approve", "sim1", "--yes", "--wait-for-key", "20").status == 0
-    joins.join()
 
 
 def test_of_several_keys_one_is_named(run, database):

@@ -17,13 +17,20 @@ from robotether_server.services import ssh_keys, tokens
 ANN, ADMIN = Source("ann"), Source("root")
 
 
-def test_text_of_a_token_is_in_no_table(site):
+def test_text_of_a_login_or_token_is_in_no_table(site):
+    tables = ("logins", "api_tokens", "join_tokens")
     with site.database.transaction() as tx:
         ann = users.get(tx, "ann")
-        texts = [tokens.create(tx, ANN, ann, "ci", None)]
+        texts = [credentials.create_login(tx, ann, "192.0.2.1", dt.timedelta(hours=1))]
+        texts.append(tokens.create(tx, ANN, ann, "ci", None))
         texts.append(tokens.create_join_token(tx, ADMIN, "lab", 10000, hours(8760)))
-        rows = [tx.rows(f"SELECT * FROM {table}") for table in ("api_tokens", "join_tokens")]
+        rows = [tx.rows(f"SELECT * FROM {table}") for table in tables]
     assert not [text for text in texts if text in repr((rows, site.events()))]
+
+
+def test_half_a_character_has_a_digest_of_its_own():
+    """So bytes in a header that are no text are an unknown login, and not an error."""
+    assert credentials.digest("\udcff") not in {credentials.digest(""), credentials.digest("?")}
 
 
 def test_what_a_token_made_goes_with_it(site):

@@ -4,7 +4,6 @@ import json
 import re
 
 import pytest
-from admin_visitor import send
 from granted import give
 from robotether_server.db import recordings, robots, users
 from robotether_server.db.recordings import Progress
@@ -23,20 +22,6 @@ def number(app, database, recorder_database):
         recordings.begin(tx, number, "main")
         recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",), 12))
     return number
-
-
-def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
-    browser.log_in("ann")
-    page = browser.ask("GET", "/recordings?robot=sim1").text
-    assert f"recording-{number}" in page
-    assert "asked by ann" in page
-    assert "2.0 MB" in page
-    assert "12 messages: the file has no room for more topics" in page
-    assert f'href="/recordings/{number}/file"' not in page
-    assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
-    assert send(browser, f"/recordings/{number}/delete").status_code == 404
-    assert send(browser, f"/recordings/{number}/stop").status_code == 303
-    assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
 
 
 def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, database):
