@@ -43,18 +43,6 @@ test("a word that is not repeated within 0.3 s ends in zeros, and then in silenc
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
-test("after that it drives no more until its program has said zero", () => {
-  driver.drive({ forward: 0.5 });
-  pass(1000);
-  sent.length = 0;
-  assert.equal(driver.drive({ forward: 0.5 }), false);
-  pass(500, () => driver.drive({ forward: 0.5 }));
-  assert.deepEqual(sent, []);
-  driver.drive(STILL);
-  assert.equal(driver.drive({ forward: 0.5 }), true);
-  assert.equal(moved(), 1);
-});
-
 test("zero stands still at once and then is silent", () => {
   driver.drive({ forward: 0.5 });
   sent.length = 0;
@@ -63,25 +51,23 @@ test("zero stands still at once and then is silent", () => {
   assert.deepEqual(sent, Array(5).fill(STILL));
 });
 
-test("a program that goes on through a cut does not drive on the new link", () => {
-  driver.drive({ forward: 0.5 });
-  driver.arm(false);
-  assert.equal(driver.drive({ forward: 0.5 }), false);
-  driver.arm(true);
-  sent.length = 0;
-  pass(500, () => driver.drive({ forward: 0.5 }));
-  assert.deepEqual(sent, []);
-  driver.drive({});
-  assert.equal(driver.drive({ forward: 0.5 }), true);
-});
-
-test("a stop halts, and what goes on after it does not count", () => {
-  driver.drive({ forward: 0.5 });
-  driver.halt();
-  sent.length = 0;
-  pass(500, () => driver.drive({ forward: 0.5 }));
-  assert.equal(moved(), 0);
-});
+for (const [end, act] of [
+  ["silence", () => pass(1000)],
+  ["a cut", () => [driver.arm(false), driver.drive({ forward: 0.5 }), driver.arm(true)]],
+  ["a stop", () => driver.halt()],
+]) {
+  test(`after ${end} a program that goes on drives no more until it has said zero`, () => {
+    driver.drive({ forward: 0.5 });
+    act();
+    sent.length = 0;
+    assert.equal(driver.drive({ forward: 0.5 }), false);
+    pass(500, () => driver.drive({ forward: 0.5 }));
+    assert.equal(moved(), 0);
+    driver.drive(STILL);
+    assert.equal(driver.drive({ forward: 0.5 }), true);
+    assert.equal(moved(), 1);
+  });
+}
 
 test("what is not a number throws and is not sent", () => {
   assert.throws(() => driver.drive({ forward: NaN }), /forward is NaN/);

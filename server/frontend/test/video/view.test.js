@@ -58,9 +58,11 @@ for (const [robot, holds, state] of [
   ["has said that it has no camera", false, { answered: true }],
   ["has shown a frame", true, { answered: true, known: ["/front"] }],
   ["has a camera in its settings", true, { answered: true, cameras: [{ topic: "/front" }] }],
+  ["has settings that say that it has none, as it cannot", false, { answered: false, saysNone: true }],
+  ["has one, though its settings say that it has none", true, { answered: false, saysNone: true, known: ["/front"] }],
 ]) {
   test(`driving ${holds ? "is held without video" : "needs no video"} where a robot ${robot}`, () => {
-    const { answered, known = [], cameras = [] } = state;
+    const { answered, known = [], cameras = [], saysNone = false } = state;
     const [reported, view] = [[], Object.create(View.prototype)];
     globalThis.document = { hidden: false };
     const others = {
@@ -70,7 +72,13 @@ for (const [robot, holds, state] of [
       sleep: { isOver: () => false },
       now: () => 0,
     };
-    Object.assign(view, others, { page: { cameras }, known: new Set(known), answered, onMain: (reading) => reported.push(reading) });
+    Object.assign(view, others, {
+      page: { cameras },
+      known: new Set(known),
+      answered,
+      saysNone,
+      onMain: (reading) => reported.push(reading),
+    });
     view.reportMain();
     delete globalThis.document;
     assert.deepEqual(reported, [{ offered: holds, at: null }]);
@@ -93,15 +101,3 @@ test("a robot without a camera shows its map, and one whose camera is down goes 
   assert.deepEqual(offered({ hasMap: true, known: ["/front"] }), ["/front", MAP]);
   assert.deepEqual(offered({ hasMap: true, cameras: [{ topic: "/nowhere" }] }), ["/nowhere", MAP]);
 });
-
-const cameraless = (saysNone, answered, ...known) =>
-  Object.assign(Object.create(View.prototype), { page: {}, saysNone, answered, known: new Set(known) });
-
-for (const [what, view, expected] of [
-  ["it has not said so", cameraless(false, false), true],
-  ["it has said so", cameraless(false, true), false],
-  ["its settings say so, as it cannot", cameraless(true, false), false],
-  ["its settings say so, but it has one", cameraless(true, false, "/front"), true],
-]) {
-  test(`a robot ${expected ? "may have" : "has no"} camera: ${what}`, () => assert.equal(view.mayHaveCamera, expected));
-}
