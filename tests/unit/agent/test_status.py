@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 
-import pytest
-from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.problems import KeyRefusedError
 from robotether_agent.status import (
     STALE_S,
@@ -37,29 +34,6 @@ UP = Status(
     video_tunnel="open",
     written_at=NOW,
 )
-
-
-@pytest.mark.parametrize(
-    ("changes", "lines"),
-    [
-        # The installer and the playbook print this line.
-        (
-            {"ros_exposed": "192.0.2.1", "ros_exposed_advice": "close it"},
-            [f"warning       rosbridge answers at 192.0.2.1: {PAST_GUARD}; close it"],
-        ),
-        (
-            {"stopped_by": "ben", "guard": "down", "guard_detail": "the guard hangs"},
-            [
-                "STOPPED       by ben; a driver releases it on its page",
-                "guard         down: the guard hangs",
-            ],
-        ),
-    ],
-)
-def test_what_there_is_to_say_has_its_line(changes, lines):
-    shown = render(replace(UP, **changes), NOW).splitlines()
-    assert [line for line in lines if line not in shown] == [], shown
-    assert not any(line in render(UP, NOW).splitlines() for line in lines)
 
 
 def test_reads_the_file_of_an_earlier_agent(place):

@@ -131,17 +131,6 @@ async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
     assert (await checks.check_rosapi(gone)).state == SKIPPED
 
 
-async def test_services_that_the_robots_network_reaches(settings, monkeypatch):
-    """That of rosbridge is a warning, since the guard is not in the way; the camera is for information."""
-    monkeypatch.setattr(checks, "exposed_at", lambda _url: "0.0.0.0")
-    rosbridge, video = await checks.check_rosbridge(settings), await checks.check_video(settings)
-    assert rosbridge.state == WARNING
-    assert "answers at 0.0.0.0: anyone in its own network can drive" in rosbridge.detail
-    assert "address:=127.0.0.1" in rosbridge.advice
-    assert video.state == OK
-    assert "anyone in its own network can watch" in video.detail
-
-
 async def test_the_robots_own_ssh_server(settings):
 
     async def greet(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:

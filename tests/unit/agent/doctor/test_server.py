@@ -17,7 +17,6 @@ from robotether_agent.describe_error import Cause
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, server, tunnel
 from robotether_agent.doctor.server import ServerView, view_server
 from robotether_agent.enrolment.enroller import Enroller
-from robotether_agent.enrolment.join import SshAccess
 from robotether_agent.settings import Settings, load
 from robotether_agent.status import Status
 
@@ -182,16 +181,6 @@ async def test_a_path_that_loses_large_packets(settings, cloud, monkeypatch):
     assert found.state == FAIL
     assert "begins to answer, and then falls silent" in found.detail
     assert "MTU" in found.advice
-
-
-async def test_before_the_first_join_nothing_is_pinned(settings, place, cloud):
-    fresh = replace(settings, state_dir=place / "fresh")
-    access = SshAccess("tunnel", None, (cloud.ssh.port,))
-    (found,) = await tunnel.check_ssh(fresh, access, ())
-    assert (found.state, found.step) == (SKIPPED, f"ssh {cloud.ssh.port}")
-    assert "no host key is pinned" in found.detail
-    (unknown,) = await tunnel.check_ssh(fresh, None, ())
-    assert "has not said at which ports" in unknown.detail
 
 
 READY = replace(UP, guard="ready")
