@@ -10,7 +10,6 @@ import logging
 import re
 import time
 from collections.abc import Awaitable, Callable, Collection, Iterable
-from typing import Protocol
 
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
@@ -58,13 +57,6 @@ CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_KEPT_S = 600
 
 
-class Routes(Protocol):
-    """What answers some of the contract's paths."""
-
-    def add_routes(self, app: web.Application) -> None:
-        """Route these paths here."""
-
-
 class WithoutRequest(logging.Filter):
     """Keeps a request that cannot be parsed out of the log: its line may hold a ticket, its headers a login."""
 
@@ -83,7 +75,7 @@ server_log.addFilter(WithoutRequest())
 def public_app(
     metrics: Metrics,
     cors: Cors,
-    parts: Iterable[Routes],
+    routes: Iterable[web.RouteDef],
     forwarding: Forwarding | None = None,
     log_format: LogFormat = "text",
 ) -> web.Application:
@@ -122,8 +114,7 @@ def public_app(
         middlewares=[_logger(RequestLog(log, log_format)), answer_problems],
         client_max_size=MAX_BODY_BYTES,
     )
-    for part in parts:
-        part.add_routes(app)
+    app.add_routes(routes)
     app.on_response_prepare.append(cors.mark)
     return app
 

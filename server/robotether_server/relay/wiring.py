@@ -31,7 +31,7 @@ from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.cells.rebalancing import Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels.events import FleetEvents
-from robotether_server.relay.channels.kinds import make_channels
+from robotether_server.relay.channels.kinds import channel_routes
 from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
@@ -58,10 +58,10 @@ from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
+from robotether_server.relay.routes import apps
 from robotether_server.relay.routes.apps import Apps
 from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
-from robotether_server.relay.routes.route_api import RouteApi
-from robotether_server.relay.routes.routes import RouteContext, RouteRunner
+from robotether_server.relay.routes.routes import LIVE_PATH, RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tasks import end_tasks
 from robotether_server.times import utc_now
@@ -238,7 +238,7 @@ class Relay:
         rules = BridgeRules(
             timing.limits, timing.driver_limits, limit_bytes, self.traffic, self.shared_topics
         )
-        self._channels = make_channels(
+        self._routes = channel_routes(
             context, self.control, self.fleet_events, rules=rules, report=self.observer.connection
         )
         self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
@@ -246,9 +246,8 @@ class Relay:
             self.fleet.state, self.registry, self.peers, rules, topic_links
         )
         other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
-        self._control_api = ControlApi(
-            self.access, self.control, media, self.fleet.snapshot, other_cells
-        )
+        control_api = ControlApi(self.access, self.control, media, self.fleet.snapshot, other_cells)
+        self._routes += control_api.routes()
         self._make_routes(context, rules, cells)
 
     def _make_access(self) -> None:
@@ -282,7 +281,10 @@ class Relay:
                 report=self.observer.connection,
             )
         )
-        self._route_api = RouteApi(self.access, self.routes, self.apps)
+        self._routes += [
+            web.get(LIVE_PATH, self.routes.show_live, allow_head=False),
+            web.get(apps.PATH, self.apps.handle, allow_head=False),
+        ]
         self._cell_source_handler = CellSourceHandler(
             self.routes.readable, self.shared_topics, self.traffic.piece_turns
         )
@@ -291,9 +293,8 @@ class Relay:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
         cors = Cors(self._settings.allowed_origins)
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
-        parts = (self._channels, self._control_api, self._route_api, self.apps)
-        log_format = self._settings.log_format
-        self._public = public_app(self.metrics, cors, parts, forwarding, log_format)
+        routes, log_format = self._routes, self._settings.log_format
+        self._public = public_app(self.metrics, cors, routes, forwarding, log_format)
         self._inside = inside_app(
             self._cell_metrics, self.fleet, self.peers.addresses, self.recorder_handler
         )
@@ -301,7 +302,7 @@ class Relay:
         self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
         if peer_keys is not None:
             self._peer_app = peer_app(
-                public_app(self.metrics, cors, parts, log_format=log_format),
+                public_app(self.metrics, cors, routes, log_format=log_format),
                 peer_keys,
                 self.peer_feeds,
                 self._peer_topics,

@@ -82,14 +82,16 @@ class ControlApi:
             "take": control.leasing.take,
         }
 
-    def add_routes(self, app: web.Application) -> None:
-        """Route the paths of the contract here."""
-        app.router.add_get("/api/v1/robots/{name}/control", self.show, allow_head=False)
-        app.router.add_get("/api/v1/robots/{name}/uplink", self.show_uplink, allow_head=False)
-        app.router.add_post("/api/v1/robots/{name}/stop", self.stop)
-        app.router.add_post("/api/v1/robots/{name}/release", self.release)
-        app.router.add_post("/api/v1/robots/{name}/lease", self.lease)
-        app.router.add_post("/api/v1/stop", self.stop_many)
+    def routes(self) -> list[web.RouteDef]:
+        """Return the paths of the contract that are answered here."""
+        return [
+            web.get("/api/v1/robots/{name}/control", self.show, allow_head=False),
+            web.get("/api/v1/robots/{name}/uplink", self.show_uplink, allow_head=False),
+            web.post("/api/v1/robots/{name}/stop", self.stop),
+            web.post("/api/v1/robots/{name}/release", self.release),
+            web.post("/api/v1/robots/{name}/lease", self.lease),
+            web.post("/api/v1/stop", self.stop_many),
+        ]
 
     async def show(self, request: web.Request) -> web.Response:
         """Answer with the control object."""
@@ -109,7 +111,7 @@ class ControlApi:
         streams, line_rate = await asyncio.gather(
             uplink.measured(user.id), uplink.line_rate(partial(self._media.line_rate, robot))
         )
-        return _answer(UplinkObject(streams, line_rate))
+        return answer_json(UplinkObject(streams, line_rate))
 
     async def stop(self, request: web.Request) -> web.Response:
         """Stop a robot: whoever may see it."""
@@ -165,7 +167,7 @@ class ControlApi:
             StoppedRobot(robot.name, stops.of(robot.id) is not None, is_confirmed)
             for robot, is_confirmed in zip(robots, confirmed, strict=True)
         ]
-        return _answer(StoppedRobotList(results, self._other_cells.unreached()))
+        return answer_json(StoppedRobotList(results, self._other_cells.unreached()))
 
     def _handing_over_to(
         self, action: str, to: str
@@ -207,10 +209,11 @@ class ControlApi:
             )
 
     def _answer(self, robot: RelayRobot) -> web.Response:
-        return _answer(self._control.describe(robot.id))
+        return answer_json(self._control.describe(robot.id))
 
 
-def _answer(answer: Struct) -> web.Response:
+def answer_json(answer: Struct) -> web.Response:
+    """Answer with what is true only now."""
     body = msgspec.json.encode(answer)
     return web.Response(
         body=body, content_type="application/json", charset="utf-8", headers=NO_STORE

@@ -337,10 +337,6 @@ class Apps:
         """Notify this when an app came or left."""
         self._listener = listener
 
-    def add_routes(self, app: web.Application) -> None:
-        """Route the path of the contract here."""
-        app.router.add_get(PATH, self.handle, allow_head=False)
-
     def count(self) -> int:
         """How many apps there are."""
         return len(self._apps)

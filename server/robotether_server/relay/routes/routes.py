@@ -14,11 +14,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from robotether_server.contract.routes import LiveRoute
+from aiohttp import web
+
+from robotether_server.contract.routes import LiveRoute, LiveRouteList
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.auth.access import HandlerContext
+from robotether_server.relay.auth.access import HandlerContext, request_of
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.rosbridge.handler import (
     BridgeRules,
@@ -26,6 +28,7 @@ from robotether_server.relay.channels.rosbridge.handler import (
     OperatorSession,
 )
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.control_api import answer_json
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
@@ -40,6 +43,7 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
+LIVE_PATH = "/api/v1/routes/live"
 CHECK_EVERY_S = 0.5
 # Time after which a connection that failed is tried again.
 RETRY_AFTER_S = 2.0
@@ -130,6 +134,13 @@ class RouteRunner:
             for running in self._running.values()
             if running.driver is not None and running.driver.is_connected
         )
+
+    async def show_live(self, request: web.Request) -> web.Response:
+        """Answer with the routes that the caller may see, and the caller's apps."""
+        asker = await self._context.handlers.access.for_events(request_of(request))
+        user_id = asker.user.id
+        apps = [app.describe() for app in self._context.apps.of_user(user_id)]
+        return answer_json(LiveRouteList(self.live(user_id), apps))
 
     def live(self, user_id: int) -> list[LiveRoute]:
         """Describe the routes whose robots the user may see."""
