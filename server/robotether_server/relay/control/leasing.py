@@ -27,7 +27,6 @@ from robotether_server.relay.robots.lease import (
     Driver,
     Handover,
     HeldError,
-    Holder,
     Instant,
     Lease,
 )
@@ -51,36 +50,28 @@ class LeaseRequester:
     address: str | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
 class Leasing:
     """The leases of all robots."""
 
-    def __init__(
-        self,
-        *,
-        database: RelayDatabase,
-        event_writer: EventWriter,
-        registry: SessionRegistry,
-        stopped: Callable[[RelayRobot], CloseReason | None],
-        changed: Callable[[int], None],
-    ) -> None:
-        self._database = database
-        self._event_writer = event_writer
-        self._registry = registry
-        self._stopped = stopped
-        self._changed = changed
+    database: RelayDatabase
+    event_writer: EventWriter
+    registry: SessionRegistry
+    stopped: Callable[[RelayRobot], CloseReason | None]
+    changed: Callable[[int], None]
 
     def of(self, robot_id: int) -> Lease:
         """Return a robot's lease, to read it or to change one that somebody has or claims."""
-        return self._registry.robot(robot_id).lease
+        return self.registry.robot(robot_id).lease
 
     def count(self) -> int:
         """How many robots are driven."""
-        return sum(robot.lease.driver is not None for robot in self._registry.robots())
+        return sum(robot.lease.driver is not None for robot in self.registry.robots())
 
     def remember(self, fences: Mapping[int, int]) -> None:
         """Go on from the numbers of the relay before this one."""
         for robot_id, fence in fences.items():
-            lease = self._registry.ensure_robot(robot_id).lease
+            lease = self.registry.ensure_robot(robot_id).lease
             lease.fence = max(lease.fence, fence)
 
     def line(self, robot_id: int) -> bytes:
@@ -91,9 +82,9 @@ class Leasing:
     async def begin(self, connection: Connection) -> Driver:
         """Let the connection drive; raise ConnectionClosedError when it may not."""
         robot = connection.robot
-        if (close_reason := self._stopped(robot)) is not None:
+        if (close_reason := self.stopped(robot)) is not None:
             raise ConnectionClosedError(close_reason)
-        lease = self._registry.ensure_robot(robot.id).lease
+        lease = self.registry.ensure_robot(robot.id).lease
         self._claim(lease, connection)
         recorded = await self._next_fence(connection)
         fence = self._newest_fence(robot.id) + 1 if recorded is None else recorded
@@ -105,7 +96,7 @@ class Leasing:
             raise ConnectionClosedError(self._why_not(lease, robot))
         if recorded is None:
             self._write_start(robot.id, driver)
-        if older is not None and isinstance(older.holder, Connection):
+        if older is not None:
             older.holder.end(close_reasons.superseded(robot.name))
         self._notify(robot.id)
         return driver
@@ -117,7 +108,7 @@ class Leasing:
         That is the number of its user's drive, or of a lease that such calls begin and share. Raises
         ConnectionClosedError as `begin` does.
         """
-        robot = self._registry.ensure_robot(connection.robot.id)
+        robot = self.registry.ensure_robot(connection.robot.id)
         async with robot.calls_lock:
             driver = robot.lease.driver
             is_own = driver is not None and driver.holder.user_id == connection.user_id
@@ -128,12 +119,11 @@ class Leasing:
             yield driver.fence
         finally:
             driver.calls -= 1
-            holder = driver.holder
-            if holder.is_call and not driver.calls and isinstance(holder, Connection):
-                self.end(holder)
+            if driver.holder.is_call and not driver.calls:
+                self.end(driver.holder)
                 self._audit_calls("calls_ended", driver)
 
-    async def _begin_for_calls(self, connection: Connection, claimant: Holder | None) -> Driver:
+    async def _begin_for_calls(self, connection: Connection, claimant: Connection | None) -> Driver:
         # A page of the same user that is about to drive must not lose that to a call.
         if claimant is not None and claimant.user_id == connection.user_id:
             raise ConnectionClosedError(close_reasons.superseded(connection.robot.name))
@@ -147,17 +137,15 @@ class Leasing:
 
     def _audit_calls(self, kind: str, driver: Driver) -> None:
         """Note who has control for calls, which are no drive."""
-        if isinstance(driver.holder, Connection):
-            holder, robot = driver.holder, driver.holder.robot
-            details = {"fence": driver.fence}
-            self._event_writer.add(
-                AuditEntry(utc_now(), holder.user, kind, robot.name, None, details)
-            )
+        holder, details = driver.holder, {"fence": driver.fence}
+        self.event_writer.add(
+            AuditEntry(utc_now(), holder.user, kind, holder.robot.name, None, details)
+        )
 
     def why_lost(self, connection: Connection) -> CloseReason:
         """Say why a call may not drive any more, whose lease is over."""
         robot = connection.robot
-        if (close_reason := self._stopped(robot)) is not None:
+        if (close_reason := self.stopped(robot)) is not None:
             return close_reason
         lease = self.of(robot.id)
         if lease.driver is not None:
@@ -187,12 +175,12 @@ class Leasing:
         if driver is not None:
             self._write_end(robot_id, driver.fence)
         self._notify(robot_id)
-        if isinstance(holder, Connection):
+        if holder is not None:
             holder.end(close_reason)
 
     def keep_only(self, may_drive: Callable[[int, int], bool]) -> None:
         """Forget who waits without the right to drive (user, robot) any more."""
-        for robot in self._registry.robots():
+        for robot in self.registry.robots():
             if robot.lease.keep_only(_of_robot(may_drive, robot.id)):
                 self._notify(robot.id)
 
@@ -211,7 +199,7 @@ class Leasing:
             and request.left_s is not None
             and 0 < request.left_s <= MAX_HELP_RESERVATION_S
         }
-        for robot in self._registry.robots():
+        for robot in self.registry.robots():
             user, left_s = users.get(robot.id, (None, 0.0))
             if user is not None and not may_drive(user.id, robot.id):
                 user = None
@@ -261,12 +249,12 @@ class Leasing:
             raise ConnectionClosedError(
                 close_reasons.lease_held(robot.name, held.user, since)
             ) from held
-        if isinstance(older, Connection):
+        if older is not None:
             older.end(close_reasons.superseded(robot.name))
 
     def _why_not(self, lease: Lease, robot: RelayRobot) -> CloseReason:
         """Say why a claim was lost."""
-        if (close_reason := self._stopped(robot)) is not None:
+        if (close_reason := self.stopped(robot)) is not None:
             return close_reason
         reservation = lease.reserved(now())
         if reservation is not None:
@@ -280,19 +268,19 @@ class Leasing:
         above = self._newest_fence(robot.id)
         lease = NewLease(robot.id, connection.user_id, connection.user, utc_now(), above)
         try:
-            return await self._database.next_fence(lease)
+            return await self.database.next_fence(lease)
         except (RecordMissingError, RecordRefusedError) as gone:
             # Robot or user was removed meanwhile, which the relay reads of only in its next look.
             log.info("robot %s: cannot number a drive: %s", robot.name, gone.detail)
             raise ConnectionClosedError(close_reasons.rights_ended(robot.name)) from gone
         except StoreError as problem:
             log.warning("robot %s: cannot number a drive: %s", robot.name, problem.detail)
-            if self._registry.presence(robot.id).guard == "ready":
+            if self.registry.presence(robot.id).guard == "ready":
                 return None
             raise ConnectionClosedError(close_reasons.lease_unavailable(robot.name)) from problem
 
     async def _until_guard_reported(self, robot_id: int) -> None:
-        link = self._registry.session_of(robot_id)
+        link = self.registry.session_of(robot_id)
         if link is not None:
             with suppress(TimeoutError):
                 async with asyncio.timeout(GUARD_REPORTS_WITHIN_S):
@@ -300,22 +288,22 @@ class Leasing:
 
     def _newest_fence(self, robot_id: int) -> int:
         """Return the newest number that is known here; the guard's may be another relay's, or a lost database's."""
-        return max(self.of(robot_id).fence, self._registry.presence(robot_id).report.fence)
+        return max(self.of(robot_id).fence, self.registry.presence(robot_id).report.fence)
 
     def _pass(self, robot_id: int, change: Handover) -> None:
         if change.driver is not None:
             self._write_end(robot_id, change.driver.fence)
         self._notify(robot_id)
-        if change.driver is not None and isinstance(change.driver.holder, Connection):
+        if change.driver is not None:
             connection = change.driver.holder
             connection.end(close_reasons.lease_lost(connection.robot.name, change.to.name))
 
     def _write_start(self, robot_id: int, driver: Driver) -> None:
         user_id, user = driver.holder.user_id, driver.holder.user
-        self._event_writer.add(LeaseStart(robot_id, driver.fence, user_id, user, driver.since.utc))
+        self.event_writer.add(LeaseStart(robot_id, driver.fence, user_id, user, driver.since.utc))
 
     def _write_end(self, robot_id: int, fence: int) -> None:
-        self._event_writer.add(LeaseEnd(robot_id, fence, utc_now()))
+        self.event_writer.add(LeaseEnd(robot_id, fence, utc_now()))
 
     def audit_call(self, connection: Connection, service: str, address: str | None) -> None:
         """Note a call over HTTP of what only drivers may call."""
@@ -325,24 +313,24 @@ class Leasing:
     def _audit(
         self, kind: str, robot: RelayRobot, asker: LeaseRequester, **details: str | None
     ) -> None:
-        self._event_writer.add(
+        self.event_writer.add(
             AuditEntry(utc_now(), asker.user.name, kind, robot.name, asker.address, details)
         )
 
     def _notify(self, robot_id: int) -> None:
         """Notify the robot and whoever watches, and check again when time changes something."""
-        link = self._registry.session_of(robot_id)
+        link = self.registry.session_of(robot_id)
         if link is not None:
             link.send(self.line(robot_id))
         self._arm(robot_id)
-        self._changed(robot_id)
+        self.changed(robot_id)
 
     def _arm(self, robot_id: int) -> None:
         self._disarm(robot_id)
         due = min(self._due_at(robot_id), default=None)
         if due is not None:
             loop = asyncio.get_running_loop()
-            robot = self._registry.ensure_robot(robot_id)
+            robot = self.registry.ensure_robot(robot_id)
             robot.lease_timer = loop.call_at(due, self._on_timer, robot_id)
 
     def _due_at(self, robot_id: int) -> Iterator[float]:
@@ -355,7 +343,7 @@ class Leasing:
             yield reservation.until.s
 
     def _disarm(self, robot_id: int) -> None:
-        robot = self._registry.robot(robot_id)
+        robot = self.registry.robot(robot_id)
         if robot.lease_timer is not None:
             robot.lease_timer.cancel()
             robot.lease_timer = None
@@ -365,9 +353,9 @@ class Leasing:
         change = lease.pass_on(now())
         if change is None:
             self._arm(robot_id)
-            self._changed(robot_id)
+            self.changed(robot_id)
             return
-        if change.driver is not None and isinstance(change.driver.holder, Connection):
+        if change.driver is not None:
             robot, driver = change.driver.holder.robot, change.driver.holder.user
             self._audit("lease_passed", robot, LeaseRequester(change.to), driver=driver)
         self._pass(robot_id, change)

@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import datetime, timedelta
-from typing import Protocol
 
 from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import (
@@ -23,6 +22,7 @@ from robotether_server.problems import (
     ThrottledError,
 )
 from robotether_server.relay.http.timing import RateLimiter
+from robotether_server.relay.robots.connection import Connection
 
 PASSES_AFTER_S = 20.0
 RESERVED_FOR_S = 10.0
@@ -34,27 +34,7 @@ QUESTIONS_AT_ONCE = 3
 QUESTION_EVERY_S = 30.0
 
 
-class Holder(Protocol):
-    """A connection that drives or wants to."""
-
-    @property
-    def user_id(self) -> int:
-        """Whose it is."""
-
-    @property
-    def user(self) -> str:
-        """That user's name, as people read it."""
-
-    @property
-    def is_route(self) -> bool:
-        """Whether it is a user's routes that drive, and not the user."""
-
-    @property
-    def is_call(self) -> bool:
-        """Whether it is a call over HTTP, whose lease ends with the last of its user's calls."""
-
-
-def _is_same(holder: Holder, other: Holder) -> bool:
+def _is_same(holder: Connection, other: Connection) -> bool:
     """Return whether one may drive in place of the other: a route and its maker are two."""
     return (holder.user_id, holder.is_route) == (other.user_id, other.is_route)
 
@@ -75,7 +55,7 @@ class Instant:
 class Driver:
     """Who holds the lease; `input` is when a command came last, `calls` the number of calls over HTTP that share it."""
 
-    holder: Holder
+    holder: Connection
     fence: int
     since: Instant
     input: Instant
@@ -135,13 +115,9 @@ class Lease:
         self.driver: Driver | None = None
         self.request: ControlRequest | None = None
         self._reserved: Reservation | None = None
-        self._claimant: Holder | None = None
+        # Who is about to hold it.
+        self.claimant: Connection | None = None
         self._questions: dict[int, RateLimiter] = {}
-
-    @property
-    def claimant(self) -> Holder | None:
-        """Who is about to hold the lease."""
-        return self._claimant
 
     def reserved(self, now: Instant) -> Reservation | None:
         """For whom the lease is kept now."""
@@ -154,7 +130,7 @@ class Lease:
         A person who drives, is about to, or got control from a driver or by taking it comes first.
         """
         before = self.reserved(now)
-        if self.driver is not None or self._claimant is not None:
+        if self.driver is not None or self.claimant is not None:
             return False
         if before is not None and not before.is_to_help:
             return False
@@ -165,48 +141,48 @@ class Lease:
         self._reserved = after
         return before.user != user or abs(before.until.s - until.s) > SAME_END_S
 
-    def claim(self, holder: Holder, now: Instant) -> Holder | None:
+    def claim(self, holder: Connection, now: Instant) -> Connection | None:
         """Keep everybody else out until the number is there; return this user's older claimant.
 
         This user's older connection drives on meanwhile. Raises HeldError.
         """
-        present = self.driver.holder if self.driver is not None else self._claimant
+        present = self.driver.holder if self.driver is not None else self.claimant
         if present is not None and not _is_same(present, holder):
             since = self.driver.since if self.driver is not None else None
             raise HeldError(present.user, since, is_call=present.is_call)
         reservation = self.reserved(now)
         if reservation is not None and (holder.is_route or reservation.user.id != holder.user_id):
             raise HeldError(reservation.user.name, None)
-        older, self._claimant = self._claimant, holder
+        older, self.claimant = self.claimant, holder
         return older
 
-    def grant(self, holder: Holder, fence: int, now: Instant) -> Driver | None:
+    def grant(self, holder: Connection, fence: int, now: Instant) -> Driver | None:
         """Let the claimant drive with this number, in place of its user's older connection.
 
         None when its claim is gone, or the number is no newer.
         """
-        if self._claimant is not holder or fence <= self.fence:
+        if self.claimant is not holder or fence <= self.fence:
             return None
         self.fence = fence
-        self._claimant = self._reserved = None
+        self.claimant = self._reserved = None
         self.driver = Driver(holder, fence, now, now)
         return self.driver
 
-    def end(self, holder: Holder, now: Instant) -> Driver | None:
+    def end(self, holder: Connection, now: Instant) -> Driver | None:
         """A connection is over; return what it held. The person who waits is next."""
-        if self._claimant is holder:
-            self._claimant = None
+        if self.claimant is holder:
+            self.claimant = None
         driver = self.driver if self.driver is not None and self.driver.holder is holder else None
         if driver is not None:
             self.driver = None
-        if self.driver is None and self._claimant is None and self.request is not None:
+        if self.driver is None and self.claimant is None and self.request is not None:
             self._keep_for(self.request.user, now)
         return driver
 
-    def revoke(self) -> Holder | None:
+    def revoke(self) -> Connection | None:
         """End everything: the robot is stopped, or gone. Return who drove or was about to."""
-        present = self.driver.holder if self.driver is not None else self._claimant
-        self.driver = self._claimant = self.request = self._reserved = None
+        present = self.driver.holder if self.driver is not None else self.claimant
+        self.driver = self.claimant = self.request = self._reserved = None
         return present
 
     def ask(self, user: RelayUser, now: Instant) -> bool:
@@ -309,7 +285,7 @@ class Lease:
         return self.request.user
 
     def _pass_to(self, user: RelayUser, now: Instant) -> Handover:
-        driver, self.driver, self._claimant = self.driver, None, None
+        driver, self.driver, self.claimant = self.driver, None, None
         self._keep_for(user, now)
         return Handover(driver, user)
 

@@ -1,14 +1,12 @@
 """Who drives, as rules: without network, clock and database."""
 
 import contextlib
-from dataclasses import dataclass
 from datetime import timedelta
 
 import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import ANN, BEN, CARL, utc
-from robotether_server.db.fleet import RelayUser
 from robotether_server.problems import (
     AlreadyAskedError,
     LeaseFreeError,
@@ -17,24 +15,14 @@ from robotether_server.problems import (
     RobotetherError,
     ThrottledError,
 )
+from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import HeldError, Instant, Lease
 
 NOON = utc(2026, 1, 1, 12, 0)
 
 
-@dataclass(eq=False)
-class FakeHolder:
-    of: RelayUser
-    is_route: bool = False
-    is_call: bool = False
-
-    @property
-    def user_id(self):
-        return self.of.id
-
-    @property
-    def user(self):
-        return self.of.name
+def connection_of(user, **kinds):
+    return Connection(user.id, user.name, None, "drive", None, **kinds)
 
 
 @pytest.fixture
@@ -47,7 +35,7 @@ def at(seconds):
 
 
 def driven_by(user, lease, seconds=0.0):
-    holder = FakeHolder(user)
+    holder = connection_of(user)
     lease.claim(holder, at(seconds))
     assert lease.grant(holder, lease.fence + 1, at(seconds))
     return holder
@@ -57,22 +45,22 @@ def test_a_route_takes_nothing_that_is_a_persons_or_kept_for_one(lease):
     """Not even of its own maker, who in turn gets control of it by taking it alone."""
     driven_by(ANN, lease)
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(ANN, is_route=True), at(0))
+        lease.claim(connection_of(ANN, is_route=True), at(0))
     lease.ask(BEN, at(0))
     lease.hand_over(ANN, at(0))
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(BEN, is_route=True), at(1))
-    route = FakeHolder(ANN, is_route=True)
+        lease.claim(connection_of(BEN, is_route=True), at(1))
+    route = connection_of(ANN, is_route=True)
     lease.claim(route, at(60))
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(ANN), at(60))
+        lease.claim(connection_of(ANN), at(60))
     lease.grant(route, 2, at(60))
     assert lease.take(ANN, at(61)).driver.holder is route
 
 
 def test_commands_of_a_route_are_no_answer_to_who_asks(lease):
     """Its maker may ask, too."""
-    route = FakeHolder(ANN, is_route=True)
+    route = connection_of(ANN, is_route=True)
     lease.claim(route, at(0))
     driver = lease.grant(route, 1, at(0))
     assert lease.ask(ANN, at(5))
@@ -83,7 +71,7 @@ def test_commands_of_a_route_are_no_answer_to_who_asks(lease):
 def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
     """Without a database who drives drives on."""
     older = driven_by(ANN, lease)
-    newer = FakeHolder(ANN)
+    newer = connection_of(ANN)
     lease.claim(newer, at(1))
     lease.end(newer, at(2))
     assert lease.driver.holder is older
@@ -92,7 +80,7 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
 def test_a_number_that_is_not_newer_is_no_lease(lease):
     """What the guard would refuse is not granted."""
     lease.fence = 5
-    holder = FakeHolder(ANN)
+    holder = connection_of(ANN)
     lease.claim(holder, at(0))
     assert not lease.grant(holder, 5, at(0))
     assert lease.grant(holder, 6, at(0))
@@ -109,8 +97,8 @@ def test_the_control_passes_on_after_20_s_without_input(lease):
     assert (passed.driver.holder, passed.to) == (holder, BEN)
     assert lease.reserved(at(44.9)).user == BEN
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(ANN), at(40))
-    lease.claim(FakeHolder(BEN), at(40))
+        lease.claim(connection_of(ANN), at(40))
+    lease.claim(connection_of(BEN), at(40))
     assert lease.reserved(at(45)) is None
 
 
@@ -177,7 +165,7 @@ def test_what_is_kept_for_a_manager_is_not_taken_again(lease):
     lease.take(BEN, at(0))
     assert lease.take(BEN, at(9)) is None
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(CARL), at(9.9))
+        lease.claim(connection_of(CARL), at(9.9))
     assert lease.reserved(at(10)) is None
     driven_by(CARL, lease, 10)
     lease.take(BEN, at(12))
@@ -194,7 +182,7 @@ def test_who_waits_is_next_when_the_driver_leaves():
     lease = Lease()
     older = driven_by(ANN, lease)
     lease.ask(BEN, at(0))
-    newer = FakeHolder(ANN)
+    newer = connection_of(ANN)
     lease.claim(newer, at(1))
     lease.end(older, at(2))
     assert lease.reserved(at(2)) is None
@@ -208,28 +196,28 @@ def test_without_the_right_nothing_is_kept(lease):
     assert not lease.keep_only(lambda user_id: user_id == BEN.id)
     assert lease.reserved(at(1)).user == BEN
     assert lease.keep_only(lambda user_id: user_id != BEN.id)
-    lease.claim(FakeHolder(CARL), at(2))
+    lease.claim(connection_of(CARL), at(2))
 
 
 def test_a_free_lease_is_kept_for_who_is_to_help(lease):
     assert lease.reserve(BEN, at(20), at(0))
     assert not lease.reserve(BEN, at(20.5), at(1))
     with pytest.raises(HeldError):
-        lease.claim(FakeHolder(ANN), at(20))
+        lease.claim(connection_of(ANN), at(20))
     assert lease.take(CARL, at(2)).to == CARL
     assert not lease.reserve(BEN, at(20), at(3))
     assert not lease.reserve(None, at(3), at(3))
     assert lease.reserved(at(3)).user == CARL
     assert lease.reserve(BEN, at(40), at(12))
-    lease.claim(FakeHolder(BEN), at(13))
+    lease.claim(connection_of(BEN), at(13))
     lease.revoke()
     assert lease.reserve(BEN, at(40), at(14))
     assert lease.reserve(None, at(14), at(14))
-    lease.claim(FakeHolder(ANN), at(15))
+    lease.claim(connection_of(ANN), at(15))
 
 
 def test_who_drives_or_is_about_to_comes_before_who_is_to_help(lease):
-    lease.claim(FakeHolder(ANN), at(0))
+    lease.claim(connection_of(ANN), at(0))
     assert not lease.reserve(BEN, at(20), at(1))
     holder = driven_by(ANN, lease, 2)
     assert not lease.reserve(BEN, at(20), at(3))
@@ -262,10 +250,10 @@ class LeaseMachine(RuleBasedStateMachine):
 
     @rule(user=users)
     def connect(self, user):
-        holder = FakeHolder(user)
+        holder = connection_of(user)
         with contextlib.suppress(HeldError):
             older = self.lease.claim(holder, self.now)
-            assert older is None or older.of == user
+            assert older is None or older.user_id == user.id
             self.database += 1
             self.claimed.append((holder, self.database))
 
@@ -276,12 +264,12 @@ class LeaseMachine(RuleBasedStateMachine):
             holder, fence = self.claimed.pop(index % len(self.claimed))
             if self.lease.grant(holder, fence, self.now):
                 self.granted.append(fence)
-                assert {older.of for older in self.open} <= {holder.of}
+                assert {older.user_id for older in self.open} <= {holder.user_id}
                 self.open = {holder}
 
     @rule(user=users)
     def disconnect(self, user):
-        for holder in [holder for holder in self.open if holder.of == user]:
+        for holder in [holder for holder in self.open if holder.user_id == user.id]:
             self.open.discard(holder)
             self.lease.end(holder, self.now)
 
