@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 
 from aiohttp import WSMsgType, web
@@ -70,22 +71,15 @@ class PeerCopies(TopicCopies):
         self._add_status(write_notice(self._key, FailureNotice(why)), WSMsgType.BINARY)
 
 
+@dataclass(frozen=True)
 class PeerTopicsHandler:
     """Answers /cell/v1/topics/ROBOT_ID."""
 
-    def __init__(
-        self,
-        snapshot: Callable[[], Snapshot],
-        registry: SessionRegistry,
-        peers: Peers,
-        rules: BridgeRules,
-        connector: TopicConnector,
-    ) -> None:
-        self._snapshot = snapshot
-        self._registry = registry
-        self._peers = peers
-        self._rules = rules
-        self._connector = connector
+    snapshot: Callable[[], Snapshot]
+    registry: SessionRegistry
+    peers: Peers
+    rules: BridgeRules
+    connector: TopicConnector
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the topic until the other cell leaves, or the robot."""
@@ -99,29 +93,29 @@ class PeerTopicsHandler:
         subscription = await _subscription(socket)
         if subscription is not None and KNOWN in request.query:
             digests = request.query[KNOWN].split(",")
-            for each in await self._connector.repeat(SharedTopic(robot, subscription), digests):
+            for each in await self.connector.repeat(SharedTopic(robot, subscription), digests):
                 await socket.send_frame(
                     write_json({"op": KNOWN_OP, "digest": each}), WSMsgType.TEXT
                 )
         elif subscription is not None:
-            members = self._registry.ensure_robot(robot.id).forwarded_topics
+            members = self.registry.ensure_robot(robot.id).forwarded_topics
             user_ids = partial(users_sharing, members, key, subscription)
-            copies = PeerCopies(robot, user_ids, self._rules.shared_topics, key)
+            copies = PeerCopies(robot, user_ids, self.rules.shared_topics, key)
             await self._send(socket, copies, subscription)
         await socket.finish(close_reasons.client_left(robot.name))
         return socket
 
     def _robot(self, robot_id: int) -> RelayRobot | None:
         """Return a robot that is here: two cells that each take the other for the robot's must not wait in a circle."""
-        is_here = self._registry.presence(robot_id).online and self._peers.owner(robot_id) is None
-        return self._snapshot().robots.get(robot_id) if is_here else None
+        is_here = self.registry.presence(robot_id).online and self.peers.owner(robot_id) is None
+        return self.snapshot().robots.get(robot_id) if is_here else None
 
     async def _send(
         self, socket: OperatorSocket, copies: PeerCopies, subscription: TopicRequest
     ) -> None:
         async def deliver(message: bytes, kind: WSMsgType) -> None:
             if len(message) > SEND_BUFFER_BYTES:
-                await socket.send_large(message, kind, self._rules.traffic.piece_turns)
+                await socket.send_large(message, kind, self.rules.traffic.piece_turns)
             else:
                 await socket.send_frame(message, kind)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import dataclass
 from functools import partial
 
 from aiohttp import ClientError, WebSocketError, WSMsgType, web
@@ -52,41 +53,35 @@ PASSED_HEADERS = ("Host", "Origin", "X-Forwarded-For")
 NAMES = {code.number: name for name, code in CLOSE_CODES.items()}
 
 
+@dataclass(frozen=True)
 class ForwardedObservers:
     """All observers here of robots at other cells."""
 
-    def __init__(
-        self,
-        cells: CellClient | None,
-        peers: Peers,
-        context: HandlerContext,
-        rules: BridgeRules,
-    ) -> None:
-        self._cells = cells
-        self._peers = peers
-        self._context = context
-        self._rules = rules
+    cells: CellClient | None
+    peers: Peers
+    context: HandlerContext
+    rules: BridgeRules
 
     async def join(
         self, request: web.Request, ticket: Ticket, robot: RelayRobot, peer: Peer
     ) -> web.StreamResponse | None:
         """Join an observer to the robot's cell until one of them ends; None: that cell refuses, or is not reached."""
-        if self._cells is None:
+        if self.cells is None:
             return None
         headers = {
             name: request.headers[name] for name in PASSED_HEADERS if name in request.headers
         }
         try:
-            cell = await self._cells.open(peer, request.path_qs, self._rules.message_limit, headers)
+            cell = await self.cells.open(peer, request.path_qs, self.rules.message_limit, headers)
         except (ClientError, OSError) as exc:
             why = reason_in(exc)
             log.info("robot %s: cell %s does not take an observer: %s", robot.name, peer.name, why)
             return None
         operator = OperatorSocket(OBSERVER_LIMIT)
         user_ids = (ticket.user_id,)
-        topics = TopicCopies(robot, lambda: user_ids, self._rules.shared_topics)
+        topics = TopicCopies(robot, lambda: user_ids, self.rules.shared_topics)
         observer = ForwardedObserver(
-            robot.name, operator, cell, topics, rules=self._rules, key=self._cells.topics_key
+            robot.name, operator, cell, topics, rules=self.rules, key=self.cells.topics_key
         )
         connection = Connection(
             ticket.user_id, ticket.user, robot, "observe", observer.end, cell=peer.name
@@ -95,8 +90,8 @@ class ForwardedObservers:
         try:
             # The robot's cell ends it, too, but that may wait behind what a slow observer has not read.
             with (
-                self._context.connections.joined(connection),
-                self._context.credentials.held(credential_in(ticket), on_rights_ended),
+                self.context.connections.joined(connection),
+                self.context.credentials.held(credential_in(ticket), on_rights_ended),
             ):
                 # Meanwhile the robot may have left that cell.
                 self.on_peer_robot(robot.id)
@@ -116,16 +111,16 @@ class ForwardedObservers:
 
     def on_peer_robot(self, robot_id: int) -> None:
         """End those whose robot is no longer at the cell that they go through, with what they share."""
-        peer = self._peers.owner(robot_id)
+        peer = self.peers.owner(robot_id)
         left = [
             member
-            for member in self._context.registry.robot(robot_id).connections
+            for member in self.context.registry.robot(robot_id).connections
             if member.cell and (peer is None or peer.name != member.cell)
         ]
         for member in left:
             member.end(close_reasons.link_lost(member.robot.name))
         if left:
-            self._rules.shared_topics.end_all_of(robot_id)
+            self.rules.shared_topics.end_all_of(robot_id)
 
 
 class ForwardedObserver(OperatorConnection):

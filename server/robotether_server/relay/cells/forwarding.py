@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from aiohttp import web
 
@@ -26,38 +27,32 @@ LOCATION, STOP_LOCATION = "@cell", "@cell_or_here"
 CELL_HEADER = "X-Robotether-Cell"
 
 
+@dataclass(frozen=True)
 class Forwarding:
     """Sends nginx to the cell that has the robot."""
 
-    def __init__(
-        self,
-        peers: Peers,
-        snapshot: Callable[[], Snapshot],
-        access: Access,
-        observers: ForwardedObservers,
-    ) -> None:
-        self._peers = peers
-        self._snapshot = snapshot
-        self._access = access
-        self._observers = observers
+    peers: Peers
+    snapshot: Callable[[], Snapshot]
+    access: Access
+    observers: ForwardedObservers
 
     async def answer(self, request: web.Request) -> web.StreamResponse | None:
         """Serve an observer, or return what has nginx forward the request; None: it is answered here."""
         match = FORWARDED.fullmatch(request.path)
-        if match is None or not self._peers.count():
+        if match is None or not self.peers.count():
             return None
-        robot = self._snapshot().by_name.get(match["robot"] or match["controlled"])
-        peer = None if robot is None else self._peers.owner(robot.id)
+        robot = self.snapshot().by_name.get(match["robot"] or match["controlled"])
+        peer = None if robot is None else self.peers.owner(robot.id)
         if robot is None or peer is None:
             return None
         stops = match["action"] == "stop"
         access_request = request_of(request, stops=stops)
-        ticket = self._access.observer_ticket(access_request) if match["path"] == "ros" else None
+        ticket = self.access.observer_ticket(access_request) if match["path"] == "ros" else None
         if ticket is not None and _opens_socket(request):
-            served = await self._observers.join(request, ticket, robot, peer)
+            served = await self.observers.join(request, ticket, robot, peer)
             if served is not None:
                 return served
-        if not await self._access.is_vouched_for(access_request):
+        if not await self.access.is_vouched_for(access_request):
             return None
         location = STOP_LOCATION if stops else LOCATION
         # No content: nginx would take its type for that of the forwarded answer.

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Protocol
 
 import msgspec
@@ -284,33 +285,27 @@ class Subscriber(ChangedRobots):
             yield "robot", robot_object
 
 
+@dataclass(frozen=True)
 class EventsHandler:
     """Answers /api/v1/events."""
 
-    def __init__(
-        self,
-        access: Access,
-        credentials: Credentials,
-        fleet_events: FleetEvents,
-        connections: Connections,
-    ) -> None:
-        self._access = access
-        self._credentials = credentials
-        self._fleet_events = fleet_events
-        self._connections = connections
+    access: Access
+    credentials: Credentials
+    fleet_events: FleetEvents
+    connections: Connections
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send the fleet, then each change, until the client or its right is gone."""
-        asker = await self._access.for_events(request_of(request))
-        count = self._fleet_events.subscribers_of(asker.user.id)
-        if count >= self._connections.caps.per_user:
+        asker = await self.access.for_events(request_of(request))
+        count = self.fleet_events.subscribers_of(asker.user.id)
+        if count >= self.connections.caps.per_user:
             raise TooManyConnectionsError(
                 f"cannot follow the fleet: you already follow it {count} times"
             )
         response = web.StreamResponse(headers=HEADERS)
         with (
-            self._fleet_events.subscribed(asker.user.id) as subscriber,
-            self._credentials.held(asker.credential, subscriber.end),
+            self.fleet_events.subscribed(asker.user.id) as subscriber,
+            self.credentials.held(asker.credential, subscriber.end),
         ):
             await response.prepare(request)
             try:

@@ -16,6 +16,7 @@ import logging
 import math
 import secrets
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 
 from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
@@ -45,30 +46,22 @@ SAME_PRESS_S = 1.0
 AT_ROBOT = "somebody at the robot"
 
 
+@dataclass(frozen=True, kw_only=True)
 class Stops:
     """The stops of all robots."""
 
-    def __init__(
-        self,
-        *,
-        event_writer: EventWriter,
-        registry: SessionRegistry,
-        robots: Callable[[], Mapping[int, RelayRobot]],
-        revoke: Callable[[int, CloseReason], None],
-        changed: Callable[[int], None],
-    ) -> None:
-        self._event_writer = event_writer
-        self._registry = registry
-        self._robots = robots
-        self._revoke = revoke
-        self._changed = changed
+    event_writer: EventWriter
+    registry: SessionRegistry
+    robots: Callable[[], Mapping[int, RelayRobot]]
+    revoke: Callable[[int, CloseReason], None]
+    changed: Callable[[int], None]
 
     def learn(self, stop: Stop, *, is_written: bool = False) -> None:
         """Take over a stop that began at another cell, which may end before it is written, or that the database has."""
         stops = self._of(stop.robot_id)
         if stops.knows(stop.id):
             return
-        robot = self._robots().get(stop.robot_id)
+        robot = self.robots().get(stop.robot_id)
         if robot is None:
             # It is not read yet.
             stops.begin(stop)
@@ -76,14 +69,14 @@ class Stops:
             self._fail_releases(robot, stop.by)
             self._begin(robot, stop)
         if not is_written:
-            self._event_writer.add(stops.entry)
+            self.event_writer.add(stops.entry)
 
     def learn_end(self, robot_id: int, stop_id: StopId) -> None:
         """Take over that another cell released the robot from a stop."""
         if stop_id not in self._of(robot_id).ended:
             self._end(robot_id, [stop_id])
             self._watch(robot_id)
-            report = self._registry.presence(robot_id).report
+            report = self.registry.presence(robot_id).report
             if report.stopped:
                 # It has come here since, and was greeted with the stop: without one nobody could release it.
                 self._stopped_by_guard(robot_id, report.by)
@@ -99,11 +92,11 @@ class Stops:
             stops.end(entry.ended)
             if entry.stop is not None:
                 stops.begin(entry.stop)
-            self._event_writer.add(stops.entry)
+            self.event_writer.add(stops.entry)
 
     def of(self, robot_id: int) -> Stop | None:
         """Return the newest stop of a robot, None when it is not stopped."""
-        return self._registry.robot(robot_id).stops.newest
+        return self.registry.robot(robot_id).stops.newest
 
     def shown(self, robot_id: int) -> ShownStop | None:
         """Return what people see of a robot's stop."""
@@ -117,11 +110,11 @@ class Stops:
 
     def count(self) -> int:
         """How many robots are stopped."""
-        return sum(robot.stops.newest is not None for robot in self._registry.robots())
+        return sum(robot.stops.newest is not None for robot in self.registry.robots())
 
     def confirmed(self, robot_id: int) -> bool:
         """Return whether the robot's guard has the stop."""
-        presence = self._registry.presence(robot_id)
+        presence = self.registry.presence(robot_id)
         return presence.online and presence.guard_mode == "on" and presence.report.stopped
 
     def greeting(self, robot_id: int) -> list[bytes]:
@@ -155,7 +148,7 @@ class Stops:
 
     async def confirmation(self, robot_id: int) -> bool:
         """Wait shortly until the robot's guard has the stop; return whether it does."""
-        presence = self._registry.presence(robot_id)
+        presence = self.registry.presence(robot_id)
         if self.confirmed(robot_id) or not presence.online or presence.guard_mode != "on":
             return self.confirmed(robot_id)
         return await self.reported_confirmation(robot_id) or self.confirmed(robot_id)
@@ -176,7 +169,7 @@ class Stops:
 
     def on_confirmed(self, robot_id: int) -> None:
         """The robot's guard has the stop, here or at another cell."""
-        for confirmation in self._registry.robot(robot_id).stops.confirmations:
+        for confirmation in self.registry.robot(robot_id).stops.confirmations:
             if not confirmation.done():
                 confirmation.set_result(None)
 
@@ -193,7 +186,7 @@ class Stops:
         NotPossibleError when another stop is in force than the one that was `seen`.
         """
         self._check_seen(robot, seen)
-        presence, stops = self._registry.presence(robot.id), self._of(robot.id)
+        presence, stops = self.registry.presence(robot.id), self._of(robot.id)
         if not stops.in_force and not presence.report.stopped:
             return
         if not presence.online:
@@ -223,7 +216,7 @@ class Stops:
         if stop is None or reason not in {None, stop.reason}:
             return False
         # At another cell it may have ended since, which must hear of a new one even if this one hears nothing of it.
-        if stop.by == by and self._registry.presence(robot_id).online:
+        if stop.by == by and self.registry.presence(robot_id).online:
             return True
         pressed_at = self._of(robot_id).pressed_at.get(by, -math.inf)
         return asyncio.get_running_loop().time() - pressed_at < SAME_PRESS_S
@@ -235,7 +228,7 @@ class Stops:
             raise NotPossibleError(f"{sentence} too; check again before you release it")
 
     def _of(self, robot_id: int) -> RobotStops:
-        return self._registry.ensure_robot(robot_id).stops
+        return self.registry.ensure_robot(robot_id).stops
 
     def _pending_releases(self, robot_id: int) -> list[Release]:
         """Return the releases that wait for the guard."""
@@ -248,14 +241,14 @@ class Stops:
 
     def _begin_here(self, robot: RelayRobot, by: str, reason: str | None = None) -> None:
         self._begin(robot, Stop(robot.id, utc_now(), by, reason))
-        self._event_writer.add(self._of(robot.id).entry)
+        self.event_writer.add(self._of(robot.id).entry)
 
     def _begin(self, robot: RelayRobot, stop: Stop) -> None:
         self._of(robot.id).begin(stop)
         # The robot first: nothing may come before this line.
         self._send_stop(robot.id, stop)
-        self._revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
-        self._changed(robot.id)
+        self.revoke(robot.id, close_reasons.robot_stopped(robot.name, stop.by, stop.at))
+        self.changed(robot.id)
         log.warning("robot %s: %s stopped it", robot.name, stop.by)
 
     def _end(self, robot_id: int, stop_ids: Iterable[StopId]) -> None:
@@ -263,15 +256,15 @@ class Stops:
         stops.end(stop_ids)
         if stops.entry.stop is None:
             stops.pressed_at.clear()
-        self._event_writer.add(stops.entry)
-        self._changed(robot_id)
+        self.event_writer.add(stops.entry)
+        self.changed(robot_id)
 
     def _end_by(self, release: Release) -> None:
         self._end(release.robot.id, release.stop_ids)
         self._audit("robot_released", release.robot, release.by, release.address, {})
 
     def _send_stop(self, robot_id: int, stop: Stop) -> None:
-        link = self._registry.session_of(robot_id)
+        link = self.registry.session_of(robot_id)
         if link is not None:
             link.send(lines.stop_line(_message_id(), stop.by))
             self._of(robot_id).sent_at = asyncio.get_running_loop().time()
@@ -279,7 +272,7 @@ class Stops:
 
     def _watch(self, robot_id: int) -> None:
         """Look later whether the guard has the stop."""
-        presence, stops = self._registry.presence(robot_id), self._of(robot_id)
+        presence, stops = self.registry.presence(robot_id), self._of(robot_id)
         is_unconfirmed = (
             presence.online and presence.guard_mode == "on" and not presence.report.stopped
         )
@@ -302,7 +295,7 @@ class Stops:
 
     async def _released_by_guard(self, release: Release) -> None:
         robot, message_id = release.robot, _message_id()
-        link = self._registry.session_of(robot.id)
+        link = self.registry.session_of(robot.id)
         releases = self._of(robot.id).releases
         releases[message_id] = release
         try:
@@ -336,7 +329,7 @@ class Stops:
 
     def _stopped_by_guard(self, robot_id: int, by: str) -> None:
         self.on_confirmed(robot_id)
-        robot = self._robots().get(robot_id)
+        robot = self.robots().get(robot_id)
         if self.of(robot_id) is None and robot is not None:
             name = _claimed_name(by)
             self._begin_here(robot, name)
@@ -350,7 +343,7 @@ class Stops:
         address: str | None,
         details: Mapping[str, object],
     ) -> None:
-        self._event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
+        self.event_writer.add(AuditEntry(utc_now(), by, kind, robot.name, address, details))
 
 
 def _stopped_again(robot: RelayRobot, by: str) -> NotPossibleError:

@@ -7,6 +7,7 @@ the connection comes from this relay, what it may do, and with which number it d
 from __future__ import annotations
 
 import asyncio
+from dataclasses import dataclass
 
 from aiohttp import (
     ClientConnectorError,
@@ -43,24 +44,18 @@ FORWARD_WITHIN_S = 0.6
 RETRY_S = 0.03
 
 
+@dataclass(frozen=True)
 class RobotDialer:
     """The way to all robots' rosbridge."""
 
-    def __init__(
-        self,
-        client: ClientSession,
-        tunnel_host: str,
-        registry: SessionRegistry,
-        message_limit: int,
-    ) -> None:
-        self._client = client
-        self._tunnel_host = tunnel_host
-        self._registry = registry
-        self._message_limit = message_limit
+    client: ClientSession
+    tunnel_host: str
+    registry: SessionRegistry
+    message_limit: int
 
     def check_online(self, robot: RelayRobot) -> None:
         """Raise ConnectionClosedError when the robot has no tunnel."""
-        presence = self._registry.presence(robot.id)
+        presence = self.registry.presence(robot.id)
         if not presence.online:
             raise ConnectionClosedError(
                 close_reasons.robot_offline(robot.name, presence.since, utc_now())
@@ -73,7 +68,7 @@ class RobotDialer:
         headers = self._headers(robot, fence)
         why = "no answer in time"
         try:
-            async with asyncio.timeout(connect_timeout_s(self._registry.presence(robot.id))):
+            async with asyncio.timeout(connect_timeout_s(self.registry.presence(robot.id))):
                 if fence is not None:
                     await self._until_quick(robot)
                 deadline = loop.time() + FORWARD_WITHIN_S
@@ -89,11 +84,11 @@ class RobotDialer:
 
     async def _until_quick(self, robot: RelayRobot) -> None:
         """Let no command go before the agent keeps the heartbeats of a robot in use."""
-        if (link := self._registry.session_of(robot.id)) is not None:
+        if (link := self.registry.session_of(robot.id)) is not None:
             await link.until_quick()
 
     def _headers(self, robot: RelayRobot, fence: int | None) -> dict[str, str]:
-        link = self._registry.session_of(robot.id)
+        link = self.registry.session_of(robot.id)
         key = {} if link is None else {KEY_HEADER: link.guard_key}
         if fence is None:
             return {**key, MODE_HEADER: "observe"}
@@ -116,8 +111,8 @@ class RobotDialer:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
 
     async def _dial(self, robot: RelayRobot, headers: dict[str, str]) -> RobotSocket:
-        url = URL.build(scheme="ws", host=self._tunnel_host, port=robot.ros_port, path="/")
-        socket = await connect_robot(self._client, url, self._message_limit, headers=headers)
+        url = URL.build(scheme="ws", host=self.tunnel_host, port=robot.ros_port, path="/")
+        socket = await connect_robot(self.client, url, self.message_limit, headers=headers)
         if FENCE_HEADER in headers:
             socket.keep_little()
         return socket

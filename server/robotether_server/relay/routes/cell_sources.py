@@ -119,22 +119,17 @@ class CellSources:
                 return "the connection to the source's cell broke"
 
 
+@dataclass(frozen=True)
 class CellSourceHandler:
     """Answers /cell/v1/routes/NUMBER. `readable` says which routes may be read here, by their numbers."""
 
-    def __init__(
-        self,
-        readable: Callable[[int], ReadableSource | None],
-        shared_topics: SharedTopics,
-        piece_turns: PieceTurns,
-    ) -> None:
-        self._readable = readable
-        self._shared_topics = shared_topics
-        self._piece_turns = piece_turns
+    readable: Callable[[int], ReadableSource | None]
+    shared_topics: SharedTopics
+    piece_turns: PieceTurns
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Send what the source brings until the route may not be read any more, or the other cell leaves."""
-        readable = self._readable(int(request.match_info["route_id"]))
+        readable = self.readable(int(request.match_info["route_id"]))
         socket = OperatorSocket(MAX_REQUEST_BYTES)
         if not socket.can_prepare(request):
             raise HttpError(426, "cannot read a route's source: connect with a WebSocket")
@@ -144,7 +139,7 @@ class CellSourceHandler:
         due = asyncio.Event()
         source = RouteSource(readable.route, due.set, is_drive=readable.is_drive)
         try:
-            source.open(readable.robot, self._shared_topics)
+            source.open(readable.robot, self.shared_topics)
         except RobotetherError as problem:
             source.problem = problem.detail
         tasks = {
@@ -154,7 +149,7 @@ class CellSourceHandler:
         try:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            source.close(self._shared_topics)
+            source.close(self.shared_topics)
             await end_tasks(tasks)
         await socket.finish(close_reasons.client_left(readable.robot.name))
         return socket
@@ -168,7 +163,7 @@ class CellSourceHandler:
     ) -> None:
         """Send the newest message at the route's rate, and why none come, while the route may be read."""
         problem = ""
-        while self._readable(readable.route.id) == readable:
+        while self.readable(readable.route.id) == readable:
             if source.problem != problem:
                 problem = source.problem
                 await socket.send_frame(problem.encode(), WSMsgType.TEXT)
@@ -191,7 +186,7 @@ class CellSourceHandler:
         age_s = math.nan if message.since_s is None else now_s - message.since_s
         data = AGE.pack(age_s) + message.data
         if len(data) > SEND_BUFFER_BYTES:
-            await socket.send_large(data, WSMsgType.BINARY, self._piece_turns)
+            await socket.send_large(data, WSMsgType.BINARY, self.piece_turns)
         else:
             await socket.send_frame(data, WSMsgType.BINARY)
 

@@ -69,28 +69,26 @@ class ServiceCall:
         return f"{self.service} may still run" if self.is_sent else f"{self.service} was not called"
 
 
+@dataclass(frozen=True)
 class ServiceApi:
     """Answers POST /api/v1/robots/NAME/services/SERVICE."""
 
-    def __init__(
-        self, calls: HttpCalls, control: Control, dialer: RobotDialer, message_limit: int
-    ) -> None:
-        self._calls = calls
-        self._control = control
-        self._dialer = dialer
-        self._message_limit = message_limit
+    calls: HttpCalls
+    control: Control
+    dialer: RobotDialer
+    message_limit: int
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Call the service, and answer with what it answers."""
         csrf_header = request.headers.get("X-CSRFToken", "")
-        access, name = self._calls.context.access, request.match_info["name"]
+        access, name = self.calls.context.access, request.match_info["name"]
         permit = await access.for_service(request_of(request), name, csrf_header)
         query = schemas.read_query(request.query, ServiceQuery)
         service = request.match_info["service"]
         call = _allowed_call(request, permit, service, query, await _args(request))
-        self._dialer.check_online(permit.robot)
+        self.dialer.check_online(permit.robot)
         try:
-            return await self._calls.answer(
+            return await self.calls.answer(
                 request, permit, call.use, lambda connection: self._call(permit, call, connection)
             )
         except ConnectionClosedError as closed:
@@ -104,7 +102,7 @@ class ServiceApi:
             async with asyncio.timeout(call.timeout_s):
                 if call.use == "observe":
                     return await self._ask(call, connection, None)
-                await self._calls.context.check_credential(permit.credential, permit.robot)
+                await self.calls.context.check_credential(permit.credential, permit.robot)
                 return await self._call_as_driver(call, connection)
         except TimeoutError as exc:
             raise ServiceTimeoutError(
@@ -112,20 +110,20 @@ class ServiceApi:
             ) from exc
 
     async def _call_as_driver(self, call: ServiceCall, connection: Connection) -> ServiceAnswer:
-        leasing = self._control.leasing
+        leasing = self.control.leasing
         async with leasing.shared(connection) as fence:
 
             def end_without_lease() -> None:
                 if (why := self._why_lost(connection, fence)) is not None:
                     connection.end(why)
 
-            with self._control.watched(connection.robot.id, end_without_lease):
+            with self.control.watched(connection.robot.id, end_without_lease):
                 leasing.audit_call(connection, call.service, call.address)
                 return await self._ask(call, connection, fence)
 
     def _why_lost(self, connection: Connection, fence: int) -> CloseReason | None:
         """Return why a call may not drive any more; None: its lease lasts."""
-        leasing = self._control.leasing
+        leasing = self.control.leasing
         driver = leasing.of(connection.robot.id).driver
         is_held = driver is not None and driver.fence == fence
         return None if is_held else leasing.why_lost(connection)
@@ -133,12 +131,12 @@ class ServiceApi:
     async def _ask(
         self, call: ServiceCall, connection: Connection, fence: int | None
     ) -> ServiceAnswer:
-        socket = await self._dialer.open(connection.robot, fence)
+        socket = await self.dialer.open(connection.robot, fence)
         try:
             if fence is not None and (why_lost := self._why_lost(connection, fence)) is not None:
                 # A stop came just when the robot was reached: the call's end waits for its turn.
                 raise ConnectionClosedError(why_lost)
-            with self._calls.context.counted_uplink(connection, socket.received_bytes):
+            with self.calls.context.counted_uplink(connection, socket.received_bytes):
                 call.is_sent = True
                 await socket.send_frame(call.message, WSMsgType.TEXT)
                 return await self._response(socket, connection.robot.name)
@@ -155,7 +153,7 @@ class ServiceApi:
                 if (answer := _answer(message.data)) is not None:
                     return answer
             elif isinstance(message.data, WebSocketError):
-                sender, limit = f"robot {robot}", self._message_limit
+                sender, limit = f"robot {robot}", self.message_limit
                 raise ConnectionClosedError(close_reason_of_broken(message.data, sender, limit))
             else:
                 is_said = message.type is WSMsgType.CLOSE

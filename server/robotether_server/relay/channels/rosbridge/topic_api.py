@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -85,17 +86,17 @@ class TopicPoll:
             await self._changed.wait()
 
 
+@dataclass(frozen=True)
 class TopicApi:
     """Answers GET /api/v1/robots/NAME/topics/TOPIC."""
 
-    def __init__(self, calls: HttpCalls, shared_topics: SharedTopics, dialer: RobotDialer) -> None:
-        self._calls = calls
-        self._shared_topics = shared_topics
-        self._dialer = dialer
+    calls: HttpCalls
+    shared_topics: SharedTopics
+    dialer: RobotDialer
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer with the newest message; 204 when none comes in time."""
-        access, name = self._calls.context.access, request.match_info["name"]
+        access, name = self.calls.context.access, request.match_info["name"]
         permit = await access.for_topic(request_of(request), name)
         query = schemas.read_query(request.query, TopicQuery)
         message = {
@@ -105,16 +106,16 @@ class TopicApi:
             "throttle_rate": query.throttle_rate,
         }
         checked = check_message(permit.robot, permit.level, message)
-        self._dialer.check_online(permit.robot)
+        self.dialer.check_online(permit.robot)
         work = partial(self._newest, TopicRequest.of(checked.subscription or {}), query)
-        return await self._calls.answer(request, permit, "observe", work)
+        return await self.calls.answer(request, permit, "observe", work)
 
     async def _newest(
         self, topic_request: TopicRequest, query: TopicQuery, connection: Connection
     ) -> TopicAnswer | None:
         poll, robot = TopicPoll(connection.user_id), connection.robot
         try:
-            topic = self._shared_topics.watch(robot, topic_request, poll, MAX_OBSERVED_TOPICS)
+            topic = self.shared_topics.watch(robot, topic_request, poll, MAX_OBSERVED_TOPICS)
         except TopicRefusedError as refused:
             raise TooManyConnectionsError(
                 f"cannot read {topic_request.topic}: {refused.detail}"
@@ -122,7 +123,7 @@ class TopicApi:
         try:
             newest = await _within(query.wait_s, poll.message(topic, query.since))
         finally:
-            self._shared_topics.leave(topic, poll, POLLED_LINGER_S)
+            self.shared_topics.leave(topic, poll, POLLED_LINGER_S)
         if newest is None:
             return None
         message, content = newest

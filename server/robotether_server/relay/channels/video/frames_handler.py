@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -52,28 +52,28 @@ MESSAGES_AT_ONCE = 400
 RECORDER_WAITS_S = 0.5
 
 
+@dataclass(frozen=True)
 class FramesHandler:
     """Answers /robots/NAME/video/frames."""
 
-    def __init__(self, context: VideoContext, limits: LivenessLimits) -> None:
-        self._context = context
-        self._limits = limits
+    context: VideoContext
+    limits: LivenessLimits
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Show one camera to one viewer until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open frames: connect with a WebSocket")
         topic = topic_of(request)
-        permit = await self._context.access.for_frames(
+        permit = await self.context.access.for_frames(
             request_of(request), request.match_info["name"]
         )
         socket = ViewerSocket(MAX_TEXT_BYTES)
-        session = FramesSession(socket, permit, topic, self._context, self._limits)
+        session = FramesSession(socket, permit, topic, self.context, self.limits)
         connection = connection_of(permit, topic, session.end)
-        if (why := self._context.connections.no_room(connection)) is not None:
+        if (why := self.context.connections.no_room(connection)) is not None:
             session.end(close_reasons.too_many_connections(why))
         # Before anything waits: a right that ends in the meantime must end this connection.
-        with counted(self._context, permit, connection):
+        with counted(self.context, permit, connection):
             await socket.open(request)
             close_reason = await session.run()
         await socket.finish(close_reason)
