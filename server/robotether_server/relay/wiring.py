@@ -56,6 +56,7 @@ from robotether_server.relay.records.journal import Journal
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.relay.robots.port_checks import PortChecker
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.routes import apps
@@ -231,8 +232,7 @@ class Relay:
             credentials=self.credentials,
             registry=self.registry,
             connections=self.connections,
-            client=self._client,
-            tunnel_host=settings.tunnel_host,
+            dialer=RobotDialer(self._client, settings.tunnel_host, self.registry, limit_bytes),
             feeds=self.feeds,
         )
         rules = BridgeRules(

@@ -15,7 +15,7 @@ from datetime import datetime, timedelta
 from functools import partial
 from urllib.parse import urlsplit
 
-from aiohttp import ClientSession, web
+from aiohttp import web
 
 from robotether_server.db.fleet import RECORDER, Credential, RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
@@ -421,18 +421,13 @@ def _host_and_port(netloc: str) -> tuple[str, int] | None:
 
 @dataclass(frozen=True)
 class HandlerContext:
-    """What all handlers need to let somebody through to a robot, whose ports listen at `tunnel_host`."""
+    """What all handlers need to let somebody through to a robot; `dialer` is the way to robots' rosbridge."""
 
     access: Access
     credentials: Credentials
     registry: SessionRegistry
     connections: Connections
-    client: ClientSession
-    tunnel_host: str
-
-    def dialer(self, message_limit: int) -> RobotDialer:
-        """Return the way to robots' rosbridge, for messages up to this size in bytes."""
-        return RobotDialer(self.client, self.tunnel_host, self.registry, message_limit)
+    dialer: RobotDialer
 
     @contextmanager
     def counted(self, connection: Connection, credential: Credential | None) -> Iterator[None]:

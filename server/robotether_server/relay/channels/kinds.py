@@ -32,9 +32,7 @@ def channel_routes(
     """Return the paths of the contract, each with a handler of its kind."""
     rosbridge = RosbridgeHandler(context, control, rules=rules, report=report)
     calls = HttpCalls(context, rules.traffic)
-    dialer = context.dialer(rules.message_limit)
-    topics = TopicApi(calls, rules.shared_topics, dialer)
-    services = ServiceApi(calls, control, dialer, rules.message_limit)
+    topics, services = TopicApi(calls, rules.shared_topics), ServiceApi(calls, control)
     frames, video = FramesHandler(context, rules.limits), VideoHandler(context)
     events = EventsHandler(context.access, context.credentials, fleet_events, context.connections)
     return [

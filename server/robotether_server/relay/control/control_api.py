@@ -33,15 +33,12 @@ from robotether_server.problems import (
     FieldInvalidError,
     GrantMissingError,
     HttpError,
-    RobotOfflineError,
 )
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.schemas import Level
-from robotether_server.times import utc_now
 
 NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
@@ -102,11 +99,7 @@ class ControlApi:
         """Answer with what fills the uplink: whoever may see the robot, as everybody who watches fills it."""
         user, robot = await self._viewer_and_robot(request)
         registry = self._media.registry
-        presence = registry.presence(robot.id)
-        if not presence.online:
-            raise RobotOfflineError(
-                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
-            )
+        registry.online_presence(robot)
         uplink = registry.ensure_robot(robot.id).uplink
         streams, line_rate = await asyncio.gather(
             uplink.measured(user.id), uplink.line_rate(partial(self._media.line_rate, robot))

@@ -18,13 +18,12 @@ from robotether_common import line_rate
 from yarl import URL
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot, why_refused
 from robotether_server.relay.robots.demand import RETRY_S
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.times import delays, utc_now
+from robotether_server.times import delays
 
 # Time limit and maximum size of a robot's answer that says what its line carries.
 LINE_RATE_WITHIN_S = 1.0
@@ -72,11 +71,7 @@ class MediaDialer:
         pauses = delays(RETRY_S, MAX_RETRY_S)
         while True:
             pause_s = RETRY_S
-            presence = self.registry.presence(robot.id)
-            if not presence.online:
-                raise ConnectionClosedError(
-                    close_reasons.robot_offline(robot.name, presence.since, utc_now())
-                )
+            presence = self.registry.online_presence(robot)
             try:
                 async with asyncio.timeout(connect_timeout_s(presence)):
                     return await self._connect(robot, media_path)

@@ -12,7 +12,9 @@ from datetime import datetime
 
 from robotether_common.session import Battery, ByeCode, Kind, ServiceState
 
-from robotether_server.db.fleet import Snapshot
+from robotether_server.db.fleet import RelayRobot, Snapshot
+from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots.robot import (
     NEVER_SEEN,
     Change,
@@ -80,6 +82,15 @@ class SessionRegistry:
     def presence(self, robot_id: int) -> Presence:
         """Return what is known of a robot's connection."""
         return self.robot(robot_id).presence
+
+    def online_presence(self, robot: RelayRobot) -> Presence:
+        """Return what is known of the connection of a robot that is online; raise ConnectionClosedError."""
+        presence = self.presence(robot.id)
+        if not presence.online:
+            raise ConnectionClosedError(
+                close_reasons.robot_offline(robot.name, presence.since, utc_now())
+            )
+        return presence
 
     def session_of(self, robot_id: int) -> Link | None:
         """Return the link of a robot that is online."""

@@ -30,7 +30,6 @@ from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot, why_refused
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Presence
-from robotether_server.times import utc_now
 
 # Minimum time limit for connecting: an operator learns within a second that rosbridge does not
 # answer. A distant robot gets the round trips that opening a channel and a WebSocket needs, and a
@@ -46,29 +45,20 @@ RETRY_S = 0.03
 
 @dataclass(frozen=True)
 class RobotDialer:
-    """The way to all robots' rosbridge."""
+    """The way to all robots' rosbridge, whose ports listen at `tunnel_host`."""
 
     client: ClientSession
     tunnel_host: str
     registry: SessionRegistry
     message_limit: int
 
-    def check_online(self, robot: RelayRobot) -> None:
-        """Raise ConnectionClosedError when the robot has no tunnel."""
-        presence = self.registry.presence(robot.id)
-        if not presence.online:
-            raise ConnectionClosedError(
-                close_reasons.robot_offline(robot.name, presence.since, utc_now())
-            )
-
     async def open(self, robot: RelayRobot, fence: int | None) -> RobotSocket:
         """Open a WebSocket to the robot, to drive with this number or to observe; raise ConnectionClosedError."""
-        self.check_online(robot)
-        loop = asyncio.get_running_loop()
+        presence, loop = self.registry.online_presence(robot), asyncio.get_running_loop()
         headers = self._headers(robot, fence)
         why = "no answer in time"
         try:
-            async with asyncio.timeout(connect_timeout_s(self.registry.presence(robot.id))):
+            async with asyncio.timeout(connect_timeout_s(presence)):
                 if fence is not None:
                     await self._until_quick(robot)
                 deadline = loop.time() + FORWARD_WITHIN_S

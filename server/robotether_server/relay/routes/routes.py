@@ -305,7 +305,6 @@ class RouteRunner:
             None,
             context.handlers,
             context.control,
-            context.handlers.dialer(context.rules.message_limit),
             context.report,
             context.rules.traffic,
             driver.address,

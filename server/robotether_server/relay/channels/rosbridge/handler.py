@@ -56,7 +56,6 @@ from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot import SeenReport
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.times import utc_now
 
 # Maximum size of an observer's message; observers send little, and parsing delays all others.
@@ -101,7 +100,6 @@ class RosbridgeHandler:
         self._control = control
         self._rules = rules
         self._report = report
-        self._dialer = context.dialer(rules.message_limit)
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
@@ -134,7 +132,6 @@ class RosbridgeHandler:
                     permit.credential,
                     self._context,
                     self._control,
-                    self._dialer,
                     self._report,
                     self._rules.traffic,
                     address,
@@ -208,7 +205,6 @@ class OperatorSession:
     credential: Credential | None
     context: HandlerContext
     control: Control
-    dialer: RobotDialer
     report: Callable[[ConnectionReport], None]
     traffic: Traffic
     address: str | None
@@ -235,15 +231,16 @@ class OperatorSession:
         return close_reason
 
     async def _connect_robot(self) -> RobotEnd:
+        robot, dialer = self.connection.robot, self.context.dialer
         if self.connection.use != "drive":
-            socket, lease = await self.dialer.open(self.connection.robot, None), None
+            socket, lease = await dialer.open(robot, None), None
         else:
             # A page that waits for an offline robot must not use numbers up.
-            self.dialer.check_online(self.connection.robot)
+            self.context.registry.online_presence(robot)
             if not self.connection.is_route:
-                await self.context.check_credential(self.credential, self.connection.robot)
+                await self.context.check_credential(self.credential, robot)
             driver = await self.control.leasing.begin(self.connection)
-            socket = await self.dialer.open(self.connection.robot, driver.fence)
+            socket = await dialer.open(robot, driver.fence)
             lease = self._lease(driver)
         self.context.connections.connected(self.connection)
         self._send_report()

@@ -33,7 +33,6 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, why_closed
 from robotether_server.relay.robots.connection import Connection, Use
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 
 # The only one of its connection.
 CALL_ID = "call"
@@ -75,8 +74,6 @@ class ServiceApi:
 
     calls: HttpCalls
     control: Control
-    dialer: RobotDialer
-    message_limit: int
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Call the service, and answer with what it answers."""
@@ -86,7 +83,7 @@ class ServiceApi:
         query = schemas.read_query(request.query, ServiceQuery)
         service = request.match_info["service"]
         call = _allowed_call(request, permit, service, query, await _args(request))
-        self.dialer.check_online(permit.robot)
+        self.calls.context.registry.online_presence(permit.robot)
         try:
             return await self.calls.answer(
                 request, permit, call.use, lambda connection: self._call(permit, call, connection)
@@ -131,7 +128,7 @@ class ServiceApi:
     async def _ask(
         self, call: ServiceCall, connection: Connection, fence: int | None
     ) -> ServiceAnswer:
-        socket = await self.dialer.open(connection.robot, fence)
+        socket = await self.calls.context.dialer.open(connection.robot, fence)
         try:
             if fence is not None and (why_lost := self._why_lost(connection, fence)) is not None:
                 # A stop came just when the robot was reached: the call's end waits for its turn.
@@ -153,7 +150,7 @@ class ServiceApi:
                 if (answer := _answer(message.data)) is not None:
                     return answer
             elif isinstance(message.data, WebSocketError):
-                sender, limit = f"robot {robot}", self.message_limit
+                sender, limit = f"robot {robot}", self.calls.context.dialer.message_limit
                 raise ConnectionClosedError(close_reason_of_broken(message.data, sender, limit))
             else:
                 is_said = message.type is WSMsgType.CLOSE

@@ -35,7 +35,6 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRequest,
 )
 from robotether_server.relay.robots.connection import Connection
-from robotether_server.relay.robots.robot_dialer import RobotDialer
 
 # Time for which a topic's copy stays after a request.
 POLLED_LINGER_S = 5.0
@@ -92,7 +91,6 @@ class TopicApi:
 
     calls: HttpCalls
     shared_topics: SharedTopics
-    dialer: RobotDialer
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer with the newest message; 204 when none comes in time."""
@@ -106,7 +104,7 @@ class TopicApi:
             "throttle_rate": query.throttle_rate,
         }
         checked = check_message(permit.robot, permit.level, message)
-        self.dialer.check_online(permit.robot)
+        self.calls.context.registry.online_presence(permit.robot)
         work = partial(self._newest, TopicRequest.of(checked.subscription or {}), query)
         return await self.calls.answer(request, permit, "observe", work)
 

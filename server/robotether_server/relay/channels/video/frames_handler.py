@@ -40,7 +40,6 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
 from robotether_server.relay.http.timing import LivenessLimits, RateLimiter
-from robotether_server.times import utc_now
 
 # Maximum rate of messages: two texts per frame at 60 frames a second, and a margin.
 MESSAGES_PER_S = 200
@@ -132,9 +131,6 @@ class FramesSession(OperatorConnection):
     async def run(self) -> CloseReason:
         """Show the camera; return why that ended."""
         robot, user = self._permit.robot, self._permit.user
-        presence = self._context.registry.presence(robot.id)
-        if not presence.online:
-            self.end(close_reasons.robot_offline(robot.name, presence.since, utc_now()))
         if self._ended.done():
             return self._ended.result()
         with self._context.registry.ensure_robot(robot.id).viewer_stats.viewing(user.id):
@@ -154,6 +150,7 @@ class FramesSession(OperatorConnection):
             self._under_way.clear()
 
     async def _work(self) -> CloseReason:
+        self._context.registry.online_presence(self._permit.robot)
         return await self._run_together(
             self._read(),
             self._push_again(),

@@ -23,7 +23,6 @@ from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import (
     HttpError,
     NoFramesError,
-    RobotOfflineError,
     TooManyConnectionsError,
     VideoDownError,
 )
@@ -35,12 +34,10 @@ from robotether_server.relay.channels.video.headers import (
 )
 from robotether_server.relay.channels.video.streams import Streams, is_for_feed
 from robotether_server.relay.channels.video.viewers import VideoContext, connection_of, counted
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
 from robotether_server.relay.robots.robot import Presence
 from robotether_server.relay.robots.robot_dialer import connect_timeout_s
-from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -86,20 +83,12 @@ class VideoHandler:
     async def _answer(
         self, request: web.Request, permit: Permit, *, embeddable: bool
     ) -> web.StreamResponse:
-        presence = self._presence(permit.robot)
+        presence = self._context.registry.online_presence(permit.robot)
         if is_for_feed(request):
             answer = await self._streams.show(request, permit, embeddable=embeddable)
             if answer is not None:
                 return answer
         return await self._pass_on(request, permit, presence, embeddable=embeddable)
-
-    def _presence(self, robot: RelayRobot) -> Presence:
-        presence = self._context.registry.presence(robot.id)
-        if not presence.online:
-            raise RobotOfflineError(
-                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
-            )
-        return presence
 
     async def _pass_on(
         self, request: web.Request, permit: Permit, presence: Presence, *, embeddable: bool
@@ -124,7 +113,8 @@ class VideoHandler:
         self, request: web.Request, robot: RelayRobot, presence: Presence
     ) -> AsyncIterator[ClientResponse]:
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
-        url = URL(f"http://{self._context.tunnel_host}:{robot.video_port}{path}", encoded=True)
+        host = self._context.dialer.tunnel_host
+        url = URL(f"http://{host}:{robot.video_port}{path}", encoded=True)
         timeout = ClientTimeout(
             total=None, sock_connect=connect_timeout_s(presence), sock_read=SILENT_AFTER_S
         )
@@ -147,7 +137,7 @@ class VideoHandler:
         deadline_s = time.monotonic() + OPENS_WITHIN_S
         while True:
             try:
-                return await self._context.client.request(
+                return await self._context.dialer.client.request(
                     request.method,
                     url,
                     headers=headers_for_robot(request.headers),

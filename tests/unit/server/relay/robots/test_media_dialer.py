@@ -13,7 +13,7 @@ from robotether_server.relay.http.sockets import robot_client
 from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
 from robotether_server.relay.robots.robot import Presence
 
-REGISTRY = SimpleNamespace(presence=lambda _: Presence(online=True))
+REGISTRY = SimpleNamespace(online_presence=lambda _: Presence(online=True))
 TOPICS = MediaPath(
     "/topics", {}, 1024, close_reasons.topics_unknown("sim1"), close_reasons.topics_down
 )

@@ -160,7 +160,7 @@ class FloodingSocket(RobotSocket):
 
 
 async def test_a_robot_that_floods_a_call_delays_nobody():
-    answer = await ServiceApi(None, None, None, 0)._response(FloodingSocket(), "sim1")
+    answer = await ServiceApi(None, None)._response(FloodingSocket(), "sim1")
     assert answer.result
 
 
