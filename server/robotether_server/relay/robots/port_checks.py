@@ -10,7 +10,6 @@ import asyncio
 import logging
 import re
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import dataclass
 
 from robotether_common.services import ServiceName
 from robotether_common.session import ServiceState
@@ -32,7 +31,7 @@ CHECKS_AT_ONCE = 64
 _REQUEST = (
     b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: robotether-relay\r\nConnection: close\r\n\r\n"
 )
-# What is sent to each service, and how its answer begins; in the order of PortHealth.
+# What is sent to each service, and how its answer begins.
 _PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
     # The guard answers 426, or 502 when rosbridge behind it does not.
     "ros": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
@@ -42,15 +41,6 @@ _PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
 # Number of bytes of an answer that are enough: HTTP's status, SSH's name.
 _LOOKED_AT = {True: len(b"HTTP/1.1 2"), False: len(b"SSH-")}
 RELEASE_POLL_S = 0.02
-
-
-@dataclass(frozen=True)
-class PortHealth:
-    """What was behind each port: the robot's service, nothing, or no forward at all."""
-
-    ros: ServiceState
-    video: ServiceState
-    shell: ServiceState
 
 
 class PortChecker:
@@ -64,12 +54,15 @@ class PortChecker:
         self._answer_within_s = answer_within_s
         self._slots = asyncio.Semaphore(CHECKS_AT_ONCE)
 
-    async def check(self, robot: RelayRobot, *, video: bool) -> PortHealth:
-        """Try the robot's ports beside each other; not the one of `video` when its connection is not open."""
+    async def check(self, robot: RelayRobot, *, video: bool) -> dict[str, ServiceState]:
+        """Try the robot's ports beside each other; not the one of `video` when its connection is not open.
+
+        Return what is behind each: `ok` its service, `down` nothing that answers as it should, `unknown` no forward.
+        """
         ports = robot.ports if video else {**robot.ports, "video": None}
         async with self._slots:
             health = await asyncio.gather(*(self._try(name, ports[name]) for name in _PROBES))
-        return PortHealth(*health)
+        return dict(zip(_PROBES, health, strict=True))
 
     async def _try(self, service: ServiceName, port: int | None) -> ServiceState:
         health: ServiceState = "unknown"

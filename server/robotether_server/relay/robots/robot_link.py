@@ -14,7 +14,7 @@ import time
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from dataclasses import dataclass
 
-from robotether_common.session import ByeCode, HelpCall, Kind
+from robotether_common.session import ByeCode, HelpCall
 
 from robotether_server.db.cells import SshAddresses
 from robotether_server.db.fleet import RelayRobot
@@ -83,6 +83,7 @@ class RobotLink:
         checker: PortChecker,
     ) -> None:
         self.preface = preface
+        self.robot_id, self.kind, self.address = preface.robot_id, preface.kind, preface.address
         self._robot = robot
         self._reader = reader
         self._writer = writer
@@ -109,21 +110,6 @@ class RobotLink:
         self._guard_reported = asyncio.Event()
         self._ended = False
 
-    @property
-    def robot_id(self) -> int:
-        """The robot's id in the database."""
-        return self.preface.robot_id
-
-    @property
-    def kind(self) -> Kind:
-        """What the connection is for."""
-        return self.preface.kind
-
-    @property
-    def address(self) -> str:
-        """Where the robot's SSH connection comes from."""
-        return self.preface.address
-
     async def run(self) -> None:
         """Take over from an older link, configure the robot, and listen until the end."""
         try:
@@ -148,7 +134,11 @@ class RobotLink:
 
     def send(self, line: bytes) -> None:
         """Send a line to the agent, if the link still is."""
-        self._send(line)
+        if self._ended or self._writer.is_closing():
+            return
+        self._writer.write(line)
+        if self._writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
+            self.end("timeout", "the robot does not read what the relay sends")
 
     def end(self, code: ByeCode, detail: str) -> None:
         """Say bye and close at once; the robot's ports are free as soon as sshd sees it."""
@@ -229,7 +219,7 @@ class RobotLink:
         is_used = self._registry.robot(self.robot_id).usage.exists
         self._idle_heartbeat_s = None if is_used else rules.idle_heartbeat_s
         self._cells = self._cells_now() if cells is None else cells
-        self._send(
+        self.send(
             lines.config_line(
                 self._robot,
                 heartbeat_s=rules.heartbeat_s,
@@ -250,7 +240,7 @@ class RobotLink:
     def _greet(self) -> None:
         if self.kind == "session":
             for line in self._rules.greeting(self.robot_id):
-                self._send(line)
+                self.send(line)
 
     async def _listen(self) -> None:
         self._received_at = self._loop.time()
@@ -272,7 +262,7 @@ class RobotLink:
         match message:
             case lines.PingLine():
                 self.clock.on_ping(time.monotonic(), message.t_ms)
-                self._send(lines.pong_line(message))
+                self.send(lines.pong_line(message))
             case lines.PongLine():
                 self._on_pong(message.seq)
             case lines.HelloLine():
@@ -309,8 +299,8 @@ class RobotLink:
                 self._checks.ask()
 
     async def _check(self) -> None:
-        report = await self._checker.check(self._robot, video=self._needs_media)
-        self._send(lines.checked_line(ros=report.ros, video=report.video, shell=report.shell))
+        health = await self._checker.check(self._robot, video=self._needs_media)
+        self.send(lines.checked_line(health))
 
     def _on_pong(self, seq: int) -> None:
         sent_at = self._pings.pop(seq, None)
@@ -347,14 +337,7 @@ class RobotLink:
         self._seq += 1
         self._pings[self._seq] = now
         self._pings.pop(self._seq - MAX_PINGS_OPEN, None)
-        self._send(lines.ping_line(self._seq))
-
-    def _send(self, line: bytes) -> None:
-        if self._ended or self._writer.is_closing():
-            return
-        self._writer.write(line)
-        if self._writer.transport.get_write_buffer_size() > MAX_UNSENT_BYTES:
-            self.end("timeout", "the robot does not read what the relay sends")
+        self.send(lines.ping_line(self._seq))
 
     def _close(self, code: ByeCode) -> None:
         if self._ended:

@@ -399,9 +399,9 @@ def sign_head_line(chain: str, position: int, line_hash: str, newest: str | None
     return _line("sign_head", chain=chain, position=position, hash=line_hash, newest=newest)
 
 
-def checked_line(*, ros: ServiceState, video: ServiceState, shell: ServiceState) -> bytes:
+def checked_line(health: Mapping[str, ServiceState]) -> bytes:
     """Build the answer to `check`, at most every 5 s; `unknown`: no such forward, or video that nobody watches."""
-    return _line("checked", ros=ros, video=video, shell=shell)
+    return _line("checked", **health)
 
 
 def ping_line(seq: int) -> bytes:
