@@ -56,19 +56,16 @@ class MessageQueue(Generic[Kind]):
         self._messages.append((now_s, message, kind))
         self._bytes += len(message)
         while len(self._messages) > 1 and self._is_too_much(now_s):
-            self._drop()
+            self.pop()
 
     def pop(self) -> tuple[bytes, Kind]:
         """Take the oldest message; there must be one."""
-        return self._drop()
+        _, message, kind = self._messages.popleft()
+        self._bytes -= len(message)
+        return message, kind
 
     def _is_too_much(self, now_s: float) -> bool:
         if self._bytes > self._max_bytes or 0 < self._max_count < len(self._messages):
             return True
         is_old = now_s - self._messages[0][0] > OLD_AFTER_S
         return is_old and self._bytes > FRESH_BYTES and not self._may_be_old
-
-    def _drop(self) -> tuple[bytes, Kind]:
-        _, message, kind = self._messages.popleft()
-        self._bytes -= len(message)
-        return message, kind

@@ -1,9 +1,10 @@
-"""Ends tasks: used wherever the server has tasks beside another."""
+"""Ends tasks and waits for events: used wherever the server has tasks beside another."""
 
 from __future__ import annotations
 
 import asyncio
 from collections.abc import Collection
+from contextlib import suppress
 from typing import Any
 
 
@@ -12,3 +13,11 @@ async def end_tasks(tasks: Collection[asyncio.Task[Any]]) -> None:
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
+
+
+async def wait_for_event(event: asyncio.Event, within_s: float | None) -> None:
+    """Wait until the event is set, at most for this time, and clear it."""
+    with suppress(TimeoutError):
+        async with asyncio.timeout(within_s):
+            await event.wait()
+    event.clear()

@@ -38,7 +38,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import next_turn
-from robotether_server.relay.http.sockets import SEND_BUFFER_BYTES, OperatorSocket
+from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
 from robotether_server.tasks import end_tasks
@@ -113,12 +113,7 @@ class PeerTopicsHandler:
     async def _send(
         self, socket: OperatorSocket, copies: PeerCopies, subscription: TopicRequest
     ) -> None:
-        async def deliver(message: bytes, kind: WSMsgType) -> None:
-            if len(message) > SEND_BUFFER_BYTES:
-                await socket.send_large(message, kind, self.rules.traffic.piece_turns)
-            else:
-                await socket.send_frame(message, kind)
-
+        deliver = partial(socket.send_message, turns=self.rules.traffic.piece_turns)
         copies.share(subscription.topic, subscription)
         shared = copies.joined.get(subscription.topic)
         tasks = {

@@ -200,8 +200,7 @@ class ForwardedObserver(OperatorConnection):
                 return close_reasons.link_lost(self.name)
 
     async def _deliver(self, data: bytes, kind: WSMsgType) -> None:
-        self._traffic.messages_to_client += 1
-        self._traffic.bytes_to_client += len(data)
+        self._traffic.count_to_client(len(data))
         self._bytes_to_client += len(data)
         if len(data) > SEND_BUFFER_BYTES:
             with self._traffic.taken(self, len(data)):

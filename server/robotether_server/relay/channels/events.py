@@ -27,6 +27,7 @@ from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
+from robotether_server.tasks import wait_for_event
 from robotether_server.times import rfc3339
 
 COMMENT_EVERY_S = 10.0
@@ -69,12 +70,7 @@ class ChangedRobots:
 
     async def wait(self, timeout_s: float) -> None:
         """Wait until something is to be sent, at most `timeout_s`."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                await self._wake.wait()
-        except TimeoutError:
-            return
-        self._wake.clear()
+        await wait_for_event(self._wake, timeout_s)
 
 
 class Follower(Protocol):

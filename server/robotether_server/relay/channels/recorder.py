@@ -27,7 +27,7 @@ from robotether_server.relay.auth.access import Access
 from robotether_server.relay.robots.recorders import RecordedTopic, RecorderOfRobot, stamped
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
-from robotether_server.tasks import end_tasks
+from robotether_server.tasks import end_tasks, wait_for_event
 
 log = logging.getLogger(__name__)
 
@@ -130,12 +130,7 @@ class RecorderConnection:
 
     async def next_texts(self, timeout_s: float) -> list[bytes]:
         """Wait until something is to be sent, at most `timeout_s`, and take it."""
-        try:
-            async with asyncio.timeout(timeout_s):
-                await self._wake.wait()
-        except TimeoutError:
-            pass
-        self._wake.clear()
+        await wait_for_event(self._wake, timeout_s)
         changed, self._changed = self._changed, set()
         for robot_id in changed & self._followed.keys():
             self._send_control(robot_id)

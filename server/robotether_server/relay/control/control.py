@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 
 from robotether_server.contract.control import (
     ControlObject,
@@ -17,13 +18,13 @@ from robotether_server.contract.control import (
 )
 from robotether_server.db.control import StoredControl
 from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
-from robotether_server.db.grants import includes
 from robotether_server.relay.control.leasing import Leasing, now
 from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.robots.connection import permits
 from robotether_server.relay.robots.lease import Driver, Lease, Reservation
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
@@ -83,19 +84,15 @@ class Control:
 
     def on_snapshot(self, snapshot: Snapshot) -> None:
         """Rights changed."""
-        self.leasing.keep_only(lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id))
+        self.leasing.keep_only(partial(_may_drive, snapshot))
 
     def on_help_requests(self, requests: Sequence[RelayRequest] | None) -> None:
         """The robots' open requests for help were read: their leases are kept for those who were asked.
 
         None: they are unknown, and what is kept lasts for its time.
         """
-        if requests is None:
-            return
-        snapshot = self._snapshot()
-        self.leasing.reserve(
-            requests, lambda user_id, robot_id: _may_drive(snapshot, user_id, robot_id)
-        )
+        if requests is not None:
+            self.leasing.reserve(requests, partial(_may_drive, self._snapshot()))
 
     def greeting(self, robot_id: int) -> list[bytes]:
         """What a robot is sent after its configuration."""
@@ -166,5 +163,4 @@ def _reserved(reservation: Reservation | None) -> ReservationObject | None:
 
 
 def _may_drive(snapshot: Snapshot, user_id: int, robot_id: int) -> bool:
-    level = snapshot.level(user_id, robot_id)
-    return level is not None and includes(level, "drive")
+    return permits(snapshot.level(user_id, robot_id), "drive")

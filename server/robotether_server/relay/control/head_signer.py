@@ -11,7 +11,6 @@ import logging
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 
 from robotether_common.audit_head import MAX_STATEMENTS, NAMESPACE, statement
 
@@ -23,6 +22,7 @@ from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_messages import SignedHeadLine, sign_head_line
 from robotether_server.signatures import SigningKey
+from robotether_server.tasks import wait_for_event
 
 log = logging.getLogger(__name__)
 
@@ -72,10 +72,7 @@ class HeadSigner:
     async def run(self) -> None:
         """Sign for ever."""
         while True:
-            with suppress(TimeoutError):
-                async with asyncio.timeout(max(self._sweep_at - time.monotonic(), 1.0)):
-                    await self._wake.wait()
-            self._wake.clear()
+            await wait_for_event(self._wake, max(self._sweep_at - time.monotonic(), 1.0))
             try:
                 await self._work()
             except StoreError as problem:

@@ -106,6 +106,13 @@ class OperatorSocket(web.WebSocketResponse[Literal[False]]):
         if self._stream is not None:
             await self._stream.drain()
 
+    async def send_message(self, message: bytes, kind: WSMsgType, turns: PieceTurns) -> None:
+        """Send a message; a large one in pieces, between which others have turns."""
+        if len(message) > SEND_BUFFER_BYTES:
+            await self.send_large(message, kind, turns)
+        else:
+            await self.send_frame(message, kind)
+
     async def send_large(self, message: bytes, kind: WSMsgType, turns: PieceTurns) -> None:
         """Send a message in pieces, none of which is copied, each in its turn."""
         async with self._sending_large:

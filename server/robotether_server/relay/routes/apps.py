@@ -10,7 +10,6 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any, Literal
 
@@ -41,13 +40,13 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.event_loop import PieceTurns, next_turn
 from robotether_server.relay.http.sockets import (
-    SEND_BUFFER_BYTES,
     OperatorConnection,
     OperatorSocket,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits, RateLimiter
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
+from robotether_server.tasks import wait_for_event
 from robotether_server.times import utc_now
 
 PATH = "/apps/{name:[a-z0-9-]{1,63}}/ros"
@@ -272,11 +271,7 @@ class App(OperatorConnection):
             if due_s == 0.0 and not self._socket.waiting_bytes():
                 await self._send_due()
                 continue
-            wait_s = None if due_s is None else max(due_s, LOOK_EVERY_S)
-            self._due.clear()
-            with suppress(TimeoutError):
-                async with asyncio.timeout(wait_s):
-                    await self._due.wait()
+            await wait_for_event(self._due, None if due_s is None else max(due_s, LOOK_EVERY_S))
 
     async def _send_due(self) -> None:
         for source in list(self._sources.values()):
@@ -301,10 +296,7 @@ class App(OperatorConnection):
 
     async def _send(self, data: bytes) -> None:
         self._bytes_to_client += len(data)
-        if len(data) > SEND_BUFFER_BYTES:
-            await self._socket.send_large(data, WSMsgType.TEXT, self._turns)
-        else:
-            await self._socket.send_frame(data, WSMsgType.TEXT)
+        await self._socket.send_message(data, WSMsgType.TEXT, self._turns)
 
 
 def _why_unfit(topics: dict[str, str], topic: str, source: RouteSource, verb: str) -> str:

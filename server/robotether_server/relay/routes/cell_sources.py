@@ -12,7 +12,6 @@ import math
 import struct
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -31,13 +30,12 @@ from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.http.event_loop import PieceTurns
 from robotether_server.relay.http.sockets import (
-    SEND_BUFFER_BYTES,
     OperatorSocket,
     RobotSocket,
     own_words,
 )
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
-from robotether_server.tasks import end_tasks
+from robotether_server.tasks import end_tasks, wait_for_event
 from robotether_server.times import delays
 
 ROUTES_PATH = "/cell/v1/routes"
@@ -169,10 +167,7 @@ class CellSourceHandler:
                 await socket.send_frame(problem.encode(), WSMsgType.TEXT)
             due_s = source.due_in_s(time.monotonic())
             if due_s is None:
-                due.clear()
-                with suppress(TimeoutError):
-                    async with asyncio.timeout(CHECK_EVERY_S):
-                        await due.wait()
+                await wait_for_event(due, CHECK_EVERY_S)
             elif due_s or socket.waiting_bytes():
                 await asyncio.sleep(min(max(due_s, LOOK_EVERY_S), CHECK_EVERY_S))
             else:
@@ -185,10 +180,7 @@ class CellSourceHandler:
             return
         age_s = math.nan if message.since_s is None else now_s - message.since_s
         data = AGE.pack(age_s) + message.data
-        if len(data) > SEND_BUFFER_BYTES:
-            await socket.send_large(data, WSMsgType.BINARY, self.piece_turns)
-        else:
-            await socket.send_frame(data, WSMsgType.BINARY)
+        await socket.send_message(data, WSMsgType.BINARY, self.piece_turns)
 
 
 def _message_in(data: bytes, timestamps: CommandTimestamps) -> SourceMessage:

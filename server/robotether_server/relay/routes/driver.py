@@ -46,6 +46,7 @@ from robotether_server.relay.routes.source import (
     SourceMessage,
     words_of_error,
 )
+from robotether_server.tasks import wait_for_event
 
 # Maximum size of an answer of a robot that is read; nothing but a complaint is of use here.
 MAX_ANSWER_BYTES = 4096
@@ -202,10 +203,7 @@ class RouteDriver(OperatorConnection):
         now_s = time.monotonic()
         waits_s = [source.due_in_s(now_s) for source in self._sources.values()]
         due_s = min((each for each in waits_s if each is not None), default=None)
-        with suppress(TimeoutError):
-            async with asyncio.timeout(None if due_s is None else max(due_s, LOOK_EVERY_S)):
-                await self._due.wait()
-        self._due.clear()
+        await wait_for_event(self._due, None if due_s is None else max(due_s, LOOK_EVERY_S))
 
     def _is_due(self, robot: RobotSocket, source: RouteSource) -> bool:
         """Return whether a message may go now; the newest command waits in `DrivePath` while the connection is full."""

@@ -10,7 +10,6 @@ import asyncio
 import logging
 import math
 import time
-from dataclasses import dataclass
 
 from aiohttp import WSMsgType
 from robotether_common.frames import (
@@ -40,7 +39,7 @@ from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
-from robotether_server.tasks import end_tasks
+from robotether_server.tasks import end_tasks, wait_for_event
 from robotether_server.times import delays
 
 log = logging.getLogger(__name__)
@@ -62,15 +61,9 @@ MESSAGES_AT_ONCE = 100
 LINK_BROKE = "the robot's video connection broke; trying again"
 
 
-@dataclass(frozen=True)
-class FeedConnector:
-    """The way to all robots' frames services."""
-
-    dialer: MediaDialer
-
-    async def run(self, feed: Feed) -> CloseReason:
-        """Bring a feed its frames until there is no way to the robot; return why."""
-        return await FeedLink(feed, self.dialer).run()
+async def run_feed(dialer: MediaDialer, feed: Feed) -> CloseReason:
+    """Bring a feed its frames until there is no way to the robot; return why."""
+    return await FeedLink(feed, dialer).run()
 
 
 class FeedLink:
@@ -153,18 +146,11 @@ class FeedLink:
         try:
             while (now_s := time.monotonic()) - self._received_s <= SILENT_AFTER_S:
                 hurries = await sender.send_due(now_s)
-                await self._due(REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S)
+                within_s = REQUEST_EVERY_S if hurries else CLOCK_SYNC_EVERY_S
+                await wait_for_event(self._feed.due, within_s)
         except ConnectionError:
             log.debug("robot %s: a feed's connection does not take anything", self._feed.robot.name)
         socket.drop()
-
-    async def _due(self, within_s: float) -> None:
-        try:
-            async with asyncio.timeout(within_s):
-                await self._feed.due.wait()
-        except TimeoutError:
-            return
-        self._feed.due.clear()
 
     async def _dial(self, within_s: float) -> RobotSocket:
         robot = self._feed.robot

@@ -13,6 +13,7 @@ import re
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import dataclass
 from urllib.parse import parse_qsl
 
 from aiohttp import ClientConnectorError, ClientError, ClientResponse, ClientTimeout, web
@@ -32,7 +33,7 @@ from robotether_server.relay.channels.video.headers import (
     headers_for_robot,
     headers_for_viewer,
 )
-from robotether_server.relay.channels.video.streams import Streams, is_for_feed
+from robotether_server.relay.channels.video.streams import is_for_feed, show_stream
 from robotether_server.relay.channels.video.viewers import VideoContext, connection_of, counted
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S, RETRY_S
@@ -52,12 +53,11 @@ ANSWERS = range(200, 600)
 ESCAPED_SLASH = re.compile("%2F", re.IGNORECASE)
 
 
+@dataclass(frozen=True)
 class VideoHandler:
     """Answers /robots/NAME/video/..."""
 
-    def __init__(self, context: VideoContext) -> None:
-        self._context = context
-        self._streams = Streams(context)
+    context: VideoContext
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Answer one request until either side ends."""
@@ -65,7 +65,7 @@ class VideoHandler:
             raise HttpError(405, f"cannot {request.method} video: it can only be read")
         check_destination(request.headers)
         access_request = request_of(request)
-        permit = await self._context.access.for_video(access_request, request.match_info["name"])
+        permit = await self.context.access.for_video(access_request, request.match_info["name"])
 
         def cut(_why: CloseReason | None = None) -> None:
             # aiohttp cancels the handler of a connection that is gone.
@@ -75,17 +75,17 @@ class VideoHandler:
         # A ticket is what a page of another site asks with, which may then show the frame.
         embeddable = access_request.ticket is not None
         connection = connection_of(permit, request.query.get("topic", ""), cut)
-        if (why := self._context.connections.no_room(connection)) is not None:
+        if (why := self.context.connections.no_room(connection)) is not None:
             raise TooManyConnectionsError(f"cannot show video of robot {permit.robot.name}: {why}")
-        with counted(self._context, permit, connection):
+        with counted(self.context, permit, connection):
             return await self._answer(request, permit, embeddable=embeddable)
 
     async def _answer(
         self, request: web.Request, permit: Permit, *, embeddable: bool
     ) -> web.StreamResponse:
-        presence = self._context.registry.online_presence(permit.robot)
+        presence = self.context.registry.online_presence(permit.robot)
         if is_for_feed(request):
-            answer = await self._streams.show(request, permit, embeddable=embeddable)
+            answer = await show_stream(self.context, request, permit, embeddable=embeddable)
             if answer is not None:
                 return answer
         return await self._pass_on(request, permit, presence, embeddable=embeddable)
@@ -103,7 +103,7 @@ class VideoHandler:
             response = web.StreamResponse(status=answer.status, headers=headers)
             await response.prepare(request)
             if request.method == "GET":
-                counter, uplink = _Counter(), self._context.registry.ensure_robot(robot.id).uplink
+                counter, uplink = _Counter(), self.context.registry.ensure_robot(robot.id).uplink
                 with uplink.counted("video", "", counter.received_bytes, lambda: user_ids):
                     await _stream(counter.counted(answer), response, request, robot.name)
             return response
@@ -113,7 +113,7 @@ class VideoHandler:
         self, request: web.Request, robot: RelayRobot, presence: Presence
     ) -> AsyncIterator[ClientResponse]:
         path = path_for_robot(request.rel_url.raw_path, request.rel_url.raw_query_string)
-        host = self._context.dialer.tunnel_host
+        host = self.context.dialer.tunnel_host
         url = URL(f"http://{host}:{robot.video_port}{path}", encoded=True)
         timeout = ClientTimeout(
             total=None, sock_connect=connect_timeout_s(presence), sock_read=SILENT_AFTER_S
@@ -137,7 +137,7 @@ class VideoHandler:
         deadline_s = time.monotonic() + OPENS_WITHIN_S
         while True:
             try:
-                return await self._context.dialer.client.request(
+                return await self.context.dialer.client.request(
                     request.method,
                     url,
                     headers=headers_for_robot(request.headers),

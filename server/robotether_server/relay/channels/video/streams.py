@@ -140,34 +140,28 @@ class StreamViewer:
         self._changed.clear()
 
 
-class Streams:
-    """Writes feeds as streams."""
-
-    def __init__(self, context: VideoContext) -> None:
-        self._context = context
-
-    async def show(
-        self, request: web.Request, permit: Permit, *, embeddable: bool
-    ) -> web.StreamResponse | None:
-        """Answer until either side ends; None when the robot has no frames service."""
-        robot, user = permit.robot, permit.user
-        stream_format = format_of(request)
-        viewer = StreamViewer(permit, stream_request_of(request, stream_format.codec))
-        stats = self._context.registry.ensure_robot(robot.id).viewer_stats
-        place = ViewerPlace(self._context.feeds, robot, topic_of(request), viewer)
-        try:
-            with stats.viewing(user.id):
-                first = await FirstFrame(place, viewer, stream_format.codec).wait()
-                if first is None:
-                    return None
-                session = StreamSession(self._context, permit, place, viewer)
-                headers = {
-                    "Content-Type": stream_format.mime_type,
-                    **headers_of_stream(embeddable=embeddable),
-                }
-                return await session.answer(request, first, headers, stream_format)
-        finally:
-            place.leave()
+async def show_stream(
+    context: VideoContext, request: web.Request, permit: Permit, *, embeddable: bool
+) -> web.StreamResponse | None:
+    """Write a feed as a stream until either side ends; None when the robot has no frames service."""
+    robot, user = permit.robot, permit.user
+    stream_format = format_of(request)
+    viewer = StreamViewer(permit, stream_request_of(request, stream_format.codec))
+    stats = context.registry.ensure_robot(robot.id).viewer_stats
+    place = ViewerPlace(context.feeds, robot, topic_of(request), viewer)
+    try:
+        with stats.viewing(user.id):
+            first = await FirstFrame(place, viewer, stream_format.codec).wait()
+            if first is None:
+                return None
+            session = StreamSession(context, permit, place, viewer)
+            headers = {
+                "Content-Type": stream_format.mime_type,
+                **headers_of_stream(embeddable=embeddable),
+            }
+            return await session.answer(request, first, headers, stream_format)
+    finally:
+        place.leave()
 
 
 class FirstFrame:
