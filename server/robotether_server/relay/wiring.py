@@ -42,7 +42,7 @@ from robotether_server.relay.channels.video.feed_link import run_feed
 from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.control.control_api import ControlApi, OtherCells
+from robotether_server.relay.control.control_api import ControlApi
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import start_task
@@ -246,8 +246,14 @@ class Relay:
         self._peer_topics = PeerTopicsHandler(
             self.fleet.state, self.registry, self.peers, rules, topic_links
         )
-        other_cells = OtherCells(self.peers.confirmation, self.peer_feeds.unreached)
-        control_api = ControlApi(self.access, self.control, media, self.fleet.snapshot, other_cells)
+        control_api = ControlApi(
+            self.access,
+            self.control,
+            media,
+            self.fleet.snapshot,
+            self.peers.confirmation,
+            self.peer_feeds.unreached,
+        )
         self._routes += control_api.routes()
         self._make_routes(context, rules, cells)
 

@@ -35,8 +35,8 @@ from robotether_server.problems import (
     HttpError,
 )
 from robotether_server.relay.auth.access import Access, request_of
-from robotether_server.relay.control import leasing
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.leasing import LeaseRequester
 from robotether_server.relay.robots.media_dialer import MediaDialer
 from robotether_server.schemas import Level
 
@@ -44,40 +44,19 @@ NO_STORE = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff"}
 
 
 @dataclass(frozen=True)
-class OtherCells:
-    """What a stop of many robots needs of the site's other cells, which learn of the stops by themselves.
+class ControlApi:
+    """Answers what asks for control over HTTP.
 
-    `confirmation` waits until the guard of a robot at another cell has its stop; None: the robot is at no other.
-    `unreached` names the cells that this one cannot reach now.
+    `confirmation_elsewhere` waits until the guard of a robot at another cell has its stop; None: the robot is at no
+    other. `unreached` names the cells that this one cannot reach now, which learn of a stop later.
     """
 
-    confirmation: Callable[[int], Awaitable[bool] | None]
+    access: Access
+    control: Control
+    media: MediaDialer
+    snapshot: Callable[[], Snapshot]
+    confirmation_elsewhere: Callable[[int], Awaitable[bool] | None]
     unreached: Callable[[], list[str]]
-
-
-class ControlApi:
-    """Answers what asks for control over HTTP."""
-
-    def __init__(
-        self,
-        access: Access,
-        control: Control,
-        media: MediaDialer,
-        snapshot: Callable[[], Snapshot],
-        other_cells: OtherCells,
-    ) -> None:
-        self._access = access
-        self._control = control
-        self._media = media
-        self._snapshot = snapshot
-        self._other_cells = other_cells
-        self._actions: Mapping[str, Callable[[RelayRobot, leasing.LeaseRequester], None]] = {
-            "ask": control.leasing.ask,
-            "withdraw": control.leasing.withdraw,
-            "hand_over": control.leasing.hand_over,
-            "refuse": control.leasing.refuse,
-            "take": control.leasing.take,
-        }
 
     def routes(self) -> list[web.RouteDef]:
         """Return the paths of the contract that are answered here."""
@@ -98,11 +77,11 @@ class ControlApi:
     async def show_uplink(self, request: web.Request) -> web.Response:
         """Answer with what fills the uplink: whoever may see the robot, as everybody who watches fills it."""
         user, robot = await self._viewer_and_robot(request)
-        registry = self._media.registry
+        registry = self.media.registry
         registry.online_presence(robot)
         uplink = registry.ensure_robot(robot.id).uplink
         streams, line_rate = await asyncio.gather(
-            uplink.measured(user.id), uplink.line_rate(partial(self._media.line_rate, robot))
+            uplink.measured(user.id), uplink.line_rate(partial(self.media.line_rate, robot))
         )
         return answer_json(UplinkObject(streams, line_rate))
 
@@ -110,14 +89,14 @@ class ControlApi:
         """Stop a robot: whoever may see it."""
         user, robot = await self._who_and_what(request, stops=True)
         body = schemas.read(await _members(request), StopReason)
-        self._control.stops.stop(
+        self.control.stops.stop(
             robot,
             user.name,
             reason=body.reason,
             address=_address(request),
             press=press_of(request.query.get("press")),
         )
-        await self._control.stops.confirmation(robot.id)
+        await self.control.stops.confirmation(robot.id)
         return self._answer(robot)
 
     async def release(self, request: web.Request) -> web.Response:
@@ -126,7 +105,7 @@ class ControlApi:
         members = await _members(request)
         seen = schemas.read(members, ShownStop) if members else None
         self._check_level(user, robot, "drive", "release")
-        stops = self._control.stops
+        stops = self.control.stops
         await stops.release(robot, user.name, seen=seen, address=_address(request))
         return self._answer(robot)
 
@@ -134,11 +113,23 @@ class ControlApi:
         """Ask for the control, answer who asks, or take it."""
         user, robot = await self._who_and_what(request)
         body = schemas.read(await _members(request), LeaseAction)
-        action = self._actions[body.action]
+        leasing = self.control.leasing
+        actions: Mapping[str, Callable[[RelayRobot, LeaseRequester], None]] = {
+            "ask": leasing.ask,
+            "withdraw": leasing.withdraw,
+            "hand_over": leasing.hand_over,
+            "refuse": leasing.refuse,
+            "take": leasing.take,
+        }
+        action = actions[body.action]
         if body.to is not UNSET:
-            action = self._handing_over_to(body.action, body.to)
+            if body.action != "hand_over":
+                raise FieldInvalidError(
+                    "cannot use to: it is a user's name, and goes only with hand_over"
+                )
+            action = partial(leasing.hand_over, to=body.to)
         self._check_level(user, robot, "manage" if body.action == "take" else "drive", body.action)
-        action(robot, leasing.LeaseRequester(user, _address(request)))
+        action(robot, LeaseRequester(user, _address(request)))
         return self._answer(robot)
 
     async def stop_many(self, request: web.Request) -> web.Response:
@@ -149,10 +140,10 @@ class ControlApi:
         if not robots:
             where = "" if body.site is None else f" of site {body.site}"
             raise GrantMissingError(f"cannot stop all robots{where}: you manage none of them")
-        stops, address = self._control.stops, _address(request)
+        stops, address = self.control.stops, _address(request)
         for robot in robots:
             stops.stop(robot, user.name, reason=body.reason, address=address)
-        elsewhere = self._other_cells.confirmation
+        elsewhere = self.confirmation_elsewhere
         confirmed = await asyncio.gather(
             *(elsewhere(robot.id) or stops.confirmation(robot.id) for robot in robots)
         )
@@ -160,34 +151,25 @@ class ControlApi:
             StoppedRobot(robot.name, stops.of(robot.id) is not None, is_confirmed)
             for robot, is_confirmed in zip(robots, confirmed, strict=True)
         ]
-        return answer_json(StoppedRobotList(results, self._other_cells.unreached()))
-
-    def _handing_over_to(
-        self, action: str, to: str
-    ) -> Callable[[RelayRobot, leasing.LeaseRequester], None]:
-        if action != "hand_over":
-            raise FieldInvalidError(
-                "cannot use to: it is a user's name, and goes only with hand_over"
-            )
-        return partial(self._control.leasing.hand_over, to=to)
+        return answer_json(StoppedRobotList(results, self.unreached()))
 
     async def _viewer_and_robot(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
-        user = (await self._access.for_events(request_of(request))).user
-        return user, self._access.visible_robot(user, request.match_info["name"])
+        user = (await self.access.for_events(request_of(request))).user
+        return user, self.access.visible_robot(user, request.match_info["name"])
 
     async def _who_and_what(
         self, request: web.Request, *, stops: bool = False
     ) -> tuple[RelayUser, RelayRobot]:
         user = await self._changer(request, stops=stops)
-        return user, self._access.visible_robot(user, request.match_info["name"])
+        return user, self.access.visible_robot(user, request.match_info["name"])
 
     async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
         access_request = request_of(request, stops=stops)
         csrf_header = request.headers.get("X-CSRFToken", "")
-        return (await self._access.for_change(access_request, csrf_header)).user
+        return (await self.access.for_change(access_request, csrf_header)).user
 
     def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:
-        snapshot = self._snapshot()
+        snapshot = self.snapshot()
         return [
             robot
             for robot in snapshot.visible(user.id)
@@ -195,14 +177,14 @@ class ControlApi:
         ]
 
     def _check_level(self, user: RelayUser, robot: RelayRobot, needed: Level, action: str) -> None:
-        level = self._snapshot().level(user.id, robot.id)
+        level = self.snapshot().level(user.id, robot.id)
         if level is None or not includes(level, needed):
             raise GrantMissingError(
                 f"cannot do {action!r} with robot {robot.name}: you need the right to {needed}"
             )
 
     def _answer(self, robot: RelayRobot) -> web.Response:
-        return answer_json(self._control.describe(robot.id))
+        return answer_json(self.control.describe(robot.id))
 
 
 def answer_json(answer: Struct) -> web.Response:
