@@ -18,14 +18,12 @@ from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots.robot import (
     NEVER_SEEN,
     Change,
-    GuardMode,
-    GuardReport,
     Link,
     Listener,
     Presence,
     Robot,
-    SeenReport,
 )
+from robotether_server.relay.robots.session_messages import GuardMode, GuardReport, SeenReport
 from robotether_server.times import utc_now
 
 

@@ -33,11 +33,14 @@ from robotether_server.relay.robots.demand import Demand
 from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot_stops import RobotStops
+from robotether_server.relay.robots.session_messages import (
+    GuardMode,
+    GuardReport,
+    Position,
+    SeenReport,
+)
 from robotether_server.relay.robots.uplink import Uplink
 from robotether_server.relay.robots.viewer_stats import CameraCounts, ViewerStats
-
-# What the agent does in front of rosbridge; unknown until it has said so.
-GuardMode = Literal["on", "off", "unknown"]
 
 
 class Link(Protocol):
@@ -85,41 +88,7 @@ class Link(Protocol):
         """Say bye and close; afterwards the registry knows the link no more."""
 
 
-@dataclass(frozen=True)
-class GuardReport:
-    """What a robot's guard last reported of itself.
-
-    Since its start `refused` counts drive commands by kind, and `stops` by cause how often it stopped a robot that
-    moved. `fence` is the newest number of a lease that it knows. `blind_limits`: it has the limits `blind_m` and
-    `blind_deg`, which older guards ignore.
-    """
-
-    state: GuardState = "down"
-    stopped: bool = False
-    by: str = ""
-    moving: bool = False
-    refused: tuple[tuple[str, int], ...] = ()
-    fence: int = 0
-    blind_limits: bool = False
-    stops: tuple[tuple[str, int], ...] = ()
-
-
 NO_REPORT = GuardReport()
-
-
-@dataclass(frozen=True)
-class SeenReport:
-    """How old was what the driver with this fence saw at its newest commands, in ms, and what followed from it.
-
-    An age of None is unknown. `slowed_s` is the time for which commands were slowed since the last report (None: the
-    guard does not say), the others the limits by which the newest one was (None: it was not, or has no such limit).
-    """
-
-    fence: int
-    ages_ms: tuple[float | None, ...]
-    slowed_s: float | None = None
-    max_speed_m_s: float | None = None
-    max_turn_rad_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -152,8 +121,6 @@ class Presence:
 
 
 NEVER_SEEN = Presence()
-# x and y in metres, in the frame of the robot's own pose.
-Position = tuple[float, float]
 # Time after which a robot's position is unknown again; its agent sends a new one each second while somebody uses it.
 POSITION_KEPT_S = 5.0
 

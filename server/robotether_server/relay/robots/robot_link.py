@@ -274,8 +274,8 @@ class RobotLink:
             case lines.GuardLine():
                 self._registry.on_guard_status(self, message.report, message.answers)
                 self._guard_reported.set()
-            case lines.SeenLine():
-                self._registry.on_seen(self, message.report)
+            case lines.SeenReport():
+                self._registry.on_seen(self, message)
             case lines.HealthLine(ros, video, ros_exposed):
                 self._registry.on_health(self, ros, video, ros_exposed=ros_exposed)
             case lines.VitalsLine():

@@ -8,10 +8,12 @@ from __future__ import annotations
 import hmac
 import json
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, TypeVar, get_args
+from dataclasses import dataclass
+from typing import Annotated, Any, Literal, TypeVar, get_args
 
 import msgspec
 from msgspec import Meta, Struct
+from msgspec.structs import force_setattr
 from robotether_common.audit_head import MAX_POSITION
 from robotether_common.guard import MAX_NUMBER, MAX_SLOWED_S, REFUSED_KINDS, STOP_CAUSES
 from robotether_common.services import SERVICES
@@ -34,7 +36,6 @@ from robotether_server.db.control import MAX_NAME
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.identity import MAX_SIGNATURE_LENGTH
 from robotether_server.problems import ProtocolError, RobotetherError
-from robotether_server.relay.robots.robot import GuardMode, GuardReport, Position, SeenReport
 
 T = TypeVar("T")
 
@@ -54,6 +55,12 @@ MAX_COORDINATE_M = 1e9
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 
 Epoch = Annotated[int, Meta(ge=0, le=MAX_EPOCH)]
+
+
+# What the agent does in front of rosbridge; unknown until it has said so.
+GuardMode = Literal["on", "off", "unknown"]
+# x and y in metres, in the frame of the robot's own pose.
+Position = tuple[float, float]
 
 
 class WrongKeyError(RobotetherError):
@@ -107,6 +114,25 @@ class HelloLine(Struct, tag="hello"):
         _check_printable("agent_version", self.agent_version)
 
 
+@dataclass(frozen=True)
+class GuardReport:
+    """What a robot's guard last reported of itself.
+
+    Since its start `refused` counts drive commands by kind, and `stops` by cause how often it stopped a robot that
+    moved. `fence` is the newest number of a lease that it knows. `blind_limits`: it has the limits `blind_m` and
+    `blind_deg`, which older guards ignore.
+    """
+
+    state: GuardState = "down"
+    stopped: bool = False
+    by: str = ""
+    moving: bool = False
+    refused: tuple[tuple[str, int], ...] = ()
+    fence: int = 0
+    blind_limits: bool = False
+    stops: tuple[tuple[str, int], ...] = ()
+
+
 class GuardLine(Struct, tag="guard"):
     """What a guard reports of itself, and the id of the message that it answers, `stop` or `release`.
 
@@ -145,30 +171,25 @@ def _counts_of(counts: Mapping[str, int], names: Iterable[str]) -> tuple[tuple[s
     return tuple((name, counts[name]) for name in names if name in counts)
 
 
-class SeenLine(Struct, tag="seen"):
-    """How old was what the driver with this fence saw, and how slow that made the robot; see SeenReport.
+class SeenReport(Struct, frozen=True, tag="seen"):
+    """How old was what the driver with this fence saw at its newest commands, in ms, and what followed from it.
 
     At most every 0.5 s, of the commands that moved the robot since the last report; of over 64 ages only the greatest
-    remains.
+    remains. An age of None is unknown. `slowed_s` is the time for which commands were slowed since the last report
+    (None: the guard does not say), the others the limits by which the newest one was (None: it was not, or has no such
+    limit).
     """
 
     fence: Annotated[int, Meta(ge=1, le=MAX_FENCE)]
-    ages_ms: Annotated[list[AgeMs | None], Meta(max_length=MAX_AGES)]
+    ages_ms: Annotated[tuple[AgeMs | None, ...], Meta(max_length=MAX_AGES)]
     slowed_s: Annotated[float, Meta(ge=0)] | None = None
     max_speed_m_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
     max_turn_rad_s: Annotated[float, Meta(ge=0, le=MAX_NUMBER)] | None = None
 
-    @property
-    def report(self) -> SeenReport:
-        """What the registry passes on."""
-        return SeenReport(
-            self.fence,
-            tuple(self.ages_ms),
+    def __post_init__(self) -> None:
+        if self.slowed_s is not None:
             # A longer time costs its report some accuracy, but no session.
-            None if self.slowed_s is None else min(self.slowed_s, MAX_SLOWED_S),
-            self.max_speed_m_s,
-            self.max_turn_rad_s,
-        )
+            force_setattr(self, "slowed_s", min(self.slowed_s, MAX_SLOWED_S))
 
 
 class HealthLine(Struct, tag="health"):
@@ -271,7 +292,7 @@ Line = (
     | PongLine
     | HelloLine
     | GuardLine
-    | SeenLine
+    | SeenReport
     | HealthLine
     | VitalsLine
     | HelpLine

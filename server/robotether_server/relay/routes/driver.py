@@ -39,7 +39,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import OperatorConnection, RobotSocket, why_closed
-from robotether_server.relay.robots.robot import SeenReport
+from robotether_server.relay.robots.session_messages import SeenReport
 from robotether_server.relay.routes.source import (
     LOOK_EVERY_S,
     RouteSource,

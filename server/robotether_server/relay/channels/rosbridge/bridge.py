@@ -53,7 +53,7 @@ from robotether_server.relay.http.sockets import (
     why_closed,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits, TimeHistogram
-from robotether_server.relay.robots.robot import SeenReport
+from robotether_server.relay.robots.session_messages import SeenReport
 
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
 # either order, and the operator reads which of the two it was.

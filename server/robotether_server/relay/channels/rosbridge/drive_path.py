@@ -30,7 +30,7 @@ from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.delivered_frames import NamedFrame
 from robotether_server.relay.robots.recorders import Outcome
-from robotether_server.relay.robots.robot import Position, SeenReport
+from robotether_server.relay.robots.session_messages import Position, SeenReport
 from robotether_server.relay.robots.viewer_stats import NOTHING, ViewerCounts
 
 # Maximum number of unanswered pings; beyond it the oldest are dropped.

@@ -55,7 +55,7 @@ from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.recorders import Recorders
-from robotether_server.relay.robots.robot import SeenReport
+from robotether_server.relay.robots.session_messages import SeenReport
 from robotether_server.times import utc_now
 
 # Maximum size of an observer's message; observers send little, and parsing delays all others.

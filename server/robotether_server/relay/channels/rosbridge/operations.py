@@ -47,6 +47,7 @@ _DECODER = msgspec.json.Decoder()
 write_json = msgspec.json.Encoder().encode
 
 LEVELS = ("info", "warning", "error", "none")
+# Of several of one client rosbridge takes the last.
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 MAX_QUEUE = 1000
 MAX_CALL_S = 60.0

@@ -24,7 +24,7 @@ from robotether_common.topics import MAX_KNOWN, MAX_TOPICS, digest
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
-from robotether_server.relay.channels.rosbridge.operations import write_json
+from robotether_server.relay.channels.rosbridge.operations import COMPRESSIONS, write_json
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.shared_copies import (
     LINGER_S,
@@ -88,10 +88,6 @@ class TopicRequest:
         }
         text = write_json({"op": "subscribe", **members})
         return text if self.qos is None else text[:-1] + b',"qos":' + self.qos + b"}"
-
-
-# Of several compressions of one client rosbridge takes the last of these.
-COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 
 
 def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
