@@ -14,7 +14,6 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Middleware
-from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.logs import REQUEST_ID_HEADER, LogFormat, RequestLog, set_request_id
 from robotether_server.problems import (
@@ -24,18 +23,10 @@ from robotether_server.problems import (
     RobotetherError,
     ThrottledError,
 )
-from robotether_server.relay.cells import cell_metrics, cell_topics
-from robotether_server.relay.cells.cell_metrics import CellMetrics
-from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
-from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
-from robotether_server.relay.channels import recorder
-from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.fleet import Fleet
-from robotether_server.relay.routes import cell_sources
-from robotether_server.relay.routes.cell_sources import CellSourceHandler
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.
@@ -137,13 +128,7 @@ def _logger(request_log: RequestLog) -> Middleware:
 
 
 def peer_app(
-    app: web.Application,
-    keys: PeerKeys,
-    feed: PeerFeedHandler,
-    topics: PeerTopicsHandler,
-    *,
-    sources: CellSourceHandler,
-    metrics: CellMetrics,
+    app: web.Application, keys: PeerKeys, routes: Iterable[web.RouteDef]
 ) -> web.Application:
     """Make of a public one the application for other cells, whose requests nginx's peer listener passes on."""
 
@@ -154,24 +139,15 @@ def peer_app(
             return problem_answer(HttpError(403, "cannot serve the request: no cell sent it"))
         return await handler(request)
 
-    async def show_metrics(_request: web.Request) -> web.Response:
-        return metrics_answer(await metrics.read())
-
     app.middlewares.insert(0, check_proof)
-    app.router.add_get(FLEET_PATH, feed.handle, allow_head=False)
-    app.router.add_get(cell_topics.ROUTE, topics.handle, allow_head=False)
-    app.router.add_get(cell_sources.ROUTE, sources.handle, allow_head=False)
-    app.router.add_get(cell_metrics.PATH, show_metrics, allow_head=False)
+    app.add_routes(routes)
     return app
 
 
 def inside_app(
-    metrics: CellMetrics,
-    fleet: Fleet,
-    cells: Callable[[], Iterable[str]],
-    recorder_handler: RecorderHandler,
+    fleet: Fleet, cells: Callable[[], Iterable[str]], routes: Iterable[web.RouteDef]
 ) -> web.Application:
-    """Make the application for health checks, Prometheus, nginx's list of `cells`, and the stack's recorder."""
+    """Make the application for health checks, nginx's list of `cells`, and further routes inside the stack."""
 
     async def healthz(_request: web.Request) -> web.Response:
         # A database that is away is no reason to restart the relay: what is open goes on.
@@ -184,23 +160,12 @@ def inside_app(
         except RobotetherError as problem:
             return problem_answer(problem)
 
-    async def show_metrics(request: web.Request) -> web.Response:
-        return metrics_answer(await metrics.read(request.query.get("cell")))
-
     async def list_cells(_request: web.Request) -> web.Response:
         return web.Response(text="".join(f"{address}\n" for address in cells()))
 
     app = web.Application(middlewares=[answer_problems])
-    app.router.add_get("/healthz", healthz)
-    app.router.add_get("/cells", list_cells)
-    app.router.add_get("/metrics", show_metrics)
-    app.router.add_get(recorder.PATH, recorder_handler.handle, allow_head=False)
+    app.add_routes([web.get("/healthz", healthz), web.get("/cells", list_cells), *routes])
     return app
-
-
-def metrics_answer(body: bytes) -> web.Response:
-    """Answer with numbers for Prometheus."""
-    return web.Response(body=body, headers={"Content-Type": CONTENT_TYPE_LATEST})
 
 
 class Servers:

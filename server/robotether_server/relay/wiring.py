@@ -18,19 +18,21 @@ from robotether_server.relay.app import Cors, Servers, inside_app, peer_app, pub
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cells import cell_metrics, cell_topics
 from robotether_server.relay.cells.cell_client import CellClient, CellTopicDialer
 from robotether_server.relay.cells.cell_metrics import CellMetrics
 from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.dialer import PeerDialer
 from robotether_server.relay.cells.drain import CellDrain
-from robotether_server.relay.cells.feed import PeerFeedHandler
+from robotether_server.relay.cells.feed import FLEET_PATH, PeerFeedHandler
 from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PeerKeys
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.cells.rebalancing import Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
+from robotether_server.relay.channels import recorder
 from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.kinds import channel_routes
 from robotether_server.relay.channels.recorder import RecorderHandler
@@ -60,7 +62,7 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
-from robotether_server.relay.routes import apps
+from robotether_server.relay.routes import apps, cell_sources
 from robotether_server.relay.routes.apps import Apps
 from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
 from robotether_server.relay.routes.routes import LIVE_PATH, RouteContext, RouteRunner
@@ -225,7 +227,7 @@ class Relay:
         parts = self.metrics.parts
         self._cell_metrics = CellMetrics(settings.cell.name, parts, self.peers, cells)
         topics = CellTopicDialer(media, self.peers, cells)
-        topic_links = TopicLinks(topics, limit_bytes, topics_key)
+        topic_links = TopicLinks(topics.open, self.registry, limit_bytes, topics_key)
         self.shared_topics = SharedTopics(self.registry, topic_links)
         self._make_access()
         context = VideoContext(
@@ -302,20 +304,22 @@ class Relay:
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
         routes, log_format = self._routes, self._settings.log_format
         self._public = public_app(self.metrics, cors, routes, forwarding, log_format)
-        self._inside = inside_app(
-            self._cell_metrics, self.fleet, self.peers.addresses, self.recorder_handler
-        )
+        inside = [
+            web.get("/metrics", self._cell_metrics.show),
+            web.get(recorder.PATH, self.recorder_handler.handle, allow_head=False),
+        ]
+        self._inside = inside_app(self.fleet, self.peers.addresses, inside)
         self._peer_app: web.Application | None = None
         self.peer_dialer = PeerDialer(self.cells, self.peers, peer_keys)
         if peer_keys is not None:
-            self._peer_app = peer_app(
-                public_app(self.metrics, cors, routes, log_format=log_format),
-                peer_keys,
-                self.peer_feeds,
-                self._peer_topics,
-                sources=self._cell_source_handler,
-                metrics=self._cell_metrics,
-            )
+            between_cells = [
+                web.get(FLEET_PATH, self.peer_feeds.handle, allow_head=False),
+                web.get(cell_topics.ROUTE, self._peer_topics.handle, allow_head=False),
+                web.get(cell_sources.ROUTE, self._cell_source_handler.handle, allow_head=False),
+                web.get(cell_metrics.PATH, self._cell_metrics.show_own, allow_head=False),
+            ]
+            public = public_app(self.metrics, cors, routes, log_format=log_format)
+            self._peer_app = peer_app(public, peer_keys, between_cells)
 
     def _notify(self) -> None:
         """Say who is notified of what, in which order."""

@@ -20,7 +20,6 @@ from robotether_server.relay.channels.rosbridge.forwarded_topics import KEY_HEAD
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
 from robotether_server.relay.http.sockets import RobotSocket, connect_robot
 from robotether_server.relay.robots.media_dialer import MediaDialer, MediaPath
-from robotether_server.relay.robots.registry import SessionRegistry
 
 TOPICS_PATH = "/cell/v1/topics"
 CONNECT_WITHIN_S = 3.0
@@ -87,16 +86,11 @@ class CellClient:
 
 @dataclass(frozen=True)
 class CellTopicDialer:
-    """The way to topics of robots here and at other cells; implements `topic_link.TopicDialer`."""
+    """The way to topics of robots here and at other cells."""
 
     media: MediaDialer
     peers: Peers
     cells: CellClient | None
-
-    @property
-    def registry(self) -> SessionRegistry:
-        """The robots, which count what comes of each."""
-        return self.media.registry
 
     async def open(self, robot: RelayRobot, media_path: MediaPath, within_s: float) -> RobotSocket:
         """Open a WebSocket to the robot's topics service, or to its cell; raise ConnectionClosedError."""

@@ -10,7 +10,8 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from aiohttp import ClientError
+from aiohttp import ClientError, web
+from prometheus_client import CONTENT_TYPE_LATEST
 
 from robotether_server.problems import HttpError, reason_in
 from robotether_server.relay.cells.cell_client import CellClient
@@ -27,6 +28,14 @@ class CellMetrics:
     parts: Callable[[], Iterator[bytes]]
     peers: Peers
     cells: CellClient | None
+
+    async def show(self, request: web.Request) -> web.Response:
+        """Answer Prometheus with the numbers of the cell that it names, or of this one."""
+        return _answer(await self.read(request.query.get("cell")))
+
+    async def show_own(self, _request: web.Request) -> web.Response:
+        """Answer another cell with the numbers of this one."""
+        return _answer(await self._own())
 
     async def read(self, cell: str | None = None) -> bytes:
         """Return the numbers of a cell, of this one if it is None, in Prometheus' text format; raise HttpError."""
@@ -50,3 +59,7 @@ class CellMetrics:
             # All that is live has its turn.
             await asyncio.sleep(0)
         return b"".join(parts)
+
+
+def _answer(body: bytes) -> web.Response:
+    return web.Response(body=body, headers={"Content-Type": CONTENT_TYPE_LATEST})

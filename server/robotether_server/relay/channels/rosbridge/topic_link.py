@@ -10,10 +10,9 @@ import asyncio
 import logging
 import re
 import time
-from collections.abc import Collection
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Protocol
 
 from aiohttp import ClientError, WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
@@ -75,22 +74,16 @@ class Pauses:
         self._large = delays(FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S)
 
 
-class TopicDialer(Protocol):
-    """The way to topics services."""
-
-    @property
-    def registry(self) -> SessionRegistry:
-        """The robots, which count what comes of each."""
-
-    async def open(self, robot: RelayRobot, media_path: MediaPath, within_s: float) -> RobotSocket:
-        """Open a WebSocket; raise ConnectionClosedError when there is none within that time."""
+# Opens a WebSocket to a robot's topics service within a time; raises ConnectionClosedError when there is none.
+OpenTopic = Callable[[RelayRobot, MediaPath, float], Awaitable[RobotSocket]]
 
 
 @dataclass(frozen=True)
 class TopicLinks:
     """The way to all robots' topics; implements `shared_topics.TopicConnector`."""
 
-    dialer: TopicDialer
+    open_topic: OpenTopic
+    registry: SessionRegistry
     message_limit: int
     # With it begins what a robot's cell notifies this one of.
     notices_key: bytes
@@ -135,7 +128,7 @@ class TopicLinks:
     async def _bring(self, topic: SharedTopic) -> str:
         """Bring a topic's messages until the connection ends; return why."""
         socket = await self._open(topic, {})
-        uplink = self.dialer.registry.ensure_robot(topic.robot.id).uplink
+        uplink = self.registry.ensure_robot(topic.robot.id).uplink
         name = topic.key.topic
         timestamps = topic.timestamps = CommandTimestamps(time.monotonic())
         dating = asyncio.create_task(date(socket, topic.is_dated, timestamps))
@@ -185,7 +178,7 @@ class TopicLinks:
     async def _open(self, topic: SharedTopic, query: dict[str, str]) -> RobotSocket:
         unknown = close_reasons.topics_unknown(topic.robot.name)
         path = MediaPath(PATH, query, self.message_limit, unknown, close_reasons.topics_down)
-        socket = await self.dialer.open(topic.robot, path, OPENS_WITHIN_S)
+        socket = await self.open_topic(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
 

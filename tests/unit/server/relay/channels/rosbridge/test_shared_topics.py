@@ -159,12 +159,11 @@ class RepeatingSocket:
 async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
     """Else the relay keeps a name for each, and gives the message to the newcomer as often."""
 
-    class Dialer:
-        async def open(self, *_args):
-            return RepeatingSocket()
+    async def open_topic(*_args):
+        return RepeatingSocket()
 
     topic = SharedTopic(sim1, TopicRequest("/odom"))
-    assert await TopicLinks(Dialer(), 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
+    assert await TopicLinks(open_topic, None, 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
 
 
 async def test_a_message_over_the_limit_is_refused_with_its_size(robot, observe):
