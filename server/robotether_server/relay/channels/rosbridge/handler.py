@@ -85,29 +85,22 @@ class ConnectionReport:
     refused: Mapping[str, int] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
 class RosbridgeHandler:
     """Answers /robots/NAME/ros."""
 
-    def __init__(
-        self,
-        context: HandlerContext,
-        control: Control,
-        *,
-        rules: BridgeRules,
-        report: Callable[[ConnectionReport], None],
-    ) -> None:
-        self._context = context
-        self._control = control
-        self._rules = rules
-        self._report = report
+    context: HandlerContext
+    control: Control
+    rules: BridgeRules
+    report: Callable[[ConnectionReport], None]
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open rosbridge: connect with a WebSocket")
-        permit = self._context.access.for_rosbridge(request_of(request), request.match_info["name"])
+        permit = self.context.access.for_rosbridge(request_of(request), request.match_info["name"])
         observes = permit.use == "observe"
-        operator = OperatorSocket(OBSERVER_LIMIT if observes else self._rules.message_limit)
+        operator = OperatorSocket(OBSERVER_LIMIT if observes else self.rules.message_limit)
         await self._serve(operator, permit, request)
         return operator
 
@@ -119,21 +112,21 @@ class RosbridgeHandler:
         connection = Connection(
             user.id, user.name, robot, permit.use, bridge.end, level=permit.level
         )
-        if (why := self._context.connections.no_room(connection)) is not None:
+        if (why := self.context.connections.no_room(connection)) is not None:
             bridge.end(close_reasons.too_many_connections(why))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
             # line comes to the agent behind the one that asks for quick heartbeats.
-            with self._context.counted(connection, permit.credential):
+            with self.context.counted(connection, permit.credential):
                 await operator.open(request)
                 close_reason = await OperatorSession(
                     bridge,
                     connection,
                     permit.credential,
-                    self._context,
-                    self._control,
-                    self._report,
-                    self._rules.traffic,
+                    self.context,
+                    self.control,
+                    self.report,
+                    self.rules.traffic,
                     address,
                 ).run()
             await bridge.farewell(close_reason)
@@ -143,13 +136,13 @@ class RosbridgeHandler:
     def _topic_sharing(self, permit: Permit, request: web.Request) -> TopicSharing:
         observes = permit.use == "observe"
         if observes and (key := key_of(request.headers)) is not None:
-            forwarded = self._context.registry.ensure_robot(permit.robot.id).forwarded_topics
+            forwarded = self.context.registry.ensure_robot(permit.robot.id).forwarded_topics
             return ForwardedTopics(key, permit.user.id, forwarded)
         user_ids = (permit.user.id,)
         limit = MAX_TOPICS if not observes else MAX_OBSERVED_TOPICS
         if permit.user.id == RECORDER.id:
             limit = MAX_STANDING_TOPICS
-        return TopicCopies(permit.robot, lambda: user_ids, self._rules.shared_topics, limit)
+        return TopicCopies(permit.robot, lambda: user_ids, self.rules.shared_topics, limit)
 
     def _bridge(
         self,
@@ -158,7 +151,7 @@ class RosbridgeHandler:
         address: str | None,
         topics: TopicSubscriptions,
     ) -> Bridge:
-        robot, rules = permit.robot, self._rules
+        robot, rules = permit.robot, self.rules
         policy = robot.settings.policy
         return Bridge(
             robot.name,
@@ -166,7 +159,7 @@ class RosbridgeHandler:
                 policy.of(permit.level), robot.settings.guard.drive_topics, policy.limits
             ),
             operator=operator,
-            own=OwnOperations(self._control, robot, permit.user.name, address),
+            own=OwnOperations(self.control, robot, permit.user.name, address),
             topics=topics,
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
