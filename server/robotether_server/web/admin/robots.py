@@ -5,10 +5,8 @@
 
 from dataclasses import dataclass
 from functools import partial
-from http import HTTPStatus
 
-from flask import Blueprint, redirect, render_template, request
-from werkzeug.wrappers import Response as AnyResponse
+from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, audit, cells, seen_robots
@@ -26,7 +24,7 @@ from robotether_server.web.admin import grants
 from robotether_server.web.admin.selection import Selection
 from robotether_server.web.confirmation import ConfirmedAction, Field, Words
 from robotether_server.web.forms import Saved, form
-from robotether_server.web.pages import robot_settings, setting_fields
+from robotether_server.web.pages import setting_fields
 
 ROBOTS = Selection("robot")
 blueprint = Blueprint("robots", __name__)
@@ -175,12 +173,6 @@ def show_history(name: str) -> str:
             max_shown=MAX_SHOWN,
             events=audit.find(tx, audit.AuditSearch(robot=name), limit=MAX_ROWS),
         )
-
-
-@blueprint.get("/robots/<name>/settings")
-def show_settings(name: str) -> AnyResponse:
-    """Redirect to where the settings stand now."""
-    return redirect(robot_settings.path_of(name), HTTPStatus.MOVED_PERMANENTLY)
 
 
 @form(blueprint, "/robots/<name>/site", show)
