@@ -164,22 +164,16 @@ def test_what_a_table_is_used_by_is_named(what, table):
     assert readers <= set(re.findall(r"`([\w/.-]+)`", how_to_add(what)))
 
 
-@pytest.mark.parametrize(
-    "what", ["An endpoint of the relay", "A channel", "A codec", "A forwarded port", "A page"]
-)
-def test_files_of_an_addition_are_there(what):
-    named = re.findall(r"`([\w-]+/[\w/.-]+)`", how_to_add(what))
-    assert [name for name in named if not (ROOT / name).exists()] == []
-    assert named
+# Where the paths begin that a page names.
+FOLDERS = [ROOT, *(ROOT / "server" / path for path in ("robotether_server", "frontend/src"))]
+FOLDERS += [ROOT / "server/robotether_server/relay", ROOT / "agent/robotether_agent"]
 
 
-def test_files_that_decide_are_there():
-    text = (ROOT / "docs" / "explanation" / "architecture.md").read_text()
-    table = text.split("## Where it is decided", 1)[1].split("\n## ", 1)[0].split("|---|---|", 1)[1]
-    server = ROOT / "server" / "robotether_server"
-    named = re.findall(r"`([\w/.-]+/[\w/.-]+)`", table)
-    files = [name for name in named if (ROOT / name).is_file() or (server / name).is_file()]
-    assert files == named != []
+@pytest.mark.parametrize("page", ["CONTRIBUTING.md", "docs/explanation/architecture.md"])
+def test_files_of_the_tree_are_there(page):
+    named = re.findall(r"`([\w.-]+/[\w/.-]+\.\w+)`", (ROOT / page).read_text())
+    assert [name for name in named if not any((f / name).exists() for f in FOLDERS)] == []
+    assert len(named) > 40
 
 
 def test_each_path_of_the_relay_has_its_place_in_nginx():

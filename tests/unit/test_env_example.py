@@ -60,17 +60,6 @@ def set_by_compose():
     return {name if name in VARIABLES else name.removesuffix("_FILE") for name in variables}
 
 
-def bake_targets():
-    """Target -> (key -> text) of docker-bake.hcl, as far as it stands on a line."""
-    text = (ROOT / "docker-bake.hcl").read_text(encoding="utf-8")
-    blocks = re.findall(
-        r'^(?:target|variable) "(\w+)" \{\n(.*?)^\}', text, re.DOTALL | re.MULTILINE
-    )
-    return {
-        name: dict(re.findall(r"^ +(\w+) += (.*)$", body, re.MULTILINE)) for name, body in blocks
-    }
-
-
 def test_example_has_exactly_what_compose_reads():
     assert set(example()) == set(used()) | READ_BY_COMPOSE | READ_BY_TOOLS
 
@@ -118,8 +107,8 @@ def test_everything_has_one_version():
     """Agent, server, collection, compose.yaml and docker-bake.hcl name one; the last three can read it nowhere."""
     collection = yaml.safe_load((ROOT / "ansible" / "galaxy.yml").read_text(encoding="utf-8"))
     assert {server_version} == {agent_version, collection["version"]} | used()["TAG"]
-    assert bake_targets()["VERSION"]["default"] == f'"{server_version}"'
-    assert bake_targets()["TAG"]["default"] == "VERSION"
+    bake = (ROOT / "docker-bake.hcl").read_text(encoding="utf-8")
+    assert re.findall(r'"VERSION" \{[^}]*default = "(.*)"', bake) == [server_version]
 
 
 def test_ports_are_published_at_the_bind_address():
