@@ -11,7 +11,6 @@ from robotether_server.web import current_user
 from robotether_server.web.admin import (
     add_robot,
     audit_log,
-    backups,
     grants,
     groups_and_sites,
     health,
@@ -36,7 +35,6 @@ for part in (
     grants,
     tokens,
     audit_log,
-    backups,
     health,
 ):
     blueprint.register_blueprint(part.blueprint)
