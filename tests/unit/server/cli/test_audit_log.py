@@ -4,9 +4,10 @@ import re
 
 from admin_records import ADD
 from robotether_common.audit_head import NAMESPACE, statement
+from robotether_server.audit_chain import server_key
 from robotether_server.db import audit, audit_chains
 from robotether_server.db.audit import Source
-from robotether_server.signatures import SigningKey
+from robotether_server.signatures import SigningKey, fingerprint
 
 
 def test_log_is_verified_and_the_first_line_that_does_not_fit_is_named(
@@ -70,3 +71,9 @@ def test_restored_backup_has_a_status_of_its_own(run, admin_database):
     with admin_database.transaction() as tx:
         tx.change("UPDATE audit_events SET actor = 'ben' WHERE kind = 'robot_added'")
     assert run("audit", "verify").status == 1
+
+
+def test_servers_key_is_that_of_the_session_key(run, monkeypatch):
+    monkeypatch.setenv("SESSION_KEY", "x" * 32)
+    expected = server_key("x" * 32).public_key
+    assert run("audit", "key").out.strip() == fingerprint(expected)
