@@ -13,7 +13,8 @@ class UplinkStream(Struct, frozen=True):
     Of a `camera`, and of a `topic` with the same settings, the robot sends one copy for all; copies of a topic are
     added up. `video`: what its web_video_server answers directly. `rosbridge`: what clients' connections carry besides
     topics, such as answers of services. `name`: the topic, empty for `video` and `rosbridge`. `people`: users, each
-    counted once. `yours`: the caller is one of them. A message counts while it arrives.
+    counted once. `yours`: the caller is one of them. `recorded`: a recording reads it, too. A message counts while it
+    arrives.
     """
 
     kind: UplinkKind
@@ -21,6 +22,7 @@ class UplinkStream(Struct, frozen=True):
     bytes_per_s: Annotated[int, Meta(ge=0)] | None
     people: Annotated[int, Meta(ge=0)]
     yours: bool
+    recorded: bool
 
 
 class UplinkObject(Struct, frozen=True):

@@ -69,6 +69,12 @@ export const recording = {
   notStopped: (detail) => `Not stopped. ${detail ? because(detail) : "The server does not answer. Try again."}`,
 };
 
+function readersText(people, yours) {
+  if (people === 0) return "";
+  if (yours) return people === 1 ? "you" : `you and ${people - 1} more`;
+  return people === 1 ? "1 person" : `${people} people`;
+}
+
 export const uplink = {
   kinds: { camera: "Camera", topic: "Topic", video: "Snapshots and other video", rosbridge: "Services and the rest of rosbridge" },
   measuring: "Measuring",
@@ -77,11 +83,11 @@ export const uplink = {
   total: (rate) => `In all ${rate}.`,
   full: (rate) => `The robot's line is full: it carries about ${rate} of video and topics.`,
   failed: (detail) => `Not measured now. ${detail ? sentence(detail) : "The server does not answer."}`,
-  people: ({ people, yours }) => {
+  people: ({ people, yours, recorded }) => {
     if (people === null) return "";
-    if (people === 0) return "nobody now";
-    if (yours) return people === 1 ? "only you" : `you and ${people - 1} more`;
-    return people === 1 ? "1 person" : `${people} people`;
+    const readers = [readersText(people, yours), recorded && "the recording"].filter(Boolean);
+    const only = readers.length === 1 && (recorded || (yours && people === 1)) ? "only " : "";
+    return only + readers.join(" and ") || "nobody now";
   },
   off: "off on this page",
   offers: { off: "Switch off here", on: "Switch on" },

@@ -7,7 +7,7 @@ import { uplink as texts } from "../texts/panels.js";
 const EVERY_MS = 2000; // interval between two requests; the server measures over up to 5 s
 
 /**
- * @typedef {{kind: string, name: string, bytes_per_s: number | null, people: number | null, yours: boolean}} Stream
+ * @typedef {{kind: string, name: string, bytes_per_s: number | null, people: number | null, yours: boolean, recorded?: boolean}} Stream
  * @typedef {{off: Set<string>, has: (name: string) => boolean, switchTo: (name: string, on: boolean) => void,
  *   note?: (name: string) => string}} Switch `note`: what this page knows besides
  */
@@ -43,9 +43,10 @@ export function totalText(streams, line) {
 }
 
 // Of a stream that the server does not report only what this page does with it.
-function factsOf({ kind, name, bytes_per_s: bytes, people = null, yours, offers, note = "" }) {
+function factsOf({ kind, name, bytes_per_s: bytes, people = null, yours, recorded, offers, note = "" }) {
   const off = offers === "on" && texts.off;
-  return [name && (texts.kinds[kind] ?? kind), off, bytes !== undefined && rateText(bytes), texts.people({ people, yours }), note];
+  const readers = texts.people({ people, yours, recorded });
+  return [name && (texts.kinds[kind] ?? kind), off, bytes !== undefined && rateText(bytes), readers, note];
 }
 
 export class Uplink {

@@ -34,6 +34,18 @@ test("without an answer no number stays on the page", async () => {
   assert.deepEqual(facts(), ["Topic · ? B/s", "Camera · ? B/s", "? B/s"]);
 });
 
+test("what a recording reads is not said to be read by nobody", async () => {
+  const streams = [{ people: 0 }, { people: 0, recorded: true }, { people: 1, yours: true, recorded: true }].map((readers, i) => ({
+    ...CAMERA,
+    name: `/${i}`,
+    ...readers,
+  }));
+  answer = { ok: true, body: { streams: [MAP, ...streams], line_bytes_per_s: null } };
+  await list.renew();
+  const readers = facts().map((words) => words.split(" · ")[2]);
+  assert.deepEqual(readers, ["you and 1 more", "nobody now", "only the recording", "you and the recording"]);
+});
+
 test("a rate that is not measured makes the sum unknown, and a full line is said to be", () => {
   assert.equal(totalText([MAP, { ...CAMERA, bytes_per_s: null }], null), "In all ? B/s.");
   const full = "In all 118 KB/s. The robot's line is full: it carries about 120 KB/s of video and topics.";

@@ -58,9 +58,8 @@ class RateCounter:
         self.sources.remove(source)
 
     def user_ids(self) -> set[int]:
-        """Return who causes it; the recorder is nobody."""
-        user_ids = {user_id for source in self.sources for user_id in source.user_ids()}
-        return user_ids - {RECORDER.id}
+        """Return who causes it, the recorder included."""
+        return {user_id for source in self.sources for user_id in source.user_ids()}
 
     def bytes_per_s(self, now_s: float) -> int | None:
         """Sample it, and return the rate; None while it is not measured."""
@@ -129,8 +128,10 @@ class Uplink:
         streams = []
         for (kind, name), counter in self._counters.items():
             rate, user_ids = counter.bytes_per_s(self._clock()), counter.user_ids()
-            if rate or user_ids:
+            people = user_ids - {RECORDER.id}
+            if rate or people:
+                yours, recorded = user_id in people, people != user_ids
                 streams.append(
-                    UplinkStream(kind, name, rate, len(user_ids), yours=user_id in user_ids)
+                    UplinkStream(kind, name, rate, len(people), yours=yours, recorded=recorded)
                 )
         return streams

@@ -5,6 +5,7 @@ import struct
 
 import pytest
 from relay_server import ANN, BOB, until
+from robotether_server.db.fleet import RECORDER
 from robotether_server.relay.robots.uplink import LINE_RATE_KEPT_S, Uplink
 
 UPLINK = "/api/v1/robots/sim1/uplink"
@@ -60,7 +61,7 @@ async def test_cameras_and_snapshots_count_apart(*, relay, camera, watch, http, 
     assert (watched["name"], watched["people"], watched["yours"]) == ("/a", 1, False)
     assert watched["bytes_per_s"] > 0
     assert passed_on["bytes_per_s"] > 0
-    assert (passed_on["name"], passed_on["people"]) == ("", 0)
+    assert (passed_on["name"], passed_on["people"], passed_on["recorded"]) == ("", 0, False)
 
 
 @pytest.mark.parametrize(
@@ -92,6 +93,16 @@ async def test_a_rate_is_that_of_the_last_seconds():
         [stream] = await uplink.measured(1)
         assert stream.bytes_per_s == 0
     assert await uplink.measured(1) == []
+
+
+async def test_the_recorder_is_no_person_but_said_to_read():
+    now_s, received = 100.0, 0
+    uplink = Uplink(lambda: now_s)
+    with uplink.counted("topic", "/scan", lambda: received, lambda: {RECORDER.id}):
+        await uplink.measured(1)
+        now_s, received = now_s + 2, 1000
+        [stream] = await uplink.measured(1)
+    assert (stream.people, stream.yours, stream.recorded) == (0, False, True)
 
 
 async def test_what_the_kernel_does_not_say_is_not_measured():
