@@ -207,7 +207,7 @@ async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
     monkeypatch.setattr(topic_link, "time", SimpleNamespace(monotonic=lambda: now[0]))
     monkeypatch.setattr(topic_link, "asyncio", SimpleNamespace(sleep=pause))
     with pytest.raises(asyncio.CancelledError):
-        await BreakingLinks(None, 1024, b"").run(SharedTopic(sim1, TopicRequest("/odom")))
+        await BreakingLinks(None, None, 1024, b"").run(SharedTopic(sim1, TopicRequest("/odom")))
     assert paused == pauses
 
 
