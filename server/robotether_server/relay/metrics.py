@@ -13,7 +13,6 @@ from copy import copy
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
-from typing import Protocol
 
 from prometheus_client import (
     CollectorRegistry,
@@ -35,48 +34,18 @@ from robotether_server import __version__
 from robotether_server.backups import RECORD, age_s, last_backup
 from robotether_server.db.fleet import RelayRequest, Snapshot
 from robotether_server.disks import DATABASE_CURRENT_S, DATABASE_RECORD, DiskSpace, recorded_space
-from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.cells.cells import Cells
-from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.channels.events import FleetEvents
-from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
-from robotether_server.relay.channels.video.feeds import Feeds, FeedTraffic
-from robotether_server.relay.control.control import Control
+from robotether_server.relay.channels.video.feeds import FeedTraffic
 from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
-from robotether_server.relay.records.event_writer import EventWriter
-from robotether_server.relay.records.fleet import Fleet
 from robotether_server.relay.robot_metrics import write_robots
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_server import SessionServer
-from robotether_server.relay.routes.apps import Apps
-from robotether_server.relay.routes.routes import RouteRunner
 from robotether_server.times import BOUNDS_S
 
 # Maximum number of samples that are written at once, in some 3 ms.
 SAMPLES_IN_PART = 500
-
-
-class CountedParts(Protocol):
-    """The parts of a relay whose numbers are read when somebody asks."""
-
-    apps: Apps
-    cells: Cells
-    connections: Connections
-    control: Control
-    database: RelayDatabase
-    event_writer: EventWriter
-    feeds: Feeds
-    fleet: Fleet
-    fleet_events: FleetEvents
-    peers: Peers
-    recorder_handler: RecorderHandler
-    registry: SessionRegistry
-    routes: RouteRunner
-    sessions: SessionServer
-    shared_topics: SharedTopics
 
 
 class Metrics:
@@ -118,39 +87,15 @@ class Metrics:
             "health",
         )
 
-    def collect_parts(self, parts: CountedParts) -> None:
-        """Add what the relay's parts know of themselves, and what is known where they run."""
-        gauge, connections, registry = self._gauge, parts.connections, parts.registry
-        fleet, event_writer = parts.fleet, parts.event_writer
-        gauge("robots_online", "Robots with a session", registry.online_count)
-        gauge("media_links", "Robots' media connections", lambda: registry.count("media"))
-        gauge("shell_links", "Robots' shell connections", lambda: registry.count("shell"))
-        gauge("leases", "Robots that somebody drives", parts.control.leasing.count)
-        gauge("robots_stopped", "Robots that are stopped", parts.control.stops.count)
-        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
-        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
-        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
-        gauge("video_feeds", "Cameras that are watched", parts.feeds.count)
-        gauge("topics", "Topics that robots send", parts.shared_topics.count)
-        gauge("cells_connected", "Other cells that are connected", parts.peers.count)
-        gauge("robots_elsewhere", "Robots of other cells", parts.peers.robot_count)
-        gauge("routes", "Routes between robots and apps that run", parts.routes.count)
-        gauge("apps", "Web apps that are connected", parts.apps.count)
-        gauge("event_clients", "Clients of the live fleet", parts.fleet_events.subscriber_count)
-        gauge("recorders", "Recorders that are connected", parts.recorder_handler.count)
-        gauge("store_up", "1 when the database answers", lambda: fleet.store_up)
-        gauge("event_writer_waiting", "Entries not yet written", event_writer.waiting)
-        gauge("event_writer_dropped", "Entries given up", lambda: event_writer.dropped)
-        self.collect_feeds(parts.feeds.traffic)
-        self.collect_robots(fleet.state, registry)
-        self.collect_help_requests(fleet.known_help_requests)
-        self._registry.register(_Collector(lambda: [_logins(parts.sessions.logins)]))
-        self._registry.register(_Collector(partial(_read_database, parts.database)))
+    def collect_parts(self, sessions: SessionServer, database: RelayDatabase, cells: Cells) -> None:
+        """Add log-ins, the database, the disks, the backups, and which version runs in which cell."""
+        self._registry.register(_Collector(lambda: [_logins(sessions.logins)]))
+        self._registry.register(_Collector(partial(_read_database, database)))
         self.collect_disks(
-            lambda: parts.cells.disk, lambda: parts.cells.recordings_free, DATABASE_RECORD, RECORD
+            lambda: cells.disk, lambda: cells.recordings_free, DATABASE_RECORD, RECORD
         )
         self.collect_backups(RECORD)
-        self._collect_build(parts.cells.name)
+        self._collect_build(cells.name)
 
     def collect_feeds(self, traffic: FeedTraffic) -> None:
         """Add what feeds count."""
@@ -219,7 +164,8 @@ class Metrics:
         """Write all numbers at once."""
         return b"".join(self.parts())
 
-    def _gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
+    def gauge(self, name: str, meaning: str, read: Callable[[], float]) -> None:
+        """Add a number that is read when somebody asks."""
         gauge = Gauge(f"robotether_relay_{name}", meaning, registry=self._registry)
         gauge.set_function(read)
 

@@ -105,7 +105,7 @@ class Relay:
         self._make_channels(peer_keys)
         self._make_apps(peer_keys)
         self._notify()
-        self.metrics.collect_parts(self)
+        self._count()
         self.cells.count_recorders(self.recorder_handler.count)
 
     async def start(self) -> None:
@@ -356,3 +356,30 @@ class Relay:
         self.fleet.listen_to_help_requests(
             self.control.on_help_requests, self.fleet_events.on_help_requests
         )
+
+    def _count(self) -> None:
+        """Have the metrics read what the parts know of themselves."""
+        gauge, connections, registry = self.metrics.gauge, self.connections, self.registry
+        gauge("robots_online", "Robots with a session", registry.online_count)
+        gauge("media_links", "Robots' media connections", lambda: registry.count("media"))
+        gauge("shell_links", "Robots' shell connections", lambda: registry.count("shell"))
+        gauge("leases", "Robots that somebody drives", self.control.leasing.count)
+        gauge("robots_stopped", "Robots that are stopped", self.control.stops.count)
+        gauge("drivers", "Connections that drive", lambda: connections.count("drive"))
+        gauge("observers", "Connections that observe", lambda: connections.count("observe"))
+        gauge("video_streams", "Video answers under way", lambda: connections.count("video"))
+        gauge("video_feeds", "Cameras that are watched", self.feeds.count)
+        gauge("topics", "Topics that robots send", self.shared_topics.count)
+        gauge("cells_connected", "Other cells that are connected", self.peers.count)
+        gauge("robots_elsewhere", "Robots of other cells", self.peers.robot_count)
+        gauge("routes", "Routes between robots and apps that run", self.routes.count)
+        gauge("apps", "Web apps that are connected", self.apps.count)
+        gauge("event_clients", "Clients of the live fleet", self.fleet_events.subscriber_count)
+        gauge("recorders", "Recorders that are connected", self.recorder_handler.count)
+        gauge("store_up", "1 when the database answers", lambda: self.fleet.store_up)
+        gauge("event_writer_waiting", "Entries not yet written", self.event_writer.waiting)
+        gauge("event_writer_dropped", "Entries given up", lambda: self.event_writer.dropped)
+        self.metrics.collect_feeds(self.feeds.traffic)
+        self.metrics.collect_robots(self.fleet.state, registry)
+        self.metrics.collect_help_requests(self.fleet.known_help_requests)
+        self.metrics.collect_parts(self.sessions, self.database, self.cells)

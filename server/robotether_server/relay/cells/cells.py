@@ -44,6 +44,9 @@ class Cells:
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:
         self._settings = settings
+        self.name = settings.name
+        # Whether this cell has an address for the others.
+        self.is_reachable = settings.peer_address is not None
         self._database = database
         self._robots = robots
         self._region_of = region_of
@@ -71,16 +74,6 @@ class Cells:
             else:
                 self._disk = asyncio.get_running_loop().time(), space
             await asyncio.sleep(DISK_EVERY_S)
-
-    @property
-    def name(self) -> str:
-        """This cell's name."""
-        return self._settings.name
-
-    @property
-    def is_reachable(self) -> bool:
-        """Whether this cell has an address for the others."""
-        return self._settings.peer_address is not None
 
     @property
     def draining(self) -> bool:

@@ -19,6 +19,7 @@ from typing import Any, Protocol
 import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import Struct
+from msgspec.structs import asdict
 
 from robotether_server.contract.robots import LiveState
 from robotether_server.db.fleet import Snapshot
@@ -119,14 +120,7 @@ class RecorderConnection:
         report = change.seen
         if change.robot_id not in self._followed or report is None:
             return
-        members = {
-            "fence": report.fence,
-            "ages_ms": report.ages_ms,
-            "slowed_s": report.slowed_s,
-            "max_speed_m_s": report.max_speed_m_s,
-            "max_turn_rad_s": report.max_turn_rad_s,
-        }
-        self._send(change.robot_id, "seen_ages", stamped(members))
+        self._send(change.robot_id, "seen_ages", stamped(asdict(report)))
 
     async def next_texts(self, timeout_s: float) -> list[bytes]:
         """Wait until something is to be sent, at most `timeout_s`, and take it."""

@@ -93,6 +93,7 @@ class FramesSession(OperatorConnection):
         super().__init__(permit.robot.name)
         self._socket = socket
         self._permit = permit
+        self.is_recorder, self.may_drive = permit.user.id == RECORDER.id, permit.may_drive
         self._camera = camera
         self._context = context
         self._limits = limits
@@ -108,16 +109,6 @@ class FramesSession(OperatorConnection):
         self._blocked = asyncio.Event()
         # From the first stream request on, which says what the viewer decodes.
         self._place: ViewerPlace | None = None
-
-    @property
-    def is_recorder(self) -> bool:
-        """Whether it is the stack's recorder."""
-        return self._permit.user.id == RECORDER.id
-
-    @property
-    def may_drive(self) -> bool:
-        """Whether the user may drive the robot."""
-        return self._permit.may_drive
 
     def user_ids(self) -> tuple[int]:
         """Return whose it is."""
@@ -191,9 +182,7 @@ class FramesSession(OperatorConnection):
         elif operation == "stream_request":
             request = parse_stream_request(message)
             # An observer takes no rate from a driver.
-            self.stream_request = (
-                request if self._permit.may_drive else replace(request, prefers=None)
-            )
+            self.stream_request = request if self.may_drive else replace(request, prefers=None)
             self._follow()
             if self._place is not None:
                 self._place.feed.due.set()
