@@ -106,7 +106,7 @@ class Relay:
         self._make_apps(peer_keys)
         self._notify()
         self._count()
-        self.cells.count_recorders(self.recorder_handler.count)
+        self.cells.count_recorders = self.recorder_handler.count
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
@@ -323,8 +323,9 @@ class Relay:
 
     def _notify(self) -> None:
         """Say who is notified of what, in which order."""
-        self.event_writer.listen(self.head_signer.on_written)
-        self.fleet.restore_into(self.registry.remember, self.control.remember)
+        self.event_writer.on_written = self.head_signer.on_written
+        self.fleet.restore_last_seen = self.registry.remember
+        self.fleet.restore_control = self.control.remember
         # Operators first: they must be notified that their right ended, and not that a link was lost.
         self.fleet.listen(
             self.connections.on_snapshot,
@@ -333,8 +334,8 @@ class Relay:
             self.registry.on_snapshot,
             self.fleet_events.on_snapshot,
         )
-        self.fleet.hand_routes_to(self.routes.on_routes)
-        self.apps.listen(self.routes.update)
+        self.fleet.on_routes = self.routes.on_routes
+        self.apps.on_change = self.routes.update
         # First those whose link is lost or whose robot is stopped, then those who watch, then the records.
         self.registry.listen(
             self.connections.on_robot_change,
@@ -353,8 +354,9 @@ class Relay:
         self.peers.listen(self.fleet_events.changed)
         self.peers.listen(self.forwarded_observers.on_peer_robot)
         self.cells.listen(self.sessions.on_cells)
-        self.fleet.listen_to_help_requests(
-            self.control.on_help_requests, self.fleet_events.on_help_requests
+        self.fleet.help_listeners = (
+            self.control.on_help_requests,
+            self.fleet_events.on_help_requests,
         )
 
     def _count(self) -> None:

@@ -56,13 +56,10 @@ class Cells:
         self._cells: Mapping[str, Cell] = {}
         self._problem: str | None = None
         self._settled_at = self._read_at = 0.0
-        self._recorders: Callable[[], int] | None = None
+        # Counts the recorders that are connected, for each heartbeat.
+        self.count_recorders: Callable[[], int] | None = None
         # When it was read, and what it said.
         self._disk: tuple[float, DiskSpace] | None = None
-
-    def count_recorders(self, count: Callable[[], int]) -> None:
-        """Say with each heartbeat how many recorders are connected."""
-        self._recorders = count
 
     async def watch_disk(self, folder: Path | None) -> None:
         """Say with each heartbeat how full the file system of the folder is, for ever; nothing without a folder."""
@@ -186,7 +183,9 @@ class Cells:
 
     def _counts(self) -> CellCounts:
         free = None if self.disk is None else self.disk.free_part
-        return CellCounts(self._robots(), free, self._recorders() if self._recorders else None)
+        return CellCounts(
+            self._robots(), free, self.count_recorders() if self.count_recorders else None
+        )
 
     def _update(self, site_cells: Mapping[str, Cell]) -> None:
         self._read_at = asyncio.get_running_loop().time()

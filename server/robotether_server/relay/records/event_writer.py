@@ -55,11 +55,8 @@ class EventWriter:
         self.dropped = 0
         # By robot: how many lines of the audit log were dropped, and when the first and the last of them happened.
         self._lost_lines: dict[str | None, tuple[int, datetime, datetime]] = {}
-        self._on_written: Callable[[Sequence[Entry]], None] = lambda _: None
-
-    def listen(self, on_written: Callable[[Sequence[Entry]], None]) -> None:
-        """Call this with entries that the database has."""
-        self._on_written = on_written
+        # Is called with entries that the database has.
+        self.on_written: Callable[[Sequence[Entry]], None] = lambda _: None
 
     def restore(self) -> tuple[list[StopEntry], list[RouteEnd]]:
         """Write what the relay before this one did not; return the stops and the ends of routes, to be taken over.
@@ -159,7 +156,7 @@ class EventWriter:
     async def _write_together(self, batch: Sequence[Entry]) -> None:
         for position, row_id in (await self._database.write(batch)).items():
             _set_row(batch[position], row_id)
-        self._on_written(batch)
+        self.on_written(batch)
 
     async def _write_alone(self, entry: Entry) -> None:
         try:

@@ -54,10 +54,13 @@ class Fleet:
         self._database = database
         self._credentials = credentials
         self._listeners: list[Callable[[Snapshot], None]] = []
-        self._help_listeners: tuple[HelpListener, ...] = ()
-        self._on_routes: Callable[[Sequence[RelayRoute]], None] = _ignore
-        self._restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
-        self._restore_control: Callable[[StoredControl], None] = _ignore
+        # Are notified of robots' open requests for help, at each poll; must not block.
+        self.help_listeners: tuple[HelpListener, ...] = ()
+        # Gets the routes that last, after each poll; robots and rights are then no older.
+        self.on_routes: Callable[[Sequence[RelayRoute]], None] = _ignore
+        # Get what outlived the relay before this one, before anybody is served.
+        self.restore_last_seen: Callable[[list[LastSeen]], None] = _ignore
+        self.restore_control: Callable[[StoredControl], None] = _ignore
         self._poll_every_s = poll_every_s
         self._snapshot: Snapshot | None = None
         self._changes: Changes | None = None
@@ -70,23 +73,6 @@ class Fleet:
     def listen(self, *listeners: Callable[[Snapshot], None]) -> None:
         """Notify these, in order, when robots or rights changed; they must not block."""
         self._listeners.extend(listeners)
-
-    def listen_to_help_requests(self, *listeners: HelpListener) -> None:
-        """Notify these of robots' open requests for help, at each poll; they must not block."""
-        self._help_listeners = listeners
-
-    def hand_routes_to(self, listener: Callable[[Sequence[RelayRoute]], None]) -> None:
-        """Hand this the routes that last, after each poll; robots and rights are then no older."""
-        self._on_routes = listener
-
-    def restore_into(
-        self,
-        last_seen: Callable[[list[LastSeen]], None],
-        control: Callable[[StoredControl], None],
-    ) -> None:
-        """Hand these what outlived the relay before this one, before anybody is served."""
-        self._restore_last_seen = last_seen
-        self._restore_control = control
 
     def snapshot(self) -> Snapshot:
         """The last snapshot; StoreUnavailableError as long as there has never been one."""
@@ -140,7 +126,7 @@ class Fleet:
             self._snapshot = await self._database.load()
             for listener in self._listeners:
                 listener(self._snapshot)
-        self._on_routes(now.routes)
+        self.on_routes(now.routes)
         time = asyncio.get_running_loop().time()
         changed = before is None or before.credentials != now.credentials
         if changed or time - self._rechecked_at > RECHECK_EVERY_S:
@@ -155,13 +141,13 @@ class Fleet:
         self._notify_of_help(self._help_requests)
 
     def _notify_of_help(self, requests: Sequence[RelayRequest] | None) -> None:
-        for listener in self._help_listeners:
+        for listener in self.help_listeners:
             listener(requests)
 
     async def _restore(self) -> None:
-        self._restore_last_seen(await self._database.last_seen())
+        self.restore_last_seen(await self._database.last_seen())
         # A robot that is stopped stays so, and numbers go on.
-        self._restore_control(await self._database.stored_control())
+        self.restore_control(await self._database.stored_control())
 
     def _set_store_up(self, up: bool, why: str = "") -> None:
         if up and not self.store_up:

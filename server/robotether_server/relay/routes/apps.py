@@ -323,11 +323,8 @@ class Apps:
         self._apps: dict[AppKey, App] = {}
         # By user.
         self._quotas: dict[int, AppQuota] = {}
-        self._listener: Callable[[], None] = lambda: None
-
-    def listen(self, listener: Callable[[], None]) -> None:
-        """Notify this when an app came or left."""
-        self._listener = listener
+        # Is called when an app came or left.
+        self.on_change: Callable[[], None] = lambda: None
 
     def count(self) -> int:
         """How many apps there are."""
@@ -371,11 +368,11 @@ class Apps:
         try:
             with self._credentials.held(credential_in(ticket), partial(app.end, ended)):
                 await socket.open(request)
-                self._listener()
+                self.on_change()
                 close_reason = await self._run(app, ticket.user)
         finally:
             del self._apps[key]
-            self._listener()
+            self.on_change()
         await socket.finish(close_reason)
         return socket
 

@@ -96,7 +96,7 @@ async def test_disk_and_recorders_are_said_while_they_are_known(
 ):
     await cells.poll()
     assert memory_database.cells["a"].disk_free is memory_database.cells["a"].recorders is None
-    cells.count_recorders(lambda: 1)
+    cells.count_recorders = lambda: 1
     watch = asyncio.create_task(cells.watch_disk(tmp_path))
     try:
         async with asyncio.timeout(WAIT_S):

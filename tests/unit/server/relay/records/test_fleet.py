@@ -42,7 +42,8 @@ async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_dat
 
 async def test_the_past_is_read_once(fleet, memory_database):
     restored = []
-    fleet.restore_into(restored.append, lambda _: restored.append("control"))
+    fleet.restore_last_seen = restored.append
+    fleet.restore_control = lambda _: restored.append("control")
     memory_database.seen = [(7, utc(2026, 1, 1), None)]
     await fleet.poll()
     memory_database.add_robot(8, "sim2")
