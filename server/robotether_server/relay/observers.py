@@ -15,12 +15,12 @@ from robotether_common.session import HelpCall
 
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, HelpEntry, SessionEntry, Snapshot
-from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.event_writer import EventWriter
+from robotether_server.relay.robots.drive_log import DriveLog
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import Change, RecordedDrive, Robot
+from robotether_server.relay.robots.robot import Change, Robot
 from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
@@ -184,7 +184,7 @@ class RelayObserver:
         return robot.name if robot is not None else str(robot_id)
 
 
-def _accepts_reports(drive: RecordedDrive) -> bool:
+def _accepts_reports(drive: DriveLog) -> bool:
     """Return whether what a guard reports now may belong to the drive."""
     return drive.ended_s is None or time.monotonic() - drive.ended_s <= GUARD_REPORTS_WITHIN_S
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections import Counter
 from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -24,12 +23,12 @@ from robotether_common.session import (
 )
 
 from robotether_server.db.cells import SshAddresses
-from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import HelpEntry, SessionEntry
 from robotether_server.relay.http.timing import RateLimiter, RobotClock
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.robots.delivered_frames import DeliveredFrames
 from robotether_server.relay.robots.demand import Demand
+from robotether_server.relay.robots.drive_log import CameraCounts, DriveLog, ViewerStats
 from robotether_server.relay.robots.lease import Lease
 from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.robot_stops import RobotStops
@@ -40,7 +39,6 @@ from robotether_server.relay.robots.session_messages import (
     SeenReport,
 )
 from robotether_server.relay.robots.uplink import Uplink
-from robotether_server.relay.robots.viewer_stats import CameraCounts, ViewerStats
 
 
 class Link(Protocol):
@@ -156,23 +154,6 @@ TOPIC_OPENS_PER_S, TOPIC_OPENS_AT_ONCE = 10.0, 64
 HELP_CALLS_PER_S, HELP_CALLS_AT_ONCE = 1.0, 12
 
 
-class RecordedDrive(Protocol):
-    """One drive with its record, as a robot holds it; `drive_path` makes it."""
-
-    @property
-    def ended_s(self) -> float | None:
-        """When it ended, by the monotonic clock; None: it goes on."""
-
-    def refused_by_guard(self, counts: Counter[str]) -> None:
-        """The guard refused messages of this drive."""
-
-    def on_seen(self, report: SeenReport) -> None:
-        """The guard reported what a driver saw, perhaps that of this drive."""
-
-    def written(self) -> DriveEntry:
-        """Return the record as it is now."""
-
-
 class Robot:
     """One robot. `always_needed`: its ports are published, and anybody may connect to them at any time."""
 
@@ -212,7 +193,7 @@ class Robot:
         self.expected_heads = 0
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
-        self.newest_drive: RecordedDrive | None = None
+        self.newest_drive: DriveLog | None = None
         # What it asked for last, by source: while it waits for the database, a newer call takes its place.
         self.help_entries: dict[HelpSource, HelpEntry] = {}
         self.help_limiter = RateLimiter(

@@ -12,9 +12,9 @@ from robotether_common.session import ByeCode
 from robotether_server import problems
 from robotether_server.api.description import PROBLEMS
 from robotether_server.contract.codes import CLOSE_CODES, DRIVE_ENDS, REFUSALS, SESSION_ENDS
-from robotether_server.relay.channels.rosbridge.drive_path import GUARD
 from robotether_server.relay.channels.rosbridge.message_validator import Kind
 from robotether_server.relay.http import close_reasons
+from robotether_server.relay.robots.drive_log import GUARD
 
 ROOT = Path(__file__).resolve().parents[4]
 SCRIPTS = Path(robotether_server.__file__).parents[1] / "frontend" / "src"

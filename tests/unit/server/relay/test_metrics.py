@@ -15,9 +15,9 @@ from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedKey, FeedTraffic
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.robot_metrics import SERIES_OF_ROBOT
+from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
-from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 
 @pytest.fixture

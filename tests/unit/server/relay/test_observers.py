@@ -12,13 +12,13 @@ from robotether_common.session import HelpCall
 from robotether_server.db.control import DriveEntry
 from robotether_server.db.fleet import AuditEntry, HelpEntry, SessionEntry, Snapshot
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.rosbridge.drive_path import DriveLog
 from robotether_server.relay.channels.rosbridge.handler import ConnectionReport
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.observers import RelayObserver, new_refusals
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.drive_log import DriveLog
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import (
     HELP_CALLS_AT_ONCE,

@@ -29,9 +29,7 @@ from robotether_server.relay.channels.rosbridge.bridge import (
 )
 from robotether_server.relay.channels.rosbridge.drive_path import (
     CommandReport,
-    DriveCounters,
     DriveLease,
-    DriveLog,
 )
 from robotether_server.relay.channels.rosbridge.forwarded_topics import ForwardedTopics, key_of
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
@@ -53,6 +51,7 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.http.timing import LivenessLimits
 from robotether_server.relay.robots.connection import Connection
+from robotether_server.relay.robots.drive_log import DriveCounters, DriveLog
 from robotether_server.relay.robots.lease import Driver
 from robotether_server.relay.robots.recorders import Recorders
 from robotether_server.relay.robots.session_messages import SeenReport

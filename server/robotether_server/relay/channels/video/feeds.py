@@ -38,9 +38,9 @@ from robotether_server.relay.channels.video.held_frames import HeldFrames
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.timing import TimeHistogram
+from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.shared_copies import CopyUser, SharedCopies, SharedCopy
-from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 log = logging.getLogger(__name__)
 

@@ -1,6 +1,6 @@
 """The counts of frames that users got."""
 
-from robotether_server.relay.robots.viewer_stats import ViewerStats
+from robotether_server.relay.robots.drive_log import ViewerStats
 from validators import Clock
 
 

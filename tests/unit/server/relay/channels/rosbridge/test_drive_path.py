@@ -14,20 +14,22 @@ from relay_clients import PUBLISH
 from relay_server import IMPATIENT, until, utc
 from robotether_server.db.control import DriveEntry
 from robotether_server.relay.channels.rosbridge.drive_path import (
-    LATENCY_STEP,
-    MAX_LATENCY_MS,
     MAX_PINGS_OPEN,
-    MIN_LATENCY_MS,
     CommandTimestamps,
-    DriveCounters,
     DriveLease,
-    DriveLog,
     DrivePath,
-    LatencyHistogram,
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.robots.drive_log import (
+    LATENCY_STEP,
+    MAX_LATENCY_MS,
+    MIN_LATENCY_MS,
+    DriveCounters,
+    DriveLog,
+    LatencyHistogram,
+    ViewerCounts,
+)
 from robotether_server.relay.robots.robot import SeenReport
-from robotether_server.relay.robots.viewer_stats import ViewerCounts
 from robotether_server.settings.robot import DEFAULTS
 from stopwatch import Stopwatch
 

@@ -17,8 +17,8 @@ from robotether_server.relay.channels.video.frame_protocol import SenderClock
 from robotether_server.relay.channels.video.held_frames import MAX_HELD
 from robotether_server.relay.channels.video.viewers import ViewerPlace
 from robotether_server.relay.http import close_reasons
+from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.viewer_stats import CameraCounts
 
 JPEG = b"\xff\xd8\xff\xd9"
 

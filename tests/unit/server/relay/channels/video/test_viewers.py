@@ -12,7 +12,7 @@ from robotether_server.relay.channels.video.feeds import Feed, FeedKey, FeedTraf
 from robotether_server.relay.channels.video.frame_protocol import Frame, SenderClock
 from robotether_server.relay.channels.video.held_frames import MAX_HELD, MAX_HELD_BYTES, HeldFrames
 from robotether_server.relay.channels.video.viewers import Cursor
-from robotether_server.relay.robots.viewer_stats import CameraCounts
+from robotether_server.relay.robots.drive_log import CameraCounts
 
 
 class Watcher:
