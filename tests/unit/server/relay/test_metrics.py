@@ -5,16 +5,13 @@ import time
 from types import SimpleNamespace
 
 import pytest
-from prometheus_client.parser import text_string_to_metric_families
 from robotether_common.frames import VideoStatus
-from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
 from robotether_common.session import Battery
 from robotether_server.db.fleet import RelayRequest, RelayRobot, Snapshot
 from robotether_server.disks import read_space
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.video.feeds import CodecTraffic, Feed, FeedKey, FeedTraffic
+from robotether_server.relay.channels.video.feeds import Feed, FeedKey, FeedTraffic
 from robotether_server.relay.metrics import Metrics
-from robotether_server.relay.robot_metrics import SERIES_OF_ROBOT
 from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport, Presence
@@ -32,15 +29,6 @@ def metrics(traffic):
 
 def lines(metrics):
     return metrics.render().decode().splitlines()
-
-
-def test_frames_are_read_when_somebody_asks(metrics):
-    traffic = FeedTraffic()
-    metrics.collect_feeds(traffic)
-    traffic.by_codec["h264"] = CodecTraffic(3, 300, 7, 700)
-    shown = lines(metrics)
-    assert 'robotether_relay_frames_total{codec="h264",to="relay"} 3.0' in shown
-    assert 'robotether_relay_frame_bytes_total{codec="h264",to="client"} 700.0' in shown
 
 
 def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(metrics, tmp_path):
@@ -99,19 +87,6 @@ def test_requests_for_help_are_counted_and_absent_where_they_are_unknown(metrics
     assert samples() == []
 
 
-def test_times_are_counted_by_the_bounds_that_alerts_use(metrics, traffic):
-    for age_s in (0.2, 0.21, 7.0):
-        traffic.command_ages.add(age_s)
-    metrics.count_seen([100.0, None, 250.0])
-    shown = lines(metrics)
-    prefix = "robotether_relay_command_age_seconds"
-    assert f'{prefix}_bucket{{le="0.2"}} 1.0' in shown
-    assert f'{prefix}_bucket{{le="+Inf"}} 3.0' in shown
-    assert f"{prefix}_sum 7.41" in shown
-    assert "robotether_relay_seen_age_seconds_count 2.0" in shown
-    assert "robotether_relay_seen_age_unknown_total 1.0" in shown
-
-
 async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
     """A robot that is offline has no old numbers, one that reports nothing has no zeros."""
     registry = SessionRegistry()
@@ -133,8 +108,7 @@ async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
     registry.ensure_robot(3).presence = Presence(online=True)
     for camera, encoder in {"/a": "libx264", "/b": "libx264"}.items():
         watch(registry.ensure_robot(1), camera, encoder)
-    for camera, encoder in {"/a": "libx264", "/b": None}.items():
-        watch(registry.ensure_robot(3), camera, encoder)
+    watch(registry.ensure_robot(3), "/a", 'a robot may report any text"\n')
     assert [line for line in lines(metrics) if line.startswith("robotether_robot")] == [
         'robotether_robot_up{robot="here"} 1.0',
         'robotether_robot_up{robot="gone"} 0.0',
@@ -151,7 +125,7 @@ async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
         'robotether_robot_frame_bytes_total{robot="here"} 90000.0',
         'robotether_robot_frame_bytes_total{robot="new"} 0.0',
         'robotether_robot_encoder_info{robot="here",encoder="libx264"} 1.0',
-        'robotether_robot_encoder_info{robot="new",encoder="several"} 1.0',
+        'robotether_robot_encoder_info{robot="new",encoder="other"} 1.0',
     ]
 
 
@@ -160,26 +134,3 @@ def watch(robot, camera, encoder):
     feed = Feed(SimpleNamespace(id=robot.id), key, FeedTraffic(), robot.camera_counts)
     feed.status = VideoStatus("live", encoder=encoder)
     robot.feeds[key] = feed
-
-
-async def test_a_robot_has_so_many_series_whatever_it_reports(metrics):
-    """A thousand robots report every number, and an encoder that nobody knows."""
-    registry = SessionRegistry()
-    rows = {number: RelayRobot(number, f"r{number}", "active", 1, 2) for number in range(1000)}
-    report = GuardReport(
-        "ready",
-        refused=tuple((kind, 1) for kind in REFUSED_KINDS),
-        stops=tuple((cause, 1) for cause in STOP_CAUSES),
-    )
-    for number in rows:
-        robot = registry.ensure_robot(number)
-        robot.presence = Presence(
-            online=True, rtt_ms=1.5, battery=Battery(80, False), guard_mode="on", report=report
-        )
-        watch(robot, "/a", f'{number}"\n')
-    metrics.collect_robots(lambda: Snapshot(rows, {}), registry)
-    families = list(text_string_to_metric_families(metrics.render().decode()))
-    samples = [sample for family in families for sample in family.samples]
-    of_robots = [sample for sample in samples if "robot" in sample.labels]
-    assert len(of_robots) == SERIES_OF_ROBOT * len(rows)
-    assert {sample.labels.get("encoder") for sample in of_robots} == {None, "other"}
