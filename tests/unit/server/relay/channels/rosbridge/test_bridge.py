@@ -12,7 +12,6 @@ from relay_server import BOB, IMPATIENT, MESSAGE_LIMIT, until
 from robotether_server.relay.channels.rosbridge import bridge
 from robotether_server.relay.channels.rosbridge.message_validator import STOP
 from robotether_server.relay.http import close_reasons, event_loop
-from robotether_server.relay.http.sockets import RobotSocket
 from stopwatch import Stopwatch
 
 
@@ -159,29 +158,6 @@ async def test_others_have_a_turn_between_what_comes_at_once(robot, monkeypatch,
             client._req.transport.write(b"\x81\x02{}" * 2000)
         await until(lambda: len(seen) >= 2000, "all have come")
     assert len(set(seen)) > 10
-
-
-async def test_a_robots_ping_is_answered(robot, monkeypatch, ros):
-    pongs, pong = [], RobotSocket.pong
-    monkeypatch.setattr(
-        RobotSocket, "pong", lambda socket, payload: pongs.append(payload) or pong(socket, payload)
-    )
-    async with ros("observe", BOB) as socket:
-        await until(lambda: robot.clients, "the operator has reached rosbridge")
-        for client in robot.clients:
-            await client.ping(b"hello")
-            await client.pong(b"unasked")
-        await robot.send_to_clients(b"{}")
-        assert await socket.receive_str(timeout=WAIT_S) == "{}"
-    assert pongs == [b"hello"]
-
-
-async def test_a_clients_own_ping_is_answered(robot, ros):
-    async with ros(autoping=False) as socket:
-        await socket.ping(b"hello")
-        while (message := await socket.receive(timeout=WAIT_S)).type is WSMsgType.PING:
-            pass
-        assert (message.type, message.data) == (WSMsgType.PONG, b"hello")
 
 
 @pytest.mark.parametrize("timing", [IMPATIENT])

@@ -1,78 +1,14 @@
 """Who is connected to a robot's rosbridge, and how the robot is reached."""
 
 import asyncio
-import time
 from dataclasses import replace
-from datetime import timedelta
 
 import pytest
 from relay_clients import closing
 from relay_server import ANN, FAST, running_relay, until
-from robotether_server.db.cells import Cell
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
-from robotether_server.times import utc_now
 from stopwatch import Stopwatch
-
-
-async def refusal(http, url, **headers):
-    upgrade = {
-        "Upgrade": "websocket",
-        "Connection": "Upgrade",
-        "Sec-WebSocket-Version": "13",
-        "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
-    }
-    async with http.get(url, headers=upgrade | headers) as answer:
-        assert answer.content_type == "application/problem+json"
-        problem = await answer.json()
-        assert problem["status"] == answer.status
-        return answer.status, problem["code"]
-
-
-async def test_tickets_that_open_nothing(*, relay, robot, sim1, http, memory_database, monkeypatch):
-    other = memory_database.add_robot(8, "sim2", u1="observe")
-    hidden = memory_database.add_robot(9, "sim3")
-    await until(lambda: 9 in relay.relay.fleet.state().robots, "the relay knows all robots")
-    good, foreign = relay.ticket(sim1), relay.ticket(other, "observe")
-    forged = good[:-3] + ("AAA" if not good.endswith("AAA") else "BBB")
-    for name, ticket, expected in (
-        ("sim1", None, (401, "ticket_missing")),
-        ("sim1", "rubbish", (401, "ticket_malformed")),
-        ("sim1", forged, (401, "ticket_forged")),
-        ("sim1", foreign, (401, "ticket_foreign")),
-        ("nosuch", good, (404, "robot_unknown")),
-        ("sim3", relay.ticket(hidden), (404, "robot_unknown")),
-        ("sim2", relay.ticket(other, "drive"), (403, "grant_missing")),
-    ):
-        query = "" if ticket is None else f"?ticket={ticket}"
-        assert await refusal(http, f"{relay.url}/robots/{name}/ros{query}") == expected
-    later = time.time() + 31
-    monkeypatch.setattr("itsdangerous.timed.time.time", lambda: later)
-    url = f"{relay.url}/robots/sim1/ros?ticket={good}"
-    assert await refusal(http, url) == (401, "ticket_expired")
-    assert robot.clients_ever == 0
-
-
-@pytest.mark.parametrize("is_older", [True, False])
-async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
-    *, relay, start_robot, sim1, http, memory_database, is_older, ros
-):
-    """The other cell may have used it; a clock that was set back makes no new ticket one of before."""
-    memory_database.cells["b"] = Cell(
-        "b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 0, False, True
-    )
-    await until(relay.relay.cells.peers, "the other cell is known")
-    registry = relay.relay.registry
-    if is_older:
-        registry._monotonic = lambda: time.monotonic() + 5
-    else:
-        registry._clock = lambda: utc_now() + timedelta(hours=1)
-    robot = await start_robot(relay)
-    if is_older:
-        assert await refusal(http, relay.ros_url(sim1)) == (401, "ticket_expired")
-    else:
-        async with ros():
-            await until(lambda: robot.clients, "the operator has reached rosbridge")
 
 
 async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connected(

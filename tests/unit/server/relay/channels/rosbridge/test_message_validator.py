@@ -1,32 +1,14 @@
 """Which operations pass for which level, and what of them, and nothing beside in any spelling."""
 
 import json
-import math
 import re
 
 import pytest
 from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp, stamped
-from robotether_server.relay.channels.rosbridge.message_validator import status_error
 from robotether_server.relay.channels.rosbridge.operations import (
-    OPERATIONS,
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
 from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
-
-
-def test_each_operation_has_an_example():
-    """So what each level sends holds for all."""
-    examples = {name_of(message) for message in OBSERVING + DRIVING + MANAGING}
-    assert examples == {name for name, entry in OPERATIONS.items() if not entry.own}
-
-
-def test_the_policy_says_which_names():
-    """What it does not name, the test with random names of hidden operations holds."""
-    policy = {"observe": {"subscribe": ["/camera/*"]}, "drive": {"call": ["/dock", "/arm/*"]}}
-    sent({"op": "subscribe", "topic": "/camera/a/b"}, validator("observe", {"policy": policy}))
-    for name in ("/dock", "/arm/up"):
-        sent({"op": "call_service", "service": name}, validator("drive", {"policy": policy}))
-        sent({"op": "send_action_goal", "action": name}, validator("drive", {"policy": policy}))
 
 
 def test_look_ups_write_nothing():
@@ -53,31 +35,6 @@ def test_a_level_sends_what_it_may_and_no_more(level, passing, refused_messages,
         assert why in str(answer["msg"])
 
 
-@pytest.mark.parametrize(
-    "name",
-    ["", "/", "~pose", "~/pose", "/a//b", "//a", "/a/", "/a b", "/a\n", "/a/../b", "/ä", "/a#1",
-     "/" + "a" * 255, 7, None, ["/a"], {"a": 1}, "/a\x00", "{ns}/a", "/a/~b"],
-)  # fmt: skip
-def test_no_other_spelling_of_a_name_passes(name):
-    """The robot could read another name in it; so says the refusal."""
-    for level in ("observe", "manage"):
-        kind, answer = refused({"op": "subscribe", "topic": name}, validator(level))
-        assert kind == "shape"
-        assert "its field topic is not a full name" in str(answer["msg"])
-
-
-@pytest.mark.parametrize(
-    "operation", ["fragment", "png", "auth", "unheard_of", "Publish", "", None, 7, ["publish"]]
-)
-@pytest.mark.parametrize("level", ["observe", "drive", "manage"])
-def test_nobody_sends_an_unknown_operation(operation, level):
-    kind, answer = refused(
-        {"op": operation, "id": 3, "data": '{"op": "publish"}'}, validator(level)
-    )
-    assert (kind, answer["id"]) == ("operation", 3)
-    assert str(answer["msg"]).startswith("cannot pass ")
-
-
 @pytest.mark.parametrize("message", OBSERVING + DRIVING + MANAGING, ids=name_of)
 def test_a_field_of_another_type_is_named(message):
     for name in message.keys() - {"op"}:
@@ -85,18 +42,8 @@ def test_a_field_of_another_type_is_named(message):
         kind, answer = refused({**message, name: wrong}, validator("manage"))
         assert kind == "shape"
         assert str(answer["msg"]).startswith(f"cannot pass {message['op']}: its field {name} ")
-
-
-@pytest.mark.parametrize(
-    "operation", [name for name, entry in OPERATIONS.items() if entry.named_by is not None]
-)
-def test_the_field_that_says_what_is_needed(operation):
-    assert refused({"op": operation}, validator("manage"))[0] == "shape"
-
-
-def test_a_field_that_is_null_counts_as_absent():
-    message = {"op": "subscribe", "topic": "/pose", "type": None, "compression": None}
-    assert sent(message, validator()) == {"op": "subscribe", "topic": "/pose"}
+    for operation in (None, 7, ["publish"], "fragment"):
+        assert refused({**message, "op": operation}, validator("manage"))[0] == "operation"
 
 
 LOOK_UPS = {
@@ -120,27 +67,6 @@ def test_who_may_call_nothing_calls_look_ups(level):
         assert refused(message, validator(level))[0] == "service"
 
 
-def test_a_look_up_takes_plain_values():
-    """An observer sends no object inside another, in which an operation might hide."""
-    for args in ({"a": {}}, [[]], {"op": "publish"}, [{"op": "publish"}]):
-        message = {"op": "call_service", "service": "/rosapi/topics", "args": args}
-        assert refused(message, validator())[0] == "shape"
-        assert sent(message, validator("manage")) == message
-
-
-def test_our_own_operations_go_no_further():
-    own = {"op": "robotether.clock_sync", "t_ms": 81.0, "key": "k"}
-    clock_sync = check({**own, "x": 1}, validator())
-    assert (clock_sync.data, clock_sync.drive, clock_sync.own) == (b"", None, own)
-    for field, values in {
-        "key": (1, ["k"], "k" * 1025),
-        "t_ms": ("81", True, 1e300, [1]),
-    }.items():
-        for value in values:
-            assert refused({**own, field: value}, validator())[0] == "shape"
-    assert refused({"op": "robotether.control"}, validator("manage"))[0] == "operation"
-
-
 def test_a_drive_command_is_recognised():
     message = {
         "op": "publish",
@@ -158,21 +84,3 @@ def test_a_drive_command_is_recognised():
         "topic": "/left/cmd_vel",
         "robotether": {"t_ms": 81.25, "fence": 13},
     }
-
-
-@pytest.mark.parametrize(
-    ("msg", "reason"),
-    [({"data": "x"}, "is neither a Twist"), ({"linear": {"x": "1"}}, "not a finite number")],
-)
-def test_a_drive_topic_takes_commands_only(msg, reason):
-    for level in ("drive", "manage"):
-        kind, answer = refused({"op": "publish", "topic": "/cmd_vel", "msg": msg}, validator(level))
-        assert kind == "shape"
-        assert reason in str(answer["msg"])
-
-
-def test_a_status_carries_only_ids_that_rosbridge_knows():
-    assert json.loads(status_error("x", "a"))["id"] == "a"
-    assert json.loads(status_error("x", 7))["id"] == 7
-    for no_id in ({"big": "thing"}, None, "x" * 2000, math.nan):
-        assert "id" not in json.loads(status_error("x", no_id))

@@ -24,12 +24,10 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRequest,
     combined,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import TopicCopies
 from robotether_server.relay.channels.rosbridge.topic_link import (
     MessageTooLargeError,
     TopicLinks,
 )
-from robotether_server.tasks import end_tasks
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 
@@ -234,46 +232,6 @@ async def test_a_slow_client_skips_and_delays_nobody(relay, robot, observe):
     assert len(numbers) < count
 
 
-async def test_no_message_overtakes_one_that_waits(relay, sim1):
-    came = []
-    copies = TopicCopies(sim1, lambda: (1,), SharedTopics(relay.relay.registry, SilentConnector()))
-
-    async def deliver(message, _kind):
-        came.append(message + b" later")
-
-    def at_once(message, _kind):
-        if message != b"2":
-            came.append(message)
-        return message != b"2"
-
-    sending = asyncio.create_task(copies.send(deliver, at_once))
-    copies.share("/odom", TopicRequest("/odom"))
-    await asyncio.sleep(0)
-    for message in (b"1", b"2", b"3"):
-        copies.on_message("/odom", message, aiohttp.WSMsgType.TEXT)
-    await until(lambda: len(came) == 3, "all have come")
-    copies.on_message("/odom", b"4", aiohttp.WSMsgType.TEXT)
-    assert came == [b"1", b"2 later", b"3 later", b"4"]
-    copies.close()
-    await end_tasks([sending])
-
-
-async def test_observers_leave_the_driver_half_of_a_robots_topics(relay, robot, sim1, observe, ros):
-    topics = relay.relay.registry.robot(sim1.id).topics
-    for number in range(MAX_OBSERVED_TOPICS):
-        topic = topics[TopicRequest(f"/t{number}")] = SharedTopic(sim1, TopicRequest(f"/t{number}"))
-        topic.users.add(Client())
-    socket = await observe(ODOM)
-    answer = await socket.receive_json(timeout=WAIT_S)
-    assert (
-        answer["msg"]
-        == f"cannot subscribe to /odom: sim1 sends {MAX_OBSERVED_TOPICS} topics already"
-    )
-    async with ros() as driver:
-        await driver.send_json(ODOM)
-        assert await driver.receive_json(timeout=WAIT_S) == ODOM
-
-
 async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
     topics = SharedTopics(relay.relay.registry, SilentConnector())
 
@@ -292,6 +250,24 @@ async def test_one_observer_leaves_the_others_some_topics(relay, sim1):
         watch("/both", user_id)
     assert [fill(user_id) for user_id in (1, 2, 3)] == [21, 7, 2]
     watch("/of1/0", 4)
+    await topics.close()
+
+
+async def test_who_subscribes_anew_without_end_opens_few_topics(relay, sim1):
+    class Connector:
+        opened = 0
+
+        async def run(self, _topic):
+            self.opened += 1
+            await asyncio.Event().wait()
+
+    connector, client = Connector(), Client()
+    topics = SharedTopics(relay.relay.registry, connector)
+    for number in range(3 * MAX_TOPICS):
+        topic = topics.watch(sim1, TopicRequest(f"/t{number}"), client, MAX_OBSERVED_TOPICS)
+        await asyncio.sleep(0)
+        topics.leave(topic, client)
+    assert MAX_OBSERVED_TOPICS < connector.opened < 2 * MAX_TOPICS
     await topics.close()
 
 
@@ -331,52 +307,6 @@ async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, robo
     ]
     others = [each[:2] for each in said[:2]]
     assert others == [("publish", "/cmd_vel"), ("publish", "/other")]
-
-
-async def test_what_waits_for_a_subscription_that_fails_goes_on(wide, robot, ros):
-    robot.has_topics = False
-    async with ros() as driver:
-        await driver.send_json(ODOM)
-        await driver.send_json({"op": "publish", "topic": "/odom", "msg": {}})
-        await until(lambda: len(robot.received) == 1, "the message reaches the robot")
-
-
-async def test_a_client_keeps_no_more_at_the_relay_than_it_may(wide, robot, monkeypatch, ros):
-    monkeypatch.setattr(held_messages, "MAX_HELD_BYTES", 100)
-    async with ros() as driver:
-        await driver.send_json(ODOM)
-        for text in ("x", "x" * 100):
-            await driver.send_json({"op": "publish", "topic": "/odom", "msg": {"data": text}})
-        await until(lambda: len(robot.received) == 3, "all reach the robot")
-    operations = [json.loads(data)["op"] for data in robot.received]
-    assert operations == ["publish", "publish", "subscribe"]
-
-
-async def test_who_subscribes_anew_without_end_opens_few_topics(relay, sim1):
-    class Connector:
-        opened = 0
-
-        async def run(self, _topic):
-            self.opened += 1
-            await asyncio.Event().wait()
-
-    connector, client = Connector(), Client()
-    topics = SharedTopics(relay.relay.registry, connector)
-    for number in range(3 * MAX_TOPICS):
-        topic = topics.watch(sim1, TopicRequest(f"/t{number}"), client, MAX_OBSERVED_TOPICS)
-        await asyncio.sleep(0)
-        topics.leave(topic, client)
-    assert MAX_OBSERVED_TOPICS < connector.opened < 2 * MAX_TOPICS
-    await topics.close()
-
-
-async def test_a_copy_stays_for_the_longest_of_those_who_left(relay, robot, sim1):
-    topics, client = relay.relay.shared_topics, Client()
-    for linger_s in (0.1, 60.0, 0.1):
-        topic = topics.watch(sim1, TopicRequest("/odom"), client, limit=1)
-        topics.leave(topic, client, linger_s)
-    await asyncio.sleep(0.3)
-    assert topics.count() == 1
 
 
 async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
