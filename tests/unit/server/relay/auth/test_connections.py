@@ -79,7 +79,7 @@ def test_a_robot_that_is_gone_or_another_now_ends_its_connections(
     assert live.how(connection) == [["rights_ended"]]
 
 
-def test_a_user_has_room_for_so_many(live, sim1, sim2):
+def test_users_and_robots_have_room_for_so_many(live, sim1, sim2):
     live.connections.caps = Caps(per_user=2, per_robot=9)
     first, _ = live.add(1, sim1, "drive"), live.add(1, sim2, "observe", connected=False)
     assert "you already have 2 connections" in (live.connections.no_room(first) or "")
@@ -87,9 +87,6 @@ def test_a_user_has_room_for_so_many(live, sim1, sim2):
     assert live.connections.no_room(replace(first, user_id=2)) is None
     live.leave()
     assert live.connections.no_room(first) is None
-
-
-def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
     live.connections.caps = Caps(per_user=9, per_robot=2)
     observer, _ = live.add(2, sim1, "observe"), live.add(1, sim1, "observe")
     assert "robot sim1 already has 2" in (live.connections.no_room(observer) or "")
@@ -97,26 +94,21 @@ def test_a_robot_has_room_for_so_many_of_each_use(live, sim1, sim2):
     assert live.connections.no_room(replace(observer, robot=sim2)) is None
 
 
-def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1):
+def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1, sim2):
     """A quarter of a robot's viewers, and half of the cameras that it shows, are for those who may drive it."""
-    live.connections.caps = Caps(per_user=9, per_robot=8)
-    observer = replace(live.add(2, sim1, "video"), camera="/a")
-    for _ in range(5):
-        live.add(2, sim1, "video")
-    assert "robot sim1 already has 6" in (live.connections.no_room(observer) or "")
-    assert live.connections.no_room(replace(observer, may_drive=True)) is None
-
-
-def test_those_who_only_watch_open_so_many_cameras(live, sim1, sim2):
-    live.connections.caps = Caps(cameras_of_observers=2)
-    for camera, may_drive in (("/a", False), ("/b", False), ("/c", True)):
+    live.connections.caps = Caps(per_user=9, per_robot=8, cameras_of_observers=2)
+    for camera in ("/a", "/b", "/c", "/a", "/a", "/a"):
         viewer = live.add(2, sim1, "video")
-        viewer.camera, viewer.may_drive = camera, may_drive
-    more = replace(viewer, camera="/d", may_drive=False)
+        viewer.camera, viewer.may_drive = camera, camera == "/c"
+    observer = replace(viewer, may_drive=False)
+    assert "robot sim1 already has 6" in (live.connections.no_room(observer) or "")
+    live.connections.caps = Caps(per_user=9, per_robot=99, cameras_of_observers=2)
+    more = replace(observer, camera="/d")
     assert "already shows 2 cameras" in (live.connections.no_room(more) or "")
-    assert live.connections.no_room(replace(more, camera="/b")) is None
-    assert live.connections.no_room(replace(more, may_drive=True)) is None
+    assert live.connections.no_room(observer) is None
     assert live.connections.no_room(replace(more, robot=sim2)) is None
+    for camera in ("/a", "/d"):
+        assert live.connections.no_room(replace(more, camera=camera, may_drive=True)) is None
 
 
 POLICY = {"policy": {"drive": {"call": ["/dock"]}}}

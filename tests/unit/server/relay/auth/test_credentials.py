@@ -294,25 +294,6 @@ async def test_an_answer_of_before_a_change_is_not_kept(asks):
     await unanswered(getattr(credentials, asks)(login))
 
 
-async def test_who_may_drive_without_the_database_is_bounded(
-    credentials, memory_database, monkeypatch
-):
-    """Who drove longest ago goes first; and who did too long ago is not asked for again."""
-    monkeypatch.setattr(module, "MAX_RECENT", 2)
-    logins = [of_ann(memory_database) for _ in range(3)]
-    for login in (*logins[:2], logins[0], logins[2]):
-        assert await credentials.holds(login)
-    memory_database.down = True
-    assert await credentials.holds(logins[0])
-    assert await credentials.holds(logins[2])
-    await unanswered(credentials.holds(logins[1]))
-    memory_database.down = False
-    monkeypatch.setattr(module, "RECENT_S", 0.0)
-    asked = memory_database.lookups
-    await credentials.recheck()
-    assert memory_database.lookups == asked
-
-
 async def test_who_comes_during_a_recheck_is_not_ended_by_it():
     """The answer tells nothing of a credential that was not in the question, and who begins to drive is known."""
     memory_database = SlowDatabase()

@@ -59,19 +59,6 @@ async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells
     assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
 
 
-async def test_listeners_hear_of_changes_but_not_of_counts(cells, memory_database):
-    heard = []
-    cells.listen(lambda: heard.append(1))
-    for other, times in (
-        (OTHER, 1),
-        (replace(OTHER, robots=4), 1),
-        (replace(OTHER, is_alive=False), 2),
-    ):
-        memory_database.cells["b"] = other
-        await cells.poll()
-        assert len(heard) == times
-
-
 @pytest.mark.parametrize(
     ("alive_s", "hosts"),
     [(relay_cells.ALIVE_S, ["a.example", "b.example"]), (0.0, ["a.example"])],

@@ -57,14 +57,10 @@ async def test_only_nginx_peer_listener_is_answered(http, cell_a, cell_b, peer_k
         for proof in ("", "0" * 64):
             async with http.get(base + path, headers={PROOF_HEADER: proof}) as answer:
                 assert answer.status == 403
-    async with http.get(base + "/cell/v1/fleet", headers={PROOF_HEADER: peer_keys.proof}) as answer:
-        assert answer.status == 426
-
-
-async def test_the_public_port_has_no_fleet_for_cells(http, cell_a, peer_keys):
-    url = f"{cell_a.server.url}/cell/v1/fleet"
-    async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:
-        assert answer.status == 404
+    proven = {PROOF_HEADER: peer_keys.proof}
+    for url, status in ((base, 426), (cell_a.server.url, 404)):
+        async with http.get(url + "/cell/v1/fleet", headers=proven) as answer:
+            assert answer.status == status
 
 
 async def test_a_cell_that_does_not_answer_pings_is_let_go(follow, cell_a, monkeypatch):

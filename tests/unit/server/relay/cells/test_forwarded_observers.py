@@ -1,15 +1,12 @@
 """Observers at cell a of a robot at cell b: their topics cross the line between the cells once."""
 
 import asyncio
-import time
 
 import aiohttp
 import pytest
-from aiohttp import WSMsgType
 from fake_robot import HOST, WAIT_S
 from relay_clients import closing, refusal
 from relay_server import BOB, until
-from robotether_server.relay.cells import cell_client, cell_topics
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.channels.rosbridge import topic_link
 from robotether_server.relay.channels.rosbridge.forwarded_topics import (
@@ -151,22 +148,6 @@ async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
         cell.database.credentials = credentials
 
 
-@pytest.mark.parametrize("pause_s", [0.05, 1.2])
-async def test_a_copy_stays_whether_messages_come_or_not(
-    *, cell_b, at_b, observe, monkeypatch, pause_s
-):
-    monkeypatch.setattr(cell_topics, "PING_EVERY_S", 0.1)
-    monkeypatch.setattr(cell_topics, "SILENT_AFTER_S", 1.0)
-    socket = await observe(ODOM)
-    await socket.receive_str(timeout=WAIT_S)
-    before, started = topics_of(cell_b)[0].users.copy(), time.monotonic()
-    while time.monotonic() - started < 1.5:
-        await asyncio.sleep(pause_s)
-        await at_b.send_to_topics(b"news")
-        assert await socket.receive_str(timeout=WAIT_S) == "news"
-    assert topics_of(cell_b)[0].users == before
-
-
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):
     monkeypatch.setattr(topic_link, "FIRST_PAUSE_S", 0.01)
     socket = await observe({**ODOM, "id": "s"})
@@ -176,14 +157,6 @@ async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatc
     assert (answer["op"], answer["level"], answer["id"]) == ("status", "error", "s")
     assert answer["msg"] == "cannot subscribe to /odom: rosbridge ended the subscription"
     assert await socket.receive_json(timeout=WAIT_S) == ODOM
-
-
-async def test_a_cell_that_shares_no_topics_is_reported(observe, monkeypatch):
-    monkeypatch.setattr(cell_client, "TOPICS_PATH", "/cell/v1/none")
-    answer = await (await observe(ODOM)).receive_json(timeout=WAIT_S)
-    assert answer["msg"] == (
-        "cannot subscribe to /odom: cell b answered HTTP 404; is its version older?"
-    )
 
 
 async def test_the_cell_decides_by_the_host_and_address_that_were_asked(
@@ -230,21 +203,6 @@ async def test_observers_of_a_cell_that_is_gone_are_closed(cell_a, cell_b, obser
         await until(lambda: not topics_of(cell_a), "nothing is shared")
 
 
-async def test_observers_of_a_robot_that_comes_here_are_closed(*, cell_a, sim1, observe, at_b):
-    socket = await observe(ODOM)
-    await socket.receive_str(timeout=WAIT_S)
-    # Both tunnels end on this machine.
-    await at_b.listen_no_more()
-    here = await cell_a.robot(sim1, epoch=2)
-    try:
-        assert (await closing(socket))[0] == 4505
-        socket = await observe(ODOM)
-        await until(lambda: here.topics, "the robot has a subscription")
-        assert [len(topic.users) for topic in topics_of(cell_a)] == [1]
-    finally:
-        await here.stop()
-
-
 async def test_only_cells_get_copies_and_only_of_robots_that_are_there(
     *, cell_a, cell_b, at_b, http, peer_keys, sim1
 ):
@@ -258,18 +216,6 @@ async def test_only_cells_get_copies_and_only_of_robots_that_are_there(
         (f"http://{HOST}:{cell_a.relay.peer_port}", {**key, **proof}, 404),
     ]:
         assert await refusal(http, url + path, headers) == status
-
-
-@pytest.mark.parametrize("subscription", ["{", "[]", '{"op":"subscribe"}'])
-async def test_a_cell_whose_subscription_nobody_can_read_gets_nothing(
-    *, cell_b, at_b, http, peer_keys, sim1, subscription
-):
-    headers = {KEY_HEADER: "0" * 32, PROOF_HEADER: peer_keys.proof}
-    url = f"http://{HOST}:{cell_b.relay.peer_port}/cell/v1/topics/{sim1.id}"
-    async with http.ws_connect(url, headers=headers) as socket:
-        await socket.send_str(subscription)
-        assert (await socket.receive(timeout=WAIT_S)).type is WSMsgType.CLOSE
-    assert at_b.topics == []
 
 
 def test_a_notice_keeps_what_is_subscribed_to():

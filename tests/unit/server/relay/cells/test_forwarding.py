@@ -83,16 +83,6 @@ async def test_all_who_ask_are_forwarded_while_the_database_is_away(*, at_b, cel
         assert answer.headers["X-Accel-Redirect"] == "@cell_or_here"
 
 
-@pytest.mark.parametrize(
-    "path",
-    ["/api/v1/events", "/api/v1/robots/sim1/other", "/robots/sim1", "/robots/sim2/ros", "/x"],
-)
-async def test_all_else_is_answered_here(at_b, cell_a, http, path):
-    async with http.get(cell_a.server.url + path) as answer:
-        assert "X-Accel-Redirect" not in answer.headers
-        assert answer.status != 204
-
-
 async def test_nothing_is_forwarded_twice(at_b, cell_a, http, peer_keys):
     url = f"http://{HOST}:{cell_a.relay.peer_port}/api/v1/robots/sim1/control"
     async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:

@@ -45,18 +45,6 @@ async def test_a_session_that_comes_late_ends_itself(cell_a, cell_b, sim1):
     assert cell_a.owner(sim1) == "b"
 
 
-async def test_a_session_without_an_epoch_is_nobodys_older(cell_a, cell_b, sim1):
-    """An agent of before cells may have been restarted; the dead session times out by itself."""
-    dead = await cell_a.session(sim1, 1000)
-    await until(lambda: cell_b.owner(sim1) == "a", "b knows of it")
-    plain = await cell_b.session(sim1, 0)
-    await until(lambda: cell_b.relay.registry.presence(sim1.id).agent_version, "it said hello")
-    assert cell_b.owner(sim1) == "a"
-    await dead.close()
-    await until(lambda: cell_a.owner(sim1) == "b", "it belongs to b")
-    assert not plain.closed.is_set()
-
-
 @pytest.mark.parametrize("how", ["cut", "frozen"])
 async def test_robots_of_a_cell_that_is_gone_are_offline(cell_a, cell_b, sim1, how):
     cell_b.relay.control.stops.stop(sim1, "ben")
@@ -153,10 +141,3 @@ async def test_a_stop_that_only_the_database_has_is_read_with_the_session(cell_a
         robot = await cell_b.robot(sim1)
         assert robot.session.leases[0] == {"type": "lease", "fence": 41, "held": False}
         assert robot.session.stopped_by == "ben"
-
-
-async def test_a_stop_before_the_robots_row_is_read_is_kept(cell_b):
-    """Rows are read once a second, and stops come at once."""
-    stop = Stop(99, cell_b.relay.registry._clock(), "ben")
-    cell_b.relay.control.stops.learn(stop)
-    assert cell_b.relay.control.stops.of(99) == stop

@@ -90,12 +90,6 @@ async def test_a_robot_that_is_stopped_stays(relay, memory_database, online):
     assert await ended(session) == "rebalanced"
 
 
-@pytest.mark.parametrize("other", [replace(EMPTY, peer_address="b.example:8444")])
-async def test_a_cell_that_does_not_follow_this_one_gets_no_robots(online):
-    """Here they would count as offline."""
-    await stay(await online())
-
-
 async def test_a_robot_that_comes_back_at_once_is_left_alone(online):
     """It cannot reach the other cell; the next time may be better."""
     assert await ended(await online()) == "rebalanced"
