@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from types import SimpleNamespace
 
 import pytest
-from relay_server import until
 from robotether_common.codecs import NAMES, decoded_by
 from robotether_common.frames import ENCODER_STARTS, StreamRequest, VideoStatus
 from robotether_server.problems import ProtocolError
@@ -64,17 +63,6 @@ async def feed(sim1):
     feed.on_connected()
     assert feed.credit() == (2, None)
     return feed
-
-
-async def test_who_has_the_newest_has_those_before_it(feed):
-    """A frame that was skipped is given back with the one after it, and once."""
-    come(feed, 1)
-    come(feed, 2)
-    feed.taken(2)
-    feed.taken(2)
-    feed.taken(1)
-    assert feed.credit() == (2, 2)
-    assert feed.credit() is None
 
 
 async def test_more_frames_than_credits_break_the_protocol(feed):
@@ -254,16 +242,4 @@ async def test_few_feeds_linger(sim1, monkeypatch):
             with followed(feeds, sim1, f"/{sequence}", Eye()):
                 pass
         assert feeds.count() == 1 + feeds_module.MAX_LINGERING
-    await feeds.close()
-
-
-async def test_a_defect_of_a_link_is_told_and_logged(sim1, caplog):
-    async def fails():
-        raise RuntimeError("a defect of the link")
-
-    feeds, eye = feeds_that(fails), Eye()
-    with followed(feeds, sim1, "/a", eye):
-        await until(lambda: eye.close_reasons, "it is told")
-    assert eye.close_reasons == [close_reasons.relay_failed()]
-    assert "a defect of the link" in caplog.text
     await feeds.close()

@@ -77,14 +77,3 @@ def test_every_answer_is_shut_in():
     assert headers["X-Content-Type-Options"] == "nosniff"
     assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
     assert not {"Location", "Set-Cookie", "Access-Control-Allow-Origin"} & set(headers)
-
-
-def test_the_robot_gets_no_upgrade_and_no_credential():
-    sent = {
-        "Upgrade": "websocket",
-        "Connection": "Upgrade",
-        "Cookie": "a=b",
-        "Authorization": "Bearer x",
-        "Accept": "image/*",
-    }
-    assert dict(headers_for_robot(sent)) == {"Accept": "image/*"}

@@ -95,17 +95,3 @@ def test_timestamps_have_33_bits():
     first = stream.write(b"x", 0.0, is_key=True)
     later = stream.write(b"x", 2**33 / 90_000, is_key=True)
     assert [timestamp for timestamp, _ in Demuxer(first + later).frames()] == [90_000] * 2
-
-
-def test_tables_come_again_for_who_begins_later():
-    stream = TransportStream()
-    tables = [
-        Demuxer(stream.write(b"x", number / 10, is_key=number == 13)) for number in range(1, 21)
-    ]
-    assert [number for number, each in enumerate(tables, 1) if 0 in each.payloads] == [
-        1,
-        6,
-        11,
-        13,
-        18,
-    ]

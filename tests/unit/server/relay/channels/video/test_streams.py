@@ -162,12 +162,6 @@ async def test_a_robot_that_sends_jpeg_has_no_h264(
     assert await asking == (409, "no_encoder", why)
 
 
-async def test_an_agent_without_frames_has_no_h264(robot, video):
-    """It is not asked for what it would answer with MJPEG."""
-    assert (await ask_in_vain(video))[:2] == (409, "no_encoder")
-    assert robot.video_requests == []
-
-
 async def test_a_camera_without_a_frame_is_no_frames(relay, camera, monkeypatch, video):
     monkeypatch.setattr("robotether_server.relay.channels.video.streams.FIRST_FRAME_WITHIN_S", 0.5)
     asking = asyncio.create_task(video("stream?topic=/a"))
