@@ -2,7 +2,6 @@
 
 import pytest
 import pytest_asyncio
-from relay_clients import audit_lines
 from relay_server import ANN, BEN, BOB, CARL, EVE, until
 
 SIM1 = "/api/v1/robots/sim1"
@@ -36,24 +35,6 @@ async def test_control_is_handed_to_who_is_named(relay, guarded, sim1, ros, ask)
         assert (await ask("POST", lease, "ann", to_carl))[1]["code"] == "nobody_asks"
         status, body = await ask("POST", lease, "ann", {"action": "hand_over", "to": "ben"})
         assert (status, body["reserved"]["user"]) == (200, "ben")
-
-
-async def test_who_asks_in_a_loop_is_told_to_wait(
-    *, relay, guarded, sim1, http, people, ask, memory_database, ros
-):
-    lease = f"{SIM1}/lease"
-    async with ros():
-        await until(lambda: relay.relay.control.driver(sim1.id), "ann drives")
-        for _ in range(5):
-            await ask("POST", lease, "ben", {"action": "ask"})
-            await ask("POST", lease, "ben", {"action": "withdraw"})
-        url, body = relay.url + lease, {"action": "ask"}
-        async with http.post(url, json=body, headers=people["ben"]) as answer:
-            assert (answer.status, (await answer.json())["code"]) == (429, "throttled")
-            assert 0 < int(answer.headers["Retry-After"]) <= 30
-        assert relay.relay.control.describe(sim1.id).waiting is None
-    await relay.relay.event_writer.flush(5)
-    assert [line.kind for line in audit_lines(memory_database)].count("lease_asked") == 3
 
 
 async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_database, ask):

@@ -9,9 +9,8 @@ import pytest
 from fake_robot import WAIT_S
 from relay_clients import SlowFences
 from relay_server import ANN, BEN, CARL, until, utc
-from robotether_server.db.control import LeaseEnd, LeaseStart, NewLease
-from robotether_server.db.fleet import AuditEntry, RelayRequest, Snapshot
-from robotether_server.problems import RecordMissingError, RecordRefusedError, StoreUnavailableError
+from robotether_server.db.control import LeaseEnd, LeaseStart
+from robotether_server.db.fleet import AuditEntry, RelayRequest
 from robotether_server.relay.control import leasing
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import ConnectionClosedError
@@ -124,34 +123,6 @@ async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
     assert set(bare.changed) == {sim1.id}
 
 
-async def test_robot_hears_of_a_lease_and_of_its_end(bare, sim1):
-    connection = await bare.drives(ANN)
-    assert bare.lines[-1] == {"type": "lease", "fence": 1, "held": True}
-    bare.leasing.end(connection)
-    assert bare.lines[-1] == {"type": "lease", "fence": 1, "held": False}
-    assert (bare.ended(), bare.leasing.of(sim1.id).driver) == ([(sim1.id, 1)], None)
-
-
-async def test_what_is_written_says_who_where_and_when(bare, sim1, memory_database, monkeypatch):
-    next_fence, asked = memory_database.next_fence, []
-
-    async def noted(lease):
-        asked.append(lease)
-        return await next_fence(lease)
-
-    monkeypatch.setattr(memory_database, "next_fence", noted)
-    monkeypatch.setattr(leasing, "utc_now", lambda: NOON)
-    bare.leasing.remember({sim1.id: 41})
-    await bare.drives(ANN)
-    bare.leasing.take(sim1, asker(CARL))
-    assert asked == [NewLease(sim1.id, ANN.id, "ann", NOON, above=41)]
-    assert bare.written == [
-        AuditEntry(NOON, "carl", "lease_taken", "sim1", "198.51.100.9", {"driver": "ann"}),
-        LeaseEnd(sim1.id, 42, NOON),
-    ]
-    assert bare.ends == [close_reasons.lease_lost("sim1", "carl")]
-
-
 async def test_a_guard_that_reports_nothing_keeps_nobody_waiting_for_long(bare, sim1, monkeypatch):
     """It may not have started yet; the lease has the number that is known here."""
     monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", 0.05)
@@ -174,26 +145,6 @@ async def test_of_two_claims_the_older_hears_of_the_newer(bare, sim1, memory_dat
     assert bare.ends == [close_reasons.superseded("sim1")]
     assert lost.value.close_reason == close_reasons.lease_unavailable("sim1")
     assert bare.leasing.of(sim1.id).driver.holder is drives
-
-
-@pytest.mark.parametrize(
-    ("problem", "close_reason"),
-    [
-        (RecordMissingError, close_reasons.rights_ended),
-        (RecordRefusedError, close_reasons.rights_ended),
-        (StoreUnavailableError, close_reasons.lease_unavailable),
-    ],
-)
-async def test_who_gets_no_number_hears_why(
-    *, bare, sim1, memory_database, monkeypatch, problem, close_reason
-):
-    async def fails(_lease):
-        raise problem("the test wants it")
-
-    monkeypatch.setattr(memory_database, "next_fence", fails)
-    with pytest.raises(ConnectionClosedError) as lost:
-        await bare.drives(ANN)
-    assert lost.value.close_reason == close_reason("sim1")
 
 
 async def test_a_lease_without_the_database_is_written_as_it_began(
@@ -258,17 +209,3 @@ async def test_a_claim_that_is_lost_meanwhile_hears_to_whom(
     assert lost.value.close_reason.reason == "control of sim1 is reserved for carl; wait a moment"
     assert bare.leasing.of(sim1.id).driver is None
     assert bare.ended() == [(sim1.id, 1), (sim1.id, 2)]
-
-
-async def test_only_robots_that_are_gone_are_forgotten(bare, sim1, monkeypatch):
-    """Their timers end, too: control of a robot that is gone does not pass on."""
-    monkeypatch.setattr(lease_module, "PASSES_AFTER_S", 0.05)
-    await bare.drives(ANN)
-    bare.leasing.ask(sim1, asker(BEN))
-    bare.registry.on_snapshot(Snapshot({sim1.id: sim1}, {}))
-    assert bare.leasing.count() == 1
-    bare.registry.robot(sim1.id).links.clear()
-    bare.registry.on_snapshot(Snapshot({}, {}))
-    assert bare.leasing.count() == 0
-    await asyncio.sleep(0.1)
-    assert bare.codes == []

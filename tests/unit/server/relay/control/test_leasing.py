@@ -3,7 +3,6 @@
 from contextlib import AsyncExitStack
 
 import pytest
-from fake_robot import WAIT_S
 from relay_clients import SlowFences, closing
 from relay_server import BEN, CARL, until
 from robotether_common.session import MAX_FENCE
@@ -21,10 +20,6 @@ def rights(memory_database, sim1):
 
 def control(relay, sim1):
     return relay.relay.control.describe(sim1.id)
-
-
-def asker(user):
-    return leasing.LeaseRequester(user, "198.51.100.9")
 
 
 async def driven(relay, sim1):
@@ -61,18 +56,11 @@ async def test_a_new_lease_waits_for_the_guards_first_report(relay, start_robot,
     assert handshake["Robotether-Fence"] == "501"
 
 
-async def test_a_robot_without_a_guard_keeps_nobody_waiting(relay, robot, sim1, monkeypatch, ros):
-    """Its agent has said that no report will come."""
-    monkeypatch.setattr(leasing, "GUARD_REPORTS_WITHIN_S", WAIT_S * 10)
-    async with ros():
-        await driven(relay, sim1)
-
-
 async def test_commands_put_off_that_the_control_passes_on(relay, guarded, sim1, ros):
     """Only messages on a drive topic show that the driver is there."""
     async with ros() as socket:
         await driven(relay, sim1)
-        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        relay.relay.control.leasing.ask(sim1, leasing.LeaseRequester(BEN))
         lease = relay.relay.control.leasing.of(sim1.id)
         before = lease.passes_at().s
         await socket.send_json({"op": "subscribe", "topic": "/pose"})
@@ -91,7 +79,7 @@ async def test_a_kept_lease_is_free_after_its_time(relay, guarded, sim1, monkeyp
         relay.relay.control.listen(
             lambda _robot_id: reserved.append(control(relay, sim1).reserved is not None)
         )
-        relay.relay.control.leasing.take(sim1, asker(CARL))
+        relay.relay.control.leasing.take(sim1, leasing.LeaseRequester(CARL))
     await until(lambda: reserved[-2:] == [True, False], "those who watch are told")
 
 
@@ -121,7 +109,7 @@ async def test_a_stop_while_the_number_is_on_its_way_wins(
 async def test_who_lost_the_right_waits_no_more(relay, guarded, sim1, memory_database, ros):
     async with ros():
         await driven(relay, sim1)
-        relay.relay.control.leasing.ask(sim1, asker(BEN))
+        relay.relay.control.leasing.ask(sim1, leasing.LeaseRequester(BEN))
         del memory_database.grants[BEN.id, sim1.id]
         await relay.relay.fleet.poll()
         assert control(relay, sim1).waiting is None

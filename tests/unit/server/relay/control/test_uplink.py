@@ -49,21 +49,6 @@ async def test_a_message_counts_while_it_is_on_the_way(relay, robot, sim1, show,
         await socket.close()
 
 
-async def test_cameras_and_snapshots_count_apart(*, relay, camera, watch, http, sim1, show):
-    """Snapshots come one after the other, and go on with one count."""
-    await watch(ANN)
-    url = f"{relay.url}/robots/sim1/video/snapshot?topic=/a&ticket="
-    for _ in range(3):
-        async with http.get(url + relay.ticket(sim1, "observe", ANN)) as answer:
-            await answer.read()
-    _, body = await show(BOB)
-    watched, passed_on = stream_of(body, "camera"), stream_of(body, "video")
-    assert (watched["name"], watched["people"], watched["yours"]) == ("/a", 1, False)
-    assert watched["bytes_per_s"] > 0
-    assert passed_on["bytes_per_s"] > 0
-    assert (passed_on["name"], passed_on["people"], passed_on["recorded"]) == ("", 0, False)
-
-
 @pytest.mark.parametrize(
     ("answer", "rate"),
     [

@@ -8,9 +8,6 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import ANN, BEN, CARL, utc
 from robotether_server.problems import (
-    AlreadyAskedError,
-    LeaseFreeError,
-    LeaseNotYoursError,
     NobodyAsksError,
     RobotetherError,
     ThrottledError,
@@ -113,32 +110,6 @@ def test_the_control_is_handed_to_the_one_who_is_named(lease):
     passed = lease.hand_over(ANN, at(3), "carl")
     assert (passed.driver.holder, passed.to) == (holder, CARL)
     assert (lease.driver, lease.reserved(at(4)).user) == (None, CARL)
-
-
-def test_wrong_actions_have_names(lease):
-    for action in (lease.ask, lease.take, lease.refuse, lease.hand_over):
-        with pytest.raises(LeaseFreeError):
-            action(BEN, at(0))
-    driven_by(ANN, lease)
-    with pytest.raises(LeaseFreeError):
-        lease.ask(ANN, at(0))
-    for action in (lease.refuse, lease.hand_over):
-        with pytest.raises(NobodyAsksError):
-            action(ANN, at(0))
-        with pytest.raises(LeaseNotYoursError):
-            action(BEN, at(0))
-    assert lease.ask(BEN, at(0))
-    assert not lease.ask(BEN, at(1))
-    with pytest.raises(AlreadyAskedError):
-        lease.ask(CARL, at(1))
-    with pytest.raises(NobodyAsksError):
-        lease.withdraw(CARL)
-    lease.withdraw(BEN)
-    assert lease.request is None
-    assert lease.take(ANN, at(2)) is None
-    lease.take(CARL, at(2))
-    with pytest.raises(AlreadyAskedError):
-        lease.ask(BEN, at(3))
 
 
 def test_a_driver_is_not_asked_again_and_again(lease):

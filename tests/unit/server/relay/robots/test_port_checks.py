@@ -2,17 +2,14 @@
 
 import asyncio
 import socket
-import time
 from contextlib import ExitStack
 
 import pytest
 import pytest_asyncio
 from fake_robot import HOST
 from local_network import free_port
-from relay_server import until
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.robots.port_checks import (
-    LinkChecks,
     PortChecker,
     wait_released,
 )
@@ -86,36 +83,6 @@ async def test_a_check_takes_a_bounded_time(serve):
         health = await checker.check(robot(slow, slow, slow), video=True)
     assert set(health.values()) == {"down"}
     assert stopwatch.s < 0.5
-
-
-@pytest.fixture
-def asked():
-    return []
-
-
-@pytest_asyncio.fixture
-async def link(asked):
-    async def check():
-        asked.append(time.monotonic())
-        if len(asked) == 1:
-            raise ValueError("a defect")
-
-    checks = LinkChecks(check, every_s=0.1)
-    yield checks
-    await checks.close()
-
-
-async def test_who_asks_in_the_pause_is_answered_once_after_it(link, asked):
-    for _ in range(5):
-        link.ask()
-        await asyncio.sleep(0)
-    await until(lambda: len(asked) == 2, "both checks")
-    # The loop's timers count whole milliseconds.
-    assert asked[1] - asked[0] > 0.1 - 0.001
-    await until(lambda: link._task is None, "the pause is over")
-    assert len(asked) == 2
-    link.ask()
-    await until(lambda: len(asked) == 3, "a later question")
 
 
 async def test_a_host_that_is_away_holds_no_port():

@@ -6,7 +6,7 @@ import pytest
 from relay_server import utc
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.relay.robots.registry import SessionRegistry
-from robotether_server.relay.robots.robot import NEVER_SEEN, GuardReport, Presence
+from robotether_server.relay.robots.robot import NEVER_SEEN, Presence
 
 NOW = utc(2026, 1, 1, 12, 3)
 
@@ -35,19 +35,6 @@ def online(registry):
     registry.make_current(link)
     registry.established(link)
     return link
-
-
-def test_a_robot_is_online_once_it_is_established(registry, changes):
-    link = FakeLink()
-    assert registry.make_current(link) is None
-    assert (registry.presence(7), registry.session_of(7)) == (NEVER_SEEN, None)
-    registry.established(link)
-    assert registry.session_of(7) is link
-    assert registry.presence(7) == Presence(
-        online=True, since=NOW, connected_at=5.0, address="198.51.100.7"
-    )
-    assert registry.online() == [(registry.robot(7), 5.0)]
-    assert [change.what for change in changes] == ["connected"]
 
 
 def test_a_newer_link_makes_the_older_leave_first(registry, changes):
@@ -110,17 +97,3 @@ def test_robots_that_are_gone_are_forgotten_unless_connected(registry):
     assert registry.presence(7).online
     assert registry.presence(8) is NEVER_SEEN
     assert registry.presence(9).since == NOW
-
-
-@pytest.mark.parametrize(
-    ("mode", "state", "shown"),
-    [("on", "ready", "ready"), ("on", "down", "down"), ("off", "ready", "off")],
-)
-def test_the_guard_is_shown_as_the_agent_has_it(registry, changes, mode, state, shown):
-    link = online(registry)
-    registry.on_hello(link, "0.1.0", mode)
-    registry.on_guard_status(link, GuardReport(state), "5f0c")
-    assert registry.presence(7).guard == shown
-    assert (changes[-1].what, changes[-1].answers) == ("guard_status", "5f0c")
-    registry.disconnected(link, "timeout")
-    assert registry.presence(7).guard == "unknown"

@@ -2,10 +2,7 @@
 
 import pytest
 from relay_clients import closing
-from relay_server import utc
 from robotether_server.relay.robots import robot_dialer
-from robotether_server.relay.robots.robot import Presence
-from robotether_server.relay.robots.robot_dialer import MAX_CONNECT_TIMEOUT_S, connect_timeout_s
 
 
 @pytest.mark.parametrize(
@@ -31,12 +28,3 @@ async def test_who_is_refused_by_the_guard_hears_why(
     assert says in reason
     assert relay.relay.control.driver(sim1.id) is None
     assert (len(robot.handshakes) == 1) == (mode == "disk_full")
-
-
-def test_patience_grows_with_the_distance_and_is_bounded(monkeypatch):
-    # The product's limits, and not those of all other tests here.
-    monkeypatch.undo()
-    near, far = Presence(rtt_ms=1.0), Presence(rtt_ms=100.0)
-    assert connect_timeout_s(near) < 0.85 < connect_timeout_s(far) < 2
-    assert connect_timeout_s(Presence(rtt_ms=60_000.0)) == MAX_CONNECT_TIMEOUT_S
-    assert connect_timeout_s(Presence(since=utc(2026, 1, 1))) < 0.85

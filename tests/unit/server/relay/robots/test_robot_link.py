@@ -11,7 +11,6 @@ from local_network import free_port
 from relay_clients import configured, ended
 from relay_server import FAST, IMPATIENT, until
 from robotether_common.services import BY_CONNECTION
-from robotether_server.db.fleet import HelpEntry
 from robotether_server.relay.robots.demand import Demand
 from stopwatch import Stopwatch
 
@@ -73,19 +72,6 @@ async def test_a_flood_of_checks_gets_one_answer_and_stops_nothing(robot):
     assert len(robot.session.checked) == 1
 
 
-async def test_robot_asks_for_help_while_the_database_is_away(robot, memory_database):
-    memory_database.down = True
-    for reason in ("lost", "still lost"):
-        robot.session.send(type="help", source="robot", reason=reason, priority=2)
-    answer = {"type": "pong", "seq": 17, "t_ms": 5.0}
-    robot.session.send(type="ping", seq=17, t_ms=5.0)
-    await until(lambda: answer in robot.session.pongs, "the calls are read")
-    memory_database.down = False
-    call = HelpEntry(robot.session.robot_id, "robot", "still lost", 2)
-    await until(lambda: call in memory_database.written, "the call is written")
-    assert [type(entry) for entry in memory_database.written].count(HelpEntry) == 1
-
-
 @pytest.mark.parametrize("kind", ["session", "media", "shell"])
 async def test_a_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_database, connect, kind):
     """Its holder would get the people who look for this robot, which comes in once the port is free."""
@@ -126,12 +112,6 @@ async def test_a_robot_is_asked_for_video_while_somebody_watches(relay, sim1, co
     assert [config["media"] for config in session.configs] == [False, True, False]
 
 
-async def test_a_robot_that_returns_while_somebody_watches_is_asked_at_once(relay, sim1, connect):
-    with relay.relay.registry.ensure_robot(sim1.id).media_demand.counted():
-        session = await configured(await connect())
-    assert session.configs[0]["media"]
-
-
 async def test_a_robot_with_published_ports_is_always_needed():
     changes = []
     demand = Demand(lambda: changes.append(True), always=True, kept_s=0)
@@ -158,19 +138,6 @@ async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, con
     assert [config["idle_heartbeat_s"] for config in session.configs] == [idle_s, None, idle_s]
 
 
-@pytest.mark.parametrize("kind", ["media", "shell"])
-async def test_the_other_connections_of_a_robot_in_use_are_quick_too(
-    *, relay, sim1, memory_database, connect, kind
-):
-    await give_shell(relay, memory_database, sim1)
-    link = await configured(await connect(kind))
-    with relay.relay.registry.ensure_robot(sim1.id).usage.counted():
-        await until(lambda: len(link.configs) == 2, "it is told")
-        newer = await configured(await connect(kind))
-    assert [config["idle_heartbeat_s"] for config in link.configs] == [FAST.idle_heartbeat_s, None]
-    assert [config["idle_heartbeat_s"] for config in newer.configs] == [None]
-
-
 @pytest.mark.parametrize("timing", [IMPATIENT])
 @pytest.mark.parametrize("silent", [False, True])
 async def test_on_media_only_the_agent_pings(relay, connect, silent):
@@ -183,16 +150,6 @@ async def test_on_media_only_the_agent_pings(relay, connect, silent):
         assert media.bye is None
         assert media.pongs
     assert media.pings == 0
-
-
-@pytest.mark.parametrize("timing", [IMPATIENT, replace(IMPATIENT, idle_heartbeat_s=60.0)])
-async def test_a_silent_robot_times_out(relay, sim1, connect):
-    session = await connect(silent=True)
-    with Stopwatch() as stopwatch:
-        assert await ended(session) == "timeout"
-    assert stopwatch.clock_s > IMPATIENT.timeout_s
-    assert stopwatch.s < IMPATIENT.timeout_s + 1
-    assert not presence(relay, sim1).online
 
 
 @pytest.mark.parametrize("timing", [IMPATIENT])

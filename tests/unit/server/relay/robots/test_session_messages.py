@@ -8,8 +8,6 @@ from robotether_common.session import MAX_HELP_REASON, Battery, HelpCall
 from robotether_server.problems import ProtocolError
 from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.session_messages import (
-    MAX_DETAIL,
-    Preface,
     WrongKeyError,
     parse_line,
     parse_preface,
@@ -28,13 +26,6 @@ PREFACE = {
 
 def preface(**changes):
     return json.dumps(PREFACE | changes).encode()
-
-
-@pytest.mark.parametrize("kind", ["session", "media", "shell"])
-def test_a_preface_is_read(kind):
-    assert parse_preface(preface(kind=kind), "the key") == Preface(
-        kind, 7, "198.51.100.7", "SHA256:abc", frozenset({20000, 20001})
-    )
 
 
 @pytest.mark.parametrize("key", ["", "the keY", None, 7, ["the key"], "schlüssel"])
@@ -104,10 +95,6 @@ def test_a_place_that_no_robot_reaches_is_unknown_and_costs_no_session(x):
     assert position == ((x, 2.5) if abs(x) <= 1e9 else None)
 
 
-def test_an_agent_may_give_no_epoch():
-    assert (parse(HELLO).epoch, parse(HELLO, epoch=2**53).epoch) == (0, 2**53)
-
-
 @pytest.mark.parametrize(
     ("battery", "known"),
     [
@@ -146,38 +133,23 @@ def test_call_for_help_is_read_within_bounds(changes, call):
         *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
         *((HELLO, "epoch", epoch) for epoch in (-1, 2**53 + 1, 1.5, "1", None)),
         (GUARD, "refused", ["old"]),
-        (GUARD, "stops", {"lost": -1}),
         (GUARD, "state", "asleep"),
         (GUARD, "stopped", 0),
-        (GUARD, "moving", None),
         (GUARD, "by", "x" * 64),
-        (GUARD, "answers", "x" * 65),
         # Half a character would spoil the write of a whole batch of records, others steer terminals.
         *((GUARD, "by", text) for text in ("1\x1b[2J", "1\n", "1\u202e")),
         (HELLO, "agent_version", "1\x1b[2J"),
-        (HELLO, "agent_version", "x" * 33),
-        (HELLO, "hostname", "x" * 254),
         (HELLO, "guard", "maybe"),
         (HEALTH, "ros", "fine"),
-        (HEALTH, "video", "x" * 200),
         (HEALTH, "ros_exposed", "no"),
         *((PING, "t_ms", clock) for clock in (-1, 1e300, 10**400, "now", True, None)),
-        *((PING, "seq", number) for number in ("17", 1.5, True, None)),
         ({"type": "vitals"}, "battery", {"percent": 101, "charging": True}),
-        ({"type": "vitals"}, "battery", {"percent": 50}),
-        ({"type": "vitals"}, "battery", 50),
     ],
 )
 def test_a_wrong_field_of_a_line_is_named(line, field, value):
     with pytest.raises(ProtocolError, match=field) as refusal:
         parse(line, **{field: value})
     assert str(refusal.value).isprintable()
-
-
-def test_what_a_robot_writes_does_not_fill_the_log():
-    with pytest.raises(ProtocolError) as refusal:
-        parse(HEALTH, ros="x" * 10_000)
-    assert len(str(refusal.value)) == MAX_DETAIL
 
 
 @pytest.mark.parametrize(
@@ -193,7 +165,3 @@ def test_half_a_character_is_not_read(text):
     """It would spoil the write of a whole batch of records."""
     with pytest.raises(ProtocolError):
         parse_line(json.dumps(GUARD | {"by": "@"}).replace("@", text).encode())
-
-
-def test_a_line_of_an_unknown_type_is_none():
-    assert parse({"type": "weather", "seq": "x"}) is None
