@@ -246,26 +246,3 @@ async def test_agent_and_relay(service, recorded):
             shown = text if len(text) < 100 else f"{len(text)} characters"
             transcript.add(f"{shown}:", await ending_of(socket))
     assert transcript == recorded
-
-
-async def test_agent_over_http(service, recorded):
-    """What who has no WebSocket gets."""
-    transcript = Transcript()
-    for path in (
-        "/robotether/frames?topic=/a",
-        "/robotether/frames",
-        "/robotether/other",
-        "/snapshot?topic=/a&quality=x",
-        "/snapshot?topic=/a&quality=10",
-        "/",
-    ):
-        async with service.http.get(service.url + path) as answer:
-            body = await answer.read()
-            shown = body.decode() if answer.content_type == "text/plain" else body[:6].hex(" ")
-            kind = answer.headers["Content-Type"]
-            transcript.add(f"GET {path}:", f"{answer.status} {kind}: {shown}".rstrip("\n"))
-    async with service.http.get(f"{service.url}/stream?topic=/a&quality=10") as answer:
-        part = await asyncio.wait_for(answer.content.readuntil(b"\r\n\r\n"), WAIT_S)
-        kind = answer.headers["Content-Type"]
-        transcript.add("GET /stream:", f"{answer.status} {kind}", part.decode().rstrip())
-    assert transcript == recorded
