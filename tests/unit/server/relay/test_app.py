@@ -7,6 +7,7 @@ from fake_robot import HOST, WAIT_S
 from relay_server import ANN
 from robotether_server import __version__
 from robotether_server.relay.app import Cors, Servers, public_app
+from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.metrics import Metrics
 from yarl import URL
@@ -96,19 +97,6 @@ async def test_request_that_cannot_be_parsed_stays_out_of_the_log(relay, caplog,
     assert "Error handling request from 127.0.0.1: " in caplog.text
 
 
-@pytest.mark.parametrize("name", ["x%0ay", "Sim1", "x" * 64, "..", "%e2%82%ac"])
-async def test_what_is_no_name_is_no_robot(relay, http, name):
-    for rest in ("ros", "video/"):
-        url = URL(f"{relay.url}/robots/{name}/{rest}", encoded=True)
-        upgrade = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec-WebSocket-Version": "13"}
-        async with http.get(
-            url, headers=upgrade | {"Sec-WebSocket-Key": "A" * 22 + "=="}
-        ) as answer:
-            problem = await answer.json()
-        assert (answer.status, problem["code"]) == (404, "robot_unknown")
-        assert "has a-z, 0-9 and - only" in problem["detail"]
-
-
 async def test_health_is_good_without_a_database_and_says_so(relay, http, memory_database):
     """A database that is away is no reason to restart the relay."""
     for down, store in ((False, "up"), (True, "down")):
@@ -136,6 +124,15 @@ async def test_metrics_tell_what_happens(relay, robot, http, ros):
     assert 'robotether_relay_refusals_total{code="login_missing"} 1.0' in lines
 
 
+@pytest.mark.parametrize("path", ["/api/v1/events", "/robots/sim1/video/snapshot"])
+async def test_who_has_too_many_connections_gets_no_other(
+    *, relay, robot, http, memory_database, path
+):
+    relay.relay.connections.caps = Caps(per_user=0)
+    async with http.get(relay.url + path, headers=memory_database.bearer(ANN)) as answer:
+        assert (answer.status, (await answer.json())["code"]) == (429, "too_many_connections")
+
+
 ALLOWED = {"Origin": "https://lab.example"}
 ASKS = {"Access-Control-Request-Method": "POST", "Access-Control-Request-Headers": "authorization"}
 CORS_PATHS = [
@@ -156,23 +153,24 @@ async def test_a_page_that_is_allowed_may_ask(relay, http, path):
         assert answer.headers["Access-Control-Allow-Headers"] == "Authorization, Content-Type"
         assert "Access-Control-Allow-Credentials" not in answer.headers
         assert answer.headers["Vary"] == "Origin"
-
-
-@pytest.mark.parametrize("path", CORS_PATHS)
-async def test_another_page_may_not(relay, http, path):
-    headers = ASKS | {"Origin": "http://lab.example"}
-    async with http.options(relay.url + path, headers=headers) as answer:
-        assert (answer.status, (await answer.json())["code"]) == (403, "origin_refused")
-        assert "Access-Control-Allow-Origin" not in answer.headers
-
-
-@pytest.mark.parametrize("path", ["/api/v1/stop", "/api/v1/events", "/robots/sim1/ros"])
-async def test_other_paths_are_for_no_other_page(relay, http, path):
-    async with http.options(relay.url + path, headers=ALLOWED | ASKS) as answer:
-        assert answer.status == 405
-        assert "Access-Control-Allow-Origin" not in answer.headers
-    async with http.options(relay.url + CORS_PATHS[0], headers=ALLOWED) as answer:
+    async with http.options(relay.url + path, headers=ALLOWED) as answer:
         assert answer.status == 405, "it is no preflight"
+
+
+OTHER_PATHS = ["/api/v1/stop", "/api/v1/events", "/robots/sim1/ros"]
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "status"),
+    [
+        *((path, ASKS | {"Origin": "http://lab.example"}, 403) for path in CORS_PATHS),
+        *((path, ASKS | ALLOWED, 405) for path in OTHER_PATHS),
+    ],
+)
+async def test_other_pages_and_paths_may_not(relay, http, path, headers, status):
+    async with http.options(relay.url + path, headers=headers) as answer:
+        assert answer.status == status
+        assert "Access-Control-Allow-Origin" not in answer.headers
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import replace
 
 from fake_robot import HOST, WAIT_S, RobotSession
-from relay_clients import closing
 from relay_server import (
     ANN,
     FAST,
@@ -86,17 +85,6 @@ async def test_a_relay_that_stops_ends_streams_and_is_quick(memory_database, htt
     events.close()
 
 
-async def test_without_a_first_snapshot_everything_is_unavailable(memory_database, http):
-    memory_database.down = True
-    async with running_relay(memory_database) as relay:
-        ticket = relay.ticket(memory_database.robots[7])
-        for path in (f"/robots/sim1/video/x?ticket={ticket}", "/api/v1/events"):
-            async with http.get(f"{relay.url}{path}") as answer:
-                assert (answer.status, (await answer.json())["code"]) == (503, "store_unavailable")
-        memory_database.down = False
-        await until(lambda: 7 in relay.relay.fleet.state().robots, "the records are read")
-
-
 async def test_the_last_entries_are_written_before_the_end(memory_database, sim1, monkeypatch):
     write = memory_database.write
 
@@ -120,14 +108,3 @@ async def test_a_part_that_fails_is_in_the_log(memory_database, caplog):
     async with running_relay(memory_database, replace(FAST, drives_every_s=0.05)) as relay:
         relay.relay.observer.write_drives = fail
         await until(lambda: "task drives failed" in caplog.text, "the log says so")
-
-
-async def test_a_robot_that_leaves_is_shown_without_its_drivers(relay, robot, ros):
-    """Connections end before watchers are told, and what is not known any more is forgotten."""
-    with relay.relay.fleet_events.subscribed(ANN.id) as subscriber:
-        async with ros() as socket:
-            await until(lambda: robot.clients, "the operator has reached rosbridge")
-            await robot.session.close()
-            assert (await closing(socket))[0] == 4505
-        subscriber.first_event()
-        assert subscriber.first_event()[1][0].drivers == []

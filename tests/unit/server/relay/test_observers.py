@@ -202,17 +202,6 @@ def test_what_a_driver_saw_is_the_drives(observer, event_writer, sim1, monkeypat
     assert [entry.seen_max_ms for entry in drives] == [None, 140.0, 150.0]
 
 
-def test_what_drivers_see_and_heartbeats_bring_is_counted(observer, metrics, registry):
-    seen = SeenReport(13, (100.0, None), slowed_s=0.4)
-    for _ in range(2):
-        observer.on_robot_change(Change("seen", 7, ONLINE, seen=seen))
-    observer.on_robot_change(Change("heartbeat", 7, replace(ONLINE, rtt_ms=30.0)))
-    shown = metrics.render().decode()
-    assert 'robotether_relay_seen_age_seconds_bucket{le="0.1"} 2.0' in shown
-    assert 'robotether_relay_round_trip_seconds_bucket{le="0.05",to="robot"} 1.0' in shown
-    assert registry.robot(7).slowed_s == 0.8
-
-
 def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer, sim1):
     close_reason = close_reasons.client_left("sim1")
     connection = driving(sim1, use="observe")
@@ -223,31 +212,6 @@ def test_refusals_are_one_audit_line_of_their_connection(observer, event_writer,
 
 def a_drive():
     return DriveLog(DriveEntry(7, "sim1", "ann", 13, CONNECTED), 0.5, Counter())
-
-
-@pytest.mark.parametrize("changes", [{"use": "observe"}, {"reached": False}])
-def test_watching_and_waiting_are_logged_and_counted_but_no_audit(
-    *, observer, event_writer, metrics, sim1, caplog, changes
-):
-    """Only who reached the robot to drive it stands in the audit log."""
-    connection, close_reason = driving(sim1, **changes), close_reasons.client_left("sim1")
-    observer.connection(ConnectionReport(connection, None, close_reason, lasted_s=1.0))
-    assert event_writer.notes == []
-    use = connection.use
-    assert caplog.messages == [f"robot sim1: ann's {use} connection ended after 1.0 s: client_left"]
-    assert b'connections_closed_total{name="client_left"} 1.0' in metrics.render()
-
-
-def test_counting_begins_with_the_first_report():
-    """What a guard refused before the relay started belongs to nobody."""
-    robot = Robot(7)
-    assert new_refusals(robot, [("old", 5), ("held", 1)]) == {}
-    assert new_refusals(robot, [("old", 7), ("held", 1)]) == {"old": 2}
-    # An older guard reports no counts.
-    assert new_refusals(robot, []) == {}
-    assert new_refusals(robot, [("old", 8), ("held", 1)]) == {"old": 1}
-    # Only one of the counts shows that the guard began anew.
-    assert new_refusals(robot, [("old", 0), ("held", 3)]) == {"held": 3}
 
 
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 9)), max_size=20))

@@ -6,7 +6,6 @@ import datetime as dt
 import json
 import os
 import struct
-import subprocess
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -325,45 +324,6 @@ async def test_a_robot_is_recorded_by_its_setting(
         assert any(b"before the stop" in each.data for each in messages_of(settings))
     store.robots = [replace(store.robots[0], recording_when=None)]
     await until(lambda: store.code() == "setting_changed", "it ended")
-
-
-@pytest.fixture
-def small_disk(tmp_path):
-    """A file system of 1 MB in place of the folder of the recordings."""
-    if os.geteuid() != 0:
-        pytest.skip("only root can mount")
-    subprocess.run(["mount", "-t", "tmpfs", "-o", "size=1m", "tmpfs", tmp_path], check=True)
-    yield tmp_path
-    subprocess.run(["umount", "--lazy", tmp_path], check=True)
-
-
-def fill(folder):
-    """Write until there is no space left."""
-    with (folder / "filler").open("wb", buffering=0) as filler, contextlib.suppress(OSError):
-        while True:
-            filler.write(bytes(4096))
-
-
-async def test_a_full_disk_ends_the_recording_and_not_the_drive(
-    *, small_disk, recorder, relay, robot, store, settings, program
-):
-    """Its file can be opened at once."""
-    async with program() as driver:
-        await driver.clock_sync()
-        store.ask()
-        await until(lambda: "/robotether/control" in topics_of(settings), "it records")
-        await robot.frames.wait_for("credit")
-        await robot.frames.show(bytes(300_000))
-        await until(lambda: "/camera/compressed" in topics_of(settings), "a picture is recorded")
-        fill(small_disk)
-        await robot.frames.show(bytes(300_000))
-        await until(lambda: store.code() == "disk_full", "it ended")
-        assert driver.closed is None
-        assert relay.relay.control.driver(7) == "ann"
-    await until(lambda: store.free_part < 0.5, "how full the disk is, is written")
-    with AnyReader([file_of(settings)]) as bag:
-        topics = {connection.topic for connection, _, _ in bag.messages()}
-    assert "/robotether/control" in topics
 
 
 async def test_a_recording_leaves_some_of_the_disk_free(recorder, store, monkeypatch):

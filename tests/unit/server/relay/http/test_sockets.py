@@ -2,7 +2,6 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from socket import IPPROTO_TCP, TCP_NOTSENT_LOWAT
 from typing import cast
 
 import aiohttp
@@ -17,13 +16,10 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.event_loop import PieceTurns
 from robotether_server.relay.http.sockets import (
     NEVER_SENT,
-    WHOLE_BINARY,
     OperatorSocket,
     RedirectedError,
     RobotSocket,
-    ViewerSocket,
     refuse_redirects,
-    websocket_header,
 )
 from stopwatch import Stopwatch
 
@@ -146,38 +142,6 @@ async def test_a_robot_that_does_not_answer_is_left_in_time(monkeypatch):
             assert stopwatch.s < 1
             assert socket.waiting_bytes() == 0
             socket.drop()
-
-
-async def test_a_viewers_socket_takes_shared_frames_and_waits_for_the_system(http):
-    """A frame that is written already arrives as it is; what is not taken waits here, and little in the system."""
-    data = b"x" * 8_000_000
-    message = websocket_header(WHOLE_BINARY, len(data)) + data
-    waited = []
-
-    async def handle(request):
-        socket = ViewerSocket(message_limit=1000)
-        await socket.open(request)
-        own = request.transport.get_extra_info("socket")
-        assert own.getsockopt(IPPROTO_TCP, TCP_NOTSENT_LOWAT) == module.UNSENT_BYTES
-        assert request.transport.get_write_buffer_limits() == (0, 0)
-        socket.write_message(message)
-        waited.append(socket.waiting_bytes())
-        await socket.drained()
-        waited.append(socket.waiting_bytes())
-        await socket.finish(OFFLINE)
-        return socket
-
-    async with (
-        serving(handle) as url,
-        http.ws_connect(url, autoclose=False, max_msg_size=0) as client,
-    ):
-        transport_of(client).pause_reading()
-        await until(lambda: waited, "it is written")
-        transport_of(client).resume_reading()
-        assert (await client.receive(timeout=WAIT_S)).data == data
-        assert await closing(client) == (OFFLINE.code, OFFLINE.reason)
-    assert waited[0] > 0
-    assert waited[1] == 0
 
 
 @pytest.fixture

@@ -91,16 +91,6 @@ def test_a_driver_is_silent_whatever_waits_for_it():
     assert set(verdicts(full, DRIVER_LIMITS)) == {"ok"}
 
 
-@given(st.lists(st.tuples(st.floats(0, 5), st.integers(-100, 100)), max_size=30))
-def test_the_windows_greatest_is_what_a_look_at_all_values_finds(steps):
-    maximum, all_of_them, now = WindowedMaximum(10), [], 0.0
-    for pause, value in steps:
-        now += pause
-        maximum.add(now, value)
-        all_of_them.append((now, value))
-        assert maximum.at(now) == max(v for at, v in all_of_them if now - at <= 10)
-
-
 def test_memory_of_the_window_is_bounded():
     maximum = WindowedMaximum()
     for value in range(10 * MAX_SAMPLES):

@@ -40,13 +40,6 @@ def ann(database):
     return RelayUser(ann_id, "ann")
 
 
-@pytest.fixture
-def patient(mariadb, monkeypatch):
-    """The relay's way to the database, which may be slow because the machine is busy."""
-    monkeypatch.setattr(module, "BRIEF_S", WAIT_S)
-    return RelayDatabase(Database(mariadb.settings("relay")), "main", answer_within_s=WAIT_S)
-
-
 def log_in(database):
     with database.transaction() as tx:
         text = credentials.create_login(
@@ -97,21 +90,6 @@ async def test_nobody_waits_to_be_known_while_the_database_hangs():
 async def stop(task):
     task.cancel()
     await asyncio.gather(task, return_exceptions=True)
-
-
-async def test_connections_are_counted_and_unknown_while_nobody_answers(patient, database):
-    counting = asyncio.create_task(patient.count_connections())
-    await until(lambda: patient.connections is not None, "a count")
-    everybody, relay = patient.connections["everybody"], patient.connections["relay"]
-    assert 1 <= relay.used <= everybody.used <= everybody.limit
-    await stop(counting)
-    patient.close()
-    away = RelayDatabase(Database(DatabaseSettings("127.0.0.1", 1, "r", "relay", "x")), "main")
-    away.connections = patient.connections
-    counting = asyncio.create_task(away.count_connections())
-    await until(lambda: away.connections is None, "no count")
-    await stop(counting)
-    away.close()
 
 
 async def test_strangers_take_no_place_of_the_relays_own_duties(

@@ -7,7 +7,6 @@ from datetime import timedelta
 
 import pytest
 import pytest_asyncio
-from fake_robot import WAIT_S
 from relay_server import MemoryDatabase, until, utc
 from robotether_server.db.control import DriveEntry, LeaseEnd, LeaseStart, Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, FormerSessions, SessionEntry
@@ -40,19 +39,6 @@ def session(robot_id=7):
 async def event_writer(memory_database):
     async with _at_work(event_writer := EventWriter(memory_database, max_waiting=5)):
         yield event_writer
-
-
-async def test_the_queue_is_bounded_and_says_what_it_drops(event_writer, memory_database, caplog):
-    memory_database.down = True
-    for robot_id in range(20):
-        event_writer.add(session(robot_id))
-    await until(lambda: "entries wait" in caplog.text, "the log says that the database is away")
-    assert event_writer.waiting() == 5
-    assert event_writer.dropped == 15
-    assert caplog.text.count("too many entries wait for the database") == 1
-    memory_database.down = False
-    await until(lambda: len(memory_database.written) == 5, "the newest are written")
-    assert [entry.robot_id for entry in memory_database.sessions()] == [15, 16, 17, 18, 19]
 
 
 async def test_the_audit_log_says_which_lines_it_lacks(event_writer, memory_database):
@@ -110,14 +96,6 @@ async def test_one_refused_entry_does_not_keep_the_others(caplog, problem, logge
         assert memory_database.written == [first, stop]
         assert event_writer.dropped == 1
         assert logged in caplog.text
-
-
-async def test_a_flush_ends_without_a_database(event_writer, memory_database, caplog):
-    memory_database.down = True
-    event_writer.add(session())
-    async with asyncio.timeout(WAIT_S):
-        await event_writer.flush(0.1)
-    assert "1 entries were not written to the database" in caplog.text
 
 
 # What waits outlives the relay that is killed.

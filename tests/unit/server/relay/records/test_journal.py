@@ -126,18 +126,6 @@ def test_a_full_disk_is_said_once_and_tried_again(path, caplog, monkeypatch):
     assert Journal(path).read() == [START, LINE, END]
 
 
-def test_a_folder_that_is_missing_costs_the_journal_alone(tmp_path, caplog):
-    journal = Journal(tmp_path / "missing" / "journal.jsonl")
-    assert journal.read() == []
-    journal.add(START)
-    journal.rewrite([START])
-    journal.clear()
-    journal.wait(WITHIN_S)
-    journal.add(START)
-    journal.wait(WITHIN_S)
-    assert caplog.text.count("cannot write the journal") == 1
-
-
 def test_a_disk_that_hangs_holds_nobody_up(path, monkeypatch, caplog):
     """What it has no time for is written as a whole when it answers again."""
     monkeypatch.setattr(module, "MAX_TASKS", 2)

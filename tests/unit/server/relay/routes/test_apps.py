@@ -72,13 +72,6 @@ async def publish_until(socket, condition, *commands):
                 await socket.receive(timeout=0.02)
 
 
-async def answer_pings_until(socket, condition):
-    async with asyncio.timeout(WAIT_S):
-        while not condition():
-            with suppress(TimeoutError):
-                await socket.receive(timeout=0.02)
-
-
 async def closed_with(socket):
     """Return the code with which the relay closes an app, and what it sent before."""
     answers = []
@@ -153,16 +146,6 @@ async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
         assert world.driver() == "ann"
 
 
-async def test_one_message_begins_the_lease_and_arrives(world, connect):
-    world.database.routes = [replace(STEER, id=2, target_topic="/goal_pose")]
-    await until(lambda: [each.id for each in world.relay.relay.routes.live(5)] == [2], "known")
-    socket = await connect(OFFER)
-    await answer_pings_until(socket, lambda: "nothing" in world.why())
-    await socket.send_json(MOVE)
-    await answer_pings_until(socket, world.published)
-    assert world.published()[0]["topic"] == "/goal_pose"
-
-
 async def test_other_settings_of_a_robot_count_for_an_app_that_waits(world, connect):
     """It began to wait before they did."""
     socket = await connect(OFFER)
@@ -175,22 +158,6 @@ async def test_other_settings_of_a_robot_count_for_an_app_that_waits(world, conn
     await publish_until(socket, lambda: "policy" in world.why(), HALT)
     assert world.published() == []
     assert world.driver() is None
-
-
-async def test_an_app_that_comes_and_goes_begins_no_lease_after_the_other(
-    world, connect, monkeypatch
-):
-    monkeypatch.setattr(relay_routes, "RETRY_AFTER_S", 30)
-    socket = await connect(OFFER)
-    await publish_until(socket, world.published)
-    for _ in range(3):
-        await socket.close()
-        await until(lambda: world.driver() is None, "the robot is free")
-        socket = await connect(OFFER)
-        for _ in range(10):
-            await socket.send_json(HALT)
-            await asyncio.sleep(0.02)
-    assert world.database.fences == {TARGET: 1}
 
 
 async def test_an_app_and_what_it_drives_are_in_the_audit_log(world, connect):
@@ -316,32 +283,6 @@ async def test_an_app_that_floods_is_closed(connect, monkeypatch, per_s, size, e
     assert all("too many" in answer for answer in answers)
     # A busy machine takes longer to be flooded.
     assert len(answers) <= apps.ANSWERS_PER_S * (1 + stopwatch.clock_s)
-
-
-async def test_all_apps_of_a_user_may_send_as_much_as_one(connect, monkeypatch):
-    """What is more is not read, and refused with the reason; another user's are none of them."""
-    monkeypatch.setattr(apps, "MAX_MESSAGES_PER_S", 50)
-    monkeypatch.setattr(apps, "FLOOD_AFTER_S", 60)
-    flooding, other = await connect(), await connect(name="other")
-    bens = await connect(user=BEN)
-
-    async def flood():
-        while True:
-            await flooding.send_json(MOVE)
-            await asyncio.sleep(0.001)
-
-    async def answer_of(socket):
-        await asyncio.sleep(0.02)
-        await socket.send_json(MOVE)
-        return (await socket.receive_json(timeout=WAIT_S))["msg"]
-
-    task = asyncio.create_task(flood())
-    async with asyncio.timeout(WAIT_S):
-        while "too many" not in await answer_of(other):
-            pass
-    for _ in range(3):
-        assert "advertise it first" in await answer_of(bens)
-    task.cancel()
 
 
 async def test_apps_of_a_user_connect_only_so_often(world, connect, http, monkeypatch):

@@ -78,15 +78,6 @@ async def test_an_old_command_is_dropped(world, monkeypatch):
     assert world.published() == []
 
 
-async def test_the_source_is_pinged_while_a_route_needs_ages(world):
-    await start(world, FOLLOW)
-    [topic] = world.relay.relay.shared_topics._tasks
-    first_s = topic.sent_since_s()
-    await until(lambda: topic.sent_since_s() > first_s, "a pong came back")
-    world.database.routes = []
-    await until(lambda: not topic.is_dated.is_set(), "nobody needs them")
-
-
 async def test_the_newest_message_wins_at_the_rate_of_the_route(world):
     await start(world, replace(FOLLOW, target_topic="/speed", rate_hz=5))
     begun_s = time.monotonic()
@@ -261,10 +252,3 @@ async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
         [route] = (await answer.json())["routes"]
     assert (route["id"], route["state"], route["why"]) == (1, "runs", "")
     assert world.relay.relay.routes.live(BEN.id) == []
-
-
-async def test_a_relay_that_stops_leaves_its_routes(world):
-    await start(world, FOLLOW)
-    await world.relay.relay.routes.close()
-    await until(lambda: world.driver() is None, "the lease is over")
-    assert world.ends() == []
