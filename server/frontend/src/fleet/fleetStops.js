@@ -23,6 +23,8 @@ export function outcome({ name, stopped, confirmed }, control) {
   return texts.stopResult({ name, stopped: true, confirmed: control.stopped.confirmed });
 }
 
+const isConfirmed = ({ name, confirmed }, controls) => controls.get(name)?.stopped?.confirmed ?? confirmed;
+
 // Its stop is over: what was said of it is no longer so. Pure.
 const isReleased = (before, now) => Boolean(before?.stopped && now && !now.stopped);
 
@@ -38,6 +40,7 @@ export class FleetStops {
     this.controls = new Map(); // of robots, by name
     this.robots = []; // with their levels
     this.results = [];
+    this.unreached = []; // machines of the site, when the results came
     this.shown = null;
     this.round = 0;
   }
@@ -86,6 +89,7 @@ export class FleetStops {
 
   settle({ ok, status, detail, body }, site, round, tries) {
     this.results = (ok && body.robots) || [];
+    this.unreached = (ok && body.cells_unreached) || [];
     if (this.results.length > 0) return this.list();
     if (ok) return setText(this.result, texts.stopNone);
     const why = refusal(status, tries);
@@ -99,6 +103,7 @@ export class FleetStops {
     const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
     const others = unmanaged(this.robots, this.site).filter((name) => !this.controls.get(name)?.stopped).length;
     if (lines.length && others) lines.push(texts.stopOthers(others));
+    if (this.results.some((robot) => !isConfirmed(robot, this.controls))) lines.push(...this.unreached.map(texts.stopUnreached));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
     const items = lines.map((line) => make("li", {}, line));

@@ -29,6 +29,8 @@ export const fleet = {
     if (!stopped) return `${name}: not stopped`;
     return confirmed ? `${name}: stopped` : `${name}: stopping, not confirmed by the robot yet`;
   },
+  stopUnreached: (machine) =>
+    `This machine does not reach ${machine}: robots there get the stop once it does. Stop them on the page of ${machine}.`,
   stopNone: "No robot to stop.",
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,

@@ -48,6 +48,19 @@ test("who manages some of the robots reads that the others were left out", () =>
   assert.deepEqual(lines("lab"), ["sim1: stopped"]);
 });
 
+test("a machine that the stop has not reached is named, until all robots have confirmed theirs", () => {
+  const root = new FakeElement();
+  const stops = new FleetStops(root, { manages: true });
+  const robot = (confirmed) => ({ name: "sim1", level: "manage", control: { stopped: { confirmed } } });
+  const lines = () => part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
+  const robots = [{ name: "sim1", stopped: true, confirmed: false }];
+  stops.show([robot(false)]);
+  stops.settle({ ok: true, body: { robots, cells_unreached: ["east"] } }, undefined, 1, 1);
+  assert.match(lines()[1], /does not reach east/);
+  stops.receive([robot(true)]);
+  assert.deepEqual(lines(), ["sim1: stopped"]);
+});
+
 // Press Stop all, with the answers of the server; give what was said after each of them.
 async function pressed(...answers) {
   mock.timers.enable({ apis: ["setTimeout"] });
