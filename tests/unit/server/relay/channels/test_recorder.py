@@ -2,10 +2,12 @@
 
 import secrets
 
+from fake_robot import WAIT_S
 from frames_viewer import FramesViewer
 from relay_clients import refusal
 from relay_server import TICKET_KEY, until
 from robotether_server.db.fleet import RECORDER
+from robotether_server.relay.channels.rosbridge.shared_topics import MAX_OBSERVED_TOPICS
 from robotether_server.tickets import RECORDER_SALT, Ticket, TicketSigner
 
 
@@ -44,6 +46,20 @@ async def test_a_recorders_ticket_opens_one_robot_once_and_never_drives(
     assert await refusal(http, f"{relay.url}/robots/sim1/ros?ticket={ticket}") == 401
     assert other.id not in {each.id for each in relay.relay.registry.robots() if each.connections}
     assert not [text for text in robot.received if b"cmd_vel" in text.encode()]
+
+
+async def test_an_observer_who_asks_for_everything_leaves_the_recorder_its_topics(
+    relay, robot, sim1, http, ros
+):
+    url = f"{relay.url}/robots/sim1/ros?ticket={recorder_ticket(sim1)}"
+    async with ros("observe") as observer, http.ws_connect(url) as recorder:
+        for number in range(MAX_OBSERVED_TOPICS + 1):
+            await observer.send_json({"op": "subscribe", "topic": f"/t{number}"})
+        while "you alone have" not in (await observer.receive_json(timeout=WAIT_S)).get("msg", ""):
+            pass
+        odometry = {"op": "subscribe", "topic": "/odom"}
+        await recorder.send_json(odometry)
+        assert await recorder.receive_json(timeout=WAIT_S) == odometry
 
 
 async def test_the_recorder_neither_wants_more_nor_sets_the_pace(

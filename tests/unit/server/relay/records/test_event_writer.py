@@ -2,7 +2,6 @@
 
 import asyncio
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from datetime import timedelta
 
 import pytest
@@ -169,21 +168,6 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
     async with _at_work(event_writer):
         await event_writer.flush(5)
     assert Journal(path).read() == []
-
-
-async def test_what_a_killed_relay_dropped_is_counted_by_the_next(path, memory_database):
-    killed = EventWriter(memory_database, max_waiting=5, journal=_Settled(path))
-    count = 2 * MAX_STALE_LINES
-    for _ in range(count):
-        killed.add(replace(LINE))
-    killed.close()
-    event_writer = EventWriter(memory_database, journal=_Settled(path))
-    event_writer.restore()
-    kept = event_writer.waiting() - 1
-    async with _at_work(event_writer):
-        await event_writer.flush(5)
-    [lost] = [entry for entry in memory_database.written if entry.kind == "lines_lost"]
-    assert kept + lost.details["count"] == count
 
 
 async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
