@@ -73,11 +73,13 @@ class MessageRefusedError(RobotetherError):
     it was refused for its amount too often, and the connection should end.
     """
 
-    def __init__(self, kind: Kind, why: str, answer: bytes | None, *, floods: bool = False) -> None:
+    answer: bytes | None = None
+    floods = False
+
+    def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
         super().__init__(why)
-        self.kind = kind
-        self.answer = answer
-        self.floods = floods
+        self.kind: Kind = kind
+        self.message_id = message_id
 
 
 class ValidatedMessage(NamedTuple):
@@ -94,15 +96,6 @@ class ValidatedMessage(NamedTuple):
     own: Mapping[str, Any] | None = None
     subscription: Mapping[str, Any] | None = None
     topic: str | None = None
-
-
-class _RefusalError(RobotetherError):
-    """What is wrong, before it is known whether the client is notified."""
-
-    def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
-        super().__init__(why)
-        self.kind: Kind = kind
-        self.message_id = message_id
 
 
 class MessageValidator:
@@ -139,23 +132,23 @@ class MessageValidator:
         """Return what may go on in place of the message; raise MessageRefusedError when nothing may."""
         try:
             return self._check(data)
-        except _RefusalError as refusal:
+        except MessageRefusedError as refused:
             now = self._clock()
-            answered = self._answers.allow(now)
-            answer = status_error(refusal.detail, refusal.message_id) if answered else None
-            is_too_much = refusal.kind in TOO_MUCH
-            floods = is_too_much and self._refused.add(now, 1 + len(data) // KB)
-            raise MessageRefusedError(refusal.kind, refusal.detail, answer, floods=floods) from None
+            if self._answers.allow(now):
+                refused.answer = status_error(refused.detail, refused.message_id)
+            if refused.kind in TOO_MUCH:
+                refused.floods = self._refused.add(now, 1 + len(data) // KB)
+            raise
 
     def _check(self, data: bytes) -> ValidatedMessage:
         passes = self._check_amount(data)
         message = _read(data)
         operation = message.get("op")
         if not passes and operation != STOP:
-            raise _RefusalError("rate", TOO_MANY)
+            raise MessageRefusedError("rate", TOO_MANY)
         entry = OPERATIONS.get(operation) if isinstance(operation, str) else None
         if entry is None or not isinstance(operation, str):
-            raise _RefusalError("operation", _unknown(operation), message.get("id"))
+            raise MessageRefusedError("operation", _unknown(operation), message.get("id"))
         fields = _fields_of(operation, entry, message)
         if entry.own:
             return ValidatedMessage(b"", operation, own=fields)
@@ -170,18 +163,18 @@ class MessageValidator:
         size = len(data)
         if size > self._max_bytes:
             limit = self._max_bytes // KB
-            raise _RefusalError(
+            raise MessageRefusedError(
                 "size", f"cannot pass message: it has over {limit} KB, the robot's limit"
             )
         cost = message_cost(data)
         if cost > self._at_once:
-            raise _RefusalError(
+            raise MessageRefusedError(
                 "size", "cannot pass message: it has too many values for one message"
             )
         if self._messages.allow(self._clock(), cost):
             return True
         if not _may_be_stop(data):
-            raise _RefusalError("rate", TOO_MANY)
+            raise MessageRefusedError("rate", TOO_MANY)
         return False
 
     def _check_right(self, entry: Operation, fields: Mapping[str, Any]) -> None:
@@ -191,7 +184,7 @@ class MessageValidator:
         if not (self._allowed[entry.right](name) or self._always(entry, fields, name)):
             kind: Kind = "topic" if entry.named_by == "topic" else "service"
             why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
-            raise _RefusalError(kind, why, fields.get("id"))
+            raise MessageRefusedError(kind, why, fields.get("id"))
         if entry.right == "subscribe":
             self._count_subscription(fields)
 
@@ -219,7 +212,7 @@ class MessageValidator:
         elif not self._subscriptions.add(topic, subscription_id):
             max_count = len(self._subscriptions)
             why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
-            raise _RefusalError("subscriptions", why, subscription_id)
+            raise MessageRefusedError("subscriptions", why, subscription_id)
 
     def _publish(self, fields: dict[str, Any]) -> ValidatedMessage:
         stamp = fields.pop(STAMP, None) or DriveStamp()
@@ -229,7 +222,7 @@ class MessageValidator:
         try:
             speed, turn = speeds(fields.get("msg", {}))
         except FieldRefusedError as exc:
-            raise _RefusalError(
+            raise MessageRefusedError(
                 "shape", f"cannot publish to {topic}: msg {exc}", fields.get("id")
             ) from exc
         data = write_json(fields)
@@ -261,7 +254,7 @@ def _read(data: bytes) -> dict[str, Any]:
     try:
         return read_json(data)
     except NotJsonError as exc:
-        raise _RefusalError("json", f"cannot read message: not JSON: {exc}") from exc
+        raise MessageRefusedError("json", f"cannot read message: not JSON: {exc}") from exc
 
 
 def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> dict[str, Any]:
@@ -275,7 +268,7 @@ def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> 
             fields[name] = check(value)
         except FieldRefusedError as exc:
             why = f"cannot pass {operation}: its field {name} {exc}"
-            raise _RefusalError("shape", why, message.get("id")) from exc
+            raise MessageRefusedError("shape", why, message.get("id")) from exc
     return fields
 
 
@@ -285,7 +278,7 @@ def _check_plain_values(fields: Mapping[str, Any]) -> None:
         scalars(fields.get("args", {}))
     except FieldRefusedError as exc:
         why = f"cannot pass call_service: its field args {exc}"
-        raise _RefusalError("shape", why, fields.get("id")) from exc
+        raise MessageRefusedError("shape", why, fields.get("id")) from exc
 
 
 def message_cost(data: bytes) -> int:
