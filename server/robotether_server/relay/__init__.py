@@ -16,7 +16,7 @@ unbounded buffer for anybody.
                  rosbridge  a WebSocket joined to a robot's rosbridge: every message is checked and written again, and
                             drive commands are counted for the drive's record
                  video      a robot's cameras: the frames protocol, streams, web_video_server passed through
-    control/     grants and ends leases, stops and releases robots, and answers the requests for it
+    control/     grants and ends leases, stops and releases robots, answers the requests for it, describes the fleet
     auth/        who asks and what for: tickets, logins, tokens, and the live connections that they opened
     robots/      one `Robot` for all that is known of a robot, sessions over TCP, and the way to robots' ports
     records/     the database on threads of its own: reads robots and rights, writes what happens

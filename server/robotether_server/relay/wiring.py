@@ -33,7 +33,6 @@ from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.cells.rebalancing import Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels import recorder
-from robotether_server.relay.channels.events import FleetEvents
 from robotether_server.relay.channels.kinds import channel_routes
 from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
@@ -45,6 +44,7 @@ from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.control_api import ControlApi
+from robotether_server.relay.control.fleet_events import FleetEvents
 from robotether_server.relay.control.head_signer import HeadSigner
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.event_loop import start_task

@@ -26,7 +26,7 @@ from robotether_server.relay.cells.messages import (
     PeerStopEnd,
     build,
 )
-from robotether_server.relay.channels.events import ChangedRobots, FleetEvents
+from robotether_server.relay.control.fleet_events import ChangedRobots, FleetEvents
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_stops import RobotStops
 from robotether_server.tasks import end_tasks

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from aiohttp import web
 
-from robotether_server.relay.channels.events import EventsHandler, FleetEvents
+from robotether_server.relay.channels.events import EventsHandler
 from robotether_server.relay.channels.rosbridge.handler import (
     BridgeRules,
     ConnectionReport,
@@ -19,6 +19,7 @@ from robotether_server.relay.channels.video.frames_handler import FramesHandler
 from robotether_server.relay.channels.video.handler import VideoHandler
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
+from robotether_server.relay.control.fleet_events import FleetEvents
 
 
 def channel_routes(

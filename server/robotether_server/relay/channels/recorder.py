@@ -12,23 +12,22 @@ import asyncio
 import logging
 from collections import deque
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import msgspec
 from aiohttp import WSMsgType, web
 from msgspec import Struct
 from msgspec.structs import asdict
 
-from robotether_server.contract.robots import LiveState
 from robotether_server.db.fleet import Snapshot
 from robotether_server.problems import HttpError
 from robotether_server.relay.auth.access import Access
+from robotether_server.relay.control.fleet_events import ChangedRobots, FleetEvents
 from robotether_server.relay.robots.recorders import RecordedTopic, RecorderOfRobot, stamped
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import Change
-from robotether_server.tasks import end_tasks, wait_for_event
+from robotether_server.tasks import end_tasks
 
 log = logging.getLogger(__name__)
 
@@ -47,34 +46,19 @@ class FollowRequest(Struct, frozen=True, forbid_unknown_fields=True):
     writes: bool = False
 
 
-class LiveFleet(Protocol):
-    """What the handler needs of `events.FleetEvents`."""
-
-    def followed(self, follower: RecorderConnection) -> AbstractContextManager[None]:
-        """Notify of each change inside the block."""
-
-    def describe_here(self, robot_id: int) -> LiveState:
-        """Build what of a robot object this cell knows."""
-
-    def changed(self, robot_id: int) -> None:
-        """Something about a robot changed."""
-
-
-class RecorderConnection:
+class RecorderConnection(ChangedRobots):
     """One recorder: the robots that it follows, and what it has yet to get."""
 
     def __init__(
-        self, registry: SessionRegistry, fleet: LiveFleet, drive_topic: Callable[[int], str]
+        self, registry: SessionRegistry, fleet: FleetEvents, drive_topic: Callable[[int], str]
     ) -> None:
+        super().__init__()
         self._registry = registry
         self._fleet = fleet
         self._drive_topic = drive_topic
         self._followed: dict[int, RecorderOfRobot] = {}
-        self._changed: set[int] = set()
         self._waiting: deque[bytes] = deque(maxlen=MAX_WAITING)
         self._lost = 0
-        self._wake = asyncio.Event()
-        self.ended = False
 
     def follow(self, request: FollowRequest) -> None:
         """Follow a robot, or no longer."""
@@ -102,18 +86,11 @@ class RecorderConnection:
     def mark(self, robot_id: int) -> None:
         """A robot changed."""
         if robot_id in self._followed:
-            self._changed.add(robot_id)
-            self._wake.set()
+            self.add(robot_id)
 
     def mark_all(self) -> None:
         """Anything may have changed."""
-        for robot_id in self._followed:
-            self.mark(robot_id)
-
-    def end(self) -> None:
-        """The relay is stopping."""
-        self.ended = True
-        self._wake.set()
+        self.add(*self._followed)
 
     def on_robot_change(self, change: Change) -> None:
         """A robot's guard reported what its driver saw."""
@@ -124,9 +101,8 @@ class RecorderConnection:
 
     async def next_texts(self, timeout_s: float) -> list[bytes]:
         """Wait until something is to be sent, at most `timeout_s`, and take it."""
-        await wait_for_event(self._wake, timeout_s)
-        changed, self._changed = self._changed, set()
-        for robot_id in changed & self._followed.keys():
+        await self.wait(timeout_s)
+        for robot_id in self._followed.keys() & self.pop():
             self._send_control(robot_id)
         texts = list(self._waiting)
         self._waiting.clear()
@@ -166,7 +142,7 @@ class RecorderHandler:
         self,
         access: Access,
         registry: SessionRegistry,
-        fleet: LiveFleet,
+        fleet: FleetEvents,
         snapshot: Callable[[], Snapshot],
     ) -> None:
         self._access = access

@@ -1,6 +1,6 @@
 """The control of all robots: leases, stops, and the control object that describes them.
 
-`wiring` makes one; `channels/rosbridge`, `control_api` and `channels/events` use it. Listeners are notified of changes.
+`wiring` makes one; `channels/rosbridge`, `control_api` and `fleet_events` use it. Listeners are notified of changes.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """The robots that the relay knows: makes and drops each, and notifies listeners of what happens to it.
 
-`robot_link` reports what happens on a robot's connection; `connections`, `channels/events` and `observers` listen.
+`robot_link` reports what happens on a robot's connection; `connections`, `fleet_events` and `observers` listen.
 """
 
 from __future__ import annotations

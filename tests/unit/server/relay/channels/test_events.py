@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 from relay_server import ANN, BOB, EVE, until
 from robotether_server.api.description import document
 from robotether_server.db.fleet import RelayRequest
-from robotether_server.relay.channels import events as module
+from robotether_server.relay.control import fleet_events as fleet_events_module
 from robotether_server.relay.robots.robot import Change, Presence
 
 
@@ -49,7 +49,7 @@ async def test_round_trips_are_told_seldom(fleet_events, subscriber, robots, mon
         robots.ensure_robot(7).presence = Presence(rtt_ms=rtt_ms)
         fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
         assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
-    monkeypatch.setattr(module, "RTT_NOTIFY_EVERY_S", 0.0)
+    monkeypatch.setattr(fleet_events_module, "RTT_NOTIFY_EVERY_S", 0.0)
     fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
     assert [event[1].rtt_ms for event in subscriber.pop_events()] == [3.0]
 
