@@ -11,6 +11,7 @@ from robotether_server.relay.channels.rosbridge.handler import (
     BridgeRules,
     ConnectionReport,
     RosbridgeHandler,
+    SessionContext,
 )
 from robotether_server.relay.channels.rosbridge.http_calls import HttpCalls
 from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
@@ -31,7 +32,7 @@ def channel_routes(
     report: Callable[[ConnectionReport], None],
 ) -> list[web.RouteDef]:
     """Return the paths of the contract, each with a handler of its kind."""
-    rosbridge = RosbridgeHandler(context, control, rules=rules, report=report)
+    rosbridge = RosbridgeHandler(SessionContext(context, control, rules, report))
     calls = HttpCalls(context, rules.traffic)
     topics, services = TopicApi(calls, rules.shared_topics), ServiceApi(calls, control)
     frames, video = FramesHandler(context, rules.limits), VideoHandler(context)

@@ -20,14 +20,9 @@ from robotether_server.contract.routes import LiveRoute, LiveRouteList
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.auth.access import HandlerContext, request_of
+from robotether_server.relay.auth.access import request_of
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.channels.rosbridge.handler import (
-    BridgeRules,
-    ConnectionReport,
-    OperatorSession,
-)
-from robotether_server.relay.control.control import Control
+from robotether_server.relay.channels.rosbridge.handler import OperatorSession, SessionContext
 from robotether_server.relay.control.control_api import answer_json
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -53,18 +48,14 @@ LASTING_ENDS = frozenset(("robot_stopped", "lease_held", "lease_lost"))
 
 
 @dataclass(frozen=True)
-class RouteContext:
-    """What routes need of the relay's other parts."""
+class RouteContext(SessionContext):
+    """What routes need besides."""
 
-    handlers: HandlerContext
-    control: Control
-    rules: BridgeRules
     cell_sources: CellSources
     apps: Apps
     peers: Peers
     event_writer: EventWriter
     snapshot: Callable[[], Snapshot]
-    report: Callable[[ConnectionReport], None]
 
 
 @dataclass(eq=False)
@@ -295,20 +286,10 @@ class RouteRunner:
             handlers.connections.joined(connection),
             handlers.registry.ensure_robot(connection.robot.id).usage.counted(),
         ):
-            return await driver.wait() or await self._session(driver, connection).run()
-
-    def _session(self, driver: RouteDriver, connection: Connection) -> OperatorSession:
-        context = self._context
-        return OperatorSession(
-            driver,
-            connection,
-            None,
-            context.handlers,
-            context.control,
-            context.report,
-            context.rules.traffic,
-            driver.address,
-        )
+            if (close_reason := await driver.wait()) is not None:
+                return close_reason
+            session = OperatorSession(driver, connection, None, self._context, driver.address)
+            return await session.run()
 
     def _on_ended(self, running: RunningRoutes, close_reason: CloseReason) -> None:
         routes = [source.route for source in running.sources.values()]

@@ -85,21 +85,30 @@ class ConnectionReport:
 
 
 @dataclass(frozen=True)
-class RosbridgeHandler:
-    """Answers /robots/NAME/ros."""
+class SessionContext:
+    """What each connection to a robot's rosbridge needs, an operator's or that of routes."""
 
-    context: HandlerContext
+    handlers: HandlerContext
     control: Control
     rules: BridgeRules
     report: Callable[[ConnectionReport], None]
+
+
+@dataclass(frozen=True)
+class RosbridgeHandler:
+    """Answers /robots/NAME/ros."""
+
+    context: SessionContext
 
     async def handle(self, request: web.Request) -> web.StreamResponse:
         """Join an operator's WebSocket to the robot until one of them ends."""
         if not web.WebSocketResponse().can_prepare(request):
             raise HttpError(426, "cannot open rosbridge: connect with a WebSocket")
-        permit = self.context.access.for_rosbridge(request_of(request), request.match_info["name"])
+        permit = self.context.handlers.access.for_rosbridge(
+            request_of(request), request.match_info["name"]
+        )
         observes = permit.use == "observe"
-        operator = OperatorSocket(OBSERVER_LIMIT if observes else self.rules.message_limit)
+        operator = OperatorSocket(OBSERVER_LIMIT if observes else self.context.rules.message_limit)
         await self._serve(operator, permit, request)
         return operator
 
@@ -111,22 +120,15 @@ class RosbridgeHandler:
         connection = Connection(
             user.id, user.name, robot, permit.use, bridge.end, level=permit.level
         )
-        if (why := self.context.connections.no_room(connection)) is not None:
+        if (why := self.context.handlers.connections.no_room(connection)) is not None:
             bridge.end(close_reasons.too_many_connections(why))
         try:
             # Before anything waits: a right that ends in the meantime must end this connection. And before a lease: its
             # line comes to the agent behind the one that asks for quick heartbeats.
-            with self.context.counted(connection, permit.credential):
+            with self.context.handlers.counted(connection, permit.credential):
                 await operator.open(request)
                 close_reason = await OperatorSession(
-                    bridge,
-                    connection,
-                    permit.credential,
-                    self.context,
-                    self.control,
-                    self.report,
-                    self.rules.traffic,
-                    address,
+                    bridge, connection, permit.credential, self.context, address
                 ).run()
             await bridge.farewell(close_reason)
         finally:
@@ -135,13 +137,15 @@ class RosbridgeHandler:
     def _topic_sharing(self, permit: Permit, request: web.Request) -> TopicSharing:
         observes = permit.use == "observe"
         if observes and (key := key_of(request.headers)) is not None:
-            forwarded = self.context.registry.ensure_robot(permit.robot.id).forwarded_topics
+            forwarded = self.context.handlers.registry.ensure_robot(
+                permit.robot.id
+            ).forwarded_topics
             return ForwardedTopics(key, permit.user.id, forwarded)
         user_ids = (permit.user.id,)
         limit = MAX_TOPICS if not observes else MAX_OBSERVED_TOPICS
         if permit.user.id == RECORDER.id:
             limit = MAX_STANDING_TOPICS
-        return TopicCopies(permit.robot, lambda: user_ids, self.rules.shared_topics, limit)
+        return TopicCopies(permit.robot, lambda: user_ids, self.context.rules.shared_topics, limit)
 
     def _bridge(
         self,
@@ -150,7 +154,7 @@ class RosbridgeHandler:
         address: str | None,
         topics: TopicSubscriptions,
     ) -> Bridge:
-        robot, rules = permit.robot, self.rules
+        robot, rules = permit.robot, self.context.rules
         policy = robot.settings.policy
         return Bridge(
             robot.name,
@@ -158,7 +162,7 @@ class RosbridgeHandler:
                 policy.of(permit.level), robot.settings.guard.drive_topics, policy.limits
             ),
             operator=operator,
-            own=OwnOperations(self.control, robot, permit.user.name, address),
+            own=OwnOperations(self.context.control, robot, permit.user.name, address),
             topics=topics,
             limits=rules.limits if permit.use == "observe" else rules.driver_limits,
             message_limit=rules.message_limit,
@@ -195,10 +199,7 @@ class OperatorSession:
     bridge: DriverEnd
     connection: Connection
     credential: Credential | None
-    context: HandlerContext
-    control: Control
-    report: Callable[[ConnectionReport], None]
-    traffic: Traffic
+    context: SessionContext
     address: str | None
     drive: DriveLog | None = None
 
@@ -223,20 +224,20 @@ class OperatorSession:
         return close_reason
 
     async def _connect_robot(self) -> RobotEnd:
-        robot, dialer = self.connection.robot, self.context.dialer
+        robot, dialer = self.connection.robot, self.context.handlers.dialer
         if self.connection.use != "drive":
             socket, lease = await dialer.open(robot, None), None
         else:
             # A page that waits for an offline robot must not use numbers up.
-            self.context.registry.online_presence(robot)
+            self.context.handlers.registry.online_presence(robot)
             if not self.connection.is_route:
-                await self.context.check_credential(self.credential, robot)
-            driver = await self.control.leasing.begin(self.connection)
+                await self.context.handlers.check_credential(self.credential, robot)
+            driver = await self.context.control.leasing.begin(self.connection)
             socket = await dialer.open(robot, driver.fence)
             lease = self._lease(driver)
-        self.context.connections.connected(self.connection)
+        self.context.handlers.connections.connected(self.connection)
         self._send_report()
-        counted = self.context.counted_uplink(self.connection, socket.received_bytes)
+        counted = self.context.handlers.counted_uplink(self.connection, socket.received_bytes)
         return RobotEnd(socket, lease, counted)
 
     def _lease(self, driver: Driver) -> DriveLease:
@@ -249,7 +250,7 @@ class OperatorSession:
             utc_now(),
             self.address,
             robot_key=robot.fingerprint,
-            agent_version=self.context.registry.presence(robot.id).agent_version,
+            agent_version=self.context.handlers.registry.presence(robot.id).agent_version,
             server_version=__version__,
         )
         self.drive = DriveLog(
@@ -260,8 +261,8 @@ class OperatorSession:
             self.bridge.show_seen,
         )
         presence, link = (
-            self.context.registry.presence(robot.id),
-            self.context.registry.session_of(robot.id),
+            self.context.handlers.registry.presence(robot.id),
+            self.context.handlers.registry.session_of(robot.id),
         )
         guarded = link is not None and presence.guard_mode == "on"
         return DriveLease(
@@ -272,7 +273,7 @@ class OperatorSession:
             on_command=lambda: driver.on_command(now()),
             on_report=partial(self._on_command, driver.fence),
             robots_frame=partial(
-                self.context.registry.ensure_robot(robot.id).delivered_frames.robots,
+                self.context.handlers.registry.ensure_robot(robot.id).delivered_frames.robots,
                 self.connection.user_id,
             ),
         )
@@ -280,8 +281,8 @@ class OperatorSession:
     def _on_command(self, fence: int, report: CommandReport) -> None:
         age_s = report.age_s
         if report.outcome == "sent" and age_s is not None:
-            self.traffic.command_ages.add(age_s)
-            self.traffic.count_to_robot(report.size)
+            self.context.rules.traffic.command_ages.add(age_s)
+            self.context.rules.traffic.count_to_robot(report.size)
         if recorders := self._recorders:
             recorders.send("commands", partial(self._recorded, fence, report))
 
@@ -301,7 +302,7 @@ class OperatorSession:
         }
 
     def _on_round_trip(self, driver_ms: float, robot_ms: float | None) -> None:
-        self.traffic.round_trips.add(driver_ms / 1000)
+        self.context.rules.traffic.round_trips.add(driver_ms / 1000)
         if recorders := self._recorders:
             person = self.connection.user
             recorders.send(
@@ -311,11 +312,11 @@ class OperatorSession:
 
     @property
     def _recorders(self) -> Recorders:
-        return self.context.registry.robot(self.connection.robot.id).recorders
+        return self.context.handlers.registry.robot(self.connection.robot.id).recorders
 
     def _counters(self) -> DriveCounters:
         robot_id, user_id = self.connection.robot.id, self.connection.user_id
-        robot = self.context.registry.ensure_robot(robot_id)
+        robot = self.context.handlers.registry.ensure_robot(robot_id)
         return DriveCounters(
             passed_bytes=lambda: self.bridge.bytes_passed,
             robot_rtt_ms=lambda: robot.presence.rtt_ms,
@@ -326,10 +327,10 @@ class OperatorSession:
 
     def _end_lease(self) -> None:
         if self.connection.use == "drive":
-            self.control.leasing.end(self.connection)
+            self.context.control.leasing.end(self.connection)
 
     def _send_report(self, close_reason: CloseReason | None = None, lasted_s: float = 0.0) -> None:
-        self.report(
+        self.context.report(
             ConnectionReport(
                 self.connection,
                 self.address,
