@@ -65,6 +65,8 @@ class Request:
     authorization: str | None
     # Of the client, as nginx saw it.
     address: str = ""
+    # Of a page of this site, which alone can send it.
+    csrf_header: str = ""
     stops: bool = False
 
 
@@ -207,9 +209,9 @@ class Access:
         robot = self.visible_robot(asker.user, name)
         return Permit(asker.user, robot, "observe", asker.credential)
 
-    async def for_service(self, request: Request, name: str, csrf_header: str) -> Permit:
+    async def for_service(self, request: Request, name: str) -> Permit:
         """Let a login or token call services of robot `name`, as a driver if it may drive."""
-        asker = await self.for_change(request, csrf_header)
+        asker = await self.for_change(request)
         robot = self.visible_robot(asker.user, name)
         level = self._snapshot().level(asker.user.id, robot.id)
         if level is None or not permits(level, "drive"):
@@ -222,7 +224,7 @@ class Access:
         self._snapshot()
         return await self.asker(request)
 
-    async def for_change(self, request: Request, csrf_header: str) -> AuthenticatedUser:
+    async def for_change(self, request: Request) -> AuthenticatedUser:
         """Let a token change something, or a login that a page of this site uses.
 
         A page of another site can send neither an Origin of ours nor a header of its own choice.
@@ -230,7 +232,7 @@ class Access:
         self.check_origin(request)
         self._snapshot()
         asker = await self.asker(request)
-        if asker.credential.kind == "login" and request.origin is None and not csrf_header:
+        if asker.credential.kind == "login" and request.origin is None and not request.csrf_header:
             raise CsrfRefusedError(
                 "cannot change anything: send the header X-CSRFToken with a login"
             )
@@ -386,6 +388,7 @@ def request_of(request: web.Request, *, stops: bool = False) -> Request:
         login=request.cookies.get(LOGIN_COOKIE),
         authorization=headers.get("Authorization"),
         address=headers.get("X-Forwarded-For", ""),
+        csrf_header=headers.get("X-CSRFToken", ""),
         stops=stops,
     )
 

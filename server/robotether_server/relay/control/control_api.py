@@ -164,9 +164,7 @@ class ControlApi:
         return user, self.access.visible_robot(user, request.match_info["name"])
 
     async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
-        access_request = request_of(request, stops=stops)
-        csrf_header = request.headers.get("X-CSRFToken", "")
-        return (await self.access.for_change(access_request, csrf_header)).user
+        return (await self.access.for_change(request_of(request, stops=stops))).user
 
     def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:
         snapshot = self.snapshot()
