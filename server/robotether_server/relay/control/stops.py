@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import MAX_NAME, Stop, StopEntry, StopId
 from robotether_server.db.fleet import AuditEntry, RelayRobot
-from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
+from robotether_server.problems import GuardSilentError, NotPossibleError
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
@@ -181,7 +181,7 @@ class Stops:
         seen: ShownStop | None = None,
         address: str | None = None,
     ) -> None:
-        """Release the robot; RobotOfflineError or GuardSilentError when it does not confirm.
+        """Release the robot; ConnectionClosedError (it is offline) or GuardSilentError when it does not confirm.
 
         NotPossibleError when another stop is in force than the one that was `seen`.
         """
@@ -189,10 +189,7 @@ class Stops:
         presence, stops = self.registry.presence(robot.id), self._of(robot.id)
         if not stops.in_force and not presence.report.stopped:
             return
-        if not presence.online:
-            raise RobotOfflineError(
-                close_reasons.offline_sentence(robot.name, presence.since, utc_now())
-            )
+        self.registry.online_presence(robot)
         release = Release(robot, by, address, tuple(stops.in_force))
         # Without a guard nobody confirms, and the stop was never more than the server's.
         if presence.guard_mode == "on":

@@ -15,10 +15,11 @@ from relay_server import until, utc
 from robotether_server.contract.control import ShownStop
 from robotether_server.db.control import Stop, StopEntry
 from robotether_server.db.fleet import AuditEntry, RelayRobot, Snapshot
-from robotether_server.problems import GuardSilentError, NotPossibleError, RobotOfflineError
+from robotether_server.problems import GuardSilentError, NotPossibleError
 from robotether_server.relay.control import stops as stops_module
 from robotether_server.relay.control.stops import Stops
 from robotether_server.relay.http import close_reasons
+from robotether_server.relay.http.close_reasons import ConnectionClosedError
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot import GuardReport
 from robotether_server.relay.robots.robot_stops import MAX_STOPS
@@ -448,7 +449,7 @@ async def test_who_stops_a_robot_once_more_that_is_not_here_makes_a_new_stop(wor
     world.written.clear()
     for _ in range(2):
         world.stops.stop(SIM1, "ben")
-    with pytest.raises(RobotOfflineError):
+    with pytest.raises(ConnectionClosedError):
         await world.stops.release(SIM1, "ann")
     newest = world.stops.of(SIM1.id)
     assert newest.at > NOON
