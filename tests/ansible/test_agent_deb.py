@@ -63,7 +63,6 @@ class Packaged:
 
 
 def boot(site: Site, hosts: RobotHosts, name: str, suite: str, **options: Any) -> Packaged:
-    """A host of a Debian release, with the file that the server gave it."""
     if suite == "trixie":
         output_of_command(ROOT / "tools" / "ensure_robot_host_image", suite, limit_s=600)
     host = hosts.boot(name, image=NEWER_IMAGE if suite == "trixie" else IMAGE, **options)

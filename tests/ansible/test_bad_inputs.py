@@ -126,7 +126,6 @@ def bad(site: Site, hosts: RobotHosts) -> Bad:
 
 
 def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
-    """The machine of each case by its name."""
     own = {name: case.options for name, case in CASES.items() if case.needs_own_machine}
     *alone, shared = hosts.boot_all(*own, "shared", options=own)
     for machine in (*alone, shared):
@@ -137,7 +136,6 @@ def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
 
 
 def _expired_token(site: Site) -> dict[str, Any]:
-    """The variables of a machine whose join token was good once."""
     token = site.join_token(uses=1)
     site.stack.sql(
         "UPDATE join_tokens SET expires_at = NOW() - INTERVAL 1 DAY ORDER BY id DESC LIMIT 1"

@@ -33,7 +33,6 @@ def installed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
 
 
 def listed(site: Site) -> list[str]:
-    """The robots that the collection's inventory has online."""
     inventory = site.folder / "fleet.yml"
     inventory.write_text(
         "plugin: robotether.robotether.robots\n"

@@ -15,7 +15,6 @@ SETTINGS = b'{"bridge": "none"}'
 
 @pytest.fixture(scope="module")
 def robot(hosts: RobotHosts) -> RobotHost:
-    """A robot with a Docker of its own."""
     host = boot_docker_host(hosts, "boxed")
     host.put(SETTINGS, "/etc/docker/daemon.json")
     # Packages of the distribution stay on a robot that is retired.
@@ -26,7 +25,6 @@ def robot(hosts: RobotHosts) -> RobotHost:
 
 
 def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
-    """It is enrolled, a second run changes nothing, it comes back after a power cut, and retiring leaves nothing."""
     before = robot.footprint()
     docker = {"agent_runtime": "docker"}
     first = site.play_well("enroll.yml", robot, **docker)

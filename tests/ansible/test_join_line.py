@@ -44,7 +44,6 @@ class Robot:
         return done.returncode == 0, done.stdout
 
     def traces(self) -> list[str]:
-        """What of an installed agent is on this machine."""
         look = (
             f"for path in {' '.join(TRACES)}; do [ -e $path ] || [ -L $path ] && echo $path; done"
         )
@@ -141,7 +140,6 @@ LACKS = {
 
 
 def test_lacking_machine_is_left_alone(stack: Stack, token: str, robot: Robot) -> None:
-    """A machine that cannot be a robot yet is told why, and is as it was."""
     line = invite(stack, token)["command"]
     options = "--interface eth0"
     for what, (take, give, sentence) in LACKS.items():
@@ -162,7 +160,6 @@ def test_lacking_machine_is_left_alone(stack: Stack, token: str, robot: Robot) -
 def test_line_makes_a_robot_and_again_changes_nothing(
     stack: Stack, token: str, robot: Robot
 ) -> None:
-    """The printed line brings a machine online; a second run finds nothing to do; uninstalling leaves nothing."""
     robot.host.ros_listens_on("0.0.0.0")
     line = invite(stack, token)["command"]
     # Without --wheelhouse: as most robots do, with packages from the index; but PyAV, which is large, from a folder.
@@ -208,7 +205,6 @@ def test_line_makes_a_robot_and_again_changes_nothing(
 
 @pytest.mark.release
 def test_missing_packages_are_installed(stack: Stack, token: str, robot: Robot) -> None:
-    """A Debian without the module venv gets it by apt."""
     robot.host.run("apt-get purge -y -qq python3-venv python3.11-venv")
     good, said = robot.install(invite(stack, token)["command"])
     assert good, said

@@ -137,7 +137,6 @@ def test_timer_makes_a_backup(server: Server) -> None:
 
 
 def test_stack_and_firewall_come_back_at_boot(server: Server) -> None:
-    """After a reboot nobody has to do anything."""
     server.host.reboot()
     server.host.wait_booted()
     server.host.wait("the stack healthy", server.healthy, seconds=120)

@@ -152,7 +152,6 @@ def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
 
 
 def test_fleet_runs_on_it(known: Person) -> None:
-    """A fleet command runs on the robot, with sudo too, and its exit status comes back."""
     done = known.fleet("id -un", "--on", "*", "--json")
     assert [(row["robot"], row["stdout"]) for row in json.loads(done.stdout)] == [
         (NAME, f"{USER}\n")

@@ -106,7 +106,6 @@ def test_database_is_for_the_cells_alone(site: Site) -> None:
 
 
 def test_upgrade_takes_one_cell_after_the_other(site: Site) -> None:
-    """Each is emptied before it is restarted, and takes robots again after it."""
     for machine in site.machines:
         machine.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
     changed, _ = site.controller.play()

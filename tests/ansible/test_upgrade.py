@@ -40,7 +40,6 @@ def _version(robot: RobotHost) -> str:
 def test_broken_version_stops_at_the_first(
     site: Site, robots: list[RobotHost], tmp_path: Path
 ) -> None:
-    """The first robot goes back by itself and is online, the second one is not touched, and the playbook says so."""
     wheel = _other_version(tmp_path, "0.9.0", BROKEN)
     before = [_version(robot) for robot in robots]
     played = site.play(
@@ -59,7 +58,6 @@ def test_broken_version_stops_at_the_first(
 
 
 def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
-    """--check says that it would change; then the version is on all robots, and a second run changes nothing."""
     wheel = str(_other_version(tmp_path, "0.9.1"))
     for playbook in ("enroll.yml", "upgrade.yml"):
         checked = site.play(playbook, *robots, check=True, robotether_wheel_file=wheel)

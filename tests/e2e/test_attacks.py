@@ -72,7 +72,6 @@ def test_no_such_ticket_opens_a_robot(stack: Stack, ann: Person) -> None:
 
 
 async def test_an_observer_sends_nothing_that_moves(ben: Person) -> None:
-    """Whatever the spelling, the answer is a refusal, and the connection goes on."""
     attempts: dict[str | bytes, str] = {
         PUBLISH: "only subscribes",
         PUBLISH.encode(): "only subscribes",

@@ -24,7 +24,6 @@ TOPIC = "/camera/image_raw"
 
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
-    """The cell with the database and three robots."""
     cell = first_cell(tmp_path_factory.mktemp("site"))
     try:
         cell.up()
@@ -44,7 +43,6 @@ def host_key(cell: Stack) -> str:
 
 
 def test_cells_are_one_site(first: Stack, second: Stack) -> None:
-    """People, robots and the SSH host key are the same at both."""
     first.robotether("user", "add", "ann")
     assert "ann" in second.robotether("user", "list")
     assert host_key(first) == host_key(second)
@@ -73,7 +71,6 @@ def test_key_look_up_works_at_both(first: Stack, second: Stack) -> None:
 
 
 def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -> None:
-    """Whoever reads the network between the machines sees no record."""
     host, port = first.settings["DB_HOST"], first.settings["DB_PORT"]
     command = ["mariadb", f"--host={host}", f"--port={port}", "--user=keylookup", "--skip-ssl"]
     read = 'MYSQL_PWD=$(cat /run/secrets/mysql_keylookup_password) exec "$@"'

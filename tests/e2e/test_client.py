@@ -146,7 +146,6 @@ def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> N
 def test_a_site_that_is_not_allowed_gets_nothing(
     stack: Stack, browser: Browser, token: str
 ) -> None:
-    """A page of another site is refused, whatever token it has, and reads which setting refuses it."""
     other = "https://other.example"
     with _at(browser, other, EMPTY) as page:
         page.goto(f"{other}/")

@@ -49,7 +49,6 @@ def ros_port(stack: Stack) -> int:
 
 
 def answers(port: int) -> bool:
-    """Whether somebody behind the published port says anything to an HTTP request."""
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=5) as plain:
             plain.sendall(b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n")

@@ -231,7 +231,6 @@ def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack: Stack,
     [("/static/dist/drive.js", "gzip"), ("/static/drive.css", "gzip"), ("/login", None)],
 )
 def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: str | None) -> None:
-    """They travel as gzip and are whole; a page, which holds secrets, does not."""
     connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=5, context=insecure_tls()
     )

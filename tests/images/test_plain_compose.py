@@ -84,7 +84,6 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
 
 
 def served(site: PlainCompose) -> str:
-    """The certificate that the site shows."""
     port = int(site.url.rstrip("/").rpartition(":")[2])
     return ssl.get_server_certificate(("localhost", port))
 

@@ -61,7 +61,6 @@ def test_promtool_reads_the_queries_of_the_dashboard(tmp_path: Path) -> None:
 
 @contextmanager
 def running(*options: str, port: int) -> Iterator[str]:
-    """A container that became healthy."""
     container = run("run", "--detach", *LOCKED_DOWN, *options, image("prometheus"))
     try:
         check = ("docker", "exec", container, "/usr/lib/robotether/healthy", str(port))

@@ -26,7 +26,6 @@ def bake(*arguments: str, **variables: str) -> str:
 
 
 def in_image(image: str, *command: str) -> str:
-    """Run a command in an image, with nothing of a site's around it."""
     run = ("docker", "run", "--rm", "--network", "none", "--entrypoint", command[0])
     return output_of_command(*run, name_of(image), *command[1:])
 
@@ -46,7 +45,6 @@ def test_image_says_what_it_is(image: str) -> None:
 
 
 def listed(file: Path) -> set[tuple[str, str]]:
-    """Name and version of each component of an SBOM."""
     sbom = json.loads(file.read_text())
     assert sbom["bomFormat"] == "CycloneDX"
     return {(each["name"], each["version"]) for each in sbom["components"]}

@@ -68,7 +68,6 @@ ThreadingHTTPServer(("", 8000), Handler).serve_forever()
 
 
 def of_page(language: str) -> str:
-    """The page's one file in this language."""
     [file] = re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     return str(file)
 
@@ -165,7 +164,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 @pytest.fixture(scope="module", params=["nginx", pytest.param("caddy", marks=pytest.mark.release)])
 def proxy(site: Site, request: pytest.FixtureRequest) -> str:
-    """The address of a proxy that answers."""
     container = site.start_nginx() if request.param == "nginx" else site.start_caddy()
     address = site.address(container)
 
@@ -180,7 +178,6 @@ def proxy(site: Site, request: pytest.FixtureRequest) -> str:
 
 
 def connect(address: str, port: int = 443) -> ssl.SSLSocket:
-    """A browser's connection."""
     return insecure_tls().wrap_socket(
         socket.create_connection((address, port), timeout=10), server_hostname=HOST
     )
@@ -219,7 +216,6 @@ def test_stranger_beside_the_proxy_cannot_claim_an_address(site: Site) -> None:
 
 
 def test_one_person_uses_up_no_limit_of_another(site: Site, proxy: str) -> None:
-    """Who logs in too often is refused, and others behind the same proxy are not."""
     wait_until(lambda: status(proxy, "/login") == HTTPStatus.TOO_MANY_REQUESTS, lambda: "refused")
     other = ["curl", "--silent", "--insecure", "--resolve", f"{HOST}:443:{proxy}"]
     heard = run_inside(site.stack, *other, f"https://{HOST}/login").stdout
@@ -227,7 +223,6 @@ def test_one_person_uses_up_no_limit_of_another(site: Site, proxy: str) -> None:
 
 
 def test_stream_is_passed_on_at_once(proxy: str) -> None:
-    """The first bytes are there while the rest is not yet sent."""
     with asked(proxy, "/robots/sim1/video/stream") as stream:
         assert stream.read(5) == b"first"
         assert status(proxy, "/more") == HTTPStatus.OK

@@ -92,7 +92,6 @@ class Site:
 
 @contextmanager
 def site_in(folder: Path) -> Iterator[Site]:
-    """Nothing made yet."""
     own = folder / "own"
     own.mkdir(mode=0o700)
     container = docker.from_env().containers.run(
@@ -156,7 +155,6 @@ def test_files_of_ones_own_win(site: Site) -> None:
 
 
 def names_in(certificate: str) -> set[str]:
-    """Host names and addresses for which a certificate is good."""
     read = x509.load_pem_x509_certificate(certificate.encode())
     found = read.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return {str(item.value) for item in found}

@@ -38,7 +38,6 @@ SERVICES = ("mysql", "nginx", "web", "relay", "sshd")
 
 
 def blocks(heading: str) -> list[str]:
-    """The code blocks below a heading of the page."""
     section = PAGE.read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     return re.findall(r"^```sh\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
 
@@ -120,13 +119,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 def semi_sync(site: Site, machine: Stack) -> dict[str, str]:
-    """What the page shows on the machine with the database."""
     printed = site.run(machine, blocks("See that it works")[0])
     return dict(line.split("\t") for line in printed.splitlines()[1:])
 
 
 def replica(site: Site, machine: Stack) -> dict[str, str]:
-    """What the page shows on the standby."""
     printed = site.run(machine, blocks("See that it works")[1])
     return dict(re.findall(r"^ *(\w+): (.*)$", printed, re.MULTILINE))
 

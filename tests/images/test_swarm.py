@@ -57,7 +57,6 @@ def deploy_cell(swarm: Swarm, cell: str) -> None:
 
 
 def ask(swarm: Swarm, cell: str, path: str, token: str) -> bytes:
-    """What a cell answers; nothing when that is no success."""
     url = f"https://{swarm.nodes[cell].address}{path}"
     request = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"})
     try:
@@ -114,7 +113,6 @@ def test_parts_of_a_cell_find_each_other(swarm: Swarm) -> None:
 
 
 def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
-    """It joins at one, and is seen at both; when that is removed it is online at the other."""
     web = partial(swarm.nodes["a"].inside, "robotether_a_web")
     token = web("robotether token create --user admin --name test").split()[-1]
     line = web("robotether robot invite --uses 1 --hours 1 --host cloud")

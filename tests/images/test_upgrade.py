@@ -36,7 +36,6 @@ pytestmark = pytest.mark.release
 
 
 def run(*command: str | Path, cwd: Path = ROOT) -> str:
-    """Run a program that must succeed; what it printed."""
     return output_of_command(*command, cwd=cwd, limit_s=UP_WITHIN_S)
 
 
@@ -114,7 +113,6 @@ def identity(stack: Stack) -> dict[str, Any]:
 
 
 async def drive(program: Program) -> None:
-    """Drive for a moment, with the token of before."""
     async with program.connect("sim1") as socket:
         await socket.send_json(
             {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
