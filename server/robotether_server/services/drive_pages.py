@@ -1,4 +1,4 @@
-"""Sets a robot's drive page for its managers: kind, cameras, video and buttons.
+"""Changes the buttons of a robot's drive page for its managers.
 
 The rest of its settings are admins' (robots.py). The caller has checked that the user manages the
 robot, and for `allow` that it is an admin. Connections stay; a page applies a change when it is opened next.

@@ -97,6 +97,8 @@ def test_without_a_database_a_user_of_lately_gets_a_ticket(program, database, aw
         assert ticket.remembered
         sha256 = credentials.digest(ann["Authorization"].removeprefix("Bearer ")).hex()
         assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
+        answer = program.ask("GET", "/api/v1/robots", headers=ann)
+        assert (answer.status_code, answer.json["code"]) == UNAVAILABLE
         other = {"Authorization": "Bearer rt_other"}
         assert answer_of(program, other, mode="drive") == UNAVAILABLE
         assert answer_of(program, {"Authorization": "Basic x"}, mode="drive")[0] == 401

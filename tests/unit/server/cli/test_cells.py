@@ -28,4 +28,5 @@ def test_drain_waits_until_the_robots_have_left(run, relay_database, admin_datab
     for name in ("a", "c"):
         assert run("cell", "drain", name, "--wait").out == f"cell {name} is empty\n"
     assert run("cell", "resume", "a").out == "cell a is in service\n"
+    assert "it is alive" in run("cell", "remove", "b", "--yes").err
     assert run("cell", "remove", "c", "--yes").out == "removed cell c\n"

@@ -19,6 +19,9 @@ from robotether_server.cli.fleet_ssh import FleetError, SshConnections
 
 def test_run_prints_lines_and_a_table(run_fleet, network):
     """An offline robot is a row with a sentence, as is a pattern without a robot; neither is a traceback."""
+    listed = run_fleet("list", "--on", "sim*", "--ssh-config", network.config)
+    assert listed.out.split()[:4] == ["ROBOT", "USER", "PORT", "THROUGH"]
+    assert [line.split()[0] for line in listed.out.splitlines()[1:]] == ["sim1", "sim2"]
     done = run_fleet("run", "echo hi", "--on", "sim1", "--on", "*", "--ssh-config", network.config)
     assert (done.status, sorted(done.out.splitlines())) == (0, ["sim1 | hi", "sim2 | hi"])
     rows = [line.split()[0::2] for line in done.err.splitlines()[2:4]]
@@ -34,15 +37,6 @@ def test_run_prints_lines_and_a_table(run_fleet, network):
     done = run_fleet("run", "true", "--on", "elsewhere", "--ssh-config", network.config)
     assert (done.status, done.out, done.err.count("\n")) == (1, "", 1)
     assert "cannot find robots for elsewhere" in done.err
-
-
-def test_run_prints_json(run_fleet, network):
-    arguments = ("echo hi; exit 4", "--on", "sim1", "--json", "--ssh-config", network.config)
-    done = run_fleet("run", *arguments)
-    assert (done.status, done.err) == (1, "")
-    [row] = json.loads(done.out)
-    expected = {"robot": "sim1", "ok": False, "status": 4, "problem": None, "stdout": "hi\n"}
-    assert row == expected | {"stderr": "", "cut": False, "seconds": row["seconds"]}
 
 
 def test_ctrl_c_ends_the_command_everywhere(run_fleet, network):

@@ -4,7 +4,6 @@ import os
 import subprocess
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import paramiko
 import pytest
@@ -17,19 +16,6 @@ from robotether_server.cli.fleet_ssh import (
     SshConnections,
 )
 
-ENTRY = """
-Host sim1
-    HostName 127.0.0.1
-    Port 24000
-    HostKeyAlias robotether-sim1
-    ProxyJump jump@gate.example:2222
-Host *
-    User ann
-    IdentityFile ~/keys/one
-    IdentitiesOnly yes
-    UserKnownHostsFile ~/known
-    GlobalKnownHostsFile none
-"""
 # What tells a host with another key from one that nobody has compared yet.
 CHANGED, UNKNOWN = "shows another host key than the one known", "is not known as"
 ROBOTS = """
@@ -237,25 +223,6 @@ def test_revoked_key_is_never_taken(target, key, accept_new):
 @pytest.fixture
 def config(tmp_path):
     return tmp_path / "config"
-
-
-def test_robot_and_its_jump_host(config):
-    """Each has its own user, port, and name in known_hosts: an alias, or the address with its port."""
-    config.write_text(ENTRY)
-    target = fleet_ssh.resolve("sim1", config)
-    assert (target.host, target.port, target.user) == ("127.0.0.1", 24000, "ann")
-    assert target.known_as == "robotether-sim1"
-    assert target.known_hosts == (Path("~/known").expanduser(),)
-    assert target.identity_files == (Path("~/keys/one").expanduser(),)
-    assert (target.identities_only, target.connect_timeout_s) == (True, 10)
-    assert (target.jump.host, target.jump.port, target.jump.user) == ("gate.example", 2222, "jump")
-    assert target.jump.known_as == "[gate.example]:2222"
-    assert target.jump.jump is None
-    # Of several the last one is the robot's own.
-    config.write_text("Host sim1\n    ProxyJump a.example,b.example:22\n    ConnectTimeout 3\n")
-    target = fleet_ssh.resolve("sim1", config)
-    assert (target.jump.known_as, target.jump.jump.known_as) == ("b.example", "a.example")
-    assert target.connect_timeout_s == 3
 
 
 def test_sentence_says_what_is_wrong_here(config, monkeypatch):

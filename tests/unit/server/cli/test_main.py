@@ -72,25 +72,6 @@ def test_web_prints_the_first_admin_once(run, started, database, monkeypatch):
     assert started[0][-1] == "robotether_server.web.app:start_app()"
 
 
-def test_password_of_ones_own_is_not_printed(run, started, database, monkeypatch, tmp_path):
-    """It comes from a file; an empty one is none, and one that is too short stops the start."""
-    file = tmp_path / "admin_password"
-    monkeypatch.setenv("ADMIN_PASSWORD_FILE", str(file))
-    file.write_text("short")
-    refused = run("web")
-    assert (refused.status, started) == (1, [])
-    assert "cannot use the secret in ADMIN_PASSWORD: allowed is" in refused.err
-    file.write_text("a-password-of-ones-own\n")
-    done = run("web")
-    assert "password  in compose/secrets/admin_password\n" in done.out
-    assert "a-password" not in done.out + done.err
-    with database.transaction() as tx:
-        assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)
-        tx.change("DELETE FROM users")
-    file.write_text("")
-    assert len(run("web").out.split()[-1]) == len(passwords.new_password())
-
-
 def test_web_starts_while_the_database_is_away(run, started, monkeypatch):
     """After a reboot nobody says who starts first; then there is an admin already."""
     monkeypatch.setenv("DB_PORT", "1")

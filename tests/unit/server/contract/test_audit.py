@@ -22,17 +22,8 @@ def event(kind, robot=None, **details):
             event("grant_taken", group="crew", site="lab", level="manage"),
             "took from group crew the right to manage site lab",
         ),
-        (event("robot_renamed", "sim2", was="sim1"), "renamed sim1 to sim2"),
         (event("lease_taken", "sim1"), "took control of sim1 from ?"),
         (event("never_heard_of", "sim1"), "never_heard_of"),
-        (
-            event("drive_ended", "sim1", end_code="client_left", fence=70, lasted_s=8.0),
-            "stopped driving sim1 after 8 s (driver left)",
-        ),
-        (
-            event("operations_refused", "sim1", topic=3, rate=12),
-            "sent sim1 what is not allowed: 15 messages blocked",
-        ),
         (event("user_added", user="{robot.id}", role="user"), "added user {robot.id}"),
     ],
 )

@@ -2,6 +2,7 @@
 
 import pytest
 from robotether_server.db import fleet, robots
+from robotether_server.db.fleet import HelpEntry
 
 MARKUP = "<img src=x onerror=alert(1)>"
 
@@ -66,3 +67,11 @@ def test_nothing_that_a_robot_says_makes_its_request_fail(database, ask, sim1):
         robots.set_state(tx, sim1, "disabled")
     for robot_id in (sim1, sim1 + 1):
         assert ask("battery", robot_id=robot_id) == (None, False)
+
+
+def test_what_a_relay_writes_later_asks_for_help_as_well(database, relay_database, sim1):
+    """That of a robot that is gone is left out, and what comes with it is written."""
+    entries = [HelpEntry(999_999, "robot", "gone", 1), HelpEntry(sim1, "stop", "by ben", 2)]
+    with relay_database.transaction() as tx:
+        fleet.write(tx, entries)
+    assert [(row["source"], row["reason"]) for row in rows(database)] == [("stop", "by ben")]

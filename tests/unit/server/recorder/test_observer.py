@@ -19,10 +19,10 @@ SPEED = {
 
 
 class RosbridgeSocket:
-    """A robot with these topics, each of which has one message, as text in place of JSON."""
+    """A robot with these topics, each of which has these messages, as texts in place of JSON."""
 
-    def __init__(self, topics, message):
-        self._topics, self._message = topics, message
+    def __init__(self, topics, *messages):
+        self._topics, self._messages = topics, messages
         self.throttles = {}
         self._texts = asyncio.Queue()
 
@@ -31,7 +31,8 @@ class RosbridgeSocket:
         if message["op"] == "subscribe":
             self.throttles[message["topic"]] = message["throttle_rate"]
             topic = message["topic"]
-            await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {self._message}}}')
+            for content in self._messages:
+                await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {content}}}')
             return
         if message["op"] == "unsubscribe":
             return
@@ -114,3 +115,10 @@ async def test_of_a_graph_with_many_robots_one_is_recorded():
     # Each publisher's transforms come once.
     assert socket.throttles == {"/robot8/odom": 100, "/robot8/tf_static": 0, "/robot8/cmd_vel": 100}
     assert cameras == ["/robot8/image_raw"]
+
+
+@pytest.mark.parametrize("broken", ['{"value": "fast"}', "{]"])
+async def test_a_message_that_cannot_be_recorded_leaves_those_after_it(broken):
+    socket = RosbridgeSocket({"/speed": "demo/Speed"}, broken, '{"value": 0.5}')
+    [message] = await recorded(socket, 1)
+    assert struct.unpack_from("<f", message.data, 4) == (0.5,)

@@ -5,7 +5,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from granted import give, take
+from granted import take
 from help_desk import HelpDesk
 from robotether_server.db import robots, users
 from robotether_server.problems import GrantMissingError, NotPossibleError
@@ -57,34 +57,6 @@ def test_an_offer_passes_on_when_its_operator_does_not_answer(desk):
         ("request_passed", "ben"),
         ("request_offered", "planner"),
     ]
-
-
-def test_a_request_is_accepted_closed_and_wrapped_up(desk):
-    request_id, other = desk.ask(), desk.ask("sim2")
-    assert desk.poll("ann").offer.id == request_id
-    for _ in range(2):
-        assert desk.act("accept", "ann", request_id).accepted_by == "ann"
-    desk.pass_time(1)
-    view = desk.poll("ann")
-    assert (view.state, view.available, view.offer, view.ahead) == ("busy", True, None, None)
-    assert view.current.id == request_id
-    assert [request.id for request in view.waiting] == [other]
-    # The drive page is open in place of the queue.
-    desk.pass_time(600)
-    assert desk.poll("ann", None).state == "busy"
-    desk.act("close", "ann", request_id, "<b>wheel</b> freed")
-    view = desk.poll("ann", None)
-    assert (view.state, view.current, view.offer) == ("wrap_up", None, None)
-    assert 29 < view.wrap_up_left_s <= 30
-    for _ in range(4):
-        desk.pass_time(8)
-        view = desk.poll("ann", None)
-    assert view.offer.id == other
-    closed = desk.request(request_id)
-    assert (closed.state, closed.note) == ("closed", "<b>wheel</b> freed")
-    assert [kind.removeprefix("request_") for kind, _ in kinds(desk)] == (
-        ["made", "made", "offered", "accepted", "closed", "offered"]
-    )
 
 
 def test_of_two_pages_of_an_operator_the_choice_counts(desk):
@@ -145,17 +117,6 @@ def test_a_pool_and_the_right_to_drive_say_who_is_asked(desk):
     assert ([request.id for request in view.waiting], view.waiting_count) == ([second], 1)
     desk.pass_time(1)
     assert desk.poll("ann").offer is None
-
-
-def test_only_who_may_drive_the_same_robots_is_ahead(desk):
-    desk.poll("ann")
-    desk.poll("zoe")
-    desk.pass_time(1)
-    assert desk.poll("ben").ahead == 1
-    with desk.transaction() as tx:
-        for robot_id in desk.robots.values():
-            give(tx, desk.users["zoe"], robot_id, "drive")
-    assert desk.poll("ben").ahead == 2
 
 
 @pytest.mark.parametrize("end", ["right", "user"])

@@ -188,15 +188,6 @@ def test_rekeyed_robot_has_no_key(site):
     assert do(site, robot_service.rekey, "sim1").state == "disabled"
 
 
-def test_removed_robot_is_told_as_it_was(site):
-    """The log keeps its MAC; a key that claimed it goes, too."""
-    site.ask(key=OTHER_KEY)
-    robot = do(site, robot_service.remove, "sim1")
-    assert (robot.name, robot.key) == ("sim1", KEY)
-    assert (site.names(), site.claimed()) == ([], [])
-    assert details(site, "robot_removed")["mac"] == MAC
-
-
 NEW_MAC = "00:1b:44:00:61:77"
 
 

@@ -52,22 +52,6 @@ def removed(site, route_id, by):
         return route_service.remove(tx, Source(by), users.get(tx, by), route_id)
 
 
-def test_a_route_is_made_read_and_removed(fleet_of_four, relay_database):
-    """The relay reads with its own account what it needs, and nothing of what is over."""
-    site = fleet_of_four
-    route = made(site, "sim1", "sim2", rate_hz=5)
-    made(site, "sim1", "sim3", ends_at=dt.datetime.now(dt.UTC) - dt.timedelta(seconds=1))
-    with relay_database.transaction() as tx:
-        [read] = routes.read_lasting(tx)
-        assert fleet.changes(tx).routes == (read,)
-    expected = (route.id, "/cmd_vel", 5, "ann")
-    assert (read.id, read.source_topic, read.rate_hz, read.user_name) == expected
-    removed(site, route.id, "ann")
-    with relay_database.transaction() as tx:
-        assert routes.read_lasting(tx) == ()
-    assert [len(site.events(kind)) for kind in ("route_made", "route_removed")] == [2, 1]
-
-
 def test_the_relay_ends_a_route_once(fleet_of_four, relay_database):
     route = made(fleet_of_four, "sim1", "sim2")
     end = RouteEnd(route.id, dt.datetime.now(dt.UTC), "robot_stopped", "ann", "sim1", "sim2")
@@ -138,31 +122,6 @@ def test_a_loop_names_no_robot_that_the_user_may_not_see(fleet_of_four):
     with pytest.raises(NotPossibleError, match="sim2 /cmd_vel, a robot or app that") as refusal:
         made(fleet_of_four, "sim1", "sim2", by="ben")
     assert "sim3" not in refusal.value.detail
-
-
-def test_an_app_of_the_maker_is_an_end_of_a_route(fleet_of_four, relay_database):
-    site = fleet_of_four
-    to_app = made(site, "sim1", "app:joy", topic="/odom")
-    from_app = made(site, "app:joy", "sim1")
-    with relay_database.transaction() as tx:
-        to_joy, from_joy = routes.read_lasting(tx)
-    assert (to_joy.source_app, to_joy.target_id, to_joy.target_app) == (None, None, "joy")
-    assert (from_joy.source_id, from_joy.source_app) == (None, "joy")
-    assert from_joy.target_id == to_joy.source_id
-    assert [event.robot for event in site.events("route_made")] == ["sim1", "sim1"]
-    with site.database.transaction() as tx:
-        seen = route_service.list_seen(tx, users.get(tx, "ben"))
-        assert [(route.source, route.target) for route in seen] == [
-            ("app:joy", "sim1"),
-            ("sim1", "app:joy"),
-        ]
-    with pytest.raises(GrantMissingError):
-        removed(site, from_app.id, "ben")
-    removed(site, to_app.id, "root")
-    end = RouteEnd(from_app.id, dt.datetime.now(dt.UTC), "expired", "ann", "app:joy", "sim1")
-    with relay_database.transaction() as tx:
-        fleet.write(tx, [end])
-    assert [event.robot for event in site.events("route_ended")] == ["sim1"]
 
 
 def test_a_loop_through_an_app_is_found(fleet_of_four):

@@ -10,7 +10,6 @@ from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
     NotPossibleError,
-    RecordExistsError,
     RecordMissingError,
 )
 from robotether_server.services import ssh_keys
@@ -22,24 +21,6 @@ ANN = Source("ann")
 @pytest.fixture(scope="module")
 def signer():
     return RobotSigner()
-
-
-def test_key_is_named_by_its_comment_unless_a_name_is_given(site, signer):
-    bare = signer.key.line
-    with site.database.transaction() as tx:
-        ann = users.get(tx, "ann")
-        for name, line, expected in (
-            ("desk", signer.line, "desk"),
-            (None, signer.line, "robot"),
-            ("", bare, signer.key.fingerprint),
-        ):
-            key = ssh_keys.add(tx, ANN, ann, name, line)
-            assert (key.name, key.public_key) == (expected, bare)
-            assert users.list_ssh_keys(tx, ann) == [key]
-            with pytest.raises(RecordExistsError):
-                ssh_keys.add(tx, ANN, ann, "again", line)
-            assert ssh_keys.delete(tx, ANN, ann, key.id) == key
-    assert (len(site.events("ssh_key_added")), len(site.events("ssh_key_deleted"))) == (3, 3)
 
 
 def test_other_peoples_keys_are_out_of_reach_and_ones_own_bounded(site, signer, monkeypatch):

@@ -6,7 +6,7 @@ import pytest
 from drive_settings import DOCK, LIGHTS
 from hypothesis import given
 from hypothesis import strategies as st
-from robotether_common.ros import MAX_GLOBS, Globs
+from robotether_common.ros import MAX_GLOBS
 from robotether_server.problems import FieldInvalidError
 from robotether_server.settings.robot import DEFAULTS, parse
 
@@ -23,21 +23,6 @@ VALUES = st.recursive(
     ),
     max_leaves=12,
 )
-
-
-def test_settings_name_only_what_differs():
-    """A member that is missing has its default, at every depth."""
-    given_members = {
-        "shell_user": "ubuntu",
-        "guard": {"max_speed_m_s": 1.5},
-        "policy": {"drive": {"publish": ["/arm/*"]}, "limits": {"subscriptions": 5}},
-    }
-    settings = parse(given_members)
-    assert settings.as_given() == given_members
-    assert settings.guard.deadman_ms == 500
-    assert settings.policy.drive.publish == Globs(["/arm/*"])
-    assert settings.policy.drive.subscribe == Globs(["*"])
-    assert settings.policy.limits.messages_per_s == 2000
 
 
 def test_only_drivers_have_the_drive_topics():

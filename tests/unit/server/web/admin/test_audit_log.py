@@ -38,3 +38,12 @@ def test_older_pages_go_on_where_the_newer_ended(admin):
     assert "user: olga" in page
     assert "Newest" in page
     assert "Older" not in page
+
+
+def test_nothing_fits(admin):
+    """The page leads back to everything, and takes nonsense for no page at all; a wrong day is said."""
+    page = admin.ask("GET", "/admin/audit?robot=ghost&before=x").text
+    assert "Nothing matches" in page
+    answer = admin.ask("GET", "/admin/audit?since=soon")
+    assert (answer.status_code, "form-problem" in answer.text) == (422, True)
+    assert 'value="soon"' in answer.text

@@ -1,7 +1,9 @@
 """Keys that wait: shown to be compared, approved, rejected, forgiven."""
 
+import pytest
 from admin_visitor import fingerprint, join, send
 from robotether_server.db import robots
+from robotether_server.problems import RecordMissingError
 
 MAC = "02:00:00:00:51:01"
 
@@ -53,3 +55,18 @@ def test_a_second_machine_with_one_mac_takes_over_only_after_a_page_that_asks(
     form = {"fingerprint": fingerprint(2)}
     assert send(admin, "/admin/pending/replace/sim1", **form).status_code == 303
     assert key_of(database, "sim1") == ("active", fingerprint(2))
+
+
+def test_a_rejected_key_is_refused_until_it_may_ask_again(admin, program, database):
+    join(program, "02:00:00:00:51:77", 1)
+    assert "Allow the key to ask again" in admin.ask("GET", asked("reject", "robot-005177", 1)).text
+    form = {"fingerprint": fingerprint(1)}
+    assert send(admin, "/admin/pending/reject/robot-005177", **form).status_code == 303
+    with pytest.raises(RecordMissingError):
+        key_of(database, "robot-005177")
+    assert join(program, "02:00:00:00:51:77", 1).json["code"] == "key_rejected"
+    page = admin.ask("GET", "/admin/pending").text
+    forgive = page.split('href="/admin/pending/rejected/')[1].split('"')[0]
+    assert "ask again?" in admin.ask("GET", f"/admin/pending/rejected/{forgive}").text
+    assert send(admin, f"/admin/pending/rejected/{forgive}").status_code == 303
+    assert join(program, "02:00:00:00:51:77", 1).status_code == 202

@@ -61,6 +61,9 @@ def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
     for changes, sentence in (
         ({"sends": "{data: true}"}, "at line 1, column 2"),
         ({"sends": '{"data": NaN}'}, "Sends: JSON has no NaN"),
+        ({"sends": '{"data": 1, "data": 2}'}, "A member appears twice"),
+        ({"sends": "[" * 5000}, "Sends: "),
+        ({"sends": "[]"}, "a JSON object"),
         ({"target": "lights"}, "Topic or service: Enter a full name"),
         ({"target": "/arm"}, "an admin adds it to policy.drive.publish, or the button goes"),
     ):

@@ -4,6 +4,7 @@ import json
 import re
 
 import pytest
+from admin_visitor import send
 from granted import give
 from robotether_server.db import recordings, robots, users
 from robotether_server.db.recordings import Progress
@@ -59,3 +60,17 @@ def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number,
     for path in (piece, f"/recordings/{number}"):
         assert browser.ask("GET", path).status_code == 404
     assert len(kinds()) == 2
+
+
+def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
+    browser.log_in("ann")
+    page = browser.ask("GET", "/recordings?robot=sim1").text
+    assert f"recording-{number}" in page
+    assert "asked by ann" in page
+    assert "2.0 MB" in page
+    assert "12 messages: the file has no room for more topics" in page
+    assert f'href="/recordings/{number}/file"' not in page
+    assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
+    assert send(browser, f"/recordings/{number}/delete").status_code == 404
+    assert send(browser, f"/recordings/{number}/stop").status_code == 303
+    assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
