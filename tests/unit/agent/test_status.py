@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 
+from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.problems import KeyRefusedError
 from robotether_agent.status import (
     STALE_S,
@@ -34,6 +36,14 @@ UP = Status(
     video_tunnel="open",
     written_at=NOW,
 )
+
+
+def test_what_is_not_safe_has_its_line():
+    """The installer and the playbook print the second one."""
+    unsafe = {"ros_exposed": "192.0.2.1", "ros_exposed_advice": "close it"}
+    lines = render(replace(UP, stopped_by="ben", **unsafe), NOW).splitlines()
+    assert "STOPPED       by ben; a driver releases it on its page" in lines
+    assert f"warning       rosbridge answers at 192.0.2.1: {PAST_GUARD}; close it" in lines
 
 
 def test_reads_the_file_of_an_earlier_agent(place):

@@ -18,6 +18,7 @@ from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, checks, encoder
 from robotether_agent.doctor.checks import run_checks
 from robotether_agent.enrolment.keys import ensure_key
+from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.problems import ServerKeyChangedError
 from robotether_agent.settings import Settings
 from robotether_agent.status import render
@@ -92,7 +93,11 @@ async def test_the_key(settings):
     assert (await checks.check_key(settings)).state == FAIL
 
 
-async def test_the_robots_services(settings, services):
+async def test_the_robots_services(settings, services, monkeypatch):
+    with monkeypatch.context() as exposed:
+        exposed.setattr(checks, "exposed_at", lambda _url: "0.0.0.0")
+        past_guard = await checks.check_rosbridge(settings)
+        assert (past_guard.state, PAST_GUARD in past_guard.detail) == (WARNING, True)
     assert (await checks.check_rosbridge(settings)).state == OK
     assert (await checks.check_video(settings)).state == OK
     services.video_status = 503
