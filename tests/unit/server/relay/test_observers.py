@@ -97,26 +97,17 @@ def ended(connection, drive):
 
 def test_a_session_is_one_entry_from_its_begin_to_its_end(observer, event_writer):
     """A robot that tells of its health and heartbeats all the time costs the database nothing."""
+    known = replace(ONLINE, agent_version="0.1.0")
+    down, exposed = replace(known, ros="down", rtt_ms=1.0), replace(known, ros_exposed=True)
     observer.on_robot_change(Change("connected", 7, ONLINE))
-    for what, changes in (
-        ("updated", {"agent_version": "0.1.0"}),
-        ("updated", {"agent_version": "0.1.0", "ros_exposed": True}),
-        ("updated", {"agent_version": "0.1.0", "ros_exposed": True, "ros": "down"}),
-        ("heartbeat", {"agent_version": "0.1.0", "ros_exposed": True, "rtt_ms": 1.0}),
-        ("updated", {"agent_version": "0.1.0"}),
-    ):
-        observer.on_robot_change(Change(what, 7, replace(ONLINE, **changes)))
+    for presence in (known, down, exposed, down):
+        observer.on_robot_change(Change("updated", 7, presence))
     observer.on_robot_change(Change("disconnected", 7, Presence(since=DISCONNECTED), "timeout"))
     begun = SessionEntry(7, CONNECTED, "198.51.100.7")
-    known = replace(begun, agent_version="0.1.0")
-    ended_entry = replace(known, ended_at=DISCONNECTED, end_code="timeout")
-    assert event_writer.notes == [
-        begun,
-        known,
-        replace(known, ros_exposed=True),
-        known,
-        ended_entry,
-    ]
+    entry = replace(begun, agent_version="0.1.0")
+    ended_entry = replace(entry, ended_at=DISCONNECTED, end_code="timeout")
+    notes = [begun, entry, replace(entry, ros_exposed=True), entry, ended_entry]
+    assert event_writer.notes == notes
     assert event_writer.waiting() == 1
 
 

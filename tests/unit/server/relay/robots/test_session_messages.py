@@ -24,29 +24,10 @@ PREFACE = {
 }
 
 
-def preface(**changes):
-    return json.dumps(PREFACE | changes).encode()
-
-
 @pytest.mark.parametrize("key", ["", "the keY", None, 7, ["the key"], "schlüssel"])
 def test_a_wrong_key_is_found_first(key):
     with pytest.raises(WrongKeyError):
-        parse_preface(preface(session_key=key, kind=7, type="hello"), "the key")
-
-
-@pytest.mark.parametrize(
-    ("field", "value"),
-    [
-        *(("kind", kind) for kind in ("exec", None, ["shell"])),
-        *(("fingerprint", fingerprint) for fingerprint in (None, "x" * 65)),
-        *(("ports", ports) for ports in (None, "20000", [20000, "20001"], [True])),
-        *(("robot_id", robot_id) for robot_id in ("7", True, 7.5)),
-        *(("address", address) for address in ("x" * 46, None)),
-    ],
-)
-def test_a_wrong_field_is_named(field, value):
-    with pytest.raises(ProtocolError, match=field):
-        parse_preface(preface(**{field: value}), "the key")
+        parse(PREFACE, session_key=key, kind=7, type="hello")
 
 
 GUARD = {"type": "guard", "state": "ready", "stopped": False, "by": "", "moving": False}
@@ -56,7 +37,8 @@ PING = {"type": "ping", "seq": 17, "t_ms": 123456.7}
 
 
 def parse(line, **changes):
-    return parse_line(json.dumps(line | changes).encode() + b"\n")
+    data = json.dumps(line | changes).encode()
+    return parse_preface(data, "the key") if line is PREFACE else parse_line(data + b"\n")
 
 
 def test_a_guard_tells_of_itself():
@@ -129,6 +111,11 @@ def test_call_for_help_is_read_within_bounds(changes, call):
 @pytest.mark.parametrize(
     ("line", "field", "value"),
     [
+        *((PREFACE, "kind", kind) for kind in ("exec", None, ["shell"])),
+        *((PREFACE, "fingerprint", fingerprint) for fingerprint in (None, "x" * 65)),
+        *((PREFACE, "ports", ports) for ports in (None, "20000", [20000, "20001"], [True])),
+        *((PREFACE, "robot_id", robot_id) for robot_id in ("7", True, 7.5)),
+        *((PREFACE, "address", address) for address in ("x" * 46, None)),
         *((HELP, "reason", reason) for reason in (None, 7)),
         *((GUARD, "refused", {"old": count}) for count in (-1, 2**53, True, "7", 1.5)),
         *((HELLO, "epoch", epoch) for epoch in (-1, 2**53 + 1, 1.5, "1", None)),
