@@ -7,7 +7,7 @@ import { recording as texts } from "../texts/panels.js";
 
 const BEGINS_MS = 60_000; // time within which the recorder begins what it was asked for, or nobody does
 const AGAIN_MS = 2000; // delay before the next look at one that is about to begin or end
-const LISTED = 20; // recordings by the robot's settings may be newer than one that a person asked for
+const LISTED = 100; // as the server looks back: recordings by the robot's settings may be newer than one that a person asked for
 
 /** @typedef {{id: number, cause: string, state: string, asked_by: string | null, asked_at: string, started_at: string | null}} Recording */
 
