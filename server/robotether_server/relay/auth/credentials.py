@@ -236,7 +236,9 @@ class Credentials:
         self._unchecked.difference_update(credentials)
         for credential in credentials:
             if credential in valid:
-                self._note_live(credential, valid[credential])
+                if credential in self._watchers:
+                    self._live[credential] = valid[credential]
+                    self._note_recent(credential, valid[credential])
             else:
                 self._forget(credential)
                 for end in list(self._watchers.get(credential, ())):
@@ -256,11 +258,6 @@ class Credentials:
     def _forget(self, credential: Credential) -> None:
         self._live.pop(credential, None)
         self._recent.pop(credential, None)
-
-    def _note_live(self, credential: Credential, user: RelayUser) -> None:
-        if credential in self._watchers:
-            self._live[credential] = user
-            self._note_recent(credential, user)
 
     def _note_recent(self, credential: Credential, user: RelayUser) -> None:
         self._recent.pop(credential, None)

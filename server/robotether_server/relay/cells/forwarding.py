@@ -48,7 +48,7 @@ class Forwarding:
         stops = match["action"] == "stop"
         access_request = request_of(request, stops=stops)
         ticket = self.access.observer_ticket(access_request) if match["path"] == "ros" else None
-        if ticket is not None and _opens_socket(request):
+        if ticket is not None and web.WebSocketResponse().can_prepare(request):
             served = await self.observers.join(request, ticket, robot, peer)
             if served is not None:
                 return served
@@ -59,7 +59,3 @@ class Forwarding:
         return web.Response(
             status=204, headers={"X-Accel-Redirect": location, CELL_HEADER: peer.address}
         )
-
-
-def _opens_socket(request: web.Request) -> bool:
-    return bool(web.WebSocketResponse().can_prepare(request))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, field
 
 from msgspec.structs import replace
@@ -116,9 +116,8 @@ class Peers:
 
     def owner(self, robot_id: int) -> Peer | None:
         """Return the cell that has the robot, None when it is this one, or none."""
-        peer = max(
-            self._having(robot_id), key=lambda peer: peer.robots[robot_id].epoch, default=None
-        )
+        having = (peer for peer in self._connected.values() if robot_id in peer.robots)
+        peer = max(having, key=lambda peer: peer.robots[robot_id].epoch, default=None)
         presence = self._registry.presence(robot_id)
         if peer is None or (presence.online and presence.epoch >= peer.robots[robot_id].epoch):
             return None
@@ -151,9 +150,6 @@ class Peers:
     def _changed(self, robot_id: int) -> None:
         for listener in self._listeners:
             listener(robot_id)
-
-    def _having(self, robot_id: int) -> Iterable[Peer]:
-        return (peer for peer in self._connected.values() if robot_id in peer.robots)
 
     def _is_confirmed(self, robot_id: int) -> bool:
         live = self.described(robot_id)

@@ -121,7 +121,9 @@ class EventWriter:
         pauses = delays()
         failing = False
         while self._waiting:
-            batch = [self._waiting.popitem(last=False)[1] for _ in range(self._batch_size())]
+            batch = [
+                self._waiting.popitem(last=False)[1] for _ in range(min(BATCH, len(self._waiting)))
+            ]
             self._writing = batch
             try:
                 await self._write(batch)
@@ -140,9 +142,6 @@ class EventWriter:
                 if self._journal is not None and not self._waiting:
                     self._journal.clear()
 
-    def _batch_size(self) -> int:
-        return min(BATCH, len(self._waiting))
-
     async def _write(self, batch: Sequence[Entry]) -> None:
         try:
             await self._write_together(batch)
@@ -155,7 +154,9 @@ class EventWriter:
 
     async def _write_together(self, batch: Sequence[Entry]) -> None:
         for position, row_id in (await self._database.write(batch)).items():
-            _set_row(batch[position], row_id)
+            entry = batch[position]
+            if isinstance(entry, SessionEntry | DriveEntry):
+                entry.row_id = row_id
         self.on_written(batch)
 
     async def _write_alone(self, entry: Entry) -> None:
@@ -219,8 +220,3 @@ class EventWriter:
 
 def _is_lost_lines(entry: Entry) -> bool:
     return isinstance(entry, AuditEntry) and entry.kind == LINES_LOST
-
-
-def _set_row(entry: Entry, row_id: int) -> None:
-    if isinstance(entry, SessionEntry | DriveEntry):
-        entry.row_id = row_id

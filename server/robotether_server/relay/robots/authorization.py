@@ -32,7 +32,7 @@ def authorize(snapshot: Snapshot, preface: Preface) -> RelayRobot:
         raise NotAuthorizedError("robot_unknown", "this robot is no longer in the database")
     if robot.state != "active":
         raise NotAuthorizedError("robot_disabled", f"robot {robot.name} is {robot.state}")
-    if not _is_key_of(robot, preface.fingerprint):
+    if preface.fingerprint not in (robot.fingerprint, robot.previous_fingerprint):
         raise NotAuthorizedError("key_changed", f"robot {robot.name} has another key by now")
     if preface.kind == "shell" and port_of("shell", robot) is None:
         raise NotAuthorizedError("shell_off", f"the shell of robot {robot.name} is off")
@@ -56,10 +56,6 @@ def port_of(kind: Kind, robot: RelayRobot) -> int | None:
 
 def _ports_changed(robot: RelayRobot) -> NotAuthorizedError:
     return NotAuthorizedError("ports_changed", f"robot {robot.name} has new ports; connect again")
-
-
-def _is_key_of(robot: RelayRobot, fingerprint: str) -> bool:
-    return fingerprint in (robot.fingerprint, robot.previous_fingerprint)
 
 
 def _lost_port(before: RelayRobot, after: RelayRobot) -> bool:

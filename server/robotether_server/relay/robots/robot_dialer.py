@@ -59,8 +59,9 @@ class RobotDialer:
         why = "no answer in time"
         try:
             async with asyncio.timeout(connect_timeout_s(presence)):
-                if fence is not None:
-                    await self._until_quick(robot)
+                if fence is not None and (link := self.registry.session_of(robot.id)) is not None:
+                    # No command goes before the agent keeps the heartbeats of a robot in use.
+                    await link.until_quick()
                 deadline = loop.time() + FORWARD_WITHIN_S
                 while not isinstance(answer := await self._open(robot, headers), RobotSocket):
                     # The last answer says more than that a later try had none.
@@ -71,11 +72,6 @@ class RobotDialer:
                 return answer
         except TimeoutError as exc:
             raise ConnectionClosedError(close_reasons.rosbridge_down(robot.name, why)) from exc
-
-    async def _until_quick(self, robot: RelayRobot) -> None:
-        """Let no command go before the agent keeps the heartbeats of a robot in use."""
-        if (link := self.registry.session_of(robot.id)) is not None:
-            await link.until_quick()
 
     def _headers(self, robot: RelayRobot, fence: int | None) -> dict[str, str]:
         link = self.registry.session_of(robot.id)

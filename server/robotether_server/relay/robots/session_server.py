@@ -102,7 +102,7 @@ class SessionServer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             async with asyncio.timeout(PREFACE_WITHIN_S):
-                preface = await self._read_preface(reader)
+                preface = lines.parse_preface(await reader.readline(), self._session_key)
             robot = await self._authorize(preface)
         except (TimeoutError, ConnectionError, ValueError, ProtocolError, WrongKeyError) as exc:
             self._refused("preface")
@@ -123,9 +123,6 @@ class SessionServer:
         except NotAuthorizedError:
             await self._refresh()
             return authorize(self._snapshot(), preface)
-
-    async def _read_preface(self, reader: asyncio.StreamReader) -> Preface:
-        return lines.parse_preface(await reader.readline(), self._session_key)
 
     async def _run_link(
         self,

@@ -109,7 +109,8 @@ class RouteDriver(OperatorConnection):
         if self._sources.pop(source.route.id, None) is None:
             return
         topic = source.route.target_topic
-        if source.is_advertised and topic not in self._topics():
+        topics = {each.route.target_topic for each in self._sources.values()}
+        if source.is_advertised and topic not in topics:
             self._given_up.add(topic)
             self.wake()
 
@@ -167,7 +168,7 @@ class RouteDriver(OperatorConnection):
                 return await self._run_together(
                     self._read(robot),
                     self._or_robot_gone(drive.run()),
-                    self._publish_all(robot),
+                    self._or_robot_gone(self._publish_due(robot)),
                     self._until_silent(),
                 )
         finally:
@@ -186,9 +187,6 @@ class RouteDriver(OperatorConnection):
             return await work
         except ConnectionError:
             return await self._close_reason_by_robot("its connection broke")
-
-    async def _publish_all(self, robot: RobotSocket) -> CloseReason:
-        return await self._or_robot_gone(self._publish_due(robot))
 
     async def _publish_due(self, robot: RobotSocket) -> CloseReason:
         while True:
@@ -214,7 +212,8 @@ class RouteDriver(OperatorConnection):
         while self._given_up:
             # What the policy no longer allows ends with the connection.
             with suppress(MessageRefusedError):
-                await self._send(robot, {"op": "unadvertise", "topic": self._given_up.pop()})
+                fields = {"op": "unadvertise", "topic": self._given_up.pop()}
+                await self._send_checked(robot, self._validator.check(write_json(fields)))
 
     async def _publish_newest(self, robot: RobotSocket, source: RouteSource) -> None:
         message = source.take(time.monotonic())
@@ -287,9 +286,6 @@ class RouteDriver(OperatorConnection):
         self._sent_s = time.monotonic()
         source.on_sent(self._sent_s)
 
-    async def _send(self, robot: RobotSocket, fields: dict[str, object]) -> None:
-        await self._send_checked(robot, self._validator.check(write_json(fields)))
-
     async def _send_checked(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
         self._traffic.count_to_robot(len(checked.data))
         await robot.send_frame(checked.data, WSMsgType.TEXT)
@@ -324,9 +320,6 @@ class RouteDriver(OperatorConnection):
 
     def _app_sources(self) -> list[RouteSource]:
         return [each for each in self._sources.values() if each.route.source_app is not None]
-
-    def _topics(self) -> set[str]:
-        return {source.route.target_topic for source in self._sources.values()}
 
 
 def _name_of(source: RouteSource) -> dict[str, object]:
