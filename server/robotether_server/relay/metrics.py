@@ -89,7 +89,10 @@ class Metrics:
 
     def collect_parts(self, sessions: SessionServer, database: RelayDatabase, cells: Cells) -> None:
         """Add log-ins, the database, the disks, the backups, and which version runs in which cell."""
-        self._registry.register(_Collector(lambda: [_logins(sessions.logins)]))
+        meaning = "Robots' SSH connections that were accepted, by kind"
+        self._registry.register(
+            _Collector(lambda: [_family("logins", meaning, "kind", sessions.logins)])
+        )
         self._registry.register(_Collector(partial(_read_database, database)))
         self.collect_disks(
             lambda: cells.disk, lambda: cells.recordings_free, DATABASE_RECORD, RECORD
@@ -201,10 +204,6 @@ def _family(
     for kind, count in counts.items():
         family.add_metric([kind], count)
     return family
-
-
-def _logins(counts: Mapping[str, int]) -> CounterMetricFamily:
-    return _family("logins", "Robots' SSH connections that were accepted, by kind", "kind", counts)
 
 
 def _read_bridges(traffic: Traffic) -> Iterator[Metric]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import replace
 from datetime import datetime
+from typing import Any
 
 from robotether_common.session import Battery, ByeCode, Kind, ServiceState
 
@@ -161,12 +162,7 @@ class SessionRegistry:
         self, link: Link, agent_version: str, guard_mode: GuardMode, *, epoch: int = 0
     ) -> None:
         """The agent reported its version, whether it has a guard, and its session's number."""
-        if self._is_online(link):
-            presence = self.presence(link.robot_id)
-            after = replace(
-                presence, agent_version=agent_version, guard_mode=guard_mode, epoch=epoch
-            )
-            self._update(link, after)
+        self._update(link, agent_version=agent_version, guard_mode=guard_mode, epoch=epoch)
 
     def on_guard_status(self, link: Link, report: GuardReport, answers: str | None) -> None:
         """The guard reported its state, or answered."""
@@ -183,14 +179,11 @@ class SessionRegistry:
         self, link: Link, ros: ServiceState, video: ServiceState, *, ros_exposed: bool
     ) -> None:
         """The agent reported whether rosbridge and web_video_server answer, and whom the former answers."""
-        if self._is_online(link):
-            before = self.presence(link.robot_id)
-            self._update(link, replace(before, ros=ros, video=video, ros_exposed=ros_exposed))
+        self._update(link, ros=ros, video=video, ros_exposed=ros_exposed)
 
     def on_battery(self, link: Link, battery: Battery | None) -> None:
         """The agent reported how full the robot's battery is."""
-        if self._is_online(link):
-            self._update(link, replace(self.presence(link.robot_id), battery=battery))
+        self._update(link, battery=battery)
 
     def on_heartbeat(self, link: Link, rtt_ms: float) -> None:
         """A heartbeat came back."""
@@ -203,9 +196,10 @@ class SessionRegistry:
         established = self.presence(link.robot_id).online
         return link.kind == "session" and self.is_current(link) and established
 
-    def _update(self, link: Link, presence: Presence) -> None:
-        if presence != self.presence(link.robot_id):
-            self._notify(Change("updated", link.robot_id, presence))
+    def _update(self, link: Link, **members: Any) -> None:
+        before = self.presence(link.robot_id)
+        if self._is_online(link) and (after := replace(before, **members)) != before:
+            self._notify(Change("updated", link.robot_id, after))
 
     def _forget(self, link: Link, code: ByeCode) -> None:
         del self.robot(link.robot_id).links[link.kind]
