@@ -53,11 +53,3 @@ def test_end_must_be_to_come_and_not_too_far(wait, why):
     times.check_end("ends_at", now + dt.timedelta(days=3659))
     with pytest.raises(FieldInvalidError, match=f"cannot use ends_at: .*{why}"):
         times.check_end("ends_at", now + wait)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "words"),
-    [(-1, "0 s"), (7.6, "8 s"), (59.6, "1 min 0 s"), (95, "1 min 35 s"), (7500, "2 h 5 min")],
-)
-def test_durations_have_two_units_at_most(seconds, words):
-    assert times.duration_words(seconds) == words

@@ -175,12 +175,3 @@ def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
     root.ask("PATCH", f"/robots/{ROBOT}", {"name": "new"})
     assert answer(at(minutes(25), "new")) == ("driver", "ann", None)
     assert at(minutes(25), "new")["robot"] == ROBOT
-
-
-def test_only_managers_of_the_robot_may_ask(root, ann):
-    """Who may not see a robot does not learn whether there is one; ann drives sim1 alone."""
-    path = f"/controller?at={quote(minutes(1).isoformat())}"
-    assert ann.refused("GET", f"/robots/{ROBOT}{path}") == (403, "grant_missing")
-    for robot in ("sim2", "nothing"):
-        assert ann.refused("GET", f"/robots/{robot}{path}") == (404, "robot_unknown")
-    assert root.refused("GET", f"/robots/{ROBOT}/controller?at=yesterday")[0] == 422

@@ -5,14 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Thread
-from urllib.parse import parse_qs, urlsplit
 
 import pytest
 from robotether_server.problems import HistoryUnavailableError
 from robotether_server.services import history
 from robotether_server.services.history import (
     CHARTS_OF_ROBOT,
-    CHARTS_OF_SITE,
     SPANS,
     Line,
     Prometheus,
@@ -60,19 +58,6 @@ def test_what_prometheus_does_not_know_is_none_and_in_its_place():
     assert stops.lines == [Line("lost", [1.0, *[None] * 59, 2.5])]
     with answering(result()) as (prometheus, _):
         assert all(not chart.lines for chart in prometheus.history(SPANS["hour"], None).charts)
-
-
-@pytest.mark.parametrize("robot", [None, "sim1"])
-@pytest.mark.parametrize("span", SPANS.values())
-def test_fixed_queries_alone_are_asked(span, robot):
-    with answering(result()) as (prometheus, targets):
-        prometheus.history(span, robot)
-    queries = [parse_qs(urlsplit(target).query)["query"][0] for target in targets]
-    charts = CHARTS_OF_SITE if robot is None else CHARTS_OF_ROBOT
-    assert queries == [query_of(chart, span, robot) for chart in charts]
-    assert not any("$" in query for query in queries)
-    if robot:
-        assert all('{robot="sim1"}' in query for query in queries)
 
 
 def test_a_robots_name_stays_a_value():
