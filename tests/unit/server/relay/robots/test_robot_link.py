@@ -9,10 +9,12 @@ import pytest
 from fake_robot import HOST, WAIT_S
 from local_network import free_port
 from relay_clients import configured, ended
-from relay_server import IMPATIENT, until
+from relay_server import FAST, IMPATIENT, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.relay.robots.demand import Demand
 from stopwatch import Stopwatch
+
+SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
 
 
 def presence(relay, robot):
@@ -117,6 +119,33 @@ async def test_a_robot_with_published_ports_is_always_needed():
         pass
     await asyncio.sleep(0.01)
     assert (changes, demand.exists) == ([], True)
+
+
+@pytest.mark.parametrize("timing", [SLOW_WHEN_IDLE])
+async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, connect):
+    relay.relay.registry.ensure_robot(sim1.id).usage._kept_s = 0.2
+    session = await configured(await connect())
+    await until(lambda: session.pings, "the round trip is measured")
+    await asyncio.sleep(5 * FAST.heartbeat_s)
+    assert session.pings == 1
+    with relay.relay.registry.ensure_robot(sim1.id).usage.counted():
+        await until(lambda: session.pings > 4, "heartbeats are quick")
+    await until(lambda: len(session.configs) == 3, "nobody uses it any more")
+    pings = session.pings
+    await asyncio.sleep(5 * FAST.heartbeat_s)
+    assert session.pings <= pings + 1
+    idle_s = SLOW_WHEN_IDLE.idle_heartbeat_s
+    assert [config["idle_heartbeat_s"] for config in session.configs] == [idle_s, None, idle_s]
+
+
+@pytest.mark.parametrize("timing", [IMPATIENT, replace(IMPATIENT, idle_heartbeat_s=60.0)])
+async def test_a_silent_robot_times_out(relay, sim1, connect):
+    session = await connect(silent=True)
+    with Stopwatch() as stopwatch:
+        assert await ended(session) == "timeout"
+    assert stopwatch.clock_s > IMPATIENT.timeout_s
+    assert stopwatch.s < IMPATIENT.timeout_s + 1
+    assert not presence(relay, sim1).online
 
 
 @pytest.mark.parametrize("timing", [IMPATIENT])
