@@ -144,6 +144,7 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(
         await open_by(remembered=True)
 
 
+@pytest.mark.parametrize("remembered", [False, True])
 @pytest.mark.parametrize(
     ("name", "asked_for", "mode", "problem"),
     [
@@ -152,14 +153,14 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(
         ("sim3", "sim3", "observe", RobotUnknownError),
     ],
 )
-async def test_a_ticket_from_webs_memory_opens_its_robot_within_the_grant(
-    *, database, credentials, login, name, asked_for, mode, problem
+async def test_a_ticket_opens_its_robot_within_the_grant(
+    *, database, credentials, login, name, asked_for, mode, problem, remembered
 ):
-    """Web knew neither; the robot is the one of its name."""
+    """Of one from its memory web knew neither; the robot is the one of its name."""
     access = access_of(database, credentials=credentials)
     assert await credentials.holds(login)
     with pytest.raises(problem):
-        access.for_rosbridge(showing_ticket(login, asked_for, mode, remembered=True), name)
+        access.for_rosbridge(showing_ticket(login, asked_for, mode, remembered=remembered), name)
 
 
 async def test_a_ticket_that_web_asked_the_database_for_makes_its_login_known(

@@ -1,13 +1,17 @@
 """Who is connected to a robot's rosbridge, and how the robot is reached."""
 
 import asyncio
+import time
 from dataclasses import replace
+from datetime import timedelta
 
 import pytest
-from relay_clients import closing
+from relay_clients import closing, refusal
 from relay_server import ANN, FAST, running_relay, until
+from robotether_server.db.cells import Cell
 from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.http.sockets import OperatorSocket
+from robotether_server.times import utc_now
 from stopwatch import Stopwatch
 
 
@@ -52,6 +56,28 @@ async def test_a_tunnel_without_its_port_is_told_within_a_second(robot, ros):
             assert (await closing(socket))[0] == 4504
     assert stopwatch.clock_s > 0.5
     assert stopwatch.s < 1
+
+
+@pytest.mark.parametrize("is_older", [True, False])
+async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
+    *, relay, start_robot, sim1, http, memory_database, is_older, ros
+):
+    """The other cell may have used it; a clock that was set back makes no new ticket one of before."""
+    memory_database.cells["b"] = Cell(
+        "b", "b.example", 443, (2222,), "b.example:8444", "0.1.0", 0, False, True
+    )
+    await until(relay.relay.cells.peers, "the other cell is known")
+    registry = relay.relay.registry
+    if is_older:
+        registry._monotonic = lambda: time.monotonic() + 5
+    else:
+        registry._clock = lambda: utc_now() + timedelta(hours=1)
+    robot = await start_robot(relay)
+    if is_older:
+        assert await refusal(http, relay.ros_url(sim1)) == 401
+    else:
+        async with ros():
+            await until(lambda: robot.clients, "the operator has reached rosbridge")
 
 
 async def test_a_ticket_outlives_its_login_by_nothing(robot, ros):
