@@ -12,14 +12,14 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 from insider import Insider, insider
+from jump_people import ShellRobot
 from robot_key import RobotKey
 from stack import Stack
 
 VICTIM = "sim1"
 USER = "tunnel@127.0.0.1"
 HALF_OPEN = 40
-LOG_INS = 8
-AT_ONCE = 4
+LOG_INS = 4
 
 
 @pytest.fixture(scope="module")
@@ -51,22 +51,15 @@ def test_a_robots_port_and_the_relay_open_with_their_keys_only(
         assert inside.send("relay", 8091, json.dumps(first).encode() + b"\n") == ""
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
     """The key of an active robot that no agent uses."""
-    mac = "00:00:5e:00:53:73"
-    robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "kept-out")
-    stack.robotether("robot", "add", robot.name, "--mac", mac)
-    try:
-        assert robot.join(mac)[0] == 202
-        stack.robotether("robot", "approve", robot.name, "--yes")
-        yield robot
-    finally:
-        stack.robotether("robot", "remove", robot.name, "--yes")
+    folder = tmp_path_factory.mktemp("keys")
+    with ShellRobot.added(stack, folder, "kept-out", "00:00:5e:00:53:73") as robot:
+        yield robot.key
 
 
 def log_in(key: RobotKey, port: int) -> str:
-    """Log in once; `in`, or what the client says."""
     said = key.ssh("-v", USER, "id", port=port, timeout=45).stderr
     return "in" if "Authenticated to" in said else said[-400:]
 
@@ -77,6 +70,6 @@ def test_half_open_log_ins_of_one_address_keep_nobody_out(
 ) -> None:
     host, attacked = {"2222": ("sshd", 2222), "443": ("nginx", 8443)}[door]
     port = {"2222": stack.ssh_port, "443": stack.https_port}[door]
-    with inside.half_open_log_ins(host, attacked, HALF_OPEN), ThreadPoolExecutor(AT_ONCE) as pool:
+    with inside.half_open_log_ins(host, attacked, HALF_OPEN), ThreadPoolExecutor(LOG_INS) as pool:
         got = list(pool.map(lambda _: log_in(key, port), range(LOG_INS)))
     assert got == ["in"] * LOG_INS

@@ -14,13 +14,9 @@ from stack import Stack
 @pytest.fixture(scope="module")
 def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
     """The key of an active robot that no agent uses."""
-    robot = RobotKey(stack, tmp_path_factory.mktemp("keys"), "thief")
-    stack.robotether("robot", "add", "thief", "--mac", "00:00:5e:00:53:60")
-    status, _ = robot.join("00:00:5e:00:53:60")
-    assert status == 202
-    stack.robotether("robot", "approve", "thief", "--yes")
-    yield robot
-    stack.admin.remove("robots", "thief")
+    folder = tmp_path_factory.mktemp("keys")
+    with ShellRobot.added(stack, folder, "thief", "00:00:5e:00:53:60") as made:
+        yield made.key
 
 
 @pytest.fixture(scope="module")

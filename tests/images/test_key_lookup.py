@@ -27,14 +27,12 @@ def look_up(stack: Stack, *arguments: str) -> CompletedProcess[str]:
 
 
 def line_of(key: RobotKey) -> str:
-    """What lets the key in while the database answers."""
     done = look_up(key.stack, "tunnel", key.fingerprint, CONNECTION)
     assert done.returncode == 0
     return done.stdout
 
 
 def refused(stack: Stack, fingerprint: str) -> list[list[str]]:
-    """The address of each audit line of a refused key."""
     return stack.sql(
         "SELECT address FROM audit_events WHERE kind = 'key_refused' "
         f"AND JSON_VALUE(details, '$.fingerprint') = '{fingerprint}'"
@@ -93,7 +91,6 @@ def test_refused_key_is_recorded_with_an_address_or_none(stack: Stack) -> None:
 
 
 def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None:
-    """A key that the database does not hold is refused, and one line tells of it however often it tries."""
     stranger = RobotKey(stack, tmp_path, "stranger")
     for _ in range(3):
         assert "Permission denied" in stranger.ssh(USER, "session").stderr

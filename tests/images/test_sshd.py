@@ -177,7 +177,7 @@ def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
     """Whatever the key asks for: no shell, no command, no file transfer, no terminal, no socket file, no port."""
     ros, _ = key.ports()
     refused = "remote port forwarding failed"
-    for arguments, refusal in (
+    attempts: tuple[tuple[tuple[str, ...], str], ...] = (
         *(((USER, command), "") for command in ("sh", "session; id", "session x", "internal-sftp")),
         *(((USER, command), "") for command in ("session\nid", "$(id)", "media --robot 1")),
         ((USER,), ""),
@@ -192,8 +192,9 @@ def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
             (("-W", target, USER), "administratively prohibited")
             for target in ("mysql:3306", "relay:8091", "nginx:8443", f"127.0.0.1:{ros}")
         ),
-    ):
-        done = key.ssh(*arguments)
+    )
+    answers = key.ssh_each(arguments for arguments, _ in attempts)
+    for (arguments, refusal), done in zip(attempts, answers, strict=True):
         assert done.returncode != 0, arguments
         assert refusal in done.stderr, arguments
         assert done.stdout == "", arguments

@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import select
 import subprocess
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from commands import output_of_command, run_command
@@ -14,6 +16,7 @@ from stack import Stack
 
 # More than a server on a busy machine takes for a log-in.
 ANSWER_S = 30
+AT_ONCE = 4
 
 
 class RobotKey:
@@ -31,17 +34,14 @@ class RobotKey:
     def fingerprint(self) -> str:
         return output_of_command("ssh-keygen", "-lf", self.file).split()[1]
 
-    def join_body(self, mac: str, **fields: object) -> dict[str, object]:
+    def join(self, mac: str, **fields: object) -> tuple[int, dict[str, object]]:
         words = ["ssh-keygen", "-q", "-Y", "sign", "-n", JOIN_NAMESPACE, "-f", str(self.file)]
         token = str(fields["token"]) if "token" in fields else None
         message = join_message(token, mac, " ".join(self.public.split()[:2]))
         signature = output_of_command(*words, input=message)
         proof = {"mac": mac, "public_key": self.public, "signature": signature}
-        return {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}
-
-    def join(self, mac: str, **fields: object) -> tuple[int, dict[str, object]]:
-        status, answer = self.stack.request("POST", "/api/v1/join", self.join_body(mac, **fields))
-        return status, answer
+        body = {**proof, "hostname": self.name, "agent_version": "0.1.0", **fields}
+        return self.stack.request("POST", "/api/v1/join", body)
 
     def ports(self) -> tuple[int, int]:
         [[ros, video]] = self.stack.sql(
@@ -75,6 +75,13 @@ class RobotKey:
         self, *arguments: str, port: int | None = None, timeout: float = 2 * ANSWER_S
     ) -> subprocess.CompletedProcess[str]:
         return run_command(*self.command(*arguments, port=port), limit_s=timeout)
+
+    def ssh_each(
+        self, attempts: Iterable[tuple[str, ...]]
+    ) -> Iterator[subprocess.CompletedProcess[str]]:
+        """Run a client with each of these arguments, a few at a time."""
+        with ThreadPoolExecutor(AT_ONCE) as pool:
+            yield from pool.map(lambda arguments: self.ssh(*arguments), attempts)
 
     def start(self, *arguments: str, port: int | None = None) -> subprocess.Popen[str]:
         return subprocess.Popen(
