@@ -1,4 +1,4 @@
-"""The documents are a site of the stack, readable without a login, and their commands do what a reader wants."""
+"""The documents' commands do what a reader wants."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 
 import documented
 import pytest
-from playwright.sync_api import Page, expect
 from stack import Stack
 
 # Why a command is not run here, and how such commands begin. Where another test runs it, the reason names that one.
@@ -70,24 +69,6 @@ NOT_RUN = {
 MAC = "b8:27:eb:12:34:56"
 PIN = re.compile(r"sha256//\S+")
 IN_WEB = re.compile(r"^(docker |tools/)compose exec web (?=robotether )")
-
-
-def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(
-    page: Page, stack: Stack
-) -> None:
-    """The policy of the pages stops no script of theirs: search runs in one."""
-    complaints: list[str] = []
-    hosts: set[str] = set()
-    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
-    page.on("request", lambda request: hosts.add(re.sub(r"^\w+:/*([^/]*).*", r"\1", request.url)))
-    page.goto(f"{stack.url}/docs/")
-    page.get_by_role("textbox", name="Search").press_sequentially("deadman")
-    # Which page is the best one changes with each that is written.
-    found = page.locator(".md-search-result__item", has_text="deadman_ms").first
-    found.get_by_role("link").first.click()
-    expect(page).to_have_url(re.compile(rf"{stack.url}/docs/\w+/"))
-    assert complaints == []
-    assert hosts == {stack.url.removeprefix("https://")}
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ import pytest
 from accessibility import BY_LOOK, RULES, violations
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
-from playwright.sync_api import Browser, BrowserContext, Page
+from playwright.sync_api import Browser, BrowserContext, Page, expect
 from robotether_server.settings.server import DatabaseSettings
 from robotether_server.web import create_app
 from stack import Stack
@@ -205,7 +205,7 @@ def _numbers(stack: Stack) -> dict[str, str]:
     return dict(zip(TABLES, row, strict=True))
 
 
-# The two take over a minute; for every change test_accessibility.py looks at the pages that people drive by.
+# They take over a minute; for every change test_accessibility.py looks at the pages that people drive by.
 @pytest.mark.release
 @pytest.mark.usefixtures("operator")
 def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
@@ -227,12 +227,27 @@ def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
     assert not looks.found, "\n".join(looks.found)
 
 
+@pytest.mark.release
 def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> None:
-    looks, numbers = Looks(context.new_page(), stack.url), _numbers(stack)
+    looks = Looks(context.new_page(), stack.url)
     assert looks.look("/login") == 200
     assert looks.look("/nothing") == 404
     assert not looks.found, "\n".join(looks.found)
-    for rule in rules_of_pages():
-        path = address(rule, numbers)
-        answer = context.request.get(stack.url + path, max_redirects=0)
-        assert path == "/login" or answer.headers["location"].startswith("/login"), path
+
+
+def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(
+    page: Page, stack: Stack
+) -> None:
+    """The policy of the pages stops no script of theirs: search runs in one."""
+    complaints: list[str] = []
+    hosts: set[str] = set()
+    page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
+    page.on("request", lambda request: hosts.add(re.sub(r"^\w+:/*([^/]*).*", r"\1", request.url)))
+    page.goto(f"{stack.url}/docs/")
+    page.get_by_role("textbox", name="Search").press_sequentially("deadman")
+    # Which page is the best one changes with each that is written.
+    found = page.locator(".md-search-result__item", has_text="deadman_ms").first
+    found.get_by_role("link").first.click()
+    expect(page).to_have_url(re.compile(rf"{stack.url}/docs/\w+/"))
+    assert complaints == []
+    assert hosts == {stack.url.removeprefix("https://")}

@@ -144,6 +144,14 @@ def test_container_has_its_own_secrets_alone(stack: Stack, service: str) -> None
             assert "Permission denied" in stack.exec("sshd", "sh", "-c", read, user=user)
 
 
+def test_parts_are_good_and_what_needs_prometheus_is_unknown(stack: Stack) -> None:
+    health = stack.admin.ask("GET", "/health")
+    states = {part["name"]: part["state"] for part in health["parts"]}
+    good = dict.fromkeys(("cell main", "recorder of main", "sshd"), "good")
+    assert states.items() >= {**good, "prometheus": "unknown"}.items()
+
+
+@pytest.mark.release
 def test_second_start_changes_nothing(stack: Stack) -> None:
     """`tools/up` on a running stack keeps secrets, containers and robots."""
     password = stack.admin_password
