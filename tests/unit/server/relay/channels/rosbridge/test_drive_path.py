@@ -20,6 +20,7 @@ from robotether_server.relay.channels.rosbridge.drive_path import (
     DrivePath,
 )
 from robotether_server.relay.channels.rosbridge.message_validator import MessageValidator
+from robotether_server.relay.http.timing import RobotClock
 from robotether_server.relay.robots.drive_log import (
     LATENCY_STEP,
     MAX_LATENCY_MS,
@@ -158,17 +159,21 @@ def socket():
     return FullSocket()
 
 
-@pytest_asyncio.fixture
-async def path(request, socket, log, reports):
+def new_path(socket, log, reports, *, max_age_s=0.5, clock=None):
     lease = DriveLease(
         fence=1,
-        max_age_s=getattr(request, "param", 0.5),
-        clock=None,
+        max_age_s=max_age_s,
+        clock=clock,
         log=log,
         on_command=lambda: None,
         on_report=reports.append,
     )
-    path = DrivePath(lease, socket, CommandTimestamps(time.monotonic()))
+    return DrivePath(lease, socket, CommandTimestamps(time.monotonic()))
+
+
+@pytest_asyncio.fixture
+async def path(request, socket, log, reports):
+    path = new_path(socket, log, reports, max_age_s=getattr(request, "param", 0.5))
     running = asyncio.create_task(path.run())
     yield path
     running.cancel()
@@ -193,6 +198,17 @@ async def test_only_the_newest_command_of_a_topic_waits(path, socket, log, repor
 )
 def test_a_car_that_follows_the_rates_alone_does_not_stand(drive, stands):
     assert command(0.0, msg={"drive": drive}).stands is stands
+
+
+async def test_of_commands_of_unknown_age_the_zero_alone_goes(socket, log, reports):
+    """The guard stops the robot by it, long before the deadman's time."""
+    path = new_path(socket, log, reports, clock=RobotClock())
+    socket.full = False
+    for speed in (0.5, 0.0):
+        await path.submit(command(speed))
+    assert [report.outcome for report in reports] == ["clock_unknown", "sent"]
+    (sent,) = map(json.loads, socket.sent)
+    assert (sent["msg"]["linear"]["x"], sent["robotether"]["t_ms"]) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("path", [0.1], indirect=True)
