@@ -3,6 +3,7 @@
 import pytest
 import pytest_asyncio
 from relay_server import ANN, BEN, BOB, CARL, EVE, until
+from robotether_server.relay.auth.credentials import Credentials
 
 SIM1 = "/api/v1/robots/sim1"
 
@@ -69,6 +70,22 @@ async def test_bad_bodies_are_named(*, relay, sim1, ask, path, body, status):
     code = {422: "field_invalid", 413: "request_entity_too_large"}[status]
     assert (answer[0], answer[1]["code"]) == (status, code)
     assert relay.relay.control.stops.of(sim1.id)
+
+
+async def test_who_stops_over_http_waits_behind_no_other_question(
+    relay, guarded, people, ask, monkeypatch
+):
+    """Strangers who ask for anything else may fill the questions to the database."""
+    user_of, asked = Credentials.user_of, []
+
+    async def note(credentials, *credential, stops=False):
+        asked.append(stops)
+        return await user_of(credentials, *credential, stops=stops)
+
+    monkeypatch.setattr(Credentials, "user_of", note)
+    for path in (f"{SIM1}/stop", "/api/v1/stop", f"{SIM1}/release"):
+        assert (await ask("POST", path, "carl"))[0] == 200
+    assert asked == [True, True, False]
 
 
 @pytest.mark.parametrize("body", [{}, {"reason": None}, {"reason": " "}])

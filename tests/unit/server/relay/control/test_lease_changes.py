@@ -170,6 +170,15 @@ async def test_a_lease_without_the_database_is_written_as_it_began(
     assert bare.written == [LeaseStart(sim1.id, 51, ANN.id, "ann", NOON)]
 
 
+async def test_a_stop_ends_the_lease_in_the_books_and_for_all_who_watch(bare, sim1):
+    await bare.drives(ANN)
+    bare.changed.clear()
+    bare.leasing.revoke(sim1.id, close_reasons.link_lost("sim1"))
+    assert bare.ended() == [(sim1.id, 1)]
+    assert (len(bare.ends), bare.changed) == (1, [sim1.id])
+    assert bare.lines[-1]["fence"] == 1
+
+
 async def test_what_passes_by_itself_is_written_with_who_drove(bare, sim1, monkeypatch):
     monkeypatch.setattr(lease_module, "PASSES_AFTER_S", 0.05)
     await bare.drives(ANN)
