@@ -41,7 +41,7 @@ from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.uplink import UserIds
-from robotether_server.tasks import end_tasks
+from robotether_server.tasks import run_until_first
 
 # Time limit for the subscription.
 SUBSCRIBED_WITHIN_S = 3.0
@@ -116,20 +116,11 @@ class PeerTopicsHandler:
         deliver = partial(socket.send_message, turns=self.rules.traffic.piece_turns)
         copies.share(subscription.topic, subscription)
         shared = copies.joined.get(subscription.topic)
-        tasks = {
-            asyncio.ensure_future(part)
-            for part in (
-                copies.send(deliver),
-                listen(socket),
-                _ping(socket),
-                asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait(),
-            )
-        }
+        ended = asyncio.sleep(REFUSED_FOR_S) if shared is None else shared.ended.wait()
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            await run_until_first(copies.send(deliver), listen(socket), _ping(socket), ended)
         finally:
             copies.close()
-            await end_tasks(tasks)
 
 
 async def _subscription(socket: OperatorSocket) -> TopicRequest | None:

@@ -35,7 +35,7 @@ from robotether_server.relay.http.sockets import (
     own_words,
 )
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
-from robotether_server.tasks import end_tasks, wait_for_event
+from robotether_server.tasks import end_tasks, run_until_first, wait_for_event
 from robotether_server.times import delays
 
 ROUTES_PATH = "/cell/v1/routes"
@@ -140,15 +140,10 @@ class CellSourceHandler:
             source.open(readable.robot, self.shared_topics)
         except RobotetherError as problem:
             source.problem = problem.detail
-        tasks = {
-            asyncio.ensure_future(part)
-            for part in (self._send(socket, source, due, readable), listen(socket))
-        }
         try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            await run_until_first(self._send(socket, source, due, readable), listen(socket))
         finally:
             source.close(self.shared_topics)
-            await end_tasks(tasks)
         await socket.finish(close_reasons.client_left(readable.robot.name))
         return socket
 

@@ -7,10 +7,8 @@ stays a while, so that a program that polls subscribes once.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Coroutine
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 from weakref import WeakKeyDictionary
 
 from aiohttp import WSMsgType, web
@@ -119,24 +117,14 @@ class TopicApi:
                 f"cannot read {topic_request.topic}: {refused.detail}"
             ) from refused
         try:
-            newest = await _within(query.wait_s, poll.message(topic, query.since))
+            async with asyncio.timeout(query.wait_s):
+                message, content = await poll.message(topic, query.since)
+        except TimeoutError:
+            return None
         finally:
             self.shared_topics.leave(topic, poll, POLLED_LINGER_S)
-        if newest is None:
-            return None
-        message, content = newest
         age_s = asyncio.get_running_loop().time() - message.received_s
         return TopicAnswer(topic_request.topic, round(age_s, 4), message.sequence, content)
-
-
-async def _within(
-    seconds: float, message: Coroutine[Any, Any, tuple[ReceivedMessage, Raw]]
-) -> tuple[ReceivedMessage, Raw] | None:
-    try:
-        async with asyncio.timeout(seconds):
-            return await message
-    except TimeoutError:
-        return None
 
 
 # A large message takes 20 ms to read, in which drivers wait: each is read once for all.
