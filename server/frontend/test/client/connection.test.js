@@ -67,6 +67,17 @@ async function seconds(count, act = () => {}) {
   }
 }
 
+const answered = () => newest().answer({ ok: true }) ?? settle();
+const stopAtNews = () => (connection.onState = () => connection.stop());
+
+// Another ticket is asked for while the first is on its way.
+function reopened(first = null) {
+  refusal = first;
+  connection.start();
+  refusal = null;
+  connection.reopen();
+}
+
 // Whoever loses the control sees on at once.
 const ended = (code) => [live, () => end(code), () => pass(0)];
 
@@ -75,12 +86,16 @@ for (const [name, steps, shown, opened, closed = false] of [
   ["it is not live before the robot itself has answered", [begin, open, settle], "connecting", 1],
   ["a robot that is offline is reported by the close code", [begin, open, () => end(4503)], "connecting offline", 1, true],
   ["no answer from the robot is reported as such", [begin, open, () => pass(8000)], "connecting rosbridge_down", 1, true],
+  ["an answer after that makes nothing live", [begin, open, () => pass(8000), answered], "connecting rosbridge_down", 1, true],
   ["that is tried again", [begin, open, () => pass(8000), () => pass(500)], "connecting rosbridge_down", 2],
   ["a socket that does not open is an unreachable server", [begin, () => pass(5000)], "connecting server_unreachable", 1, true],
   ["silence on a live link is a lost link", [live, () => seconds(7)], "connecting live link_lost", 1, true],
   ["what the robot says breaks it", [live, () => seconds(5), () => newest().onMessage(), () => seconds(6)], "connecting live", 1],
   ["news that the network is gone ends a live link at once", [live, () => connection.cut()], "connecting live link_lost", 1, true],
   ["another ticket is asked for", [live, () => connection.reopen(), goLive], "connecting live connecting live", 2],
+  ["a ticket of before that opens nothing", [reopened, goLive], "connecting connecting live", 1],
+  ["its refusal ends nothing", [() => reopened(new TicketRefused(401)), goLive], "connecting connecting live", 1],
+  ["who ends it at the news of a cut is not connected again", [live, stopAtNews, end, () => pass(60_000)], "connecting live", 1, true],
   ["without a network news of its end change nothing", [begin, () => connection.cut()], "connecting", 1],
   ...[4002, 4003, 4009, 4010].map((code) => [`after ${code} it sees on`, [...ended(code), goLive], "connecting live connecting live", 2]),
 ]) {

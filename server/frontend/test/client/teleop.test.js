@@ -237,7 +237,7 @@ test("what took the control and is held still drives on from when it came, and n
 for (const [end, act] of [
   ["the focus goes", () => teleop.letGo()],
   ["the link fails", () => teleop.arm(false)],
-  ["driving is held", () => teleop.disarm()],
+  ["driving is held, also if it is pressed meanwhile", () => [teleop.disarm(), hold()]],
   ["it is let go", () => release()],
   ["the page freezes", () => freeze(600)],
   ["control comes more than a second later", () => pass(1000)],

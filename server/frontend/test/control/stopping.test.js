@@ -6,6 +6,8 @@ import { stop as texts } from "../../src/texts/common.js";
 
 const OK = { ok: true, status: 200, detail: "" };
 const NO_ANSWER = { ok: false, status: 0, detail: "" };
+const BUSY = { ok: false, status: 429, detail: "" };
+const DOWN = { ok: false, status: 503, detail: "" };
 const BY_BEN = { by: "ben", at: "2026-01-01T12:03:00Z" };
 
 let ways, answers, presses, stopping;
@@ -99,6 +101,8 @@ for (const [name, steps, said, times] of [
   ],
   ["until it hears something", [press, OK, () => tick(60_000), () => receive(null), () => tick(5000)], "none", 1],
   ["the release of an earlier stop ends none on its way", [() => stoppedBy("ben"), press, () => receive(null), NO_ANSWER], "unheard", 1],
+  ["nor one that was not heard yet", [() => stoppedBy("ben"), press, NO_ANSWER, () => receive(null), () => tick(1000)], "unheard", 2],
+  ["a server that is busy or down is told again", [press, BUSY, () => tick(1000), DOWN, () => tick(1000)], "unheard", 3],
 ]) {
   test(name, async () => {
     for (const step of steps) await (typeof step === "function" ? step() : answer(step));
