@@ -192,7 +192,7 @@ export class Connection {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.settle(ROSBRIDGE_SILENT), ANSWER_MS);
     await this.prepare((service, request) => link.call(service, request));
-    if (attempt === this.attempt && link === this.link) this.becomeLive();
+    if (attempt === this.attempt) this.becomeLive();
   }
 
   becomeLive() {
