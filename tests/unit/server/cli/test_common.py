@@ -46,4 +46,5 @@ def test_each_list_is_a_table_and_json(run, database, relay_database, tmp_path):
         heads, row, *_ = run(*words.split()).out.splitlines()
         assert heads.isupper(), words
         first = json.loads(run(*words.split(), "--json").out)[0]
-        assert str(next(iter(first.values()))) in row or words == "audit", words
+        names = [value for value in first.values() if isinstance(value, str) and value.isalnum()]
+        assert any(name in row.split() for name in names), words
