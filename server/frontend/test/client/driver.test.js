@@ -24,6 +24,7 @@ function pass(ms, act = () => {}) {
   }
 }
 
+const countsNot = () => assert.equal(driver.drive({ forward: 0.5 }), false);
 const moved = () => sent.filter(({ forward }) => forward !== 0).length;
 
 test("a word goes out at once and then at 20 Hz while it is repeated, as it was said", () => {
@@ -54,13 +55,15 @@ test("zero stands still at once and then is silent", () => {
 for (const [end, act] of [
   ["silence", () => pass(1000)],
   ["a cut", () => [driver.arm(false), driver.drive({ forward: 0.5 }), driver.arm(true)]],
+  ["a cut in which it began", () => [driver.drive(STILL), driver.arm(false), countsNot(), driver.arm(true)]],
   ["a stop", () => driver.halt()],
+  ["a page that went out of sight", () => driver.letGo()],
 ]) {
   test(`after ${end} a program that goes on drives no more until it has said zero`, () => {
     driver.drive({ forward: 0.5 });
     act();
     sent.length = 0;
-    assert.equal(driver.drive({ forward: 0.5 }), false);
+    countsNot();
     pass(500, () => driver.drive({ forward: 0.5 }));
     assert.equal(moved(), 0);
     driver.drive(STILL);

@@ -40,6 +40,17 @@ test("a command names the frames that were seen at its input, also before the re
   assert.deepEqual([known, unknown, at], [{ t_ms: 1005, seen }, { seen }, [5, 6]]);
 });
 
+test("a command waits neither behind old ones nor for a robot that is silent", () => {
+  for (const [backlog, silenceMs, mayQueue] of [
+    [2000, 1900, true],
+    [2100, 0, false],
+    [0, 2100, false],
+  ]) {
+    session.connection = { backlog, silenceMs };
+    assert.equal(session.mayQueue, mayQueue);
+  }
+});
+
 test("the relay alone says how old is what is seen", () => {
   const ages = [];
   session.onSeen = (seen) => ages.push(seen);

@@ -112,6 +112,11 @@ for (const [name, until, act] of [
   });
 }
 
+test("no twist but zero goes out while driving is held", () => {
+  for (const name of Object.keys(STILL)) arming.publish({ ...STILL, [name]: 0.1 }, clock);
+  assert.deepEqual(sent, []);
+});
+
 test("a page that may not move sends nothing when the frame comes or goes, and asks for control where it watches", () => {
   update(false, false);
   see();
@@ -142,6 +147,7 @@ for (const [name, act, ...kinds] of [
   ["a frame lets it go on", () => see(40), "seen"],
   ["a frame is good up to its time limit", () => [see(50), pass(950)], "seen"],
   ["a frame grows old by itself", () => [see(51), pass(950)], "seen", "old"],
+  ["one that says it is of later is of now", () => [see(-5000), pass(1050)], "seen", "old"],
   ["a frame that is lost holds at once", () => [see(10), lose()], "seen", "missing"],
   ["a reading without an age is no frame", () => [see(10), see(NaN)], "seen", "missing"],
   ["the limit is the robot's, and may be longer", () => [make(3000), see(2500)], "seen"],

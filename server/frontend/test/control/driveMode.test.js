@@ -44,6 +44,7 @@ const WHILE_DRIVING = {
   "who gives up the control watches": [() => driveMode.leave(), { moves: ["observe"], mode: "observe", armed: false, why: "left" }],
   "control that is kept for who asked is taken, not armed": [() => [loseAsk(), kept()], { moves: ["drive"], armed: false, why: "arrived" }],
   "a driver who leaves leaves the control to who asked": [() => [askAnn(), receive({ driver: null })], { moves: ["drive"], armed: false }],
+  "nor is control that is kept for somebody else": [() => [askAnn(), receive({ driver: null, reserved: ben })], { mode: "observe" }],
   "a question that is gone while the driver stays was refused": [() => [askAnn(), refuse()], { note: REFUSED, asked: null }],
   "a question that was refused brings no control": [() => [askAnn(), refuse(), kept()], { mode: "observe" }],
   "news from before the question is no refusal": [() => [loseAsk(), receive({ driver: ann })], { asked: "sent" }],
@@ -53,7 +54,10 @@ const WHILE_DRIVING = {
   "a stop ends the question": [() => [askAnn(), receive({ driver: null, stopped })], { asked: null, why: "stopped_meanwhile" }],
   "a question answered for another window of the same person ends here": [() => [askAnn(), receive({ driver: mine })], { asked: null }],
   "who drove when the robot was stopped may drive on by releasing it": [() => stop(), { wasStopped: true }],
-  "who releases it so drives on": [() => [stop(), driveMode.released(true)], { moves: ["drive"], armed: true }],
+  "who releases it so drives on by a new press": [
+    () => [stop(), driveMode.released(true)],
+    { moves: ["drive"], armed: true, pressed: false },
+  ],
   "but not once somebody else released it": [() => [stop(), receive({ stopped: null }), receive({ stopped })], { wasStopped: false }],
   "only the driver's own page is asked": [() => receive({ driver: mine, waiting: ben }), { asking: ben }],
   "a page that no longer drives is not asked": [() => [receive({ driver: mine, waiting: ben }), lose("superseded")], { asking: null }],
@@ -218,8 +222,11 @@ test("a page that drove when it was loaded anew may drive on, once, and one that
 test("nothing is kept for another robot, for later, or for a page that is opened", () => {
   load().save({ armed: true });
   assert.equal(load("sim2").restore(), null);
-  clock += 20_000;
-  assert.equal(load().restore(), null);
+  for (const later of [20_000, -20_000]) {
+    load().save({ armed: true });
+    clock += later;
+    assert.equal(load().restore(), null);
+  }
   load().save({ armed: true });
   arrival = "navigate";
   assert.equal(load().restore(), null);

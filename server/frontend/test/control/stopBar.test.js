@@ -58,17 +58,26 @@ test("Enter checks a checkbox, once for each press, and nothing else", () => {
 
 const STOPPED = { by: "ben", at: "2026-01-01T12:03:00Z", confirmed: true };
 
-// The bar of a robot that is stopped, whose release has been asked for; `answer` is the server's.
-function releaseAsked() {
+// The bar of a robot that is stopped, whose release has been asked for while this was offered; `answers` is what the server does.
+function releaseAsked(offered = "idle") {
   Object.assign(globalThis, { window, document: { activeElement: null } });
   const root = new FakeElement();
-  const bar = new StopBar(root, { robot: "sim1", halt() {}, send() {}, onReleased() {} });
+  const calls = [];
+  const bar = new StopBar(root, {
+    robot: "sim1",
+    halt: () => calls.push("halt"),
+    send() {},
+    onReleased: (again) => calls.push({ again }),
+  });
+  bar.stopping.press = () => calls.push("stop");
   let answer;
   mock.method(api, "release", () => new Promise((resolve) => (answer = resolve)));
   bar.receive({ stopped: STOPPED });
+  bar.offer(offered);
   const done = bar.letGo();
   const text = () => bar.element.querySelector('[data-part="stop-text"]').textContent;
-  return { bar, text, fails: () => answer({ ok: false, detail: "" }) || done };
+  const answers = (ok) => answer({ ok, detail: "" }) || done;
+  return { bar, root, text, calls, answers, fails: () => answers(false) };
 }
 
 afterEach(() => mock.restoreAll());
@@ -104,15 +113,45 @@ test("a robot that is released, though the answer was lost, is not said to be no
   assert.equal(text(), "");
 });
 
+test("a release drives on only where the button said so when it was held", async () => {
+  for (const [before, after, again] of [
+    ["idle", "again", false],
+    ["again", "idle", true],
+  ]) {
+    const { bar, calls, answers } = releaseAsked(before);
+    bar.offer(after);
+    await answers(true);
+    assert.deepEqual(calls, [{ again }]);
+  }
+});
+
+test("each press of Stop stops once, halts, and ends the hold of the release", () => {
+  const { bar, root, calls } = releaseAsked();
+  const button = root.querySelector('[data-testid="stop"]');
+  const click = (detail) => button.dispatchEvent(Object.assign(new Event("click"), { detail }));
+  for (const act of [() => [button.dispatchEvent(new Event("pointerdown")), click(1)], () => click(0), () => press("body")]) {
+    bar.hold.begin();
+    act();
+    assert.deepEqual([calls.splice(0), bar.hold.state], [["stop", "halt"], "idle"]);
+  }
+});
+
+test("a stop that its reader has not seen ends the hold of the release, the robot's confirmation does not", () => {
+  const { bar } = releaseAsked();
+  bar.hold.begin();
+  bar.receive({ stopped: { ...STOPPED, confirmed: false } });
+  assert.equal(bar.hold.state, "held");
+  bar.receive({ stopped: { ...STOPPED, by: "ann" } });
+  assert.equal(bar.hold.state, "idle");
+});
+
 test("a page whose rights have ended says that its Stop does not work, and sends it all the same", () => {
-  const { bar, text } = releaseAsked();
+  const { bar, text, calls } = releaseAsked();
   bar.receive({ stopped: null });
-  let sent = 0;
-  bar.stopping.press = () => (sent += 1);
   bar.end();
   bar.press();
   assert.match(text(), /Stop does not work/);
-  assert.deepEqual([sent, bar.element.dataset.ended], [1, "true"]);
+  assert.deepEqual([calls[0], bar.element.dataset.ended], ["stop", "true"]);
 });
 
 test("a stop without an answer says that a robot halts by itself only of one that does", () => {
@@ -184,7 +223,8 @@ for (const [name, press, repeat, release] of [
 }
 
 test("a click of a mouse or finger does nothing, one of assistive technology has to come twice", () => {
-  send("click", { detail: 1, pointerType: "mouse" });
+  send("click", { detail: 1, pointerType: "" });
+  send("click", { detail: 0, pointerType: "mouse" });
   assert.deepEqual(states, []);
   send("click", { detail: 0, pointerType: "" });
   assert.deepEqual(states, ["once"]);

@@ -55,6 +55,7 @@ for (const [name, act, ...expected] of [
   ["letting go is reported once", () => [down(120), move(), up(), send("lostpointercapture", { pointerId: 1 })], CENTRE, UP, "released"],
   ["a second finger changes nothing", () => [down(), down(120, 2), move(220, 2), up(2)], UP],
   ["a pointer that is cancelled lets go", () => [down(), pointer("cancel", 1, 120, 20)], UP, "released"],
+  ["so does one that is captured no more", () => [down(), send("lostpointercapture", { pointerId: 1 })], UP, "released"],
   ["after a drop the same drag drives no longer", () => [down(), joystick.drop(), move()], UP],
   ["until it is pressed anew", () => [down(), joystick.drop(), move(), down()], UP, UP],
   ["a press while driving is not armed never counts", () => [(armed = false), down(), (armed = true), move(21), up()]],
