@@ -33,15 +33,17 @@ test("a robot without a drive topic is said to have none, for as long as the pag
   assert.equal(note().dataset.fresh, "true");
 });
 
-test("a guard that is too old for a limit of the settings is said to be, and one of which that is not known is not", () => {
-  for (const [isLimitedByAge, blind_limits, expected] of [
-    [true, false, /too old to drive slower/],
-    [true, true, /^$/],
-    [true, null, /^$/],
-    [false, false, /^$/],
+test("what a guard does not do is said: answer, stop the robot, or slow it by the settings, which may be unknown", () => {
+  for (const [guard, isLimitedByAge, blind_limits, expected] of [
+    ["down", false, true, /does not answer/],
+    ["off", false, true, /does not stop by itself/],
+    ["ready", true, false, /too old to drive slower/],
+    ["ready", true, true, /^$/],
+    ["ready", true, null, /^$/],
+    ["ready", false, false, /^$/],
   ]) {
     open({ isLimitedByAge });
-    driveMode.receive({ guard: "ready", blind_limits });
+    driveMode.receive({ guard, blind_limits });
     assert.match(note().textContent, expected);
   }
 });

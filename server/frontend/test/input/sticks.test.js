@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Joystick, stick } from "../../src/input/sticks.js";
+import { Joystick, stick, Sticks } from "../../src/input/sticks.js";
 import { FakeElement } from "../fakes.js";
 
 let told, timestamps, armed, element, joystick;
@@ -86,4 +86,29 @@ test("a stick that the page moves while it is pressed does not steer, and a hold
   up();
   down(180);
   assert.deepEqual(told.at(-1), { up: 0, left: 0 });
+});
+
+test("of both sticks, a drag that was dropped holds nothing, nor does a press that does not count", () => {
+  const root = new FakeElement();
+  root.querySelector = () => {
+    const part = Object.assign(new FakeElement(), { style: {}, parentElement: new FakeElement(), setPointerCapture() {} });
+    part.hasPointerCapture = () => false;
+    part.getBoundingClientRect = () => ({ left: 0, top: 0, width: 240, height: 240 });
+    part.querySelector = () => ({ offsetWidth: 40, style: {} });
+    return part;
+  };
+  const teleop = { accepts: true, letGo() {}, hold: () => told.push("held"), release: () => told.push("released") };
+  const sticks = new Sticks(root, { kind: "holonomic", teleop, choices: { all: {}, keep() {} } });
+  for (const stick of [sticks.main, sticks.second]) {
+    element = stick.element;
+    down();
+    sticks.drop();
+    move();
+    down();
+    up();
+    teleop.accepts = false;
+    down();
+    assert.deepEqual(told.splice(0), ["held", "held", "released"]);
+    teleop.accepts = true;
+  }
 });

@@ -85,6 +85,27 @@ for (const [robot, holds, state] of [
   });
 }
 
+test("what was seen before the machine slept is not reported as seen at any time", () => {
+  const [reported, tile] = [[], { at: 10 }];
+  let slept = false;
+  globalThis.document = { hidden: false };
+  const view = Object.assign(Object.create(View.prototype), {
+    layout: { shown: ["/front"], main: "/front" },
+    tiles: { get: () => tile, forget: () => (tile.at = null) },
+    mainTimestamp: new MainTimestamp(),
+    sleep: { isOver: () => slept },
+    now: () => 0,
+    page: {},
+    known: new Set(["/front"]),
+    onMain: ({ at }) => reported.push(at),
+  });
+  view.reportMain();
+  slept = true;
+  view.reportMain();
+  delete globalThis.document;
+  assert.deepEqual(reported, [10, null]);
+});
+
 // Of a view without a page: what it offers for its places.
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
