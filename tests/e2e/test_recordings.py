@@ -12,8 +12,10 @@ import page_holds
 import pytest
 from local_network import insecure_tls
 from mcap.reader import make_reader
-from pages import drive_live, expect_mode, open_drawer
+from pages import drive_live, open_drawer
 from playwright.sync_api import Page, expect
+from program_driver import ProgramDriver
+from programs import Program
 from robotether_server.lerobot.export import ExportOptions, export
 from rosbags.highlevel import AnyReader
 from sim_watch import SimWatch
@@ -185,17 +187,18 @@ def _expect_drive(file: Path) -> None:
 
 
 def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
-    page: Page, stack: Stack, people: People, tmp_path: Path
+    stack: Stack, people: People, tmp_path: Path
 ) -> None:
     """Its file is whole when the recorder is back, and the drive does not notice."""
     number = people.start()
-    drive_live(page, stack, ROBOT)
-    page.wait_for_timeout(3000)
-    killed_s = time.time()
-    stack.container("recorder").kill()
-    stack.container("recorder").start()
-    stack.wait("it ended", lambda: people.state(number) == "ended", "recorder", seconds=60)
-    expect_mode(page, "drive")
+    ticket = Program(stack, stack.token("driver of a recording")).ticket(ROBOT)
+    with ProgramDriver(f"{stack.url}/robots/{ROBOT}/ros?ticket={ticket}") as driver:
+        time.sleep(3)  # of which all but the last second must be there
+        killed_s = time.time()
+        stack.container("recorder").kill()
+        stack.container("recorder").start()
+        stack.wait("it ended", lambda: people.state(number) == "ended", "recorder", seconds=60)
+        assert driver.close_code is None
     file = tmp_path / "killed.mcap"
     file.write_bytes(people.file("mark", number)[1])
     with AnyReader([file]) as bag:
