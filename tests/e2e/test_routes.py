@@ -31,21 +31,28 @@ APP = """async () => {
 }"""
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
-    """Mia, who manages sim1 and sim2; no route is there, before and afterwards."""
-    for robot in ROBOTS:
-        stack.wait_until_drivable(robot)
+    """Mia, who manages sim1 and sim2."""
     with closing(PageUsers(stack, browser)) as people:
         for robot in ROBOTS:
+            stack.wait_until_drivable(robot)
             people.let("mia", "manage", robot)
         yield people
+
+
+@pytest.fixture(autouse=True)
+def _no_routes(stack: Stack) -> Iterator[None]:
+    """Both robots are free, before and afterwards."""
+    for robot in ROBOTS:
+        stack.wait_until_drivable(robot)
+    yield
     for route in stack.admin.ask("GET", "/routes")["routes"]:
         stack.admin.ask("DELETE", f"/routes/{route['id']}")
     release_all(stack, ROBOTS)
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def page(page_users: PageUsers) -> Page:
     """Mia's page of routes, with the topics of both robots."""
     page = page_users.browse("mia")
@@ -93,7 +100,7 @@ def test_sim2_follows_sim1_until_somebody_stops_it(
         stack.admin.ask("POST", "/robots/sim2/stop", {"reason": "routes"})
         follower.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
         assert leader.pose["linear_velocity"] > 0 or page_holds.had_to_let_go(driving)
-        driving.keyboard.up("w")
+        driving.close()
     expect(_state(page)).to_have_text("Ended: the target was stopped")
     release_all(stack, ["sim2"])
     stack.wait_for_changes("sim2")
