@@ -20,8 +20,6 @@ from typing import Any
 
 from commands import output_of_command, run_command
 from robot_hosts import (
-    CA_BUNDLE,
-    PIP_CACHE,
     ROOT,
     VIDEO_WHEELHOUSE,
     WHEELHOUSE,
@@ -31,15 +29,10 @@ from robot_hosts import (
 from stack import Stack
 
 ANSIBLE = ROOT / "ansible"
-# How a robot's pip gets what the agent needs: from the package index, this machine's way, as behind an inspecting
-# proxy; or from the folder that the tests' hosts have, which costs neither the network nor a copy of each wheel. PyAV,
-# which is large, comes from a folder, or not at all.
-FROM_INDEX = {
-    "PIP_CERT": CA_BUNDLE,
-    "PIP_CACHE_DIR": PIP_CACHE,
-    "PIP_FIND_LINKS": VIDEO_WHEELHOUSE,
-}
+# A robot's pip gets what the agent needs from a folder that the tests' hosts have, which costs neither the network nor
+# a copy of each wheel; PyAV, which is large, from another one, or not at all.
 FROM_WHEELS = {"PIP_NO_INDEX": "1", "PIP_FIND_LINKS": WHEELHOUSE}
+WITH_VIDEO = {**FROM_WHEELS, "PIP_FIND_LINKS": f"{WHEELHOUSE} {VIDEO_WHEELHOUSE}"}
 # Some two minutes are usual for twenty hosts on two cores; this is for a playbook that hangs.
 ENDS_WITHIN_S = 1200
 RECAP = re.compile(r"^(\S+)\s+: ok=\d+\s+changed=(\d+)", re.MULTILINE)

@@ -37,7 +37,6 @@ IMAGE = "local.invalid/robotether/robot_host:bookworm"
 USER = "pi"
 # In every host, so that pip there trusts what this machine trusts; a site behind an inspecting proxy does the same.
 CA_BUNDLE = "/etc/ssl/site-ca.pem"
-PIP_CACHE = "/var/cache/pip"
 # What the agent needs, in the image.
 WHEELHOUSE = "/opt/wheelhouse"
 VIDEO_WHEELHOUSE = "/opt/wheelhouse-video"
@@ -52,10 +51,7 @@ SYSTEMD: dict[str, Any] = {
     "cpu_shares": 512,
 }
 # What of this machine a host sees.
-VOLUMES = {
-    "/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"},
-    "robot-host-pip-cache": {"bind": PIP_CACHE, "mode": "rw"},
-}
+VOLUMES = {"/sys/fs/cgroup": {"bind": "/sys/fs/cgroup", "mode": "rw"}}
 BOOTING_AT_ONCE, BOOTS_WITHIN_S = 4, 60.0
 EXEC_LIMIT_S = 600.0
 # All modules of a run share one server, which knows a robot by its MAC.
