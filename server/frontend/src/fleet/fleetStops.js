@@ -17,13 +17,14 @@ function managedSites(robots) {
 const unmanaged = (robots, site) =>
   robots.filter((robot) => (!site || robot.site === site) && ["observe", "drive"].includes(robot.level)).map(({ name }) => name);
 
-// What is said of each robot: the answer, or what its control object has said since. Pure.
-export function outcome({ name, stopped, confirmed }, control) {
-  if (!control?.stopped) return texts.stopResult({ name, stopped, confirmed });
-  return texts.stopResult({ name, stopped: true, confirmed: control.stopped.confirmed });
-}
+// Whether the robot's guard has the stop: by the answer, or by what its control object has said since. Pure.
+const isConfirmed = ({ confirmed }, control) => (control?.stopped ? control.stopped.confirmed : confirmed);
 
-const isConfirmed = ({ name, confirmed }, controls) => controls.get(name)?.stopped?.confirmed ?? confirmed;
+// What is said of each robot, by the same two. Pure.
+export function outcome(result, control) {
+  const stopped = Boolean(control?.stopped) || result.stopped;
+  return texts.stopResult({ name: result.name, stopped, confirmed: isConfirmed(result, control) });
+}
 
 // Its stop is over: what was said of it is no longer so. Pure.
 const isReleased = (before, now) => Boolean(before?.stopped && now && !now.stopped);
@@ -103,7 +104,8 @@ export class FleetStops {
     const lines = this.results.map((robot) => outcome(robot, this.controls.get(robot.name)));
     const others = unmanaged(this.robots, this.site).filter((name) => !this.controls.get(name)?.stopped).length;
     if (lines.length && others) lines.push(texts.stopOthers(others));
-    if (this.results.some((robot) => !isConfirmed(robot, this.controls))) lines.push(...this.unreached.map(texts.stopUnreached));
+    if (this.results.some((robot) => !isConfirmed(robot, this.controls.get(robot.name))))
+      lines.push(...this.unreached.map(texts.stopUnreached));
     if (lines.join("\n") === this.lines && this.result.querySelector("ul")) return;
     this.lines = lines.join("\n");
     const items = lines.map((line) => make("li", {}, line));
