@@ -18,7 +18,7 @@ from robotether_server.recorder.relay_client import RelayClient
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecorderStore
 from robotether_server.settings.server import RecorderSettings, load
-from robotether_server.tasks import end_tasks
+from robotether_server.tasks import run_until_first
 
 log = logging.getLogger(__name__)
 
@@ -47,10 +47,7 @@ async def run(settings: RecorderSettings) -> None:
         store = RecorderStore(Database(settings.database, keep=1), settings.cell)
         service = RecorderService(settings, RelayClient(settings, session), store)
         runner = await serve_health(service)
-        working = asyncio.create_task(service.run())
-        stopping = asyncio.create_task(stopped.wait())
-        await asyncio.wait({working, stopping}, return_when=asyncio.FIRST_COMPLETED)
-        await end_tasks([working])
+        await run_until_first(service.run(), stopped.wait())
         await service.close()
         await runner.cleanup()
 
