@@ -242,6 +242,8 @@ class OperatorSession:
 
     def _lease(self, driver: Driver) -> DriveLease:
         robot, guard = self.connection.robot, self.connection.robot.settings.guard
+        live = self.context.handlers.registry.ensure_robot(robot.id)
+        link, presence = live.session, live.presence
         entry = DriveEntry(
             robot.id,
             robot.name,
@@ -250,7 +252,7 @@ class OperatorSession:
             utc_now(),
             self.address,
             robot_key=robot.fingerprint,
-            agent_version=self.context.handlers.registry.presence(robot.id).agent_version,
+            agent_version=presence.agent_version,
             server_version=__version__,
         )
         self.drive = DriveLog(
@@ -260,10 +262,6 @@ class OperatorSession:
             self._counters(),
             self.bridge.show_seen,
         )
-        presence, link = (
-            self.context.handlers.registry.presence(robot.id),
-            self.context.handlers.registry.session_of(robot.id),
-        )
         guarded = link is not None and presence.guard_mode == "on"
         return DriveLease(
             fence=driver.fence,
@@ -272,10 +270,7 @@ class OperatorSession:
             log=self.drive,
             on_command=lambda: driver.on_command(now()),
             on_report=partial(self._on_command, driver.fence),
-            robots_frame=partial(
-                self.context.handlers.registry.ensure_robot(robot.id).delivered_frames.robots,
-                self.connection.user_id,
-            ),
+            robots_frame=partial(live.delivered_frames.robots, self.connection.user_id),
         )
 
     def _on_command(self, fence: int, report: CommandReport) -> None:
