@@ -15,7 +15,7 @@ REMOVE = ("place ann", "robot ann is at no site")
     ("collection", "fill", "clear"), [(GROUPS, JOIN, LEAVE), (SITES, PLACE, REMOVE)]
 )
 def test_collection_is_added_filled_listed_and_removed(run, collection, fill, clear):
-    """Each step says what it did."""
+    """Each command prints its change, and a removal asks first."""
     kind, members = collection.kind, collection.members
     run("user", "add", "ann")
     run("robot", "add", "ann", "--mac", "00:1b:44:11:3a:b7")

@@ -12,7 +12,7 @@ from robotether_server.db.grants import GROUPS, SITES
     [(GROUPS, "user", "ann", "remove"), (SITES, "robot", "sim1", "take-out")],
 )
 def test_collection_is_added_filled_and_removed(*, admin, collection, member_kind, member, removal):
-    """Each step has its page and its question."""
+    """Each form leads to the page with the change, and a removal asks first."""
     path = f"/admin/{collection.kind}s"
     fill = f"{path}/x/{collection.members}"
     remove = f"{fill}/{member}/{removal}"
