@@ -25,7 +25,7 @@ from robotether_server.services.health import SshProbe
 from robotether_server.services.history import Prometheus
 from robotether_server.settings.server import WebSettings, load
 from robotether_server.tickets import TicketSigner
-from robotether_server.web import admin, current_user, errors, forms, page_texts
+from robotether_server.web import admin, current_user, errors, forms, page_texts, static_files
 from robotether_server.web.pages import (
     button_forms,
     documents,
@@ -112,6 +112,7 @@ def create_app(settings: WebSettings) -> Flask:
     errors.register(app)
     app.after_request(_add_headers)
     _register_cors(app, settings.allowed_origins)
+    static_files.register(app)
     page_texts.register(app)
     forms.register(app)
     current_user.register(app)

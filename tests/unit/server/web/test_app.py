@@ -1,8 +1,10 @@
 """The application as a whole, the security headers of every answer, and which pages of other sites may read what."""
 
+import os
 from dataclasses import replace
 
 import pytest
+from flask import url_for
 from robotether_server.web import create_app
 from robotether_server.web.app import MAX_REQUEST_BYTES, content_security_policy, make_app
 from web_visitor import Browser, bearer
@@ -129,3 +131,22 @@ def test_any_page_may_load_the_client(program, monkeypatch, tmp_path):
     answer.close()
     other = program.ask("GET", "/static/base.css", headers={"Origin": OTHER})
     assert "Access-Control-Allow-Origin" not in other.headers
+
+
+def test_browser_keeps_a_static_file_until_its_content_changes(program, monkeypatch, tmp_path):
+    """What a page of another release asks for is never kept: it would stay after that release is back."""
+    application = program.client.application
+    monkeypatch.setattr(application, "static_folder", str(tmp_path))
+    sheet = tmp_path / "base.css"
+
+    def address_of(text, modified_s):
+        sheet.write_text(text)
+        os.utime(sheet, (modified_s, modified_s))
+        with application.test_request_context():
+            return url_for("static", filename="base.css")
+
+    before, now = address_of("a {}", 1), address_of("b {}", 2)
+    assert before != now
+    for address, kept in ((now, True), (before, False), ("/static/base.css", False)):
+        with program.ask("GET", address) as answer:
+            assert (answer.text, "immutable" in answer.headers["Cache-Control"]) == ("b {}", kept)
