@@ -148,6 +148,15 @@ def find_seen(tx: Transaction, user: User, name: str) -> SeenRobot | None:
     return _seen_robot(row) if row else None
 
 
+def find_recorded(tx: Transaction, user: User, recording_id: int) -> SeenRobot | None:
+    """Return the robot of a recording, whatever its name is now, if there still is one that the user may see."""
+    row = tx.row(
+        "SELECT r.name FROM recordings o JOIN robots r ON r.id = o.robot_id WHERE o.id = %s",
+        (recording_id,),
+    )
+    return find_seen(tx, user, row["name"]) if row else None
+
+
 def require(tx: Transaction, user: User, name: str, level: Level, to: str = "") -> SeenRobot:
     """Return a robot on which the user has that level, `to` do something; its name is the level if there is no other.
 

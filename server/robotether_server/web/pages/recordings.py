@@ -55,7 +55,7 @@ def play(recording_id: int) -> str:
     user = current_user.get()
     with context().database.transaction() as tx:
         recording = recording_service.view(tx, current_user.source(), user, recording_id)
-        topics = _named_topics(seen_robots.find_seen(tx, user, recording.robot))
+        topics = _named_topics(seen_robots.find_recorded(tx, user, recording.id))
     viewing = _viewings().dumps([recording_id, user.id])
     return render_template("recording.html", recording=recording, viewing=viewing, topics=topics)
 

@@ -29,6 +29,9 @@ def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, databas
     with database.transaction() as tx:
         page = {"scan_topic": "/front/scan", "cameras": [{"topic": "/rear", "name": "Rear"}]}
         robots.set_settings(tx, robots.get(tx, "sim1").id, {"page": page})
+        # Also when that robot has another name by now, and another robot has its name.
+        robots.rename(tx, robots.get(tx, "sim1").id, "sim9")
+        robots.rename(tx, robots.get(tx, "sim2").id, "sim1")
     browser.log_in("olga")
     page = browser.ask("GET", f"/recordings/{number}").text
     [topics] = re.findall(r"data-topics='([^']*)'", page)
