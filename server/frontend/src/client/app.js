@@ -1,7 +1,7 @@
 // A page as a web app: an end of its user's routes (docs/howto/routes.md). It reaches no robot but by them.
 
 import { Api, appTicket, appUrl, credentials, ticketBy } from "./api.js";
-import { Connection, whenLive } from "./connection.js";
+import { CLOSED, Connection, whenLive } from "./connection.js";
 import { fullName, openLink } from "./rosbridge.js";
 import { ClockSync } from "./session.js";
 
@@ -22,7 +22,7 @@ export class App {
     this.connection = new Connection({
       requestTicket: async () => appUrl(server, name, await this.ticket()),
       openLink,
-      onState: (state) => [...this.handlers].forEach((handler) => handler(state)),
+      onState: (state) => this.notifyState(state),
       maxSilenceMs: MAX_SILENCE_MS,
       onLink: (send) => (send ? this.clockSync.start(send) : this.clockSync.stop()),
       onOwn: () => (this.connection.receivedAt = performance.now()),
@@ -51,6 +51,11 @@ export class App {
     this.connection.stop();
     this.listening?.abort();
     this.listening = null;
+    this.notifyState(CLOSED);
+  }
+
+  notifyState(state) {
+    [...this.handlers].forEach((handler) => handler(state));
   }
 
   // "state" with {name, reason} at each change of the connection. Gives the function that ends it.

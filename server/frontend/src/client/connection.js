@@ -308,6 +308,8 @@ const BY_CLOSE_CODE = {
 
 export const CONNECTING = retrying("connecting");
 export const LIVE = retrying("live");
+/** @type {State} */
+export const CLOSED = final("closed"); // by the page itself
 export const LINK_LOST = retrying("link_lost");
 const NOT_OPENED = retrying("server_unreachable");
 const ROSBRIDGE_SILENT = retrying("rosbridge_down");

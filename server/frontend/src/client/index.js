@@ -6,7 +6,7 @@ import { jpegBlob } from "../decoders/jpeg.js";
 import { reasons } from "../texts/common.js";
 import { Api, TicketRefused, credentials, framesUrl, requestTicket, rosUrl, streamUrl, ticketBy } from "./api.js";
 import { App } from "./app.js";
-import { GIVE_UP, whenLive } from "./connection.js";
+import { CLOSED, GIVE_UP, whenLive } from "./connection.js";
 import { Driver } from "./driver.js";
 import { DriveTypeQuery } from "./driveType.js";
 import { FrameStream } from "./frames.js";
@@ -94,6 +94,7 @@ export class Robot {
     this.driver.arm(false);
     this.begun = false;
     this.listening?.abort();
+    this.notifyState(CLOSED);
   }
 
   // "state" with {name, reason, driving} at each change of the connection, as src/client/connection.js names them; "control" with

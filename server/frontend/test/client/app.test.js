@@ -67,6 +67,12 @@ test("it connects with a ticket of its own, and offers and takes its topics on e
   assert.deepEqual(messages, [{ x: 2 }]);
 });
 
+test("an attempt to connect ends with close()", async () => {
+  const connected = app.connect();
+  app.close();
+  await assert.rejects(connected, /cannot connect app joy: closed/);
+});
+
 test("a server that answers no more is left", async () => {
   const now = mock.method(performance, "now", () => time);
   let time = 1000;

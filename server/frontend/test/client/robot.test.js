@@ -100,9 +100,8 @@ test("a site that the server refuses is named, where a browser shows no answer a
   };
   const [robot, reasons] = [make(), []];
   robot.on("state", ({ reason }) => reasons.push(reason));
-  robot.connect();
+  robot.connect().catch(() => {}); // ends with the test
   await settle();
-  robot.close();
   assert.match(reasons.at(-1), /is https:\/\/lab\.example in its ALLOWED_ORIGINS\?/);
 });
 
@@ -128,7 +127,7 @@ test("what can never work rejects, and no answer of a backend is tried again", a
   answers["/api/v1/tickets"] = [404, { code: "robot_unknown" }];
   await assert.rejects(make().connect(), /cannot connect to sim 1/);
   const robot = make({ token: null, getTicket: async () => ticketsGiven.push(1) && Promise.reject(new TypeError("no network")) });
-  robot.connect();
+  robot.connect().catch(() => {}); // ends with the test
   await settle();
   mock.timers.tick(500);
   await settle();
@@ -180,6 +179,17 @@ test("what moves gets its zero when the page closes the connection", async () =>
   assert.equal(robot.drive({ forward: 0.3 }), false);
   mock.timers.tick(1000);
   assert.equal(sockets[0].sent.length, length);
+});
+
+test("an attempt to connect ends with close(), which is the last state", async () => {
+  const robot = make();
+  const states = [];
+  robot.on("state", ({ name, driving }) => states.push([name, driving]));
+  const connected = robot.connect();
+  await settle();
+  robot.close();
+  await assert.rejects(connected, /cannot connect to sim 1: closed/);
+  assert.deepEqual(states.at(-1), ["closed", false]);
 });
 
 test("a page keeps nothing of a robot that it has closed", async () => {
