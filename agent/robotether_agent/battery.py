@@ -13,6 +13,7 @@ import logging
 import math
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -193,9 +194,20 @@ class Vitals:
     async def _listen(self, settings: Callable[[], BatterySettings]) -> None:
         """Follow the battery's topic until it falls silent or is another one; return at once when there is none."""
         current = settings()
-        topic = current.topic or battery_topic(await self._graph.topics(), current.drive_topic)
-        if topic is None:
+        if current.topic is not None:
+            await self._follow(current.topic, current, settings)
             return
+        choose = partial(battery_topic, drive_topic=current.drive_topic)
+        topic = choose(await self._graph.topics())
+        if topic is not None:
+            await first_of(
+                self._follow(topic, current, settings),
+                self._graph.until_another(topic, choose),
+            )
+
+    async def _follow(
+        self, topic: str, current: BatterySettings, settings: Callable[[], BatterySettings]
+    ) -> None:
         async with connected(self._graph.url, max_message_bytes=MAX_MESSAGE_BYTES) as rosbridge:
             throttle_ms = int(BATTERY_EVERY_S * 1000)
             await rosbridge.subscribe(topic, BATTERY_TYPE, throttle_ms=throttle_ms)

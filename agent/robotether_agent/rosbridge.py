@@ -10,8 +10,8 @@ from __future__ import annotations
 import asyncio
 import itertools
 import logging
-from collections.abc import AsyncIterator, Mapping
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Mapping
+from contextlib import asynccontextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import aiohttp
@@ -28,6 +28,8 @@ CLOSE_WITHIN_S = 0.5
 CALL_ID = "robotether_agent:call"
 # Interval before a rosapi that did not answer is asked again, on a new connection.
 SILENT_S = 120.0
+# Interval between checks that a topic is the robot's still.
+CHOSEN_AGAIN_EVERY_S = 30.0
 # Maximum size of an answer: the list of all topics of a large robot.
 MAX_ANSWER_BYTES = 1024 * 1024
 # Maximum size of a message of a camera: a frame in base64, and its envelope.
@@ -140,6 +142,21 @@ class RosGraph:
     async def own_topics(self) -> dict[str, str]:
         """Return the types of this robot's topics; raises as `topics` does."""
         return own_topics(await self.topics(), self.drive_topic)
+
+    async def until_another(
+        self, topic: str, choose: Callable[[Mapping[str, str]], str | None]
+    ) -> None:
+        """Wait until another topic than this is chosen of the graph, or none though this one is there.
+
+        A robot on the same graph may start later, and the server may change the drive topic.
+        """
+        while True:
+            await asyncio.sleep(CHOSEN_AGAIN_EVERY_S)
+            with suppress(aiohttp.ClientError, OSError, asyncio.TimeoutError):
+                topics = await self.topics()
+                chosen = choose(topics)
+                if chosen != topic and (chosen or topic in topics):
+                    return
 
     async def is_published(self, topic: str) -> bool:
         """Whether somebody publishes a topic, as far as rosapi says; raises as `ask` does."""

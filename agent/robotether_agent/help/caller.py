@@ -175,11 +175,14 @@ class HelpCaller:
                 self._ask(on_message(await rosbridge.message(), _now_s()))
 
     async def _read_found(self, find: FindTopic, on_message: OnMessage) -> None:
-        """Read a topic if it is there."""
+        """Read a topic if it is there, until another one is found."""
         topics = await self._graph.topics()
         topic = find(topics)
         if topic in topics:
-            await self._read(topic, topics[topic], on_message)
+            await first_of(
+                self._read(topic, topics[topic], on_message),
+                self._graph.until_another(topic, find),
+            )
 
     async def _read_navigation(self, topic: str) -> None:
         """Notice that the topic is silent, or not there while the graph can be read."""

@@ -11,7 +11,7 @@ import pytest
 from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
-from robotether_agent import battery
+from robotether_agent import battery, rosbridge
 from robotether_agent.battery import (
     BatterySettings,
     LevelTrend,
@@ -116,6 +116,28 @@ async def test_a_robot_without_a_battery_tells_nothing(report):
         assert reported == []
         robot.topics = TOPICS
         await robot.subscription("/battery_state")
+
+
+async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, monkeypatch):
+    """Of robots on one graph those that start later are not known at first."""
+    monkeypatch.setattr(rosbridge, "CHOSEN_AGAIN_EVERY_S", 0.05)
+    kind, other = TOPICS["/battery_state"], "/robot1/battery_state"
+    reported: Told = []
+    async with TopicRosbridge({other: kind}) as robot:
+        settings = BatterySettings(drive_topic="/robot2/cmd_vel")
+        spawn(vitals_of(robot.url).report(reported.append, lambda: settings))
+        await robot.subscription(other)
+        await robot.publish(other, state(0.9))
+        await eventually(lambda: reported == [line(90)], lambda: str(reported))
+        robot.topics = {other: kind, "/robot1/cmd_vel": "geometry_msgs/msg/Twist"}
+        await eventually(lambda: reported == [line(90), NONE], lambda: str(reported))
+        robot.topics["/robot2/battery_state"] = kind
+        await robot.subscription("/robot2/battery_state")
+        # That a driver restarts says nothing of whose battery it is.
+        robot.topics = {}
+        await asyncio.sleep(0.2)
+        await robot.publish("/robot2/battery_state", state(0.2))
+        await eventually(lambda: reported[2:] == [line(20)], lambda: str(reported))
 
 
 async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):

@@ -14,6 +14,7 @@ from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from hypothesis import given
 from hypothesis import strategies as st
+from robotether_agent import rosbridge
 from robotether_agent.fields import FieldError
 from robotether_agent.help import caller as caller_module
 from robotether_agent.help.caller import HelpCaller
@@ -325,6 +326,22 @@ async def test_position_is_sent_while_somebody_uses_the_robot(start, monkeypatch
         await asyncio.sleep(0.3)
         assert len(sent) == 1
         task.cancel()
+
+
+async def test_pose_follows_the_drive_topic(make_graph, spawn, monkeypatch):
+    monkeypatch.setattr(rosbridge, "CHOSEN_AGAIN_EVERY_S", 0.05)
+    kinds = {"odom": "nav_msgs/msg/Odometry", "cmd_vel": "geometry_msgs/msg/Twist"}
+    topics = {f"/{name}/{last}": kind for name in "ab" for last, kind in kinds.items()}
+    async with TopicRosbridge(topics) as robot:
+        graph = make_graph(robot.url)
+        graph.drive_topic = "/a/cmd_vel"
+        world = World(graph, spawn)
+        world.caller.use(HelpConfig(geofence=FENCE))
+        spawn(world.caller.watch())
+        await robot.subscription("/a/odom")
+        graph.drive_topic = "/b/cmd_vel"
+        await robot.subscription("/b/odom")
+        assert len(robot.subscribed("/a/odom")) == 1
 
 
 async def test_flood_is_one_call_at_a_time_and_the_newest(start, monkeypatch):
