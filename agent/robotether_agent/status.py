@@ -16,6 +16,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 
 from robotether_agent import __version__
+from robotether_agent.clock import robot_time
 from robotether_agent.exposure import PAST_GUARD
 from robotether_agent.fields import FieldError, JsonObject, get_number, get_text, parse_object
 from robotether_agent.files import read_text, write_atomic
@@ -27,6 +28,9 @@ FILE = "status.json"
 # Age at which the status is stale: after three missed refreshes the agent has ended or hangs.
 STALE_S = 8.0
 CONNECTED = "connected"
+# Minimum step of the clock by which it was set, as by the network's time on a robot whose clock stops with its power.
+CLOCK_STEP_S = 1.0
+TIMES = ("since", "problem_at", "problem_over_at")
 
 MEANINGS = {
     "starting": "starting",
@@ -98,16 +102,20 @@ class StatusWriter:
         *,
         on_state: Callable[[str], None],
         clock: Callable[[], float] = time.time,
+        uptime: Callable[[], float] = robot_time,
     ) -> None:
         self.status = Status(server=server, since=clock(), pid=os.getpid())
         self._file = run_dir / FILE
         self._on_state = on_state
         self._clock = clock
+        self._uptime = uptime
+        # When the robot started, by the clock.
+        self._start = clock() - uptime()
         self._unwritable = False
 
     def set(self, **changes: str | float) -> None:
         """Change fields, and write the file."""
-        before, now = self.status, self._clock()
+        now, before = self._now(), self.status
         self.status = replace(before, **changes)  # type: ignore[arg-type]  # fields of two types
         if self.status.state != before.state:
             self.status = replace(self.status, since=now)
@@ -124,14 +132,15 @@ class StatusWriter:
             problem_code=problem.code,
             problem=problem.message,
             advice=problem.advice,
-            problem_at=self._clock(),
+            problem_at=self._now(),
             problem_over_at=0.0,
             **changes,
         )
 
     def refresh(self) -> None:
         """Write the file, which also says that the agent is alive."""
-        self.status = replace(self.status, written_at=self._clock())
+        now = self._now()
+        self.status = replace(self.status, written_at=now)
         try:
             write_atomic(self._file, json.dumps(asdict(self.status)) + "\n", 0o644, lasts=False)
         except StateUnusableError as problem:
@@ -140,6 +149,17 @@ class StatusWriter:
             self._unwritable = True
         else:
             self._unwritable = False
+
+    def _now(self) -> float:
+        """Return the time; what was noted before the clock was set becomes what it would have said then."""
+        now = self._clock()
+        step_s = now - self._uptime() - self._start
+        if abs(step_s) >= CLOCK_STEP_S:
+            self._start += step_s
+            noted = {name: getattr(self.status, name) for name in TIMES}
+            moved = {name: at + step_s for name, at in noted.items() if at}
+            self.status = replace(self.status, **moved)
+        return now
 
 
 def headline(status: Status) -> str:

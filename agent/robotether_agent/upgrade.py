@@ -192,10 +192,11 @@ class Upgrade:
             return self._change(was, target, state, self._reporter(was, target))
 
     def _reporter(self, was: Path, target: Path) -> Callable[[str, str], UpgradeReport]:
-        began = time.time()
+        # A clock that is set meanwhile, as after a boot, makes no change long.
+        began, began_s = time.time(), time.monotonic()
 
         def report(result: str, detail: str) -> UpgradeReport:
-            took_s = round(time.time() - began, 1)
+            took_s = round(time.monotonic() - began_s, 1)
             outcome = UpgradeReport(result, was.name, target.name, detail, began, took_s)
             self._layout.write(outcome)
             return outcome
