@@ -22,6 +22,11 @@ def _state(cell: Cell) -> str:
     return "draining" if cell.draining else "alive"
 
 
+def _robots(cell: Cell) -> int | None:
+    """Return how many are online there; None: unknown, as its relay may have lost the database and nothing else."""
+    return cell.robots if cell.is_alive else None
+
+
 @click.group()
 def cell() -> None:
     """List the machines of the site; take one out of service and back."""
@@ -36,10 +41,11 @@ add_list(
         cell.name,
         cell.host or "-",
         cell.region or "-",
-        str(cell.robots),
+        str(cell.robots) if cell.is_alive else "unknown",
         cell.version,
         _state(cell),
     ),
+    as_dict=lambda cell: vars(cell) | {"robots": _robots(cell)},
 )
 
 
@@ -56,18 +62,27 @@ def drain(name: str, wait: bool, timeout: float) -> None:
     database = open_database()
     with database.transaction() as tx:
         cell_service.drain(tx, SOURCE, name)
-    if wait and wait_for(lambda: _is_empty(database, name), timeout) is None:
-        with database.transaction() as tx:
-            left = cells.get(tx, name).robots
-        raise NotDoneError(
-            f"cannot see cell {name} empty after {timeout:g} s: {left} robots are left"
-        )
+    if wait:
+        _wait_until_empty(database, name, timeout)
     click.echo(f"cell {name} is {'empty' if wait else 'draining'}")
 
 
-def _is_empty(database: Database, name: str) -> bool | None:
+def _wait_until_empty(database: Database, name: str, timeout: float) -> None:
+    wait_for(lambda: not _robots_of(database, name) or None, timeout)
+    left = _robots_of(database, name)
+    if left is None:
+        raise NotDoneError(
+            f"cannot see cell {name} empty: it is down, and nobody knows whether robots are still connected there"
+        )
+    if left:
+        raise NotDoneError(
+            f"cannot see cell {name} empty after {timeout:g} s: {left} robots are left"
+        )
+
+
+def _robots_of(database: Database, name: str) -> int | None:
     with database.transaction() as tx:
-        return not cells.get(tx, name).robots or None
+        return _robots(cells.get(tx, name))
 
 
 @cell.command()
