@@ -131,8 +131,8 @@ def print_json(value: object) -> None:
 
 
 def timestamp(at: dt.datetime | None, otherwise: str) -> str:
-    """Return a time as people read it, in UTC."""
-    return f"{at:%Y-%m-%d %H:%M:%S}" if at else otherwise
+    """Return a time as people read it, with its zone."""
+    return f"{at:%Y-%m-%d %H:%M:%S} UTC" if at else otherwise
 
 
 def wait_for(condition: Callable[[], T | None], seconds: float) -> T | None:

@@ -67,7 +67,7 @@ def give(
     ends_at = times.day_or_timestamp("--until", until, is_end=True) if until else None
     with open_database().transaction() as tx:
         grant, _ = grants.give(tx, SOURCE, grantee, scope, level, ends_at=ends_at)
-    end = f" until {timestamp(grant.ends_at, '')} UTC" if grant.ends_at else ""
+    end = f" until {timestamp(grant.ends_at, '')}" if grant.ends_at else ""
     click.echo(f"{grant.holder_words} may {level} {grant.scope_words}{end}")
 
 

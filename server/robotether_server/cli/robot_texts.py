@@ -14,6 +14,8 @@ SESSION_HEADS = ("STARTED", "ENDED", "BECAUSE", "ADDRESS", "AGENT")
 Fields = list[tuple[str, str]]
 
 NOT_JOINED = "not joined yet"
+# Settings with a line of their own in the record.
+OF_THEIR_OWN = ("region", "shell_user")
 
 
 def identity(robot: RobotRow) -> Fields:
@@ -24,7 +26,7 @@ def identity(robot: RobotRow) -> Fields:
         ("MAC", robot.mac),
         ("host name", report.hostname if report else NOT_JOINED),
         ("address", report.address if report else NOT_JOINED),
-        ("joined", f"{timestamp(robot.joined_at, NOT_JOINED)}{' UTC' if robot.joined_at else ''}"),
+        ("joined", timestamp(robot.joined_at, NOT_JOINED)),
         ("key", robot.fingerprint or "none yet"),
     ]
 
@@ -36,7 +38,7 @@ def waiting_identity(key: PendingKey, robot: RobotRow) -> Fields:
         ("MAC", key.mac),
         ("host name", key.hostname),
         ("address", key.address),
-        ("joined", f"{timestamp(key.joined_at, NOT_JOINED)} UTC"),
+        ("joined", timestamp(key.joined_at, NOT_JOINED)),
     ]
     if key.reason == "mac_in_use":
         note = f"it has another key, {robot.fingerprint}, and keeps it; this one would replace it"
@@ -50,7 +52,7 @@ def everything(seen: SeenRobot) -> Fields:
     online = "yes, since" if seen.online else "no, since"
     return [
         *identity(robot),
-        ("online", f"{online} {timestamp(seen.since, '')} UTC" if seen.since else "never seen"),
+        ("online", f"{online} {timestamp(seen.since, '')}" if seen.since else "never seen"),
         ("last address", seen.address or "none yet"),
         ("agent", seen.agent_version or "unknown"),
         ("ports", f"ros {robot.ros_port}, video {robot.video_port}"),
@@ -122,9 +124,5 @@ def as_dict(seen: SeenRobot) -> dict[str, object]:
 
 def _policy_words(settings: Mapping[str, object]) -> str:
     """Return what differs from the defaults, as JSON that the API takes."""
-    values = {
-        name: settings[name]
-        for name in ("guard", "policy", "page", "buttons", "help")
-        if name in settings
-    }
+    values = {name: value for name, value in settings.items() if name not in OF_THEIR_OWN}
     return json.dumps(values) if values else "the defaults"

@@ -5,7 +5,14 @@ from typing import TextIO
 
 import click
 
-from robotether_server.cli.common import JSON, SOURCE, NotDoneError, open_database, print_records
+from robotether_server.cli.common import (
+    JSON,
+    SOURCE,
+    NotDoneError,
+    open_database,
+    print_records,
+    timestamp,
+)
 from robotether_server.db import users
 from robotether_server.services import ssh_keys
 from robotether_server.settings.server import JoinSettings, load
@@ -42,7 +49,7 @@ def list_keys(user_name: str, as_json: bool) -> None:
     print_records(
         keys,
         ("NAME", "ADDED", "KEY"),
-        lambda key: (key.name, f"{key.created_at:%Y-%m-%d}", key.fingerprint),
+        lambda key: (key.name, timestamp(key.created_at, ""), key.fingerprint),
         as_json=as_json,
     )
 

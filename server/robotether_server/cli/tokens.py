@@ -66,8 +66,8 @@ add_list(
     lambda api_token: (
         api_token.user,
         api_token.name,
-        f"{api_token.created_at:%Y-%m-%d}",
-        f"{api_token.expires_at:%Y-%m-%d %H:%M}" if api_token.expires_at else "never",
+        timestamp(api_token.created_at, ""),
+        timestamp(api_token.expires_at, "never"),
         api_token.only_for or "",
     ),
 )
@@ -133,7 +133,7 @@ def invite(
         lines = enrolment_lines(certificates, site, token, name)
     robots = "1 robot" if uses == 1 else f"{uses} robots"
     click.echo(
-        f"join token {label}, for {name or robots} until {timestamp(ends, '')} UTC; run on the robot:"
+        f"join token {label}, for {name or robots} until {timestamp(ends, '')}; run on the robot:"
     )
     if lines.warning:
         click.echo(f"warning: {lines.warning}", err=True)

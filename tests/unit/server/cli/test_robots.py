@@ -13,6 +13,7 @@ def test_show_tells_all_of_one_robot(run, database, admin_database):
     assert "cannot find robot sim1" in run("robot", "show", "sim1").err
     run(*ADD)
     assert "never seen" in run("robot", "show", "sim1").out
+    run("robot", "set", "sim1", "recording.when=driven")
     activate(database)
     claim(database)
     with admin_database.transaction() as tx:
@@ -21,12 +22,21 @@ def test_show_tells_all_of_one_robot(run, database, admin_database):
             "SELECT id, '198.51.100.7', '0.2.0' FROM robots"
         )
     shown = run("robot", "show", "sim1").out
-    for text in ("sim1 (active)", "SHA256:abc", "SHA256:other", "MAC is in use", "ongoing"):
+    for text in (
+        "sim1 (active)",
+        "SHA256:abc",
+        "SHA256:other",
+        "MAC is in use",
+        "ongoing",
+        "driven",
+    ):
         assert text in shown
     whole = json.loads(run("robot", "show", "sim1", "--json").out)
     assert (whole["address"], whole["agent_version"]) == ("198.51.100.7", "0.2.0")
     assert [item["reason"] for item in whole["waiting"]] == ["mac_in_use"]
     assert [session["ended_at"] for session in whole["sessions"]] == [None]
+    # Also in a table: the zone of the person who reads it may be another.
+    assert " UTC  " in run("robot", "list").out
 
 
 def test_removed_robot_is_gone(run, database):
@@ -110,3 +120,22 @@ def test_stop_succeeds_only_when_the_guard_confirms_it(
     gone = run("stop", "sim1", "--host", web.address)
     assert gone.status == 1
     assert "nothing confirms" in gone.err
+
+
+def test_stop_reads_a_token_from_a_file_with_lines_and_shows_no_other(run, monkeypatch, tmp_path):
+    tokens = []
+
+    def site(environ, respond):
+        tokens.append(environ["HTTP_AUTHORIZATION"])
+        respond("403 Forbidden", [])
+        return [b"{}"]
+
+    certificate = make_certificate(tmp_path)
+    monkeypatch.setenv("SSL_CERT_FILE", str(certificate))
+    with running(site, None, certificate) as web:
+        for token in ("rt_of_ann\r\n", "rt_of\nann", "rt_of_\u20ac"):
+            monkeypatch.setenv("ROBOTETHER_TOKEN", token)
+            done = run("stop", "sim1", "--host", web.address)
+            assert "nothing confirms" in done.err
+            assert "rt_of" not in done.err
+    assert tokens == ["Bearer rt_of_ann"]
