@@ -61,7 +61,8 @@ def stop(name: str, host: str, reason: str | None) -> None:
     Over the API, with the token in ROBOTETHER_TOKEN. Fails unless the robot's guard confirms the stop. This is no
     safety-rated emergency stop.
     """
-    token = os.environ.get("ROBOTETHER_TOKEN")
+    # As a file has it, with the end of its line.
+    token = os.environ.get("ROBOTETHER_TOKEN", "").strip()
     if not token:
         raise NotDoneError(f"cannot stop robot {name}: put an API token in ROBOTETHER_TOKEN")
     stopped = _post_stop(parse_site_address(host), token, name, reason).stopped
@@ -76,17 +77,17 @@ def stop(name: str, host: str, reason: str | None) -> None:
 
 def _post_stop(site: SiteAddress, token: str, name: str, reason: str | None) -> ControlObject:
     headers = {"Authorization": f"Bearer {token}", "Content-Type": "application/json"}
-    body = msgspec.json.encode(StopReason(reason))
-    path = f"/api/v1/robots/{quote(name, safe='')}/stop"
     connection = HTTPSConnection(site.host, site.port, timeout=STOP_WITHIN_S)
     try:
-        connection.request("POST", path, body, headers)
+        path = f"/api/v1/robots/{quote(name, safe='')}/stop"
+        connection.request("POST", path, msgspec.json.encode(StopReason(reason)), headers)
         response = connection.getresponse()
         answer = response.read()
         if response.status == HTTPStatus.OK:
             return msgspec.json.decode(answer, type=ControlObject)
         why = str(msgspec.json.decode(answer, type=dict)["detail"])
-    except (OSError, HTTPException, KeyError, msgspec.MsgspecError) as error:
+    except (OSError, HTTPException, KeyError, ValueError, msgspec.MsgspecError) as error:
+        # ValueError: the token, or another word, is no text that HTTP takes.
         why = reason_in(error)
     finally:
         connection.close()
