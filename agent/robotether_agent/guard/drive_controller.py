@@ -37,7 +37,6 @@ from robotether_agent.guard.topics import (
     Deadman,
     Driven,
     MotionFile,
-    MotionTracker,
     PendingCommand,
     Topic,
     Topics,
@@ -76,7 +75,7 @@ class DriveController:
         self.stops: dict[StopCause, int] = dict.fromkeys(STOP_CAUSES, 0)
         self._publisher = publisher
         self._authorizer = authorizer
-        self._motion = MotionTracker(motion_file)
+        self._motion = motion_file
         self._clock = clock
         self._changed = changed
         self._config = GuardConfig("")
@@ -106,7 +105,7 @@ class DriveController:
 
     def resume(self) -> None:
         """Zero what a guard before this one left in motion; call once, with the settings known."""
-        left = self._motion.read_previous()
+        left = self._motion.read()
         if left is None:
             return
         left = left or [Driven(name, "unknown") for name in self._config.topics.plain()]

@@ -3,7 +3,7 @@
 `Topics` keeps the last command, its sender, and what waits for rosbridge. `Deadman` decides when a topic gets the
 guard's zeros: after the deadman time, or at once. Both are pure and know no clock: every time in seconds is given.
 
-`MotionTracker` writes a file (motion.json) before the robot moves, so that the next guard can stop it. It is in the
+`MotionFile` writes a file (motion.json) before the robot moves, so that the next guard can stop it. It is in the
 run directory and outlives a crash: what it says of a topic must be what the next guard needs to zero it.
 """
 
@@ -353,10 +353,13 @@ class Driven:
 
 
 class MotionFile:
-    """The motion file of a robot that may move."""
+    """The motion file of a robot that may move; one of a guard before this one stays until it is adopted."""
 
     def __init__(self, run_dir: Path) -> None:
         self._path = run_dir / MOTION_FILE
+        # What this guard has in the file.
+        self._recorded: dict[str, Driven] = {}
+        self._remove_at = 0.0
 
     def read(self) -> list[Driven] | None:
         """Return what was driven when the last guard ended: None nothing, an empty list something unknown."""
@@ -382,42 +385,10 @@ class MotionFile:
         """Remove the file; StateUnusableError when that fails."""
         remove(self._path)
 
-
-def _driven(file: JsonObject) -> list[Driven]:
-    topics = file.get("topics")
-    if not isinstance(topics, list):
-        raise FieldError("field topics must be a list")
-    return [_topic(as_object(topic, "a topic")) for topic in topics]
-
-
-def _topic(fields: JsonObject) -> Driven:
-    shape, type_name = get_text(fields, "shape"), get_text(fields, "type")
-    if shape not in (*SHAPES.values(), "unknown") or (type_name and type_name not in SHAPES):
-        raise FieldError(f"{shape!r} or {type_name!r} is not a drive type")
-    name = full_name(get_match(fields, "topic", NAME, "a topic's name"))
-    if name is None:
-        raise FieldError("field topic is too long")
-    frame_id = get_text(fields, "frame_id", default="", limit=MAX_FRAME_ID_LENGTH)
-    return Driven(name, shape, type_name, frame_id)
-
-
-class MotionTracker:
-    """The motion file of one drive controller."""
-
-    def __init__(self, file: MotionFile) -> None:
-        self._file = file
-        # What the file contains.
-        self._recorded: dict[str, Driven] = {}
-        self._remove_at = 0.0
-
     @property
     def ends_at(self) -> float | None:
         """When the file of a robot at rest is removed; None: there is none."""
         return self._remove_at if self._recorded else None
-
-    def read_previous(self) -> list[Driven] | None:
-        """Return what the last guard left: None nothing, an empty list something unknown."""
-        return self._file.read()
 
     def adopt(self, driven: Iterable[Driven]) -> None:
         """Keep what the last guard left as this one's own."""
@@ -430,7 +401,7 @@ class MotionTracker:
         others = {name: entry for name, entry in self._recorded.items() if name in names}
         recorded = {**others, moving.topic: moving}
         try:
-            self._file.write(list(recorded.values()))
+            self.write(list(recorded.values()))
         except StateUnusableError as problem:
             log.error("%s", problem)  # noqa: TRY400 - no defect
             return False
@@ -449,8 +420,26 @@ class MotionTracker:
         if not self._recorded:
             return
         try:
-            self._file.remove()
+            self.remove()
             self._recorded = {}
         except StateUnusableError as problem:
             log.warning("%s", problem)
             self._remove_at = now + REMOVED_AFTER_S
+
+
+def _driven(file: JsonObject) -> list[Driven]:
+    topics = file.get("topics")
+    if not isinstance(topics, list):
+        raise FieldError("field topics must be a list")
+    return [_topic(as_object(topic, "a topic")) for topic in topics]
+
+
+def _topic(fields: JsonObject) -> Driven:
+    shape, type_name = get_text(fields, "shape"), get_text(fields, "type")
+    if shape not in (*SHAPES.values(), "unknown") or (type_name and type_name not in SHAPES):
+        raise FieldError(f"{shape!r} or {type_name!r} is not a drive type")
+    name = full_name(get_match(fields, "topic", NAME, "a topic's name"))
+    if name is None:
+        raise FieldError("field topic is too long")
+    frame_id = get_text(fields, "frame_id", default="", limit=MAX_FRAME_ID_LENGTH)
+    return Driven(name, shape, type_name, frame_id)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from robotether_agent.guard.agent_messages import ReleaseRequest, StopRequest
 from robotether_agent.guard.fences import FenceFile, FenceStore
 from robotether_agent.guard.latch import MAX_WAITING, Latch, StopFile
-from robotether_agent.guard.topics import REMOVED_AFTER_S, Driven, MotionFile, MotionTracker
+from robotether_agent.guard.topics import REMOVED_AFTER_S, Driven, MotionFile
 from robotether_agent.problems import StateUnusableError
 from sim_client import until
 
@@ -307,48 +307,48 @@ def test_motion_that_cannot_be_read_is_motion(tmp_path: Path, text: str) -> None
 
 def test_the_motion_file_says_how_each_topic_is_driven_now(tmp_path: Path) -> None:
     """It does so after a change of type, too; of topics that were forgotten it says nothing."""
-    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
-    assert tracker.ensure(A, ["/a"])
-    assert tracker.ensure(B, ["/a", "/b"])
+    file = MotionFile(tmp_path)
+    assert file.ensure(A, ["/a"])
+    assert file.ensure(B, ["/a", "/b"])
     assert file.read() == [A, B]
     stamped = Driven("/a", "twist_stamped", frame_id="base")
-    assert tracker.ensure(stamped, ["/a", "/b"])
+    assert file.ensure(stamped, ["/a", "/b"])
     assert file.read() == [stamped, B]
-    assert tracker.ensure(A, ["/a"])
+    assert file.ensure(A, ["/a"])
     assert file.read() == [A]
-    assert tracker.ensure(B, ["/a", "/b"])
+    assert file.ensure(B, ["/a", "/b"])
     assert file.read() == [A, B]
 
 
 def test_the_motion_file_goes_when_the_robot_has_stood_for_a_while(tmp_path: Path) -> None:
-    tracker, file = MotionTracker(MotionFile(tmp_path)), MotionFile(tmp_path)
-    tracker.ensure(A, ["/a"])
-    tracker.tend(5.0, moves=True)
-    tracker.tend(5.0 + REMOVED_AFTER_S / 2, moves=False)
+    file = MotionFile(tmp_path)
+    file.ensure(A, ["/a"])
+    file.tend(5.0, moves=True)
+    file.tend(5.0 + REMOVED_AFTER_S / 2, moves=False)
     assert file.read() == [A]
-    assert tracker.ends_at == 5.0 + REMOVED_AFTER_S
-    tracker.tend(5.0 + REMOVED_AFTER_S, moves=False)
+    assert file.ends_at == 5.0 + REMOVED_AFTER_S
+    file.tend(5.0 + REMOVED_AFTER_S, moves=False)
     assert file.read() is None
-    assert tracker.ends_at is None
+    assert file.ends_at is None
 
 
 def test_another_guards_motion_file_stays(tmp_path: Path) -> None:
     """Until it is taken over: a guard that has not read its settings yet ends while another one drives."""
-    MotionTracker(MotionFile(tmp_path)).ensure(A, ["/a"])
-    tracker = MotionTracker(MotionFile(tmp_path))
-    tracker.end(1.0)
-    assert tracker.read_previous() == [A]
-    tracker.adopt([A])
-    tracker.end(1.0)
-    assert tracker.read_previous() is None
+    MotionFile(tmp_path).ensure(A, ["/a"])
+    file = MotionFile(tmp_path)
+    file.end(1.0)
+    assert file.read() == [A]
+    file.adopt([A])
+    file.end(1.0)
+    assert file.read() is None
 
 
 def test_a_motion_file_that_cannot_be_written_is_told(tmp_path: Path) -> None:
-    tracker = MotionTracker(MotionFile(tmp_path / "gone"))
-    assert not tracker.ensure(A, ["/a"])
+    file = MotionFile(tmp_path / "gone")
+    assert not file.ensure(A, ["/a"])
     (tmp_path / "gone").mkdir()
-    assert tracker.ensure(A, ["/a"])
+    assert file.ensure(A, ["/a"])
     (tmp_path / "gone" / "motion.json").unlink()
     (tmp_path / "gone" / "motion.json").mkdir()
-    tracker.end(1.0)
-    assert tracker.ends_at == 1.0 + REMOVED_AFTER_S
+    file.end(1.0)
+    assert file.ends_at == 1.0 + REMOVED_AFTER_S
