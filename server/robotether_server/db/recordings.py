@@ -19,6 +19,8 @@ RecordingCause = Literal["asked", "driven", "always", "on_stop"]
 RecordingState = Literal["requested", "recording", "interrupted", "ended"]
 # Time after which a recording that its recorder writes nothing more of counts as interrupted.
 PROGRESS_WITHIN = dt.timedelta(seconds=30)
+# Time limit for the recorder to begin what somebody asks for, by the database's clock.
+BEGIN_WITHIN_S = 60
 # Time within which a person's requests for pieces of a recording are one download.
 DOWNLOAD_WITHIN = dt.timedelta(hours=1)
 
@@ -58,14 +60,17 @@ class Recording:
 
 @dataclass(frozen=True)
 class RecordingRow:
-    """A recording as the recorder needs it. `may_go_on`: who asked may still drive the robot."""
+    """A recording as the recorder needs it. `may_go_on`: who asked may still drive the robot.
+
+    `is_late`: it was to begin by now.
+    """
 
     id: int
     robot_id: int
     robot: str
     cause: RecordingCause
     asked_by: str | None
-    asked_at: dt.datetime
+    is_late: bool
     is_stop_requested: bool
     is_delete_requested: bool
     started_at: dt.datetime | None
@@ -95,6 +100,7 @@ class Progress:
 
 
 MAX_DRIVERS_LENGTH = 255
+_IS_LATE = f"asked_at < CURRENT_TIMESTAMP(6) - INTERVAL {BEGIN_WITHIN_S} SECOND"
 # Rights go by the robot's number. A recording of a robot that is gone is the admins'.
 _OF_VIEWER = (
     "(%(is_admin)s OR robot_id IN"
@@ -108,6 +114,17 @@ _STATE = (
 _COLUMNS = ", ".join(
     f"{_STATE} AS state" if field.name == "state" else field.name for field in fields(Recording)
 )
+
+
+def is_asked_for(tx: Transaction, robot_id: int) -> bool:
+    """Return whether a recording that somebody asked for goes on, or is about to begin."""
+    row = tx.row(
+        "SELECT 1 FROM recordings WHERE robot_id = %(robot_id)s AND cause = 'asked'"  # noqa: S608 - the module's own texts
+        " AND delete_requested_at IS NULL AND deleted_at IS NULL"
+        f" AND ({_STATE} = 'recording' OR ({_STATE} = 'requested' AND NOT {_IS_LATE})) LIMIT 1",
+        {"robot_id": robot_id, "silent_s": PROGRESS_WITHIN.total_seconds()},
+    )
+    return row is not None
 
 
 def ask(tx: Transaction, robot_id: int, robot: str, user: User) -> int:
@@ -209,8 +226,8 @@ def note_download(tx: Transaction, recording_id: int, user_id: int) -> bool:
 def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
     """Read what the recorder of a cell has to do with: what is asked for, lasts, or is to be deleted."""
     rows = tx.rows(
-        "SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, r.asked_at, r.started_at, r.ended_at, r.cell,"
-        " r.stop_requested_at IS NOT NULL AS is_stop_requested,"
+        f"SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, {_IS_LATE} AS is_late,"  # noqa: S608 - as above
+        " r.started_at, r.ended_at, r.cell, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
         " r.delete_requested_at IS NOT NULL AS is_delete_requested,"
         " r.ended_at IS NOT NULL OR r.cause <> 'asked' OR EXISTS"
         " (SELECT 1 FROM relay_grants g JOIN recorder_robots b ON b.id = g.robot_id"
@@ -220,7 +237,7 @@ def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
         " AND (r.ended_at IS NULL OR r.delete_requested_at IS NOT NULL) ORDER BY r.id",
         (cell,),
     )
-    flags = ("is_stop_requested", "is_delete_requested", "may_go_on")
+    flags = ("is_late", "is_stop_requested", "is_delete_requested", "may_go_on")
     return [RecordingRow(**row | {flag: bool(row[flag]) for flag in flags}) for row in rows]
 
 

@@ -50,8 +50,6 @@ RETENTION_EVERY_S = 600.0
 DISK_EVERY_S = 10.0
 # Free space that recordings leave to relay and database: this part of the disk, at most this number of bytes.
 MIN_FREE_PART, MAX_MIN_FREE_BYTES = 0.05, 1000**3
-# Maximum age of a request: of one that nobody took in time, nobody knows any longer.
-MAX_REQUEST_AGE = dt.timedelta(seconds=60)
 # Maximum length of a recording that somebody asked for, and of each by the robot's settings, which goes on in another.
 MAX_ASKED_S, MAX_PIECE_S = 4 * 3600.0, 3600.0
 # Time after a drive, a stop or a connection in which a recording by the robot's settings goes on.
@@ -202,7 +200,7 @@ class RecorderService:
             return "stopped"
         if not row.may_go_on:
             return "right_ended"
-        if utc_now() - row.asked_at > MAX_REQUEST_AGE:
+        if row.is_late:
             return "robot_offline" if self.channel.is_open else "recorder_away"
         return self._full
 

@@ -1,16 +1,10 @@
 """Recordings of robots: who may ask for one, end it, get its file, and delete it. The recorder does the rest."""
 
-import datetime as dt
-
-from robotether_server.db import Transaction, audit, recordings, seen_robots
+from robotether_server.db import Transaction, audit, recordings, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.recordings import Recording
 from robotether_server.db.users import User
 from robotether_server.problems import GrantMissingError, NotPossibleError
-from robotether_server.times import utc_now
-
-# Time within which the recorder takes a request, or nobody does any longer.
-TAKEN_WITHIN = dt.timedelta(seconds=60)
 
 
 def ask(tx: Transaction, user: User, name: str) -> Recording:
@@ -21,19 +15,14 @@ def ask(tx: Transaction, user: User, name: str) -> Recording:
     seen = seen_robots.require(tx, user, name, "drive", "record")
     if seen.robot.state != "active":
         raise NotPossibleError(f"cannot record robot {name}: it is {seen.robot.state}")
-    for recording in recordings.find(tx, user, "drive", robot_id=seen.robot.id):
-        if recording.cause == "asked" and is_under_way(recording):
-            raise NotPossibleError(
-                f"cannot record robot {name}: a recording is under way; stop that first"
-            )
+    # Locked: of two people who ask at once, one is the first.
+    robots.get(tx, name)
+    if recordings.is_asked_for(tx, seen.robot.id):
+        raise NotPossibleError(
+            f"cannot record robot {name}: a recording is under way; stop that first"
+        )
     number = recordings.ask(tx, seen.robot.id, seen.robot.name, user)
     return recordings.get(tx, user, "drive", number)
-
-
-def is_under_way(recording: Recording) -> bool:
-    """Return whether it goes on, or is about to begin."""
-    is_new = utc_now() - recording.asked_at < TAKEN_WITHIN
-    return recording.state == "recording" or (recording.state == "requested" and is_new)
 
 
 def stop(tx: Transaction, user: User, recording_id: int) -> Recording:

@@ -1,11 +1,14 @@
 """Recordings, as programs of drivers and managers ask for them, and as the recorder reads what they ask."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import pytest
 from admin_records import events
 from api_visitor import program_of
 from granted import give, take
 from robotether_server.db import recordings, robots, users
 from robotether_server.db.recordings import Progress
+from robotether_server.services import recordings as recording_service
 from web_visitor import HASH
 
 
@@ -50,6 +53,28 @@ def test_a_driver_records_a_robot_once(people, recorder):
         assert recordings.begin(tx, row.id, "main")
         assert not recordings.begin(tx, row.id, "second")
         assert recordings.read_open(tx, "second") == []
+
+
+def test_a_request_that_nobody_took_within_a_minute_keeps_no_other_out(
+    people, recorder, admin_database
+):
+    """By the database's clock alone: those of web and recorder may be others."""
+    assert people["ann"].ask("POST", "/robots/sim1/recordings").status_code == 201
+    with admin_database.transaction() as tx:
+        tx.change("UPDATE recordings SET asked_at = asked_at - INTERVAL 61 SECOND")
+    assert people["ben"].ask("POST", "/robots/sim1/recordings").status_code == 201
+    with recorder.transaction() as tx:
+        assert [row.is_late for row in recordings.read_open(tx, "main")] == [True, False]
+
+
+def test_of_two_who_ask_for_a_recording_at_once_one_gets_it(people, database):
+    with ThreadPoolExecutor() as pool:
+        with database.transaction() as tx:
+            recording_service.ask(tx, users.get(tx, "ann"), "sim1")
+            second = pool.submit(people["ben"].refused, "POST", "/robots/sim1/recordings")
+            with pytest.raises(TimeoutError):
+                second.result(0.3)
+        assert second.result(10) == (409, "not_possible")
 
 
 def test_strangers_and_observers_record_nothing(people, database):

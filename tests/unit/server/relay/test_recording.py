@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import datetime as dt
 import json
 import os
 import struct
@@ -48,7 +47,7 @@ class MemoryStore:
 
     def ask(self, number=1):
         self.rows[number] = RecordingRow(
-            number, 7, "sim1", "asked", "ann", utc_now(), False, False, None, None, True, None
+            number, 7, "sim1", "asked", "ann", False, False, False, None, None, True, None
         )
 
     def change(self, number, **members):
@@ -291,7 +290,7 @@ async def test_files_that_no_record_names_are_set_aside_and_deleted_when_old(
     [
         ({"may_go_on": False}, "right_ended"),
         ({"robot_id": 8}, "robot_gone"),
-        ({"asked_at": utc_now() - dt.timedelta(hours=1)}, "robot_offline"),
+        ({"is_late": True}, "robot_offline"),
     ],
 )
 async def test_what_may_not_begin_does_not(recorder, store, settings, changes, code):
