@@ -17,6 +17,7 @@ from robotether_server.db.controllers import Controller
 from robotether_server.schemas import GivenTimestamp, Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
+download = partial(exports.download, columns=COLUMNS, filename="robotether-audit")
 
 
 class AuditQuery(ListQuery):
@@ -42,11 +43,11 @@ def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Res
         since=query.since or None,
         until=query.until or None,
     )
+    find = partial(audit.find, search=search)
     before = query.before or None
     if query.format:
-        return download(search, query.format, before, query.limit or None)
-    limit = query.limit or USUAL_LIMIT
-    return AuditEventList(audit.find(caller.tx, search, before=before, limit=limit))
+        return download(find, query.format, before=before, limit=query.limit or None)
+    return AuditEventList(find(caller.tx, before=before, limit=query.limit or USUAL_LIMIT))
 
 
 class ControllerQuery(Struct, forbid_unknown_fields=True):
@@ -66,14 +67,3 @@ def show_controller(caller: Caller, robot: str, query: ControllerQuery) -> Contr
     the next signed heads (docs/reference/audit-log.md). Times are by the clock of the machine that wrote the line.
     """
     return controllers.find(caller.tx, robot, query.at)
-
-
-def download(
-    search: AuditSearch,
-    kind: exports.Format,
-    before: int | None = None,
-    limit: int | None = None,
-) -> Response:
-    """Stream all events that match; the caller has checked that the user is an admin."""
-    find = partial(audit.find, search=search)
-    return exports.download(find, COLUMNS, kind, "robotether-audit", before=before, limit=limit)

@@ -13,11 +13,11 @@ from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
-from robotether_server.db.users import User
 from robotether_server.schemas import Label
 
 MAX_FENCE = 2**64 - 1
 COLUMNS = tuple(member.name for member in members_of(Drive))
+download = partial(exports.download, columns=COLUMNS, filename="robotether-drives")
 
 
 class DriveQuery(ListQuery):
@@ -59,12 +59,11 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
         until=query.until or None,
         fence=None if query.fence is UNSET else query.fence,
     )
+    find = partial(drives.find, viewer=caller.user, search=search)
     before = query.before or None
     if query.format:
-        limit = query.limit or None
-        return download(caller.user, search, query.format, before=before, limit=limit)
-    limit = query.limit or USUAL_LIMIT
-    return DriveList(drives.find(caller.tx, caller.user, search, before=before, limit=limit))
+        return download(find, query.format, before=before, limit=query.limit or None)
+    return DriveList(find(caller.tx, before=before, limit=query.limit or USUAL_LIMIT))
 
 
 @operation("GET", "/drives/<int:drive_id>", "user", tag="robots")
@@ -75,16 +74,3 @@ def get_drive(caller: Caller, drive_id: int) -> Drive | Response:
     name = f"robotether-drive-{drive.id}.json"
     answer.headers["Content-Disposition"] = f'attachment; filename="{name}"'
     return answer
-
-
-def download(
-    viewer: User,
-    search: DriveSearch,
-    kind: exports.Format,
-    *,
-    before: int | None = None,
-    limit: int | None = None,
-) -> Response:
-    """Stream all drives that match and that this user may see."""
-    find = partial(drives.find, viewer=viewer, search=search)
-    return exports.download(find, COLUMNS, kind, "robotether-drives", before=before, limit=limit)

@@ -84,14 +84,17 @@ def everything(fetch: Callable[[int | None, int], list[R]], limit: int | None) -
 
 def download(
     find: Callable[..., list[R]],
-    columns: Sequence[str],
     kind: Format,
-    filename: str,
     *,
-    before: int | None,
-    limit: int | None,
+    columns: Sequence[str],
+    filename: str,
+    before: int | None = None,
+    limit: int | None = None,
 ) -> Response:
-    """Stream what `find(tx, before=..., limit=...)` finds, each piece in a transaction of its own."""
+    """Stream what `find(tx, before=..., limit=...)` finds, each piece in a transaction of its own.
+
+    The caller has checked that the user may see it.
+    """
     database = context().database
 
     def fetch(last: int | None, count: int) -> list[R]:

@@ -38,14 +38,14 @@ def register(
     blueprint: Blueprint,
     template: str,
     names: tuple[str, ...],
-    find: Callable[[Transaction, Query], list[R]],
-    send: Callable[[Query, exports.Format], Response],
+    finder: Callable[[Query], Callable[..., list[R]]],
+    download: Callable[[Callable[..., list[R]], exports.Format], Response],
     *,
     offer: Callable[[Transaction], FilterChoices],
 ) -> None:
     """Make the page of a list, and /download, which sends all that matches as a file.
 
-    `names` are those of the filters. `find` returns the ROWS_TO_READ newest that are older than `before()`.
+    `names` are those of the filters. `finder` returns what finds records, `find(tx, before=..., limit=...)`.
     """
 
     def show() -> str | tuple[str, int]:
@@ -53,7 +53,8 @@ def register(
         with context().database.transaction() as tx:
             values = {"query": query, "choices": offer(tx), "files": files(request.path, query)}
             try:
-                listing = page(request.path, query, find(tx, query))
+                rows = finder(query)(tx, before=before(), limit=ROWS_TO_READ)
+                listing = page(request.path, query, rows)
             except FieldInvalidError as problem:
                 empty = Page[R]([], None, None)
                 answer = render_template(template, page=empty, problem=problem, **values)
@@ -61,7 +62,9 @@ def register(
         return render_template(template, page=listing, **values)
 
     blueprint.add_url_rule("", "show", show)
-    blueprint.add_url_rule("/download", "save", lambda: send(query_of(names), file_kind()))
+    blueprint.add_url_rule(
+        "/download", "save", lambda: download(finder(query_of(names)), file_kind())
+    )
 
 
 def query_of(names: tuple[str, ...]) -> Query:

@@ -1,9 +1,11 @@
 """/drives: who drove which robot, and how; everybody's own, managers' of their robots, admins' all; also as a file."""
 
-from flask import Blueprint, Response
+from collections.abc import Callable
+from functools import partial
+
+from flask import Blueprint
 
 from robotether_server.api.drives import download
-from robotether_server.api.exports import Format
 from robotether_server.db import Transaction, drives, seen_robots, users
 from robotether_server.db.drives import Drive, DriveSearch
 from robotether_server.web import current_user, filters
@@ -13,22 +15,14 @@ blueprint = Blueprint("drives", __name__, url_prefix="/drives")
 blueprint.before_request(current_user.require_user)
 
 
-def _find(tx: Transaction, query: Query) -> list[Drive]:
-    before, limit = filters.before(), filters.ROWS_TO_READ
-    return drives.find(tx, current_user.get(), _search(query), before=before, limit=limit)
-
-
-def _send(query: Query, kind: Format) -> Response:
-    return download(current_user.get(), _search(query), kind)
-
-
-def _search(query: Query) -> DriveSearch:
-    return DriveSearch(
+def _finder(query: Query) -> Callable[..., list[Drive]]:
+    search = DriveSearch(
         robot=query["robot"] or None,
         user=query["user"] or None,
         since=filters.since(query),
         until=filters.until(query),
     )
+    return partial(drives.find, viewer=current_user.get(), search=search)
 
 
 def _offer(tx: Transaction) -> FilterChoices:
@@ -44,5 +38,5 @@ def _offer(tx: Transaction) -> FilterChoices:
 
 
 filters.register(
-    blueprint, "drives.html", ("robot", "user", "since", "until"), _find, _send, offer=_offer
+    blueprint, "drives.html", ("robot", "user", "since", "until"), _finder, download, offer=_offer
 )
