@@ -29,7 +29,9 @@ SELECT = (
     "SELECT h.id, r.name AS robot, h.reason, h.source, h.priority, h.pool, h.asked_by, h.created_at, "
     "TIMESTAMPDIFF(MICROSECOND, h.created_at, IFNULL(h.closed_at, CURRENT_TIMESTAMP(6))) / 1e6 AS age_s, "
     "h.state, o.name AS offered_to, h.offer_until, a.name AS accepted_by, h.accepted_at, h.closed_at, h.note, "
-    "h.robot_id, h.accepted_by AS accepted_by_id, g.level FROM help_requests h "
+    "h.robot_id, h.accepted_by AS accepted_by_id, g.level, "
+    "EXISTS (SELECT 1 FROM users v WHERE v.id = %(viewer)s AND v.name = h.asked_by AND v.created_at <= h.created_at) "
+    "AND h.source IN ('api', 'page') AS is_own FROM help_requests h "
     "JOIN robots r ON r.id = h.robot_id "
     "JOIN (SELECT robot_id, level FROM relay_grants WHERE user_id = %(viewer)s) g ON g.robot_id = h.robot_id "
     "LEFT JOIN users o ON o.id = h.offered_to LEFT JOIN users a ON a.id = h.accepted_by "
@@ -105,12 +107,16 @@ class HelpRequest:
 
 @dataclass(frozen=True)
 class SeenRequest:
-    """A request as one user sees it, with that user's level on its robot."""
+    """A request as one user sees it, with that user's level on its robot.
+
+    `is_own`: this user asked, and not a removed one of the same name.
+    """
 
     request: HelpRequest
     level: Level
     robot_id: int
     accepted_by_id: int | None
+    is_own: bool
 
 
 @dataclass(frozen=True)
@@ -356,7 +362,7 @@ def _period(begins_s: int, facts: Row) -> RequestPeriod:
 
 def _seen(row: Row) -> SeenRequest:
     members = dict(row)
-    level, robot_id, accepted_by_id = (
-        members.pop(name) for name in ("level", "robot_id", "accepted_by_id")
+    level, robot_id, accepted_by_id, is_own = (
+        members.pop(name) for name in ("level", "robot_id", "accepted_by_id", "is_own")
     )
-    return SeenRequest(HelpRequest(**members), level, robot_id, accepted_by_id)
+    return SeenRequest(HelpRequest(**members), level, robot_id, accepted_by_id, bool(is_own))

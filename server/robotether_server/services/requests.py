@@ -143,7 +143,7 @@ def cancel(tx: Transaction, source: Source, user: User, request_id: int) -> Help
     """Cancel a request: for whoever asked, and managers. Raises GrantMissingError or NotPossibleError."""
     seen = _lock(tx, user, request_id)
     _check_open(seen, "cancel")
-    if seen.request.source not in ("api", "page") or seen.request.asked_by != user.name:
+    if not seen.is_own:
         _check_managed(seen, "cancel")
     _end(tx, seen, "cancelled")
     return _noted(tx, source, user, "request_cancelled", request_id)

@@ -7,16 +7,23 @@ from robotether_server import passwords, schemas
 from robotether_server.db import Transaction, audit, credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.db.users import Role, User
-from robotether_server.problems import LastAdminError, RecordExistsError
+from robotether_server.problems import FieldInvalidError, LastAdminError, RecordExistsError
 from robotether_server.schemas import NewPlainName
 from robotether_server.services import tokens
 
 FIRST_ADMIN = "admin"
+# Who acts in the audit log, and makes join tokens, but is no user.
+PARTS = ("cli", "planner", "recorder", "restore", "robot", "sshd")
 
 
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
     """Add a user; raise FieldInvalidError for the name or the password, or RecordExistsError."""
     schemas.check("name", name, NewPlainName)
+    if name in PARTS:
+        raise FieldInvalidError(
+            f"cannot use name: {name} is a part of the server in the audit log; choose another",
+            "name",
+        )
     users.add(tx, name, passwords.hash_password(password), role)
     audit.record(tx, source, "user_added", user=name, role=role)
     return users.get(tx, name)

@@ -3,7 +3,7 @@
 from datetime import timedelta
 
 import pytest
-from granted import take
+from granted import give, take
 from help_desk import HelpDesk
 from robotether_server.db import migrate, users
 from robotether_server.db.audit import Source
@@ -55,6 +55,15 @@ def test_people_ask_for_robots_that_they_may_drive(desk):
     desk.ask(source="battery")
     with pytest.raises(NotPossibleError, match="as many open requests as it may"):
         make(desk, "ann", api_token=b"x")
+
+
+def test_a_request_of_a_removed_user_is_not_that_of_the_next_of_the_name(desk):
+    request_id = make(desk, "ann").id
+    with desk.transaction() as tx:
+        users.remove(tx, desk.users["ann"])
+        give(tx, users.add(tx, "ann", "x", "user"), desk.robots["sim1"], "drive")
+    with pytest.raises(GrantMissingError):
+        desk.act("cancel", "ann", request_id)
 
 
 def test_an_offer_is_accepted_by_its_operator_in_time_and_with_the_right(desk):

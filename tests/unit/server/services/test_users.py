@@ -9,6 +9,7 @@ from robotether_server import passwords
 from robotether_server.db import credentials, users
 from robotether_server.db.audit import Source
 from robotether_server.problems import (
+    FieldInvalidError,
     LastAdminError,
     RobotetherError,
     TokenInvalidError,
@@ -46,6 +47,15 @@ def test_first_admin_is_made_where_there_is_no_user(database):
         user_service.add(tx, ADMIN, "ann", PASSWORD, "admin")
         user_service.remove(tx, ADMIN, "admin")
         assert not user_service.add_first(tx, ADMIN, PASSWORD)
+
+
+@pytest.mark.parametrize("name", user_service.PARTS)
+def test_no_user_has_the_name_of_who_acts_but_is_no_user(database, name):
+    with (
+        database.transaction() as tx,
+        pytest.raises(FieldInvalidError, match="a part of the server"),
+    ):
+        user_service.add(tx, ADMIN, name, PASSWORD, "user")
 
 
 def test_new_password_log_out_and_disabling_end_logins(site):
