@@ -29,6 +29,8 @@ from robotether_server.db import audit, audit_chains
 from robotether_server.settings.server import SessionKeySettings, load
 
 MAX_EVENTS = 10000
+# Maximum number of lines in no chain that `verify` names.
+MAX_OUTSIDE = 10
 # Exit status of `verify` where all that is there fits, and a backup was put back.
 PUT_BACK = 3
 FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
@@ -56,9 +58,11 @@ def audit_log(
     if ctx.invoked_subcommand is not None:
         return
     with open_database().transaction() as tx:
-        events = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit)[::-1]
+        events = audit.find(tx, audit.AuditSearch(robot, actor, kind), limit=limit + 1)
     heads = ("AT", "WHO", "FROM", "WHAT", "ROBOT", "DETAILS")
-    print_records(events, heads, _as_row, as_json=as_json)
+    print_records(events[:limit][::-1], heads, _as_row, as_json=as_json)
+    if len(events) > limit:
+        click.echo(f"older events than the newest {limit} are left out: see --limit", err=True)
 
 
 @audit_log.command()
@@ -83,7 +87,7 @@ def verify(
         with open_database().transaction() as tx:
             records = audit_chains.read_chains(tx)
             reports = audit_chain.check(records, server_keys=server_keys, older_heads=older)
-            outside = audit_chains.lines_outside(tx)
+            outside = audit_chains.lines_outside(tx, MAX_OUTSIDE + 1)
     else:
         reports = audit_chain.check(read_export(file), server_keys=server_keys, older_heads=older)
         outside = []
@@ -93,7 +97,9 @@ def verify(
         for report in reports:
             click.echo(harmless(_sentence(report)))
     faults = [f"{report.name}: {report.fault}" for report in reports if report.fault]
-    faults += [f"line with id {number} is in no chain" for number in outside]
+    faults += [f"line with id {number} is in no chain" for number in outside[:MAX_OUTSIDE]]
+    if len(outside) > MAX_OUTSIDE:
+        faults.append("so are further lines")
     if faults:
         raise NotDoneError(f"cannot verify the audit log: {harmless('; '.join(faults))}")
     if any(report.restores for report in reports):

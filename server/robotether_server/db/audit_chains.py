@@ -35,11 +35,12 @@ def read_chains(tx: Transaction, chain: str | None = None) -> Iterator[Record]:
         yield from _lines(tx, end.chain)
 
 
-def lines_outside(tx: Transaction) -> list[int]:
-    """Return the ids of some lines that should be in a chain: they are newer than the first that is in one."""
+def lines_outside(tx: Transaction, limit: int) -> list[int]:
+    """Return the ids of lines that should be in a chain: they are newer than the first that is in one."""
     rows = tx.rows(
         "SELECT id FROM audit_events WHERE position IS NULL AND kind <> 'key_refused' "
-        "AND id > (SELECT MIN(id) FROM audit_events WHERE position IS NOT NULL) ORDER BY id LIMIT 10"
+        "AND id > (SELECT MIN(id) FROM audit_events WHERE position IS NOT NULL) ORDER BY id LIMIT %s",
+        (limit,),
     )
     return [row["id"] for row in rows]
 

@@ -37,6 +37,15 @@ def test_log_is_verified_and_the_first_line_that_does_not_fit_is_named(
     assert run("audit", "verify", file).status == 1
 
 
+def test_what_is_left_out_of_the_log_is_said(run):
+    run("user", "add", "ann")
+    run(*ADD)
+    assert run("audit", "--limit", 2).err == ""
+    done = run("audit", "--limit", 1)
+    assert "robot_added" in done.out
+    assert done.err == "older events than the newest 1 are left out: see --limit\n"
+
+
 def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
     """It also finds a chain that was deleted."""
     run(*ADD)
