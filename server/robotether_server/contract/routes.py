@@ -11,11 +11,11 @@ RouteState = Literal["runs", "waits", "elsewhere"]
 
 
 class LiveRoute(Struct, frozen=True):
-    """A route that lasts, as this machine of the site sees it.
+    """A route that lasts.
 
     `runs`: `rate_hz` messages a second went to the target over the last 2 s. `waits`: nothing goes until what `why`
     says is over; a route that runs has a `why`, too, when its newest message went nowhere. `elsewhere`: if it
-    runs, then on another machine, which alone knows its rate (null).
+    runs, then on another machine of the site, which has not said so, nor its rate (null).
     """
 
     id: int
@@ -32,11 +32,15 @@ class AppTopic(Struct, frozen=True):
 
 
 class LiveApp(Struct, frozen=True):
-    """A web app that is connected to this machine, with the topics that it advertises and subscribes to."""
+    """A web app that is connected, with the topics that it advertises and subscribes to.
+
+    `machine` names the machine of the site that has it; null: the one that answers.
+    """
 
     name: str
     advertises: list[AppTopic]
     subscribes: list[AppTopic]
+    machine: str | None = None
 
 
 class LiveRouteList(Struct, frozen=True):

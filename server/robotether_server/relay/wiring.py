@@ -62,10 +62,11 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
-from robotether_server.relay.routes import apps, cell_sources
+from robotether_server.relay.routes import apps, cell_sources, live_routes
 from robotether_server.relay.routes.apps import Apps
 from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
-from robotether_server.relay.routes.routes import LIVE_PATH, RouteContext, RouteRunner
+from robotether_server.relay.routes.live_routes import LiveRoutes
+from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tasks import end_tasks
 from robotether_server.times import utc_now
@@ -290,8 +291,9 @@ class Relay:
                 report=self.observer.connection,
             )
         )
+        self._live_routes = LiveRoutes(self.access, self.routes.live, self.peers, cells)
         self._routes += [
-            web.get(LIVE_PATH, self.routes.show_live, allow_head=False),
+            web.get(live_routes.PATH, self._live_routes.show, allow_head=False),
             web.get(apps.PATH, self.apps.handle, allow_head=False),
         ]
         self._cell_source_handler = CellSourceHandler(
@@ -316,6 +318,7 @@ class Relay:
                 web.get(FLEET_PATH, self.peer_feeds.handle, allow_head=False),
                 web.get(cell_topics.ROUTE, self._peer_topics.handle, allow_head=False),
                 web.get(cell_sources.ROUTE, self._cell_source_handler.handle, allow_head=False),
+                web.get(live_routes.CELL_PATH, self._live_routes.show_own, allow_head=False),
                 web.get(cell_metrics.PATH, self._cell_metrics.show_own, allow_head=False),
             ]
             public = public_app(self.metrics, cors, routes, log_format=log_format)

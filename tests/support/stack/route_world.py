@@ -26,7 +26,7 @@ class RouteWorld:
     source: FakeRobot | None = None
 
     def live(self, cell: SiteCell | None = None) -> dict[int | None, tuple[str, str]]:
-        routes = (cell or self.relay).relay.routes.live(EVE.id)
+        routes = (cell or self.relay).relay.routes.live(EVE.id).routes
         return {route.id: (route.state, route.why) for route in routes}
 
     def why(self) -> str:

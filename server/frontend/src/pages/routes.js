@@ -34,10 +34,14 @@ export function stateWords(route) {
 
 // What the diagram shows of web apps, by their names in routes: the user's that are connected, and those that only the user's
 // routes name, of which it knows no topics. Pure.
-function appsIn(live, rows) {
+export function appsIn(live, rows) {
   const names = rows.flatMap(({ source, target }) => [source, target]).filter(isApp);
-  // A relay of an earlier version says nothing of apps.
-  const topics = (live ?? []).map(({ name, advertises, subscribes }) => [`app:${name}`, { source: advertises, target: subscribes }]);
+  // A relay of an earlier version says nothing of apps. Of two with one name, this machine's comes last and stays.
+  const ofMachine = [...(live ?? [])].sort((one, other) => Number(!one.machine) - Number(!other.machine));
+  const topics = ofMachine.map(({ name, machine, advertises, subscribes }) => [
+    `app:${name}`,
+    { source: advertises, target: subscribes, machine },
+  ]);
   return new Map([...names.map((name) => [name, null]), ...topics]);
 }
 
@@ -103,7 +107,7 @@ class Topics {
       return;
     }
     this.shownApps.set(name, JSON.stringify(topics));
-    this.diagram.ensureApp(name);
+    this.diagram.ensureApp(name, texts.app(name, topics?.machine));
     this.diagram.show(name, topics, topics ? texts.noTopicsHere : texts.appAway);
   }
 

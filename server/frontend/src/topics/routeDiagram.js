@@ -129,10 +129,12 @@ export class RouteDiagram {
   }
 
   // Apps come and go while the page is open.
-  ensureApp(name) {
-    if (this.detailsOf(name).length) return;
+  ensureApp(name, title) {
+    const shown = this.detailsOf(name);
+    for (const details of shown) setText(details.querySelector("summary"), title);
+    if (shown.length) return;
     for (const column of this.area.querySelectorAll(".column")) {
-      const summary = make("summary", {}, name);
+      const summary = make("summary", {}, title);
       const details = make("details", { "data-robot": name, open: "" }, summary, make("ul", { "data-part": "topics" }));
       details.addEventListener("toggle", () => this.draw());
       column.append(details);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { isDrawn, lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
+import { appsIn, isDrawn, lineLook, stateWords, topicsIn } from "../../src/pages/routes.js";
 
 test("only what can be a topic with its type is offered, by name", () => {
   const answer = { topics: ["/b", "/a", "/c d", 7], types: ["t/B", "t/A", "t/C", "t/D"] };
@@ -26,4 +26,17 @@ test("another user's route leads to no app of this one", () => {
   assert.equal(isDrawn(route), false);
   assert.equal(isDrawn({ ...route, mine: "" }), true);
   assert.equal(isDrawn({ source: "sim1", target: "sim2" }), true);
+});
+
+test("an app shows with the machine that has it, and of two with one name this machine's", () => {
+  const app = (name, machine) => ({ name, machine, advertises: [], subscribes: [] });
+  const shown = appsIn([app("joy", null), app("joy", "b"), app("pad", "b")], [{ source: "sim1", target: "app:away" }]);
+  assert.deepEqual(
+    [...shown].map(([name, topics]) => [name, topics && topics.machine]),
+    [
+      ["app:away", null],
+      ["app:joy", null],
+      ["app:pad", "b"],
+    ],
+  );
 });

@@ -63,6 +63,10 @@ class Peers:
         """Return a cell that is connected, by its name."""
         return self._connected.get(name)
 
+    def all(self) -> list[Peer]:
+        """Return the cells that are connected."""
+        return list(self._connected.values())
+
     def addresses(self) -> list[str]:
         """Where the cells that are connected have their peer listeners."""
         return [peer.address for peer in self._connected.values()]

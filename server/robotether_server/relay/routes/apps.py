@@ -120,13 +120,11 @@ class App(OperatorConnection):
 
     def describe(self) -> LiveApp:
         """Describe it as it is now."""
-        return LiveApp(
-            self.key[1],
-            *(
-                [AppTopic(topic, topics[topic]) for topic in sorted(topics)]
-                for topics in (self._offered, self._taken)
-            ),
+        offered, taken = (
+            [AppTopic(topic, topics[topic]) for topic in sorted(topics)]
+            for topics in (self._offered, self._taken)
         )
+        return LiveApp(self.key[1], offered, taken)
 
     def read(self, source: RouteSource) -> None:
         """Give a route what the app publishes on its topic from now on."""

@@ -14,16 +14,12 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
 
-from aiohttp import web
-
 from robotether_server.contract.routes import LiveRoute, LiveRouteList
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.auth.access import request_of
 from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.rosbridge.handler import OperatorSession, SessionContext
-from robotether_server.relay.control.control_api import answer_json
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.records.event_writer import EventWriter
@@ -38,7 +34,6 @@ from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
-LIVE_PATH = "/api/v1/routes/live"
 CHECK_EVERY_S = 0.5
 # Time after which a connection that failed is tried again.
 RETRY_AFTER_S = 2.0
@@ -126,22 +121,18 @@ class RouteRunner:
             if running.driver is not None and running.driver.is_connected
         )
 
-    async def show_live(self, request: web.Request) -> web.Response:
-        """Answer with the routes that the caller may see, and the caller's apps."""
-        asker = await self._context.handlers.access.for_events(request_of(request))
-        user_id = asker.user.id
-        apps = [app.describe() for app in self._context.apps.of_user(user_id)]
-        return answer_json(LiveRouteList(self.live(user_id), apps))
-
-    def live(self, user_id: int) -> list[LiveRoute]:
-        """Describe the routes whose robots the user may see."""
+    def live(self, user_id: int) -> LiveRouteList:
+        """Describe the routes whose robots the user may see, and the user's apps, as this cell knows them."""
         snapshot = self._context.snapshot()
-        return [
+        routes = [
             self._describe(route)
             for route in self._routes.values()
             if route.id not in self._ended
             and all(snapshot.level(user_id, each) is not None for each in route.robot_ids)
         ]
+        return LiveRouteList(
+            routes, [app.describe() for app in self._context.apps.of_user(user_id)]
+        )
 
     def readable(self, route_id: int) -> ReadableSource | None:
         """Return a route that lasts and whose source is here, for the cell that has its target; None: there is none."""
@@ -349,7 +340,7 @@ class RouteRunner:
             if app is not None and self._app(route, app) is None:
                 if route.target_app is not None and peers.count():
                     return LiveRoute(route.id, "elsewhere")
-                where = " to this machine of the site" if peers.count() else ""
+                where = " to the robot's machine of the site" if peers.count() else ""
                 return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected{where}")
         return None
 

@@ -9,7 +9,7 @@ import pytest
 import pytest_asyncio
 from fake_robot import HOST, WAIT_S
 from relay_clients import refusal
-from relay_server import EVE, until
+from relay_server import BEN, EVE, until
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.routes import routes as relay_routes
@@ -109,6 +109,9 @@ async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world
         (f"{at_b}/cell/v1/routes/1", {}, 403),
         (f"{at_b}/cell/v1/routes/2", proof, 404),
         (f"{at_a}/cell/v1/routes/1", proof, 404),
+        (f"{world.b.server.url}/cell/v1/routes?user_id=5", proof, 404),
+        (f"{at_b}/cell/v1/routes?user_id=5", {}, 403),
+        (f"{at_b}/cell/v1/routes?user_id=x", proof, 400),
     ]:
         assert await refusal(http, url, headers) == status
 
@@ -121,7 +124,7 @@ async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_databas
         await app.send_json({"op": "advertise", "topic": "/cmd_vel", "type": FOLLOW.type})
         elsewhere = "app joy is here, and the robot at another machine of the site"
         await until(lambda: world.live(world.b) == {1: ("waits", elsewhere)}, "b says so")
-        away = "app joy is not connected to this machine of the site"
+        away = "app joy is not connected to the robot's machine of the site"
         await until(lambda: world.live(world.a) == {1: ("waits", away)}, "a says so")
         await _publish_for(app, 0.5)
         assert world.a.relay.control.describe(TARGET).driver is None
@@ -156,3 +159,25 @@ async def _publish_for(app, time_s):
         await app.send_json(halt)
         with suppress(TimeoutError):
             await app.receive(timeout=0.02)
+
+
+async def test_every_cell_shows_all_routes_and_apps_and_guesses_none(world, http):
+    """Of a cell that does not answer, it shows what it knows itself."""
+
+    async def shown_at_b(user=EVE):
+        headers = world.b.database.bearer(user)
+        async with http.get(f"{world.b.server.url}/api/v1/routes/live", headers=headers) as answer:
+            body = await answer.json()
+        return (
+            [(route["state"], route["rate_hz"]) for route in body["routes"]],
+            [(app["name"], app["machine"]) for app in body["apps"]],
+        )
+
+    async with (
+        http.ws_connect(world.a.server.app_url("pad", EVE)),
+        http.ws_connect(world.b.server.app_url("joy", EVE)),
+    ):
+        assert await shown_at_b() == ([("runs", 0)], [("joy", None), ("pad", "a")])
+        assert await shown_at_b(BEN) == ([], [])
+        with world.a.listener.frozen():
+            assert await shown_at_b() == ([("elsewhere", None)], [("joy", None)])

@@ -142,7 +142,9 @@ async def test_an_app_that_sends_nothing_keeps_nobody_from_driving(
         await until(lambda: world.driver() == "ann", "ann drives")
         await until(world.ends, "the route ended")
         assert world.ends() == ["lease_held"]
-        await publish_until(socket, lambda: world.relay.relay.routes.live(5) == [], HALT, MOVE)
+        await publish_until(
+            socket, lambda: world.relay.relay.routes.live(5).routes == [], HALT, MOVE
+        )
         assert world.driver() == "ann"
 
 
@@ -339,7 +341,17 @@ async def test_apps_are_shown_to_their_user_alone(world, connect, http):
     await connect(OFFER, TAKE)
     url = f"{world.relay.url}/api/v1/routes/live"
     for user, shown in (
-        (EVE, [{"name": "joy", "advertises": [_topic(OFFER)], "subscribes": [_topic(TAKE)]}]),
+        (
+            EVE,
+            [
+                {
+                    "name": "joy",
+                    "advertises": [_topic(OFFER)],
+                    "subscribes": [_topic(TAKE)],
+                    "machine": None,
+                }
+            ],
+        ),
         (BEN, []),
     ):
         async with http.get(url, headers=world.database.bearer(user)) as answer:

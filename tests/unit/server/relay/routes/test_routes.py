@@ -65,7 +65,7 @@ async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(worl
     assert 0 <= world.target.session.clock_ms() - stamp["t_ms"] < 10_000
     advertised = {"op": "advertise", **name, "type": TWIST}
     assert advertised in map(json.loads, world.target.received)
-    await until(lambda: world.relay.relay.routes.live(5)[0].rate_hz, "its rate is known")
+    await until(lambda: world.relay.relay.routes.live(5).routes[0].rate_hz, "its rate is known")
     await until(lambda: audit_lines(world.database), "the drive is in the log")
 
 
@@ -251,4 +251,4 @@ async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
     async with http.get(url, headers=headers) as answer:
         [route] = (await answer.json())["routes"]
     assert (route["id"], route["state"], route["why"]) == (1, "runs", "")
-    assert world.relay.relay.routes.live(BEN.id) == []
+    assert world.relay.relay.routes.live(BEN.id).routes == []
