@@ -63,15 +63,18 @@ class LiveRoutes:
         try:
             async with asyncio.timeout(ANSWER_WITHIN_S):
                 answer = await cells.read(peer, f"{CELL_PATH}?user_id={user_id}")
-            found = _DECODER.decode(answer)
+            live_routes = _DECODER.decode(answer)
         # A relay of an older version answers 404.
         except (ClientError, OSError, ValueError):
             return None
-        apps = [msgspec.structs.replace(app, machine=peer.name) for app in found.apps]
-        return LiveRouteList(found.routes, apps)
+        apps = [msgspec.structs.replace(app, machine=peer.name) for app in live_routes.apps]
+        return LiveRouteList(live_routes.routes, apps)
 
 
 def _newest(route: LiveRoute, others: Iterable[LiveRouteList]) -> LiveRoute:
     """Return what is known of a route: a cell that runs it knows best, then this one, then why it waits at another."""
-    known = [route, *(each for found in others for each in found.routes if each.id == route.id)]
-    return min(known, key=lambda each: ("runs", "waits", "elsewhere").index(each.state))
+    candidates = [
+        route,
+        *(each for other in others for each in other.routes if each.id == route.id),
+    ]
+    return min(candidates, key=lambda each: ("runs", "waits", "elsewhere").index(each.state))
