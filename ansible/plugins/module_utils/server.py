@@ -73,7 +73,14 @@ class Server:
     def of(cls, params: Mapping[str, Any], prefix: str = ROLE_PREFIX) -> Server:
         """Return the server that ARGUMENTS name."""
         fingerprint = digits_of(params["tls_fingerprint"], prefix)
-        return cls(params["server"], params["token"], fingerprint, params["ca_file"], prefix)
+        # As a file has it, with the end of its line.
+        token = params["token"].strip()
+        if not (token.isascii() and token.isprintable()):
+            # Not as it is: what Python says of such a header has the token, which Ansible does not know there.
+            raise ServerError(
+                "cannot use the token: it has characters that no token has", "token_invalid"
+            )
+        return cls(params["server"], token, fingerprint, params["ca_file"], prefix)
 
     def connect(self) -> http.client.HTTPSConnection:
         """Return an open connection whose certificate is the right one."""
@@ -215,6 +222,8 @@ def host_and_port(address: str, prefix: str = ROLE_PREFIX) -> tuple[str, int]:
     try:
         parts = urlsplit(f"//{address}")
         port = parts.port or 443
+        # As socket does it, where a label may be too long.
+        (parts.hostname or "").encode("idna")
     except ValueError:
         parts, port = urlsplit("//"), 0
     if not parts.hostname or parts.path or parts.query or parts.username is not None:

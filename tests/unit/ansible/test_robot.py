@@ -37,5 +37,12 @@ async def test_a_renamed_robot_is_known_by_its_key(web):
     proof = {"mac": mac, "public_key": key, "signature": robot.proof(mac)}
     own = await run_module("robot", {**join_token, **proof})
     assert (own["robot"]["name"], own["changed"]) == ("renamed", False)
+    # As a file has it.
+    own = await run_module("robot", {**arguments, "token": f"{web.token('root')}\n"})
+    assert own["failed"] is False
+    for name, value in (("token", "rt_of\nroot"), ("token", "rt_of_\u20ac"), ("server", "a" * 64)):
+        refused = await run_module("robot", {**arguments, name: value})
+        assert refused["msg"].startswith("cannot use ")
+        assert "rt_of" not in str(refused["msg"])
     with_key = await run_module("robot", {**arguments, "public_key": key})
     assert with_key["robot"]["name"] == "renamed"
