@@ -1,5 +1,6 @@
 """What the playbooks install and write on a robot, here on this machine."""
 
+import json
 import os
 from zipfile import ZipFile
 
@@ -60,6 +61,28 @@ def test_robot_without_what_encodes_video_goes_on(tmp_path, exit_code, changed):
     said = "WARNING: install-video: av-18.1.0-cp311-abi3-x.whl. localhost sends JPEG"
     assert (said in done.stdout) is bool(exit_code), done.stdout
     assert not (tmp_path / "version/packages").exists()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "result", "says"),
+    [
+        ("2-b", "done", "failed=0"),
+        ("2-b", "rolled_back", "did not come up with version 2-b: it was not connected"),
+        ("1-a", "done", "did not come up with version 2-b: the switch has left no result"),
+    ],
+)
+def test_switch_is_judged_by_its_own_result(tmp_path, wanted, result, says):
+    """One that could not begin, as on a full disk, leaves the result of the last."""
+    report = {"result": result, "wanted": wanted, "detail": "it was not connected"}
+    (tmp_path / "last-switch.json").write_text(json.dumps(report))
+    write_programs(tmp_path, {"systemd-run": "exit 0", "systemctl": "echo inactive"})
+    done = play(
+        tmp_path,
+        [of_role("robotether_agent", "switch")],
+        robotether_agent_root=str(tmp_path),
+        robotether_wheel_version="2-b",
+    )
+    assert says in done.stdout, done.stdout
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="the settings are root's")
