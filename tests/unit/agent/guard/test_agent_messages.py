@@ -209,15 +209,15 @@ def test_what_is_seen_is_reported_now_and_then() -> None:
     reports.seen(ages)
     ages.begin(13)
     ages.add(0.14)
-    ages.slowed_s, ages.limits = 0.05, (0.5, math.inf)
+    ages.slowed_s, ages.limits = 0.05, (math.inf, 0.5)
     reports.seen(ages)
     ages.add(None)
-    ages.limits = None
+    ages.limits = 0.25, math.inf
     now += SEEN_EVERY_S / 2
     reports.seen(ages)
     unlimited = {"max_speed_m_s": None, "max_turn_rad_s": None}
     first = {"type": "seen", "fence": 13, "ages_ms": [140.0], "slowed_s": 0.05}
-    assert pipe.lines == [{**first, **unlimited, "max_speed_m_s": 0.5}]
+    assert pipe.lines == [{**first, **unlimited, "max_turn_rad_s": 0.5}]
     now += SEEN_EVERY_S / 2
     pipe.waiting = MAX_QUEUE_BYTES + 1
     reports.seen(ages)
@@ -225,4 +225,4 @@ def test_what_is_seen_is_reported_now_and_then() -> None:
     reports.seen(ages)
     reports.seen(ages)
     second = {"type": "seen", "fence": 13, "ages_ms": [None], "slowed_s": 0.0}
-    assert pipe.lines[1:] == [{**second, **unlimited}]
+    assert pipe.lines[1:] == [{**second, **unlimited, "max_speed_m_s": 0.25}]

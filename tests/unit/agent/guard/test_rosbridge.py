@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
@@ -137,6 +138,10 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
         assert not await answers(["/rosbridge"], ["/rosbridge", "/base"])
         assert unheard() == frozenset()
         # As of a rosapi that the new master does not know: what was an answer is one no more.
-        assert not await answers(None, None)
-        assert unheard() is None
+        unclear: list[tuple[Any, Any]] = [(None, None), (["/rosbridge"], None), ("?", ["/base"])]
+        for publishers, subscribers in unclear:
+            assert not await answers(publishers, subscribers)
+            assert unheard() is None
+        asked = [m["args"] for m in rosbridge.got]
+        assert asked == [{"topic": "/cmd_vel"}] * len(asked)
         watch.cancel()
