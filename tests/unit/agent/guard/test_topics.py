@@ -46,6 +46,17 @@ def test_the_one_that_was_used_the_longest_ago_makes_room() -> None:
     assert not topics.parting
 
 
+def test_the_next_rosbridge_knows_no_topic() -> None:
+    """It must be told of none that parted, and anew of those that stay."""
+    topics = Topics()
+    topics.ensure("/stays", 0.0, stays).announced = True
+    topics.ensure("/goes", 0.0, goes).announced = True
+    topics.free_unmoved(lambda topic: topic.name == "/goes")
+    topics.on_rosbridge_lost()
+    assert not topics.parting
+    assert [(topic.name, topic.announced) for topic in topics] == [("/stays", False)]
+
+
 def test_named_topics_have_places_of_their_own() -> None:
     topics = Topics()
     topics.named = frozenset({"/cmd_vel", "/base/cmd_vel"})

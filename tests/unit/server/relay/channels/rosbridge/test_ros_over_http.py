@@ -236,6 +236,7 @@ async def test_a_call_shares_its_users_drive(*, relay, guarded, sim1, ask, servi
         await driver.close()
     status, body = await calling
     assert (status, body["code"]) == (409, "lease_lost")
+    assert "the lease of robot sim1 for this call has ended" in body["detail"]
 
 
 async def test_a_service_that_does_not_answer_in_time_is_a_problem(guarded, ask):
@@ -260,6 +261,7 @@ async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, 
             await guarded.session.close()
         _, body = await calling
     assert body["code"] == code
+    assert "sim1" in body["detail"]
     assert body["detail"].endswith("; /a may still run")
     assert stopwatch.s < 2
     if what == "stop":
