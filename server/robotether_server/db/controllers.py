@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from robotether_server.audit_chain import LINES_LOST, RESTORED, ChainLine, SignedHead, content_hash
-from robotether_server.db import audit_chains, cells
+from robotether_server.db import audit, audit_chains, cells
 from robotether_server.db.database import Row, Transaction
 from robotether_server.schemas import Count, Timestamp
 
@@ -67,8 +67,8 @@ class Controller:
 
 def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
     """Return who held control of a robot; one that was renamed since has the name of that time."""
-    row = tx.row("SELECT CURRENT_TIMESTAMP(6) AS now") or {}
-    if at > row["now"]:
+    now = audit.now(tx)
+    if at > now:
         return Controller(robot, at, "unknown", "future")
     chain = _name_at(tx, robot, at)
     first = _line(tx, chain, "TRUE", (), "position")
@@ -79,7 +79,7 @@ def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
     if _were_lost(tx, chain, at):
         return Controller(chain, at, "unknown", "lines_lost")
     controller = _find(tx, chain, at, first)
-    if controller.answer != "driver" and at > row["now"] - dt.timedelta(seconds=WRITTEN_WITHIN_S):
+    if controller.answer != "driver" and at > now - dt.timedelta(seconds=WRITTEN_WITHIN_S):
         return Controller(chain, at, "unknown", "too_new", proof=controller.proof)
     return controller
 

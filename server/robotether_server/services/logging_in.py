@@ -15,7 +15,7 @@ import datetime as dt
 import math
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -110,9 +110,11 @@ def _guessed(database: Database, source: Source, password: str) -> Iterator[Gues
 
     No transaction stays open while the password is hashed, which takes long on purpose.
     """
-    guess = Guess(source.actor, network_of(source.address or ""), dt.datetime.now(dt.UTC))
-    with _open_guesses.with_one_more(guess) as before:
+    with ExitStack() as stack:
         with database.transaction() as tx:
+            # As the log has it: by the clock of a machine that is ahead no failure would count.
+            guess = Guess(source.actor, network_of(source.address or ""), audit.now(tx))
+            before = stack.enter_context(_open_guesses.with_one_more(guess))
             _check_throttle(tx, guess, before)
             user = users.find(tx, guess.user)
         right = passwords.matches(password, user.password_hash if user else None)

@@ -72,6 +72,25 @@ def test_throttled_try_costs_no_hash(database, monkeypatch):
         log_in(database, ANN, PASSWORD, HOUR)
 
 
+class OlderDatabase(Database):
+    """Its clock is an hour behind that of this machine."""
+
+    def __init__(self, database):
+        vars(self).update(vars(database))
+
+    @contextmanager
+    def transaction(self):
+        with super().transaction() as tx:
+            tx.change("SET timestamp = UNIX_TIMESTAMP() - 3600")
+            yield tx
+
+
+def test_failures_count_by_the_clock_that_they_were_written_by(database):
+    older = OlderDatabase(database)
+    fail(older, "ann", "192.0.2.1", PER_USER_AND_NETWORK)
+    assert not is_heard(older, "ann", "192.0.2.1")
+
+
 class AfterCommits(Database):
     """Calls `then` after each commit, before anything else happens."""
 
