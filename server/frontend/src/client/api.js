@@ -128,8 +128,8 @@ export class TicketRefused extends Error {
   }
 }
 
-// `api` is an Api. Both throw TicketRefused.
-export const requestTicket = (api, robot, mode) => askForTicket(api, "/api/v1/tickets", { robot, mode });
+// `api` is an Api, `more` may have the MAC of the robot that is meant. Both throw TicketRefused.
+export const requestTicket = (api, robot, mode, more = {}) => askForTicket(api, "/api/v1/tickets", { robot, mode, ...more });
 export const appTicket = (api, app) => askForTicket(api, "/api/v1/tickets/app", { app });
 
 async function askForTicket(api, path, wish) {

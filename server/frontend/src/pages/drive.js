@@ -123,7 +123,7 @@ const helpPoller = new Poller({
 });
 
 async function requestUrl(mode) {
-  return rosUrl(location.href, robot, await requestTicket(api, robot, mode));
+  return rosUrl(location.href, robot, await requestTicket(api, robot, mode, { mac }));
 }
 
 function controlOptions() {
@@ -285,9 +285,11 @@ function retryNow() {
   view.retryNow();
 }
 
+// Once this page has no robot any more, another one may get the name.
+const isOfPage = ({ name }) => name === robot && !connection.state.gone;
 const feed = new Feed({
-  onFleet: (all) => all.filter(({ name }) => name === robot).forEach(receiveRobot),
-  onRobot: (update) => update.name === robot && receiveRobot(update),
+  onFleet: (all) => all.filter(isOfPage).forEach(receiveRobot),
+  onRobot: (update) => isOfPage(update) && receiveRobot(update),
 });
 
 // All that is rarely needed. It is left by its button and by Esc, which a field in it takes first.

@@ -126,7 +126,7 @@ export const release = {
 
 export const reasons = {
   login: "Your login has ended. Log in again.",
-  robot: "No robot has this name any more, or you have no access to it. It may have been renamed: look for it among your robots.",
+  robot: "This robot has another name or MAC now, was removed, or you have no access to it any more: look for it among your robots.",
   grant: "Reload the page to see what you may still do.",
   changed: "Your rights have changed.",
   stale: "This page is too old.",

@@ -37,7 +37,7 @@ export const frame = {
     video_down: reason("The robot's video server does not answer."),
     login_missing: () => "Your login has ended.",
     rights_ended: reason("Your rights have changed."),
-    gone: () => "No robot has this name any more.",
+    gone: () => "This robot is not here any more.",
     crowded: reason("Too many windows show this camera."),
     slow: reason("This device receives the video too slowly.", " Starting it again."),
     restarting: reason("The server is restarting."),

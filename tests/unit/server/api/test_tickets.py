@@ -41,6 +41,16 @@ def test_who_may_watch_gets_no_ticket_to_drive(program, database):
     assert answer_of(program, bearer(database, "olga"), mode="drive") == (403, "grant_missing")
 
 
+def test_ticket_for_a_robot_is_none_for_another_that_got_its_name(program, database):
+    token = bearer(database, "ann")
+    with database.transaction() as tx:
+        mac = robots.get(tx, "sim1").mac
+    assert answer_of(program, token, mode="observe", mac=mac.upper()) == (201, "")
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET mac = '00:1b:44:11:3a:b7' WHERE name = 'sim1'")
+    assert answer_of(program, token, mode="observe", mac=mac) == (404, "robot_unknown")
+
+
 def test_ticket_names_the_cell_of_the_robot(program, database, relay_database):
     body, headers = {"robot": "sim1", "mode": "observe"}, bearer(database, "ann")
 
