@@ -46,6 +46,7 @@ export const topics = {
   measured: (rate) => `${rate} messages/s, measured`,
   field: "Plot",
   noField: "Nothing",
+  moreFields: "Further numbers are not listed",
   plot: (name) => `Plot of ${name} over the last minute`,
   unknownNow: "unknown",
   plotted: ({ now, min, max }) => `Now ${now}; in the last minute ${min} to ${max}.`,

@@ -9,21 +9,26 @@ const MAX_PLAIN_ITEMS = 16;
 const MAX_OBJECT_ITEMS = 4;
 const DIGITS = 4;
 
-// The paths of the numbers (and truths) in a message: "twist.linear.x", "ranges[0]".
+// The paths of the numbers (and truths) in a message: "twist.linear.x", "ranges[0]"; `isCut`: there may be more than these.
 export function numbersIn(message) {
-  const paths = [];
-  collect(message, "", 0, paths);
-  return paths;
+  const numbers = { paths: /** @type {string[]} */ ([]), isCut: false };
+  collect(message, "", 0, numbers);
+  return numbers;
 }
 
-function collect(value, path, depth, paths) {
-  if (paths.length >= MAX_NUMBERS || depth > MAX_DEPTH) return;
-  if (["number", "boolean"].includes(typeof value)) paths.push(path || "value");
-  for (const [step, inner] of members(value)) {
-    const separator = path && !step.startsWith("[") ? "." : "";
-    collect(inner, path + separator + step, depth + 1, paths);
-  }
+function collect(value, path, depth, numbers) {
+  const { paths } = numbers;
+  if (depth > MAX_DEPTH || (isNumber(value) && paths.length >= MAX_NUMBERS)) return void (numbers.isCut = true);
+  if (isNumber(value)) paths.push(path || "value");
+  numbers.isCut ||= isLongList(value);
+  for (const [step, inner] of members(value)) collect(inner, pathTo(path, step), depth + 1, numbers);
 }
+
+const isNumber = (value) => ["number", "boolean"].includes(typeof value);
+
+const isLongList = (value) => Array.isArray(value) && value.length > MAX_LIST_NUMBERS;
+
+const pathTo = (path, step) => path + (path && !step.startsWith("[") ? "." : "") + step;
 
 function members(value) {
   if (value === null || typeof value !== "object") return [];

@@ -89,12 +89,14 @@ export class Inspector {
   }
 
   offerFields() {
-    const { numbers } = this.probe;
-    if (numbers.length === 0 || numbers.join() === this.offered) return;
-    this.offered = numbers.join();
+    const { paths, isCut } = this.probe.numbers;
+    const numbers = `${paths} ${isCut}`;
+    if (paths.length === 0 || numbers === this.offered) return;
+    this.offered = numbers;
     const chosen = this.field.value;
-    const paths = numbers.includes(chosen) || !chosen ? numbers : [chosen, ...numbers];
-    this.field.replaceChildren(new Option(texts.noField, ""), ...paths.map((path) => new Option(path, path)));
+    const all = paths.includes(chosen) || !chosen ? paths : [chosen, ...paths];
+    const more = isCut ? [make("option", { disabled: "" }, texts.moreFields)] : [];
+    this.field.replaceChildren(new Option(texts.noField, ""), ...all.map((path) => new Option(path, path)), ...more);
     this.field.value = chosen;
   }
 

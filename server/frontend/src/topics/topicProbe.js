@@ -20,7 +20,7 @@ export class TopicProbe {
     this.message = null;
     this.unread = false; // whether the newest message could not be read
     this.size = 0;
-    this.numbers = [];
+    this.numbers = numbersIn(null);
     this.field = "";
     this.samples = new LastMinute();
     this.rate = new Rate();
@@ -35,7 +35,8 @@ export class TopicProbe {
     this.begin({ throttleMs: THROTTLE_MS }, (message) => this.receive(message));
   }
 
-  // One message of a large type, and no second: the throttle keeps the robot from sending more meanwhile.
+  // One message of a large type, and no second: the throttle keeps the robot from sending more meanwhile. It can be asked for anew
+  // after a refusal, too.
   getOne() {
     if (this.ends.size > 0) return;
     const end = this.begin(
@@ -51,7 +52,7 @@ export class TopicProbe {
   stopFollowing() {
     this.large = true;
     this.measuring = false;
-    this.numbers = [];
+    this.numbers = numbersIn(null);
     this.end();
   }
 
@@ -72,13 +73,17 @@ export class TopicProbe {
     this.onChange();
   }
 
-  begin(how, onMessage, onUnread = () => {}) {
-    const fail = () => {
-      onUnread();
+  begin(how, onMessage, onFail = () => {}) {
+    const onUnread = () => {
+      onFail();
       this.unread = true;
       this.onChange();
     };
-    const spec = { ...this.topic, ...how, onRefused: (why) => this.refuse(why), onUnread: fail };
+    const onRefused = (why) => {
+      onFail();
+      this.refuse(why);
+    };
+    const spec = { ...this.topic, ...how, onRefused, onUnread };
     const end = this.watch(spec, onMessage, (state) => this.show(state));
     const ends = () => {
       this.ends.delete(ends);

@@ -19,9 +19,18 @@ for (const [path, number] of [
   test(`the path ${path} leads to ${number}`, () => assert.equal(numberAt(ODOMETRY, path), number));
 }
 
-test("a message with very many numbers offers a bounded choice", () => {
-  const wide = Object.fromEntries(Array.from({ length: 1000 }, (_, i) => [`joint${i}`, i]));
-  assert.equal(numbersIn(wide).length, 200);
+test("a message with very many numbers offers a bounded choice, and says so", () => {
+  const wide = (count) => Object.fromEntries(Array.from({ length: count }, (_, i) => [`joint${i}`, i]));
+  const numbers = [wide(200), wide(201), ODOMETRY, { ranges: [1, 2] }].map(numbersIn);
+  assert.deepEqual(
+    numbers.map(({ paths, isCut }) => [paths.length, isCut]),
+    [
+      [200, false],
+      [200, true],
+      [12, true],
+      [2, false],
+    ],
+  );
 });
 
 test("long lists, texts and messages are cut, and say so", () => {
@@ -37,5 +46,5 @@ test("what is nested without end is cut as well", () => {
   let deep = { x: 1 };
   for (let i = 0; i < 100; i++) deep = { deep };
   assert.ok(preview(deep).split("\n").length < 20);
-  assert.deepEqual(numbersIn(deep), []);
+  assert.deepEqual(numbersIn(deep), { paths: [], isCut: true });
 });

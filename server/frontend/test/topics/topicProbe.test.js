@@ -50,6 +50,9 @@ test("a frame is asked for only when the person says so, and one at a time", () 
   probe.getOne();
   watched[1].spec.onUnread();
   assert.deepEqual([open(), probe.unread], [[], true]);
+  probe.getOne();
+  watched[2].spec.onRefused("cannot subscribe: too many");
+  assert.deepEqual([open(), probe.refusal], [[], "cannot subscribe: too many"]);
 });
 
 test("what turns out to be large is followed no more", () => {
