@@ -37,7 +37,8 @@ export class Overlays {
     this.details.hidden = !worst;
     if (!worst) return;
     this.details.dataset.level = worst.level;
-    setText(part(this.details, "diagnostics-worst"), texts[worst.level](worst.count));
+    const words = texts[worst.level](worst.count);
+    setText(part(this.details, "diagnostics-worst"), this.diagnostics.isCut ? texts.newest(words, MAX_NAMES) : words);
     if (this.details.open) this.showList();
   }
 
@@ -68,6 +69,7 @@ const MAX_NAMES = 500;
 export class Diagnostics {
   constructor() {
     this.byName = new Map();
+    this.isCut = false; // whether names were left out
   }
 
   // `message` is a diagnostic_msgs/DiagnosticArray.
@@ -78,7 +80,9 @@ export class Diagnostics {
       this.byName.delete(name);
       this.byName.set(name, { name, level: readLevel(level), message: String(message ?? ""), at: now });
       // The newest stay: names may change without end, and an error must not be missed.
-      if (this.byName.size > MAX_NAMES) this.byName.delete(this.byName.keys().next().value);
+      if (this.byName.size <= MAX_NAMES) continue;
+      this.isCut = true;
+      this.byName.delete(this.byName.keys().next().value);
     }
   }
 

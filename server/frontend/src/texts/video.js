@@ -81,5 +81,6 @@ export const diagnostics = {
   error: (count) => (count === 1 ? "1 error" : `${count} errors`),
   stale: (count) => (count === 1 ? "1 part is silent" : `${count} parts are silent`),
   more: (count) => `${count} more, none of them worse`,
+  newest: (words, most) => `${words}, of the newest ${most} parts`,
   levels: { ok: "OK", warn: "Warning", error: "Error", stale: "Silent" },
 };

@@ -88,11 +88,13 @@ test("a list that is cut says what is left out", () => {
   assert.deepEqual([list.rows.length, list.rows.at(-1).children[0]], [61, "15 more, none of them worse"]);
 });
 
-test("of names without end the newest count", () => {
-  const diagnostics = new Diagnostics();
+test("of names without end the newest count, and it is said", () => {
+  const { diagnostics } = overlays;
   diagnostics.receive({}, 0);
   for (let i = 0; i < 1000; i++) diagnostics.receive(status(`part ${i}`, 0), 0);
   assert.equal(diagnostics.list(0).length, 500);
   diagnostics.receive(status("motor", 2), 0);
   assert.deepEqual([diagnostics.list(0).length, diagnostics.worst(0).level], [500, "error"]);
+  overlays.show();
+  assert.equal(part(overlays.details, "diagnostics-worst").textContent, "1 error, of the newest 500 parts");
 });
