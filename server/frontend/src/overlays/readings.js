@@ -136,16 +136,17 @@ export class Readback {
     this.onPose = onPose;
   }
 
-  // `topic` is {name, type}. Following the same one again changes nothing.
+  // `topic` is {name, type}, or undefined for none. Following the same one again changes nothing.
   follow(topic) {
-    const [read, readPose] = [speedReader(topic.type), poseReader(topic.type)];
+    const { type = "" } = topic ?? {};
+    const [read, readPose] = [speedReader(type), poseReader(type)];
     const begun = this.subscriptions.follow("speed", topic, { throttleMs: THROTTLE_MS }, (message) => {
       clearTimeout(this.timer);
       this.timer = setTimeout(() => this.forget(), SPEED_OLD_MS);
       this.onSpeed(read(message ?? {}));
       if (readPose) this.onPose(readPose(message ?? {}));
     });
-    if (begun) this.forget();
+    if (begun || !topic) this.forget();
   }
 
   forget() {

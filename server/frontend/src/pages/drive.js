@@ -237,7 +237,7 @@ function showRoundTrip(reading) {
 function useTopics({ twistType, speed, topics: all, own, answered }) {
   session.useType(twistType);
   controls.useType(session.type);
-  if (speed) readback.follow(speed);
+  if (speed || answered) readback.follow(speed);
   view.found(own, answered);
   reopenUnlimited();
   topics.receive(all);
@@ -290,7 +290,15 @@ const isOfPage = ({ name }) => name === robot && !connection.state.gone;
 const feed = new Feed({
   onFleet: (all) => all.filter(isOfPage).forEach(receiveRobot),
   onRobot: (update) => isOfPage(update) && receiveRobot(update),
+  onState: (state) => ["lost", "login"].includes(state) && forgetRobot(),
 });
+
+// What the events alone report is unknown without them.
+function forgetRobot() {
+  Object.assign(facts, { rttMs: null, observers: 0 });
+  view.overlays.showBattery({ online: false });
+  showWatchers();
+}
 
 // All that is rarely needed. It is left by its button and by Esc, which a field in it takes first.
 function setUpDrawer() {

@@ -93,10 +93,10 @@ export class View {
       if (candidates.length) this.questions.push(texts.topicInDoubt(kind, candidates));
       return topic;
     };
-    this.followed = { scan: of("scan"), map: of("map"), located: of("located") };
+    this.followed = { scan: of("scan"), map: of("map"), located: of("located"), odometry: of("odometry") };
     this.world.follow({ ...this.followed, tf: of("tf"), tfStatic: of("tfStatic") });
     this.overlays.follow({ diagnostics: of("diagnostics") });
-    this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || of("odometry"));
+    this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || this.followed.odometry);
     this.showQuestions();
     this.offer();
   }

@@ -68,6 +68,13 @@ test("the speed is subscribed to ten times a second at most, and shown until it 
   assert.equal(speed, null);
 });
 
+test("where the topic is in doubt, there is no speed any more", () => {
+  readback.follow(POSE);
+  subscriptions[0].handler({ linear_velocity: 0.5, angular_velocity: 0.1 });
+  readback.follow(undefined);
+  assert.deepEqual([speed, subscriptions[0].ended], [null, true]);
+});
+
 test("a speed of which a part is not known is none", () => {
   assert.equal(speedText(null, 0), "-");
   assert.equal(speedText(0.3, null), "-");

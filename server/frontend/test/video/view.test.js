@@ -39,6 +39,15 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
   assert.equal(drawn, 2);
 });
 
+test("which odometry is the robot's is asked also where a laser makes the map", () => {
+  const [follow, nothing] = [{ follow() {} }, () => {}];
+  const parts = { world: follow, overlays: follow, known: new Set(), offer: nothing, showQuestions: nothing };
+  const view = Object.assign(Object.create(View.prototype), { page: {}, driveTopic: "/cmd_vel", hasMap: true, ...parts });
+  const odometry = ["/a/odom", "/b/odom"].map((name) => ({ name, type: "nav_msgs/Odometry" }));
+  view.found([...odometry, { name: "/scan", type: "sensor_msgs/LaserScan" }], true);
+  assert.match(view.questions.join(), /odometry .*\/a\/odom or \/b\/odom/);
+});
+
 test("a topic whose messages cannot be read is named once, beside what else is asked about topics", () => {
   const [said, element] = [[], { textContent: "" }];
   const root = { querySelector: () => element };
