@@ -128,7 +128,8 @@ export class ControlPanel {
 
   async withdraw() {
     this.driveMode.withdraw();
-    await api.lease(this.robot, "withdraw");
+    const answer = await api.lease(this.robot, "withdraw");
+    if (!answer.ok && answer.code !== "nobody_asks") this.driveMode.setNote(failure(answer));
   }
 
   askSure(sure) {

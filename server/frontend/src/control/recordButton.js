@@ -4,6 +4,7 @@
 import { localTime, part, setText } from "../dom/page.js";
 import { isNew, markNew } from "../dom/presses.js";
 import { recording as texts } from "../texts/panels.js";
+import { refusal } from "./stopping.js";
 
 const BEGINS_MS = 60_000; // time within which the recorder begins what it was asked for, or nobody does
 const AGAIN_MS = 2000; // delay before the next look at one that is about to begin or end
@@ -40,6 +41,7 @@ export class RecordButton {
   receive(recorded) {
     if (recorded === this.recorded) return;
     this.recorded = recorded;
+    this.problem = ""; // of a press before
     this.refresh();
   }
 
@@ -47,12 +49,17 @@ export class RecordButton {
   async refresh() {
     clearTimeout(this.timer);
     const round = ++this.round;
-    const { ok, body } = await this.api.get("/api/v1/recordings", { robot: this.robot, limit: LISTED });
+    const { ok, status, body } = await this.api.get("/api/v1/recordings", { robot: this.robot, limit: LISTED });
     if (round !== this.round) return;
     this.underWay = ok ? recordingUnderWay(body.recordings, this.now()) : undefined;
+    this.ending &&= this.underWay !== null;
     this.show();
-    if (this.underWay?.state === "requested" || (this.underWay && this.ending)) this.timer = setTimeout(() => this.refresh(), AGAIN_MS);
-    else this.ending = false;
+    const isUnheard = !ok && refusal(status, 1) === "unheard";
+    if (isUnheard || this.isChanging) this.timer = setTimeout(() => this.refresh(), AGAIN_MS);
+  }
+
+  get isChanging() {
+    return this.ending || this.underWay?.state === "requested";
   }
 
   async press() {

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { part } from "../../src/dom/page.js";
 import { RecordButton } from "../../src/control/recordButton.js";
-import { FakeElement } from "../fakes.js";
+import { FakeElement, settle } from "../fakes.js";
 
 const NOW = Date.parse("2026-11-28T12:00:00Z");
 const RECORDING = { id: 7, cause: "asked", state: "recording", asked_by: "ann", asked_at: "2026-11-28T11:00:00Z", started_at: null };
@@ -70,4 +70,23 @@ test("a late answer of before a press changes nothing", async () => {
   answers[0]({ ok: true, body: { recordings: [] } });
   await Promise.all(refreshes);
   assert.equal(part(root, "record").textContent, "Stop recording");
+});
+
+test("what no server answered is asked again, and a problem ends with what came of it", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout"] });
+  const root = new FakeElement();
+  let answer = /** @type {object} */ ({ ok: false, status: 0 });
+  const api = { get: async () => answer, post: async () => ({ ok: false, detail: "" }) };
+  const button = new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api });
+  await button.refresh();
+  answer = { ok: true, body: { recordings: [] } };
+  context.mock.timers.tick(2000);
+  await settle();
+  assert.equal(part(root, "record").disabled, false);
+  await button.press();
+  assert.match(part(root, "record-state").textContent, /^Not recorded/);
+  answer = { ok: true, body: { recordings: [asked({ started_at: "2026-11-28T11:00:00Z" })] } };
+  button.receive(true);
+  await settle();
+  assert.match(part(root, "record-state").textContent, /^Recorded since/);
 });
