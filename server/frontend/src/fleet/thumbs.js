@@ -44,7 +44,7 @@ export class Thumbs {
   }
 }
 
-class Thumb {
+export class Thumb {
   constructor(box, { robot, card, queue }) {
     this.box = box;
     this.robot = robot;
@@ -73,9 +73,17 @@ class Thumb {
       this.later(snapshot.blob ? EVERY_MS : AGAIN_MS);
     });
     this.cancel = cancel;
+    this.timer = setTimeout(() => this.wait(), TIMEOUT_MS);
+  }
+
+  // The robots before it may take their time: until its turn has come, the picture of before would look like now.
+  wait() {
+    this.drop();
+    this.showState("waiting");
   }
 
   later(ms) {
+    clearTimeout(this.timer);
     this.timer = setTimeout(() => this.begin(), ms);
   }
 

@@ -1,8 +1,9 @@
 import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
-import { Queue, fetchSnapshot, lackOf } from "../../src/fleet/thumbs.js";
-import { settle } from "../fakes.js";
+import { part } from "../../src/dom/page.js";
+import { Queue, Thumb, fetchSnapshot, lackOf } from "../../src/fleet/thumbs.js";
+import { FakeElement, settle } from "../fakes.js";
 
 mock.timers.enable({ apis: ["setTimeout"] });
 
@@ -47,6 +48,21 @@ test("a robot without video is asked for no picture, and one whose video is not 
   assert.equal(lackOf({ online: "true", video: "down" }), "video_down");
   assert.equal(lackOf({ online: "false", video: "up" }), "empty");
   for (const video of ["up", "", undefined]) assert.equal(lackOf({ online: "true", video }), "");
+});
+
+test("while a robot waits its turn, its picture of before goes", () => {
+  const box = new FakeElement();
+  const thumb = new Thumb(box, { robot: "sim1", card: { dataset: { online: "true" } }, queue: { add: () => () => {} } });
+  thumb.show({ blob: new Blob() });
+  thumb.later(5000);
+  for (const [ms, state] of /** @type {[number, string][]} */ ([
+    [5000, "shown"],
+    [9999, "shown"],
+    [1, "waiting"],
+  ])) {
+    mock.timers.tick(ms);
+    assert.deepEqual([box.dataset.thumb, part(box, "thumb-image").hidden], [state, state === "waiting"]);
+  }
 });
 
 function serverThat({ status = 200, type = "application/json", body = "" }) {
