@@ -19,6 +19,7 @@ const rangeButtons = /** @type {HTMLElement[]} */ ([...main.querySelectorAll("[d
 let endCharts = () => {};
 let range = "hour";
 let round = 0;
+let historyAt = -Infinity; // when it was asked for
 
 const parts = new KeyedRows({
   container: byTestId(main, "health-parts").tBodies[0],
@@ -57,6 +58,7 @@ function show({ parts: all, alerts: lasting }) {
 
 async function showHistory() {
   const asked = ++round;
+  historyAt = Date.now();
   charts.dataset.stale = "true";
   const query = robot.value ? { range, robot: robot.value } : { range };
   const { ok, code, detail, body } = await api.get("/api/v1/health/history", query);
@@ -81,6 +83,7 @@ for (const button of rangeButtons) {
 robot.addEventListener("change", showHistory);
 new LoginUse().watch(window);
 setText(part(main, "history-state"), historyTexts.loading);
-showHistory();
-setInterval(() => !document.hidden && showHistory(), HISTORY_EVERY_MS);
-tickWhileSeen(() => poller.tick());
+tickWhileSeen(() => {
+  poller.tick();
+  if (Date.now() - historyAt >= HISTORY_EVERY_MS) showHistory();
+});
