@@ -61,6 +61,8 @@ MIN_FLOOD_PER_S = 100
 STOP, MAX_STOP_BYTES = "robotether.stop", 256
 STOP_WORD = f'"{STOP}"'.encode()
 TOO_MANY = "cannot pass message: there are too many of them; send less often"
+# Number of action_msgs/GoalStatus for a goal that no action server has taken.
+STATUS_UNKNOWN = 0
 HIDING = frozenset(("fragment", "png"))
 # Refused before they count against what may be sent; all other refusals do.
 TOO_MUCH: Collection[Kind] = ("rate", "size")
@@ -69,17 +71,17 @@ TOO_MUCH: Collection[Kind] = ("rate", "size")
 class MessageRefusedError(RobotetherError):
     """The message may not go to the robot.
 
-    `answer` is the status message for the client, None when it had enough of them this second; `floods` says that
-    it was refused for its amount too often, and the connection should end.
+    `answer` is what tells the client, None when it had enough of them this second; `floods` says that it was refused
+    for its amount too often, and the connection should end.
     """
 
     answer: bytes | None = None
     floods = False
 
-    def __init__(self, kind: Kind, why: str, message_id: object = None) -> None:
+    def __init__(self, kind: Kind, why: str, message: Mapping[str, Any] | None = None) -> None:
         super().__init__(why)
         self.kind: Kind = kind
-        self.message_id = message_id
+        self.message = message or {}
 
 
 class ValidatedMessage(NamedTuple):
@@ -135,7 +137,7 @@ class MessageValidator:
         except MessageRefusedError as refused:
             now = self._clock()
             if self._answers.allow(now):
-                refused.answer = status_error(refused.detail, refused.message_id)
+                refused.answer = _refusal(refused.detail, refused.message)
             if refused.kind in TOO_MUCH:
                 refused.floods = self._refused.add(now, 1 + len(data) // KB)
             raise
@@ -148,7 +150,7 @@ class MessageValidator:
             raise MessageRefusedError("rate", TOO_MANY)
         entry = OPERATIONS.get(operation) if isinstance(operation, str) else None
         if entry is None or not isinstance(operation, str):
-            raise MessageRefusedError("operation", _unknown(operation), message.get("id"))
+            raise MessageRefusedError("operation", _unknown(operation), message)
         fields = _fields_of(operation, entry, message)
         if entry.own:
             return ValidatedMessage(b"", operation, own=fields)
@@ -184,7 +186,7 @@ class MessageValidator:
         if not (self._allowed[entry.right](name) or self._always(entry, fields, name)):
             kind: Kind = "topic" if entry.named_by == "topic" else "service"
             why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
-            raise MessageRefusedError(kind, why, fields.get("id"))
+            raise MessageRefusedError(kind, why, fields)
         if entry.right == "subscribe":
             self._count_subscription(fields)
 
@@ -212,7 +214,7 @@ class MessageValidator:
         elif not self._subscriptions.add(topic, subscription_id):
             max_count = len(self._subscriptions)
             why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
-            raise MessageRefusedError("subscriptions", why, subscription_id)
+            raise MessageRefusedError("subscriptions", why, fields)
 
     def _publish(self, fields: dict[str, Any]) -> ValidatedMessage:
         stamp = fields.pop(STAMP, None) or DriveStamp()
@@ -223,7 +225,7 @@ class MessageValidator:
             speed, turn = speeds(fields.get("msg", {}))
         except FieldRefusedError as exc:
             raise MessageRefusedError(
-                "shape", f"cannot publish to {topic}: msg {exc}", fields.get("id")
+                "shape", f"cannot publish to {topic}: msg {exc}", fields
             ) from exc
         data = write_json(fields)
         command = DriveCommand(topic, fields, data, stamp, speed, turn)
@@ -243,11 +245,30 @@ def read_stop(data: bytes) -> dict[str, Any] | None:
 
 def status_error(text: str, message_id: object) -> bytes:
     """Build rosbridge's status message; `message_id` is the id of the message it answers."""
-    status: dict[str, object] = {"op": "status", "level": "error"}
+    return _answer(message_id, {"op": "status", "level": "error", "msg": text})
+
+
+def _refusal(why: str, message: Mapping[str, Any]) -> bytes:
+    """Build the answer to a refused message: as rosbridge's to a call or goal that failed, else its status.
+
+    Who calls waits for an answer of its kind, roslibjs and roslibpy for nothing else.
+    """
+    operation, message_id = message.get("op"), message.get("id")
+    members: dict[str, object]
+    if operation == "call_service":
+        members = {"op": "service_response", "service": message.get("service")}
+    elif operation == "send_action_goal":
+        members = {"op": "action_result", "action": message.get("action"), "status": STATUS_UNKNOWN}
+    else:
+        return status_error(why, message_id)
+    return _answer(message_id, members | {"values": why, "result": False})
+
+
+def _answer(message_id: object, members: Mapping[str, object]) -> bytes:
+    answer = dict(members)
     with suppress(FieldRefusedError):
-        status["id"] = identity(message_id)
-    status["msg"] = text
-    return json.dumps(status).encode()
+        answer["id"] = identity(message_id)
+    return json.dumps(answer).encode()
 
 
 def _read(data: bytes) -> dict[str, Any]:
@@ -268,7 +289,7 @@ def _fields_of(operation: str, entry: Operation, message: Mapping[str, Any]) -> 
             fields[name] = check(value)
         except FieldRefusedError as exc:
             why = f"cannot pass {operation}: its field {name} {exc}"
-            raise MessageRefusedError("shape", why, message.get("id")) from exc
+            raise MessageRefusedError("shape", why, message) from exc
     return fields
 
 
@@ -278,7 +299,7 @@ def _check_plain_values(fields: Mapping[str, Any]) -> None:
         scalars(fields.get("args", {}))
     except FieldRefusedError as exc:
         why = f"cannot pass call_service: its field args {exc}"
-        raise MessageRefusedError("shape", why, fields.get("id")) from exc
+        raise MessageRefusedError("shape", why, fields) from exc
 
 
 def message_cost(data: bytes) -> int:
