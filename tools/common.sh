@@ -57,6 +57,11 @@ apt_install() {
 }
 
 # For tools/backup and tools/restore: programs beside the database, and in the volumes that a backup holds.
+need_database_here() { # what cannot be done
+  [[ $(tools/compose config --services) =~ (^|$'\n')mysql($|$'\n') ]] ||
+    fail "cannot $1: the database of this site is on another machine; run this there"
+}
+
 in_database() { # one of MariaDB's programs, and its arguments
   tools/compose exec -T mysql "$1" --defaults-file=/etc/mysql/mariadb.cnf "${@:2}"
 }

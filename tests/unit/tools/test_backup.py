@@ -1,5 +1,6 @@
 """tools/backup with a real database and its trial, else with programs in the place of Docker; so tools/restore."""
 
+import gzip
 import shutil
 import tarfile
 import time
@@ -109,15 +110,15 @@ def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
     """It has database, secrets and settings; a relative folder begins where the tool is called; other files stay."""
     folder = real.parent / "backups"
     folder.mkdir()
-    # The clock may have been set back since: the new one stays.
-    for name in ("20200101", "20200102", "29990101"):
+    # Two were made before the clock was set back.
+    for name in ("20200101", "20200102", "29990101", "29990102"):
         (folder / f"robotether-{name}T000000Z.tar").write_text("")
     (folder / "notes.txt").write_text("")
     begun = int(time.time())
     done = run(real, "backup", "backups", "2")
     newest = Path(done.stdout.split()[-1])
     assert newest.stat().st_mode & 0o777 == 0o600
-    assert names(folder) == {"robotether-29990101T000000Z.tar", newest.name, "notes.txt"}
+    assert names(folder) == {"robotether-20200102T000000Z.tar", newest.name, "notes.txt"}
     assert begun <= recorded(real)["made"] <= time.time()
     assert recorded(real).keys() == {"made"}
     assert "disk" in names(real / "record")
@@ -179,8 +180,10 @@ def backup_file(tmp_path):
     """What looks like a backup, of another machine's settings."""
     parts = tmp_path / "parts"
     parts.mkdir()
-    for name in ("database.sql.gz", "volumes.tar", "env"):
-        (parts / name).write_text("of then\n")
+    (parts / "database.sql.gz").write_bytes(gzip.compress(b"of then\n"))
+    (parts / "env").write_text("of then\n")
+    with tarfile.open(parts / "volumes.tar", "w") as volumes:
+        volumes.add(parts / "env", "env")
     with tarfile.open(tmp_path / "robotether.tar", "w") as file:
         file.add(parts, ".")
     return tmp_path / "robotether.tar"
@@ -200,3 +203,28 @@ def test_other_files_are_no_backup(checkout, tmp_path):
         (tmp_path / "file").write_bytes(content)
         done = run(checkout, "restore", "--database", str(tmp_path / "file"), status=1)
         assert f"cannot restore {tmp_path}/file" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("services", "is_damaged", "says"),
+    [
+        ("mysql\nweb\n", True, "it is damaged, see above. Nothing was changed"),
+        ("web\n", False, "the database of this site is on another machine"),
+    ],
+)
+def test_restore_that_cannot_succeed_stops_nothing(
+    checkout, backup_file, services, is_damaged, says
+):
+    (checkout / "services").write_text(services)
+    if is_damaged:
+        content = bytearray(backup_file.read_bytes())
+        at = content.index(gzip.compress(b"of then\n")[10:])
+        content[at] ^= 0xFF
+        backup_file.write_bytes(content)
+    write_programs(
+        checkout / "tools",
+        {"compose": COMPOSE.replace("  ps*)", "  stop*) touch stopped ;;\n  ps*)")},
+    )
+    done = run(checkout, "restore", "--database", str(backup_file), status=1)
+    assert says in done.stderr
+    assert not (checkout / "stopped").exists()
