@@ -513,7 +513,8 @@ async def test_the_driver_is_told_once_that_the_listeners_are_unknown(world: Wor
     await world.drive(0.6)
     assert world.publisher.speeds == [0.5, 0.6]
     assert world.source.refused == []
-    assert [json.loads(data)["msg"] for data in world.source.notified] == [LISTENERS_UNKNOWN]
+    status = {"op": "status", "level": "error", "msg": LISTENERS_UNKNOWN}
+    assert [json.loads(data) for data in world.source.notified] == [status]
 
 
 async def test_a_moving_robot_that_nothing_listens_for_any_more_gets_its_zeros(world):

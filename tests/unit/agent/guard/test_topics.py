@@ -145,6 +145,7 @@ STAMPED = {"twist": {"linear": {"x": 0.0}}}
 async def test_a_stop_reaches_a_robot_whose_driver_changed_the_type(world: World) -> None:
     """Neither a message nor an advertisement turns the guard's zeros into something that rosbridge refuses."""
     await world.drive(0.5)
+    await world.send(op="advertise", type="geometry_msgs/Twist")
     await world.send(op="advertise", type="geometry_msgs/TwistStamped")
     await world.drive(0.7, msg=STAMPED)
     world.controller.stop()
