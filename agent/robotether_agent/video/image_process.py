@@ -51,7 +51,8 @@ def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
 async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
     """Put each image with its times."""
     kind, clock = request["type"], FrameClock(MAX_LAG_S)
-    frames_of = H264Frames().frames_of if kind in VIDEO_TYPES else RawFrames().frames_of
+    is_video = kind in VIDEO_TYPES
+    frames_of = H264Frames().frames_of if is_video else partial(raw_frames, FrameMaker())
     async with connected(request["url"], max_message_bytes=MAX_IMAGE_MESSAGE_BYTES) as rosbridge:
         await rosbridge.subscribe(request["topic"], kind, **request["how"])
         while True:
@@ -63,15 +64,9 @@ async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
                 newest.put(DecodedFrame(frame, arrived.robot_s, timestamp_s, is_stamped))
 
 
-class RawFrames:
-    """Raw images, each of which becomes a frame when that is wanted."""
-
-    def __init__(self) -> None:
-        self._maker = FrameMaker()
-
-    def frames_of(self, message: JsonObject) -> list[Any]:
-        """Return what makes the frame of a message."""
-        return [partial(self._maker.frame, RawImage.of(message))]
+def raw_frames(maker: FrameMaker, message: JsonObject) -> list[Any]:
+    """Return what makes the frame of a message of a raw image, where that is wanted."""
+    return [partial(maker.frame, RawImage.of(message))]
 
 
 class H264Frames:
