@@ -157,18 +157,6 @@ def is_certain(signs: Signs) -> bool:
     return signs.path is Path.GONE or hopeless
 
 
-class PauseClock:
-    """Knows how long this process did not run, the machine's sleep included."""
-
-    def __init__(self) -> None:
-        self._at = robot_time()
-
-    def since_last_s(self) -> float:
-        """Return the seconds since the last call."""
-        before, self._at = self._at, robot_time()
-        return self._at - before
-
-
 class _Watch:
     """One connection, and at most one attempt to reach its server on another."""
 
@@ -184,7 +172,7 @@ class _Watch:
         self._target = target
         self._elsewhere = elsewhere
         self._dialer = target.dialer or ServerDialer()
-        self._clock = PauseClock()
+        self._checked_at = robot_time()
         self._wake = asyncio.Event()
         self._has_changed = False
         self._distrusted_until = 0.0
@@ -219,10 +207,15 @@ class _Watch:
         if self._has_changed:
             self._has_changed = False
             self._rest_until = 0.0
-        uptime_s = self._clock.since_last_s() - CHECK_EVERY_S
+        uptime_s = self._since_last_check_s() - CHECK_EVERY_S
         if uptime_s > PAUSED_S:
             log.info("this process was frozen for %.1f s: checking the server", uptime_s)
             self._distrusted_until = time.monotonic() + DISTRUST_S
+
+    def _since_last_check_s(self) -> float:
+        """Return the seconds since the last call, the machine's sleep included."""
+        before, self._checked_at = self._checked_at, robot_time()
+        return self._checked_at - before
 
     def _signs(self) -> Signs:
         connection = self._tunnel.socket
@@ -254,7 +247,7 @@ class _Watch:
             self._rest_until = time.monotonic() + REST_S
         if replace(self._signs(), is_distrusted=True).is_silent:
             self._rest_until = 0.0
-        self._clock.since_last_s()
+        self._since_last_check_s()
         return target is not None and suspicion(self._signs()) is not None
 
     async def _until_clear(self) -> None:

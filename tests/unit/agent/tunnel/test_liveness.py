@@ -11,6 +11,7 @@ from unittest.mock import Mock
 
 import pytest
 from fake_cloud import eventually
+from robotether_agent.clock import robot_time
 from robotether_agent.fields import ListedCell
 from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SshAddress
@@ -18,7 +19,6 @@ from robotether_agent.problems import NetworkChangedError, NoAnswerError, Retry,
 from robotether_agent.tunnel import liveness
 from robotether_agent.tunnel.liveness import (
     Path,
-    PauseClock,
     Signs,
     is_certain,
     path_of,
@@ -217,7 +217,7 @@ async def test_after_standing_still_less_silence_is_enough(watched, monkeypatch)
     session.silent_s = liveness.DISTRUSTED_AFTER_S + 0.1
     await asyncio.wait({task}, timeout=0.1)
     assert dialer.asked == 0
-    monkeypatch.setattr(PauseClock, "since_last_s", lambda _: 30.0)
+    monkeypatch.setattr(liveness, "robot_time", lambda: robot_time() + 30.0)
     dialer.answers.set()
     with pytest.raises(ServerSilentError):
         await asyncio.wait_for(task, 5)
