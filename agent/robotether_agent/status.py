@@ -200,8 +200,8 @@ def is_alive(status: Status, now: float) -> bool:
 
 def render(status: Status, now: float, no_encoder: str = "") -> str:
     """Return `status` for a person; `no_encoder` says why video is always JPEG."""
-    state = MEANINGS.get(status.state, status.state)
-    if not is_alive(status, now) and status.state != "stopped":
+    state, runs = MEANINGS.get(status.state, status.state), is_alive(status, now)
+    if not runs and status.state != "stopped":
         state = f"not running (last sign of life {_when(status.written_at)})"
     rows = [
         ("state", f"{state} since {_when(status.since)}"),
@@ -210,7 +210,7 @@ def render(status: Status, now: float, no_encoder: str = "") -> str:
         ("mac", _mac(status)),
         ("key", status.fingerprint or "(none yet)"),
     ]
-    if status.state == CONNECTED and is_alive(status, now):
+    if status.state == CONNECTED and runs:
         rtt = "unknown" if status.rtt_ms < 0 else f"{status.rtt_ms:.1f} ms"
         rows += [
             ("ssh", status.ssh),
@@ -221,7 +221,17 @@ def render(status: Status, now: float, no_encoder: str = "") -> str:
         ]
     if status.stopped_by:
         rows += [("STOPPED", f"by {status.stopped_by}; a driver releases it on its page")]
-    rows += [
+    # Without an agent nobody knows them, and there is no guard.
+    if runs:
+        rows += _service_rows(status, no_encoder)
+    if status.new_key:
+        rows += [("new key", status.new_key)]
+    rows += _problem_rows(status)
+    return "\n".join(f"{name:<13} {value}".rstrip() for name, value in rows)
+
+
+def _service_rows(status: Status, no_encoder: str) -> list[tuple[str, str]]:
+    rows = [
         ("guard", _service(status.guard, status.guard_detail)),
         ("rosbridge", _service(status.ros, status.ros_detail)),
         ("video", _service(status.video, status.video_detail)),
@@ -233,10 +243,7 @@ def render(status: Status, now: float, no_encoder: str = "") -> str:
         advice = status.ros_exposed_advice
         exposed = f"rosbridge answers at {status.ros_exposed}: {PAST_GUARD}; {advice}"
         rows += [("warning", exposed)]
-    if status.new_key:
-        rows += [("new key", status.new_key)]
-    rows += _problem_rows(status)
-    return "\n".join(f"{name:<13} {value}".rstrip() for name, value in rows)
+    return rows
 
 
 def _problem_rows(status: Status) -> list[tuple[str, str]]:

@@ -104,7 +104,12 @@ def test_a_problem_that_is_over(place):
 def test_an_agent_that_no_longer_writes_is_not_running():
     assert is_alive(UP, NOW + STALE_S - 1)
     assert not is_alive(UP, NOW + STALE_S + 1)
-    assert "not running (last sign of life 2023-11-14 22:13:20 UTC)" in render(UP, NOW + 60)
+    shown = render(replace(UP, stopped_by="ben"), NOW + 60)
+    assert "not running (last sign of life 2023-11-14 22:13:20 UTC)" in shown
+    # What it said of guard and rosbridge is of then; a stop outlives it.
+    assert [word for word in ("guard", "rosbridge", "video", "STOPPED") if word in shown] == [
+        "STOPPED"
+    ]
 
 
 def test_the_file_holds_what_was_set(place):
