@@ -145,7 +145,6 @@ class DriveController:
     def on_disconnected(self, source: CommandSource) -> None:
         """Zero what this connection moves: it is no more."""
         self._lost(lambda other: other is source)
-        self._topics.forget_source(source)
         if self._driver is source:
             self._driver = None
 

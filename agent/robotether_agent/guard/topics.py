@@ -227,12 +227,6 @@ class Topics:
             if topic.waiting is not None and concerned(topic.waiting.source):
                 topic.waiting = None
 
-    def forget_source(self, source: CommandSource) -> None:
-        """Let go of a source that is gone."""
-        for topic in self:
-            if topic.source is source:
-                topic.source = topic.seen = None
-
 
 @dataclass
 class _Phase:

@@ -101,8 +101,7 @@ def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
     assert {topics.ensure(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
-def test_what_a_source_sent_goes_with_it() -> None:
-    """What waits is forgotten, and no reference to it stays."""
+def test_what_waits_of_a_source_goes_with_it() -> None:
     topics, on_disconnected, other = Topics(), FakeSource(), FakeSource()
     for name, source in (("/a", on_disconnected), ("/b", other)):
         topic = topics.add(name)
@@ -112,8 +111,7 @@ def test_what_a_source_sent_goes_with_it() -> None:
         )
     assert topics.of(lambda source: source is on_disconnected) == ["/a"]
     topics.forget_waiting(lambda source: source is on_disconnected)
-    topics.forget_source(on_disconnected)
-    assert [(t.source, t.waiting is None) for t in topics] == [(None, True), (other, False)]
+    assert [topic.waiting is None for topic in topics] == [True, False]
 
 
 async def test_a_topic_is_advertised_on_the_publisher(world: World) -> None:
