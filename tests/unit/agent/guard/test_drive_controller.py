@@ -350,6 +350,9 @@ async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
     assert len(world.publisher.sent) == 1 + ZEROS_AFTER_RECONNECT
     assert world.publisher.sent[1]["msg"]["header"] == {"frame_id": "base"}
     assert world.motion_file.driven is None
+    await world.drive(0.1)
+    world.controller.on_rosbridge_lost()
+    assert counted(world) == {"fault": 2}
 
 
 async def test_motion_nobody_knows_is_zeroed_by_the_settings(world: World) -> None:
