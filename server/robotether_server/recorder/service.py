@@ -75,6 +75,8 @@ class RecorderService:
         self._open: dict[int, tuple[RobotRecorder, RecordingCause, str]] = {}
         # Those that ended here, whose row may still say otherwise.
         self._ended: set[int] = set()
+        # Some GB take minutes, in which all else goes on.
+        self._repairs: set[asyncio.Task[None]] = set()
         # The code of why nothing more is recorded; None: it may be.
         self._full: str | None = None
         self._bytes_elsewhere = 0
@@ -103,6 +105,7 @@ class RecorderService:
             self._end(recording_id, "recorder_stopped")
         for robot in self._robots.values():
             await robot.close()
+        await end_tasks(self._repairs)
         await self._store.flush()
 
     async def _flush(self) -> None:
@@ -171,7 +174,10 @@ class RecorderService:
             await self._delete(row.id)
         elif row.started_at is not None and row.ended_at is None:
             if row.id not in self._ended:
-                self._end_former(row)
+                self._ended.add(row.id)
+                task = asyncio.create_task(self._end_former(row))
+                self._repairs.add(task)
+                task.add_done_callback(self._repairs.discard)
         elif row.started_at is None and row.id not in self._ended:
             await self._begin_asked(row, robot)
 
@@ -311,11 +317,11 @@ class RecorderService:
             if code is not None:
                 self._end(number, code)
 
-    def _end_former(self, row: RecordingRow) -> None:
+    async def _end_former(self, row: RecordingRow) -> None:
         """End a recording of the recorder before this one, whose file is made whole."""
         path, ended_at, progress = path_of(self._folder, row.id), utc_now(), None
         try:
-            index = repair(path)
+            index = await asyncio.to_thread(repair, path)
             if index is not None and index.end_ns:
                 ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
                 progress = Progress(

@@ -5,6 +5,7 @@ import contextlib
 import json
 import os
 import struct
+import threading
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -299,6 +300,26 @@ async def test_what_may_not_begin_does_not(recorder, store, settings, changes, c
     store.change(1, **changes)
     await until(lambda: store.code() == code, "it is refused")
     assert not file_of(settings).exists()
+
+
+async def test_a_large_file_of_a_killed_recorder_delays_nobody(recorder, store, monkeypatch):
+    begun, goes_on, results = threading.Event(), threading.Event(), []
+
+    def repair(_path):
+        begun.set()
+        results.append(goes_on.wait(5))
+
+    monkeypatch.setattr(service, "repair", repair)
+    await until(lambda: recorder.channel.is_open, "the recorder is connected")
+    store.ask()
+    store.change(1, started_at=utc_now(), cell="main")
+    await until(begun.is_set, "the file is made whole")
+    store.ask(2)
+    store.change(2, may_go_on=False)
+    await until(lambda: store.code(2) == "right_ended", "what comes next is dealt with")
+    goes_on.set()
+    await until(lambda: store.code() == "recorder_restarted", "it has ended")
+    assert results == [True]
 
 
 @pytest.mark.parametrize("when", ["always", "driven", "on_stop"])
