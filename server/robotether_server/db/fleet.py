@@ -323,9 +323,8 @@ def _write_one(tx: Transaction, entry: Entry, cell: str | None) -> int | None:
         case AuditEntry():
             source = Source(entry.actor, entry.address)
             audit.record(tx, source, entry.kind, entry.robot, entry.at, **entry.details)
-        case HelpEntry(robot_id, source, reason, priority, pool):
-            values = (robot_id, source, reason, priority, pool)
-            tx.change("CALL ask_for_help(%s, %s, %s, %s, %s)", values)
+        case HelpEntry():
+            ask_for_help(tx, **vars(entry))
         case FormerSessions():
             _end_former_sessions(tx, entry, cell)
             control.end_former(tx, entry.before, cell)
