@@ -21,7 +21,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Lock, Thread
 from time import monotonic
-from typing import IO, Protocol, TextIO
+from typing import IO, TextIO
 
 import click
 import fabric
@@ -51,16 +51,6 @@ LIFELINE = (
 _ESCAPES = {code: f"\\x{code:02x}" for code in (*range(32), *range(127, 160)) if chr(code) != "\t"}
 
 log = logging.getLogger(__name__)
-
-
-class Sink(Protocol):
-    """Where one output of one robot goes."""
-
-    def write(self, text: str) -> None:
-        """Process the next piece."""
-
-    def close(self) -> None:
-        """Take notice that there is no more."""
 
 
 class Lines:
@@ -109,6 +99,10 @@ class Captured:
 
     def close(self) -> None:
         """There is nothing more to come."""
+
+
+# Where one output of one robot goes.
+Sink = Lines | Captured
 
 
 def on_lifeline(command: str, *, sudo: bool = False, password: bool = False) -> str:

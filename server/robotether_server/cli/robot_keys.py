@@ -117,7 +117,7 @@ def _choose(database: Database, name: str, *, yes: bool) -> str:
     robot, waiting = _find(database, name)
     if not waiting and robot.state == "active" and robot.fingerprint:
         return robot.fingerprint
-    _check_can_be_approved(robot)
+    robots.check_not_disabled(robot)
     key = _only(waiting, robot, "approve")
     if not yes:
         print_fields(robot_texts.waiting_identity(key, robot))
@@ -127,14 +127,6 @@ def _choose(database: Database, name: str, *, yes: bool) -> str:
             f"take the key {key.fingerprint}, {COMPARE}, and give that one with --fingerprint",
         )
     return key.fingerprint
-
-
-def _check_can_be_approved(robot: RobotRow) -> None:
-    if robot.state == "disabled":
-        raise NotDoneError(
-            f"cannot approve robot {robot.name}: it is disabled; "
-            f"use: robotether robot enable {robot.name}"
-        )
 
 
 def _only(waiting: list[PendingKey], robot: RobotRow, action: str) -> PendingKey:

@@ -97,7 +97,7 @@ def approve(tx: Transaction, source: Source, name: str, fingerprint: str) -> Rob
     Approving the key that an active robot has changes nothing.
     """
     robot = _get(tx, name)
-    _check_not_disabled(robot)
+    check_not_disabled(robot)
     claim = _claim_of(tx, robot, fingerprint)
     if claim is not None:
         robots.remove_claim(tx, claim.id)
@@ -297,7 +297,8 @@ def _claim_of(tx: Transaction, robot: RobotRow, fingerprint: str) -> Claim | Non
     return claim if claim is not None and claim.robot_id == robot.id else None
 
 
-def _check_not_disabled(robot: RobotRow) -> None:
+def check_not_disabled(robot: RobotRow) -> None:
+    """Raise NotPossibleError for a robot whose keys cannot be approved."""
     if robot.state == "disabled":
         raise NotPossibleError(
             f"cannot approve robot {robot.name}: it is disabled; "

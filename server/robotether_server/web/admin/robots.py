@@ -14,7 +14,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import LEVELS, SITES
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.seen_robots import FREE, ControlState, SeenRobot
-from robotether_server.problems import RobotetherError, RobotUnknownError
+from robotether_server.problems import RobotetherError
 from robotether_server.schemas import MAX_NAME_LENGTH
 from robotether_server.services import grants as grant_service
 from robotether_server.services import robots
@@ -204,12 +204,7 @@ def page_of(name: str) -> str:
 
 def find(tx: Transaction, name: str) -> SeenRobot:
     """Return the robot of that name, as an admin sees it; raise RobotUnknownError."""
-    seen = seen_robots.find_seen(tx, current_user.get(), name)
-    if seen is None:
-        raise RobotUnknownError(
-            f"cannot show robot {name}: there is none of that name; it may have been renamed or removed"
-        )
-    return seen
+    return seen_robots.require(tx, current_user.get(), name, "manage", "show")
 
 
 def confirmation_words(name: str) -> Words:
