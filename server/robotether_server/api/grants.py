@@ -169,16 +169,7 @@ def _the_one(choices: list[T], kinds: str) -> T:
 
 
 def _describe(grant: Grant) -> ShownGrant:
-    return ShownGrant(
-        id=grant.id,
-        user=grant.user,
-        group=grant.group,
-        robot=grant.robot,
-        site=grant.site,
-        all=grant.is_for_all,
-        level=grant.level,
-        ends_at=grant.ends_at,
-    )
+    return ShownGrant(**vars(grant), all=grant.is_for_all)
 
 
 @operation("GET", "/groups", "admin")
