@@ -7,17 +7,26 @@ from flask import Response
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import exports
-from robotether_server.api.auth import Caller
+from robotether_server.api.auth import Caller, check_admin
 from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation
 from robotether_server.contract.audit import AuditEvent
-from robotether_server.db import audit, controllers
+from robotether_server.db import Transaction, audit, controllers
 from robotether_server.db.audit import AuditSearch
 from robotether_server.db.controllers import Controller
+from robotether_server.db.users import User
 from robotether_server.schemas import GivenTimestamp, Label
 
 COLUMNS = ("id", "at", "actor", "kind", "robot", "address", "details")
 download = partial(exports.download, columns=COLUMNS, filename="robotether-audit")
+
+
+def find_events(
+    tx: Transaction, viewer: User, search: AuditSearch, *, before: int | None, limit: int
+) -> list[AuditEvent]:
+    """Return the events for an admin; raise GrantMissingError for another user."""
+    check_admin(viewer)
+    return audit.find(tx, search, before=before, limit=limit)
 
 
 class AuditQuery(ListQuery):
@@ -43,11 +52,13 @@ def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Res
         since=query.since or None,
         until=query.until or None,
     )
-    find = partial(audit.find, search=search)
+    find = partial(find_events, search=search)
     before = query.before or None
     if query.format:
         return download(find, query.format, before=before, limit=query.limit or None)
-    return AuditEventList(find(caller.tx, before=before, limit=query.limit or USUAL_LIMIT))
+    return AuditEventList(
+        find(caller.tx, caller.user, before=before, limit=query.limit or USUAL_LIMIT)
+    )
 
 
 class ControllerQuery(Struct, forbid_unknown_fields=True):

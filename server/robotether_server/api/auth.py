@@ -61,7 +61,7 @@ def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
     make the browser send the cookie.
     """
     try:
-        user = _credential_user(tx, request, renew=renew)
+        user = credential_user(tx, request, renew=renew)
     except UnauthorizedError:
         context().recent_users.forget(credential_of(request))
         raise
@@ -70,7 +70,8 @@ def api_user(tx: Transaction, request: Request, *, renew: bool = True) -> User:
     return user
 
 
-def _credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
+def credential_user(tx: Transaction, request: Request, *, renew: bool) -> User:
+    """Return the user of a Bearer token, else of a login; raise LoginMissingError or TokenInvalidError."""
     header = request.headers.get("Authorization")
     if header is not None:
         return credentials.get_token_user(tx, _bearer(header))

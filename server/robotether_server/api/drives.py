@@ -59,11 +59,11 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
         until=query.until or None,
         fence=None if query.fence is UNSET else query.fence,
     )
-    find = partial(drives.find, viewer=caller.user, search=search)
+    find = partial(drives.find, search=search)
     before = query.before or None
     if query.format:
         return download(find, query.format, before=before, limit=query.limit or None)
-    return DriveList(find(caller.tx, before=before, limit=query.limit or USUAL_LIMIT))
+    return DriveList(find(caller.tx, caller.user, before=before, limit=query.limit or USUAL_LIMIT))
 
 
 @operation("GET", "/drives/<int:drive_id>", "user", tag="robots")

@@ -10,9 +10,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import chain, islice
 from typing import Annotated, Literal, Protocol, TypeVar
 
-from flask import Response
+from flask import Response, request, stream_with_context
 from msgspec import UNSET, Meta, Struct, UnsetType
 
+from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.api.operations import plain
 from robotether_server.schemas import GivenTimestamp, Label
@@ -91,17 +92,20 @@ def download(
     before: int | None = None,
     limit: int | None = None,
 ) -> Response:
-    """Stream what `find(tx, before=..., limit=...)` finds, each piece in a transaction of its own.
+    """Stream what `find(tx, viewer, before=..., limit=...)` finds, each piece in a transaction of its own.
 
-    The caller has checked that the user may see it.
+    Each is for the user of the request's login or token as they are then: a slow reader must not outlive a right.
     """
     database = context().database
 
     def fetch(last: int | None, count: int) -> list[R]:
         with database.transaction() as tx:
-            return find(tx, before=before if last is None else last, limit=count)
+            viewer = auth.credential_user(tx, request, renew=False)
+            return find(tx, viewer, before=before if last is None else last, limit=count)
 
-    return answer((plain(record) for record in everything(fetch, limit)), columns, kind, filename)
+    response = answer(map(plain, everything(fetch, limit)), columns, kind, filename)
+    response.response = stream_with_context(response.iter_encoded())
+    return response
 
 
 def answer(

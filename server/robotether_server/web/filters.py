@@ -15,6 +15,7 @@ from robotether_server.api.context import context
 from robotether_server.api.exports import R
 from robotether_server.db import Transaction
 from robotether_server.problems import FieldInvalidError
+from robotether_server.web import current_user
 
 LENGTH_OF_DAY_TEXT = 10
 PER_PAGE = 50
@@ -45,7 +46,7 @@ def register(
 ) -> None:
     """Make the page of a list, and /download, which sends all that matches as a file.
 
-    `names` are those of the filters. `finder` returns what finds records, `find(tx, before=..., limit=...)`.
+    `names` are those of the filters. `finder` returns what finds records, `find(tx, viewer, before=..., limit=...)`.
     """
 
     def show() -> str | tuple[str, int]:
@@ -53,7 +54,7 @@ def register(
         with context().database.transaction() as tx:
             values = {"query": query, "choices": offer(tx), "files": files(request.path, query)}
             try:
-                rows = finder(query)(tx, before=before(), limit=ROWS_TO_READ)
+                rows = finder(query)(tx, current_user.get(), before=before(), limit=ROWS_TO_READ)
                 listing = page(request.path, query, rows)
             except FieldInvalidError as problem:
                 empty = Page[R]([], None, None)

@@ -5,9 +5,9 @@ from functools import partial
 
 from flask import Blueprint
 
-from robotether_server.api.audit import download
+from robotether_server.api.audit import download, find_events
 from robotether_server.contract.audit import AuditEvent, event_names
-from robotether_server.db import Transaction, audit, seen_robots, users
+from robotether_server.db import Transaction, seen_robots, users
 from robotether_server.db.audit import AuditSearch
 from robotether_server.web import filters
 from robotether_server.web.filters import FilterChoices, Query
@@ -23,7 +23,7 @@ def _finder(query: Query) -> Callable[..., list[AuditEvent]]:
         since=filters.since(query),
         until=filters.until(query),
     )
-    return partial(audit.find, search=search)
+    return partial(find_events, search=search)
 
 
 def _offer(tx: Transaction) -> FilterChoices:

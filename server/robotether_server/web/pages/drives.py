@@ -22,7 +22,7 @@ def _finder(query: Query) -> Callable[..., list[Drive]]:
         since=filters.since(query),
         until=filters.until(query),
     )
-    return partial(drives.find, viewer=current_user.get(), search=search)
+    return partial(drives.find, search=search)
 
 
 def _offer(tx: Transaction) -> FilterChoices:

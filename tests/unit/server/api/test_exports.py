@@ -6,7 +6,10 @@ import json
 from types import SimpleNamespace
 
 import pytest
+from drive_records import add_drive
 from robotether_server.api import exports
+from robotether_server.db import credentials
+from robotether_server.problems import TokenInvalidError
 
 COLUMNS = ("id", "actor", "details")
 PIECE = exports.PIECE
@@ -31,6 +34,22 @@ def test_everything_up_to_the_limit_comes_piece_by_piece(total, limit):
 
     found = [item.id for item in exports.everything(fetch, limit)]
     assert found == read == list(range(total, total - min(total, limit or total), -1))
+
+
+@pytest.mark.parametrize("path", ["/audit", "/drives"])
+def test_a_file_ends_with_the_right_to_it(root, database, admin_database, monkeypatch, path):
+    """Who reads slowly gets no more of it."""
+    for fence in range(3):
+        add_drive(admin_database, "sim1", "root", fence=fence)
+        root.ask("PATCH", "/robots/sim1", {"shell": fence % 2 == 0})
+    monkeypatch.setattr(exports, "PIECE", 1)
+    lines = root.ask("GET", f"{path}?format=jsonl").iter_encoded()
+    assert json.loads(next(lines))["id"]
+    with database.transaction() as tx:
+        [token] = credentials.list_tokens(tx)
+        credentials.delete_token(tx, token.id)
+    with pytest.raises(TokenInvalidError):
+        list(lines)
 
 
 @pytest.mark.parametrize("text", ["=1+1", "+1", "-1", "@x", "\t=1", "\r=1", "\n=1"])
