@@ -13,7 +13,7 @@ from robotether_server.services import tokens
 
 FIRST_ADMIN = "admin"
 # Who acts in the audit log, and makes join tokens, but is no user.
-PARTS = ("cli", "planner", "recorder", "restore", "robot", "sshd")
+PARTS = ("cli", "migrate", "planner", "recorder", "relay", "restore", "robot", "sshd")
 
 
 def add(tx: Transaction, source: Source, name: str, password: str, role: Role) -> User:
