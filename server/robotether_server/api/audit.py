@@ -72,9 +72,10 @@ def show_controller(caller: Caller, robot: str, query: ControllerQuery) -> Contr
     """Get who held control of a robot at a time, with proof.
 
     `nobody` and `unknown` are different answers; `reason` says why it is unknown: the time is in the future (`future`),
-    too new for all lines to be there (`too_new`), before the log's first line (`before_log`), in a drive whose end
-    nobody recorded (`end_unknown`), between a backup and when it was put back (`restored`), or behind lines that a
-    relay could not write (`lines_lost`). The proof has the lines of control as they are, of all others the hash, up to
-    the next signed heads (docs/reference/audit-log.md). Times are by the clock of the machine that wrote the line.
+    too new for all lines to be there (`too_new`), before the log's first line of this robot (`before_log`), in a drive
+    whose end nobody recorded (`end_unknown`), between a backup and when it was put back (`restored`), or behind lines
+    that a relay could not write (`lines_lost`). The proof has the lines of control as they are, of all others the hash,
+    up to the next signed heads (docs/reference/audit-log.md). Times are by the clock of the machine that wrote the
+    line.
     """
     return controllers.find(caller.tx, robot, query.at)

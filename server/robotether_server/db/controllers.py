@@ -70,8 +70,9 @@ def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
     now = audit.now(tx)
     if at > now:
         return Controller(robot, at, "unknown", "future")
-    chain = _name_at(tx, robot, at)
-    first = _line(tx, chain, "TRUE", (), "position")
+    chain, since = _name_at(tx, robot, at)
+    # Of what another robot of that name left before, nothing counts.
+    first = _line(tx, chain, "at >= %s", (since,), "position")
     if first is None or at < first["at"]:
         return Controller(chain, at, "unknown", "before_log")
     if _may_be_lost(tx, chain, at):
@@ -112,7 +113,9 @@ def _were_lost(tx: Transaction, chain: str, at: dt.datetime) -> bool:
 
 
 def _find(tx: Transaction, chain: str, at: dt.datetime, first: Row) -> Controller:
-    start = _line(tx, chain, "kind IN %s AND at <= %s", (STARTS, at), "at DESC, position DESC")
+    condition = "kind IN %s AND at <= %s AND position >= %s"
+    values = (STARTS, at, first["position"])
+    start = _line(tx, chain, condition, values, "at DESC, position DESC")
     if start is None:
         return _before_first_start(tx, chain, at, first)
     fence = _details(start).get("fence")
@@ -155,7 +158,8 @@ def _at_least(
 
 def _before_first_start(tx: Transaction, chain: str, at: dt.datetime, first: Row) -> Controller:
     """Nobody, unless the chain begins within a drive: then its first line of control is an end."""
-    control = _line(tx, chain, "kind IN %s", (CONTROL,), "position")
+    condition = "kind IN %s AND position >= %s"
+    control = _line(tx, chain, condition, (CONTROL, first["position"]), "position")
     if control is None or control["kind"] in STARTS:
         proof = _proof(tx, chain, first["position"], first["position"])
         return Controller(chain, at, "nobody", proof=proof)
@@ -192,15 +196,19 @@ def _without_end(tx: Transaction, drive: Controller) -> Controller:
     return _at_least(drive, row["updated_at"], "too_new" if row["lasts"] else "end_unknown")
 
 
-def _name_at(tx: Transaction, robot: str, at: dt.datetime) -> str:
-    """Return the name that the robot had then."""
-    names = [robot]
+def _name_at(tx: Transaction, robot: str, at: dt.datetime) -> tuple[str, dt.datetime]:
+    """Return the name that the robot had then, and since when; each may have been another robot's before."""
+    [row] = tx.rows("SELECT created_at FROM robots WHERE name = %s", (robot,))
+    name, until = robot, audit.now(tx)
     while True:
-        row = _line(tx, names[-1], "kind = 'robot_renamed' AND at > %s", (at,), "at, position")
-        was = None if row is None else _details(row).get("was")
-        if was is None or was in names:
-            return names[-1]
-        names.append(str(was))
+        # Back from now, by the names that this robot had.
+        condition = "kind = 'robot_renamed' AND at BETWEEN %s AND %s"
+        values = (row["created_at"], until)
+        renamed = _line(tx, name, condition, values, "at DESC, position DESC")
+        if renamed is None or renamed["at"] <= at:
+            return name, renamed["at"] if renamed else row["created_at"]
+        name = str(_details(renamed)["was"])
+        until = renamed["at"] - dt.timedelta(microseconds=1)
 
 
 def _proof(tx: Transaction, chain: str, first: int, last: int) -> Proof:

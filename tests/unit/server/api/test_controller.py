@@ -5,6 +5,7 @@ from urllib.parse import quote
 
 import msgspec
 import pytest
+from api_visitor import new_public_key
 from robotether_server import audit_chain
 from robotether_server.audit_chain import ChainLine
 from robotether_server.db import control, fleet
@@ -48,6 +49,7 @@ def older_log(admin_database, root):
     """The lines that the other fixtures wrote are an hour old."""
     with admin_database.transaction() as tx:
         tx.change("UPDATE audit_events SET at = at - INTERVAL 60 MINUTE")
+        tx.change("UPDATE robots SET created_at = created_at - INTERVAL 60 MINUTE")
 
 
 @pytest.fixture
@@ -175,3 +177,21 @@ def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
     root.ask("PATCH", f"/robots/{ROBOT}", {"name": "new"})
     assert answer(at(minutes(25), "new")) == ("driver", "ann", None)
     assert at(minutes(25), "new")["robot"] == ROBOT
+    # There and back, while another robot had the name.
+    for name, new in (("sim2", ROBOT), (ROBOT, "sim2"), ("new", ROBOT)):
+        root.ask("PATCH", f"/robots/{name}", {"name": new})
+    assert answer(at(minutes(25))) == ("driver", "ann", None)
+    assert answer(at(minutes(25), "sim2")) == ("unknown", None, "before_log")
+
+
+def test_robot_with_the_name_of_a_removed_one_has_none_of_its_drives(at, write, first_line, root):
+    """Nor of one without an end, whose number its own drive has."""
+    write(line("drive_started", minutes(30), fence=1))
+    root.ask("DELETE", f"/robots/{ROBOT}")
+    body = {"mac": "00:1b:44:00:00:09", "public_key": new_public_key()}
+    assert root.ask("PUT", f"/robots/{ROBOT}", body).status_code == 201
+    added = dt.datetime.now(dt.UTC)
+    write(line("drive_started", added, "ben", fence=1))
+    write(line("drive_ended", added, "ben", fence=1, lasted_s=0.0))
+    assert answer(at(minutes(25))) == ("unknown", None, "before_log")
+    assert at(added - dt.timedelta(microseconds=1))["user"] is None
