@@ -148,6 +148,8 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self.is_ready = False
         # Why it brings nothing now; None: it does, or that is not known yet.
         self.failure: str | None = None
+        # The last failure of which each client was notified since the last message: one may come again and again.
+        self._notified: dict[TopicClient, str] = {}
         # What newcomers may get, the newest last.
         self._remembered: deque[ReceivedMessage] = deque()
         self._remembered_bytes = 0
@@ -177,6 +179,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         """Give a message to all who share the topic."""
         if not self.is_ready:
             self.on_ready()
+        self._notified.clear()
         self._remember(message, kind)
         if self.is_asked_for:
             self._note_received(digest(message))
@@ -185,11 +188,16 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
 
     def on_failed(self, why: str) -> None:
         """Tell all, once, that it brings nothing for now."""
-        if self.failure is None:
-            for subscriber in list(self.users):
-                subscriber.on_topic_failed(self.key.topic, why)
-        self.failure = why
-        self.is_ready = False
+        has_recovered, self.failure, self.is_ready = self.failure is None, why, False
+        for subscriber in list(self.users):
+            last = self._notified.get(subscriber)
+            if last is None or (has_recovered and last != why):
+                self.notify_of_failure(subscriber, why)
+
+    def notify_of_failure(self, subscriber: TopicClient, why: str) -> None:
+        """Notify a client that shares it why it brings nothing for now."""
+        self._notified[subscriber] = why
+        subscriber.on_topic_failed(self.key.topic, why)
 
     def date_for(self, user: TopicClient) -> None:
         """Keep the age of messages bounded as long as this user shares the topic."""
@@ -199,6 +207,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     def on_left(self, user: TopicClient) -> None:
         """Keep nothing for a user that shares it no more."""
         self.newcomers.pop(user, None)
+        self._notified.pop(user, None)
         self._dated_for.discard(user)
         if not self._dated_for:
             self.is_dated.clear()
@@ -281,7 +290,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
         """Share a topic, with what a newcomer missed; raise TopicRefusedError for a new one beyond the limit."""
         topic = self.watch(robot, subscription, subscriber, limit)
         if topic.failure is not None:
-            subscriber.on_topic_failed(subscription.topic, topic.failure)
+            topic.notify_of_failure(subscriber, topic.failure)
         elif topic.is_unkept:
             subscriber.on_topic_failed(subscription.topic, UNKEPT)
         elif by_digest := topic.by_digest():

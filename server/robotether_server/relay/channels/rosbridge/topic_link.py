@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 from aiohttp import ClientError, WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
+from msgspec import Struct
 from robotether_common.topics import KNOWN, KNOWN_OP, MAX_KNOWN, PATH
 
 from robotether_server.db.fleet import RelayRobot
@@ -33,6 +34,7 @@ from robotether_server.relay.http.sockets import RobotSocket, own_words
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 from robotether_server.relay.robots.media_dialer import MediaPath
 from robotether_server.relay.robots.registry import SessionRegistry
+from robotether_server.robot_json import read_robot_json
 from robotether_server.tasks import end_tasks
 from robotether_server.times import delays
 
@@ -47,6 +49,8 @@ FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S = 30.0, 600.0
 # aiohttp's words for a message over the limit, which it refuses by the size that is announced.
 ANNOUNCED = re.compile(r"Message size (\d+)")
 MEGABYTE = 1024 * 1024
+# Maximum size of what rosbridge reports of a subscription; a message may be far larger.
+MAX_STATUS_BYTES = 16 * 1024
 # Interval between pings that bound the age of messages: an age is at most this and a round trip too high.
 DATED_EVERY_S = 0.1
 # Time limit for what a robot repeats to a newcomer.
@@ -150,6 +154,7 @@ class TopicLinks:
                 if topic.timestamps is not None:
                     topic.timestamps.pong(payload)
 
+        has_brought = False
         while True:
             message = await socket.next_message(on_control)
             is_binary = message.type is WSMsgType.BINARY
@@ -158,15 +163,23 @@ class TopicLinks:
                 if isinstance(notice, FailureNotice):
                     topic.on_failed(notice.why)
             elif is_binary or message.type is WSMsgType.TEXT:
+                if not has_brought and (why := _refusal_in(message.data)) is not None:
+                    # As of a topic that nobody advertises yet: it is requested again.
+                    return why
+                has_brought = True
                 topic.on_message(message.data, message.type)
-            elif message.type is WSMsgType.CLOSE:
-                why = own_words(message.extra) or "rosbridge ended the subscription"
-                if message.data == WSCloseCode.MESSAGE_TOO_BIG:
-                    raise MessageTooLargeError(why)
-                return why
             else:
-                self._check_size(message.data)
-                return "the connection broke"
+                return self._why_ended(message)
+
+    def _why_ended(self, last: WSMessageNoDecodeText) -> str:
+        """Return why a connection ended; raise MessageTooLargeError where it did by a message over the limit."""
+        if last.type is WSMsgType.CLOSE:
+            why = own_words(last.extra) or "rosbridge ended the subscription"
+            if last.data == WSCloseCode.MESSAGE_TOO_BIG:
+                raise MessageTooLargeError(why)
+            return why
+        self._check_size(last.data)
+        return "the connection broke"
 
     def _check_size(self, error: object) -> None:
         """Raise MessageTooLargeError where a connection ended by a message over the limit."""
@@ -205,3 +218,23 @@ def _name_in(message: WSMessageNoDecodeText) -> object:
     except NotJsonError:
         return None
     return answer.get("digest") if answer.get("op") == KNOWN_OP else None
+
+
+class RosbridgeStatus(Struct):
+    """What rosbridge reports."""
+
+    op: str
+    level: str = ""
+    msg: str = ""
+
+
+def _refusal_in(message: bytes) -> str | None:
+    """Return why rosbridge refuses a subscription; None: this is a message of the topic."""
+    if len(message) > MAX_STATUS_BYTES:
+        return None
+    try:
+        status = read_robot_json(message, RosbridgeStatus)
+    except (ValueError, RecursionError):
+        return None
+    is_refusal = status.op == "status" and status.level == "error"
+    return f"rosbridge reports {status.msg[:200]!r}" if is_refusal else None

@@ -164,6 +164,43 @@ async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
     assert await TopicLinks(open_topic, None, 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
 
 
+class AnsweringSocket(RepeatingSocket):
+    """A robot's connection with one answer to the subscription."""
+
+    received_bytes = staticmethod(lambda: 0)
+
+    def __init__(self, answer):
+        super().__init__()
+        self.answers = [aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, answer, None)]
+
+    async def ping(self): ...
+
+    async def next_message(self, on_control):
+        # rosbridge answers a ping before what it has to think about.
+        on_control(aiohttp.WSMsgType.PONG, b"")
+        return self.answers.pop() if self.answers else await asyncio.Event().wait()
+
+
+async def test_what_rosbridge_refuses_is_requested_again(relay, sim1):
+    """As a topic without a type that nobody advertises yet: newcomers would share a copy that brings nothing."""
+    refusal = b'{"op": "status", "level": "error", "msg": "no such topic"}'
+    news = b'{"op": "publish", "topic": "/odom", "msg": {}}'
+    sockets, got = [AnsweringSocket(answer) for answer in (refusal, refusal, news)], asyncio.Queue()
+
+    async def open_topic(*_args):
+        return sockets.pop(0)
+
+    client, topic = Client(), SharedTopic(sim1, TopicRequest("/odom"))
+    client.on_topic_failed = lambda _topic, why: got.put_nowait(why)
+    client.on_message = lambda _topic, message, _kind: got.put_nowait(message)
+    topic.users.add(client)
+    links = TopicLinks(open_topic, relay.relay.registry, 1024, b"notice")
+    bringing = asyncio.create_task(links.run(topic))
+    assert await asyncio.wait_for(got.get(), WAIT_S) == "rosbridge reports 'no such topic'"
+    assert await asyncio.wait_for(got.get(), WAIT_S) == news
+    bringing.cancel()
+
+
 async def test_a_message_over_the_limit_is_refused_with_its_size(robot, observe):
     socket = await observe({**ODOM, "id": "s"})
     await until(lambda: subscribed(robot), "the robot has a subscription")
