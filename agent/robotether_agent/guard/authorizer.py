@@ -8,6 +8,7 @@ in either order. An older number never counts.
 from __future__ import annotations
 
 import hmac
+import re
 from collections.abc import Mapping
 
 from robotether_common.guard import FENCE_HEADER, FENCE_REFUSED, KEY_HEADER, MODE_HEADER
@@ -18,6 +19,7 @@ from robotether_agent.guard.topics import Authorization
 from robotether_agent.problems import DetailError
 
 AGENT_SILENT_S = 1.0
+FENCE = re.compile("[0-9]{1,19}")
 
 
 class DriveNotAuthorizedError(DetailError):
@@ -141,7 +143,6 @@ def _bytes(key: str | None) -> bytes:
 
 
 def _fence(text: str) -> int:
-    # isdecimal takes digits of all scripts; int() would too.
-    if text.isascii() and text.isdecimal() and 0 < int(text[:20]) <= MAX_FENCE:
-        return int(text[:20])
+    if FENCE.fullmatch(text) and 0 < int(text) <= MAX_FENCE:
+        return int(text)
     raise DriveNotAuthorizedError(403, f"cannot drive: {FENCE_HEADER} is not a number of a lease")

@@ -54,7 +54,7 @@ def test_the_lease_drives_with_the_key() -> None:
     [
         {}, headers(key="k2"), headers(key=""), headers(key="k\udcff"), headers(mode="direct"), headers(mode=""),
         headers(fence=""), headers(fence="-1"), headers(fence="0"), headers(fence="1e3"), headers(fence="٣"),
-        headers(fence="9" * 30),
+        headers(fence="9" * 30), headers(fence="0" * 18 + "135"),
     ],
 )  # fmt: skip
 def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
