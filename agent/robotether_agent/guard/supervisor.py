@@ -19,7 +19,15 @@ from typing import NoReturn
 
 from robotether_common.guard import REFUSED_KINDS
 
-from robotether_agent.fields import JsonObject, get_flag, get_int, get_match, get_text, line_of
+from robotether_agent.fields import (
+    JsonObject,
+    get_flag,
+    get_int,
+    get_match,
+    get_text,
+    line_of,
+    printable,
+)
 from robotether_agent.guard import agent_messages
 from robotether_agent.guard.child_process import GuardProcess
 from robotether_agent.guard.fork_server import ForkServer
@@ -281,4 +289,4 @@ def _unheard(message: JsonObject) -> str:
     if topics is None:
         return agent_messages.LISTENERS_UNKNOWN
     names = ", ".join(str(name) for name in topics) if isinstance(topics, list) else ""
-    return f"nothing on the robot listens to {names[:MAX_NAMES_LENGTH]}" if names else ""
+    return f"nothing on the robot listens to {printable(names, MAX_NAMES_LENGTH)}" if names else ""

@@ -15,6 +15,7 @@ from fake_cloud import echo, eventually
 from fake_guard import births, fake_guard_command, heard
 from openssh_server import is_alive
 from robotether_agent.fields import FieldError
+from robotether_agent.guard import supervisor
 from robotether_agent.guard.child_process import (
     TICK_S,
     GuardProcess,
@@ -387,6 +388,12 @@ async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, pl
     await running.ready()
     session, lease = await running.hears("session", "lease")
     assert (session["up"], lease["fence"], lease["held"]) == (False, 13, False)
+
+
+def test_a_list_of_topics_that_is_cut_shows_it():
+    detail = supervisor._unheard({"unheard": [f"/robot{number}/cmd_vel" for number in range(64)]})
+    assert detail.startswith("nothing on the robot listens to /robot0/cmd_vel, /robot1/cmd_vel, ")
+    assert detail.endswith("...")
 
 
 def test_pauses_grow_to_a_bound():
