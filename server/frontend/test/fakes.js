@@ -12,6 +12,7 @@ export const inside = (kind, more = {}) => ({ closest: (selector) => selector.sp
 export class FakeElement extends EventTarget {
   hidden = true;
   dataset = {};
+  style = {};
   textContent = "";
   parts = new Map();
   querySelector(selector) {

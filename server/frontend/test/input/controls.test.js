@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { Limits, releaseOnFocusLoss, setUpLimits } from "../../src/input/controls.js";
+import { byTestId } from "../../src/dom/page.js";
+import { Limits, releaseOnFocusLoss, setUpControls, setUpLimits } from "../../src/input/controls.js";
 import { FakeElement, inside } from "../fakes.js";
 
 const HIGHEST = { maxLinear: 1, maxAngular: 2 };
@@ -85,5 +86,70 @@ for (const [name, act, times] of [
   test(`${name} lets go ${times ? "" : "of nothing"}`, () => {
     act();
     assert.equal(count, times);
+  });
+}
+
+// All controls of a page; keys go through the window, as all signs that nobody may be looking do.
+function openControls(context, how = {}) {
+  context.mock.timers.enable({ apis: ["setInterval"] });
+  Object.assign(document, { hasFocus: () => true, activeElement: null });
+  Object.assign(globalThis, { window, document, Option: FakeElement });
+  const [root, done] = [new FakeElement(), []];
+  byTestId(root, "controls").parentElement = new FakeElement();
+  const output = { publish: ({ forward, turn }) => done.push([forward, turn]), mayQueue: true };
+  const handlers = { output, onTake: () => done.push("take"), onWanted() {}, onStop() {} };
+  const controls = setUpControls(root, { kind: "differential", limits: HIGHEST, choices: { all: {}, keep() {} }, ...handlers, ...how });
+  return { root, controls, done };
+}
+
+const key = (name, code) => dispatch(window, name, { code, repeat: false });
+const AHEAD = [0.6, 0];
+
+for (const [name, act, done] of /** @type {[string, (controls: any) => void, any[]][]} */ ([
+  ["a window that loses the focus lets go", () => dispatch(window, "blur"), [[0, 0]]],
+  ["so does whoever lets go for the person", (controls) => controls.letGo(), [[0, 0]]],
+  ["and a halt", (controls) => controls.halt(), [[0, 0]]],
+  ["and video that is lost, on a link that stands", (controls) => controls.disarm(), [[0, 0]]],
+  ["where the link is gone, nothing is sent", (controls) => controls.arm(false), []],
+  ["nor where the page watches from now on", (controls) => controls.watch(false), []],
+])) {
+  test(`of all controls, ${name}, and what is held must be pressed anew`, (context) => {
+    const { controls, done: all } = openControls(context);
+    key("keydown", "KeyW");
+    controls.arm(true);
+    key("keydown", "KeyW");
+    assert.deepEqual([all.splice(0), controls.held()], [[AHEAD], true]);
+    act(controls);
+    assert.deepEqual([all.splice(0), controls.held()], [done, false]);
+    controls.arm(true);
+    context.mock.timers.tick(50);
+    assert.ok(all.every(([forward]) => forward === 0));
+    key("keydown", "KeyA");
+    assert.deepEqual(all.at(-1), [0, 1.2], "of the key that was held before, nothing is left");
+  });
+}
+
+test("a press on a page that watches asks for the control, shows that it would, and sends nothing", (context) => {
+  const { root, controls, done } = openControls(context);
+  controls.watch(true);
+  assert.equal(byTestId(root, "joystick").dataset.armed, "free");
+  key("keydown", "KeyW");
+  assert.deepEqual([done, controls.held()], [["take"], true]);
+  controls.arm(true);
+  assert.deepEqual([done.at(-1), byTestId(root, "joystick").dataset.armed], [AHEAD, "true"]);
+});
+
+for (const [name, how, keys, type, sent] of /** @type {[string, object, string[], string, number[]][]} */ ([
+  ["a key for faster counts while it is held", {}, ["ShiftLeft", "KeyW"], "geometry_msgs/Twist", [1, 0]],
+  ["a robot that takes steering angles turns as it goes", {}, ["KeyA"], "ackermann_msgs/AckermannDriveStamped", [0, 0]],
+  ["any other turns where it stands", {}, ["KeyA"], "geometry_msgs/Twist", [0, 1.2]],
+  ["what was set up as a car stays one", { kind: "ackermann" }, ["KeyA"], "geometry_msgs/Twist", [0, 0]],
+])) {
+  test(`of all controls, ${name}`, (context) => {
+    const { controls, done } = openControls(context, how);
+    controls.useType(type);
+    controls.arm(true);
+    for (const code of keys) key("keydown", code);
+    assert.deepEqual(done, [sent]);
   });
 }
