@@ -16,7 +16,7 @@ from robotether_server.api.exports import R
 from robotether_server.db import Transaction
 from robotether_server.problems import RecordMissingError, RobotetherError
 from robotether_server.web import current_user
-from robotether_server.web.forms import METHODS, go_on
+from robotether_server.web.forms import METHODS, check_meant, go_on
 
 Words = Mapping[str, object]
 
@@ -61,8 +61,9 @@ def register(
 ) -> None:
     """Make the path of each action ask and act.
 
-    `find` returns what the texts may name, from the parts of the path, or raises a RobotetherError; `back` is the
-    page that the question came from, and may name the same.
+    `find` returns what the texts may name, from the parts of the path, or raises a RobotetherError; of a robot its MAC
+    as `meant`, as another one may get the name of its path. `back` is the page that the question came from, and may
+    name the same.
     """
     for action in actions:
         view = _view(action, back, find)
@@ -73,10 +74,14 @@ def _view(
     action: ConfirmedAction, back: str, find: Callable[..., Words]
 ) -> Callable[..., AnyResponse]:
     def view(**parts: object) -> AnyResponse:
+        words = find(**parts)
+
         def do() -> object:
+            if "meant" in words:
+                check_meant(str(words["name"]), str(words["meant"]))
             return context().database.run(lambda tx: action.do(tx, current_user.source(), **parts))
 
-        return ask_first(action, back, find(**parts), do)
+        return ask_first(action, back, words, do)
 
     return view
 
@@ -112,6 +117,7 @@ def _ask(
         back=back,
         fields=[replace(field, value=field.value.format_map(words)) for field in action.fields],
         hidden=[(name, value.format_map(words)) for name, value in action.hidden],
+        meant=request.form.get("meant", words.get("meant")),
         problem=problem,
         values=request.form,
     )

@@ -13,7 +13,12 @@ from flask import Blueprint, Flask, flash, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
-from robotether_server.problems import FieldInvalidError, RecordExistsError, RobotetherError
+from robotether_server.problems import (
+    FieldInvalidError,
+    RecordExistsError,
+    RobotetherError,
+    RobotUnknownError,
+)
 from robotether_server.schemas import MAX_NAME_LENGTH, ROBOT_NAME_PATTERN
 from robotether_server.web import current_user
 from robotether_server.web.page_texts import whole_sentence
@@ -131,6 +136,14 @@ def robot_name(name: str, label: str) -> str:
             f"cannot use {label}: use a-z, 0-9 and -; begin and end with a letter or digit", name
         )
     return value
+
+
+def check_meant(name: str, mac: str) -> None:
+    """Raise RobotUnknownError if the form is of another robot, which had this name when the form was opened."""
+    if request.form.get("meant", mac) != mac:
+        raise RobotUnknownError(
+            f"cannot change robot {name}: another robot has this name now; go back and open this page anew"
+        )
 
 
 def secret(name: str) -> str:

@@ -211,7 +211,8 @@ def confirmation_words(name: str) -> Words:
     """Return what the texts of actions name; raise RobotUnknownError."""
     with context().database.transaction() as tx:
         robot = find(tx, name).robot
-    return {"robot": robot, "name": name, "shell_user": robot.settings.get("shell_user", "")}
+    shell_user = robot.settings.get("shell_user", "")
+    return {"robot": robot, "name": name, "meant": robot.mac, "shell_user": shell_user}
 
 
 def _rename(tx: Transaction, source: Source, name: str) -> RobotRow:

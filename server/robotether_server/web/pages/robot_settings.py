@@ -19,6 +19,7 @@ from robotether_server import schemas
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
+from robotether_server.db.robots import RobotRow
 from robotether_server.problems import (
     FieldInvalidError,
     FieldsInvalidError,
@@ -83,7 +84,8 @@ def tabs_of(name: str) -> list[tuple[str, str]]:
 def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
     """Show the form of a tab with what is in force, or as it was sent."""
     with context().database.transaction() as tx:
-        present = _settings(tx, name, tab)
+        robot = _robot(tx, name, tab)
+    present = robot.settings
     try:
         robot_settings.parse(present)
     except FieldInvalidError as error:
@@ -103,13 +105,14 @@ def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
         longest_name=MAX_LABEL_LENGTH,
         turns=[(turn, f"{turn}°") for turn in TURNS],
         was=request.form.get("was") or _digests(tab, present),
+        meant=request.form.get("meant", robot.mac),
         problem=problem,
     )
 
 
 def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
     """Set what was changed in the tab, and nothing else: others may have saved the rest since it was shown."""
-    _settings(tx, name, tab)
+    forms.check_meant(name, _robot(tx, name, tab).mac)
     values, was = _checked(tab), request.form.get("was", "").split()
 
     def changed(present: Mapping[str, object]) -> Settings:
@@ -126,12 +129,12 @@ for tab in (SAFETY, CAMERAS, DRIVING, PERMISSIONS, HELP, RECORDING):
     form(blueprint, tab.path, partial(show, tab))(partial(save, tab))
 
 
-def _settings(tx: Transaction, name: str, tab: Tab) -> Mapping[str, object]:
-    """Return the robot's settings; raise RobotUnknownError or GrantMissingError."""
+def _robot(tx: Transaction, name: str, tab: Tab) -> RobotRow:
+    """Return a robot whose tab the user may change; raise RobotUnknownError or GrantMissingError."""
     seen = seen_robots.require(tx, current_user.get(), name, "manage")
     if tab.is_for_admins and not current_user.get().is_admin:
         raise GrantMissingError("These settings are for administrators.")
-    return seen.robot.settings
+    return seen.robot
 
 
 def _present(path: str, present: Mapping[str, object]) -> object:
@@ -279,9 +282,10 @@ def _reset(tx: Transaction, source: Source, name: str) -> None:
 
 def _confirmation_words(name: str) -> Words:
     with context().database.transaction() as tx:
-        _settings(tx, name, SAFETY)
+        robot = _robot(tx, name, SAFETY)
     guard = robot_settings.DEFAULTS.guard
-    return {"name": name, "blind": f"{guard.blind_m:g} m and {guard.blind_deg:g} degrees unseen"}
+    blind = f"{guard.blind_m:g} m and {guard.blind_deg:g} degrees unseen"
+    return {"name": name, "meant": robot.mac, "blind": blind}
 
 
 confirmation.register(

@@ -57,6 +57,20 @@ def active(admin, program):
     send(admin, "/admin/pending", robot="sim1", fingerprint=fingerprint(1), name="sim1")
 
 
+@pytest.mark.parametrize(
+    "page",
+    ["/admin/robots/sim1/disable", "/robots/sim1/settings", "/robots/sim1/settings/defaults"],
+)
+def test_a_page_of_a_robot_changes_none_that_got_its_name_since(active, admin, database, page):
+    assert f'name="meant" value="{MAC}"' in admin.ask("GET", page).text
+    send(admin, "/admin/robots/sim1/rename", new_name="other")
+    send(admin, "/admin/robots/sim2/rename", new_name="sim1")
+    before = audit_kinds(database)
+    answer = send(admin, page, meant=MAC)
+    assert (answer.status_code, "another robot has this name now" in answer.text) == (404, True)
+    assert audit_kinds(database) == before
+
+
 def get(database, name):
     with database.transaction() as tx:
         return robots.get(tx, name)
