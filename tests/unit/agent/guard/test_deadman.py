@@ -172,6 +172,7 @@ def test_a_topic_is_forgotten_when_it_stands_and_not_before() -> None:
     deadman.commanded("/stands", 0.0, moves=False)
     deadman.force(["/zeroed"], 0.0)
     deadman.forget(())
+    assert set(deadman._topics) == {"/moves", "/zeroed"}
     deadman.zeroed("/stands", 0.0)
     deadman.postponed("/stands", 0.0)
     assert deadman.moving() == ["/moves"]

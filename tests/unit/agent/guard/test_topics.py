@@ -183,6 +183,25 @@ async def test_invented_topics_do_not_keep_the_real_one_out(world: World) -> Non
     assert names(world, "publish")[-1] == "/real/cmd_vel"
 
 
+async def test_topic_that_goes_while_others_are_advertised_is_not(
+    world: World, monkeypatch
+) -> None:
+    """Rosbridge would keep it."""
+    for name in ("/a", "/b"):
+        await world.send(op="advertise", topic=f"{name}/cmd_vel", type="geometry_msgs/Twist")
+    world.controller.on_rosbridge_lost()
+    world.publisher.sent.clear()
+    send = world.publisher.send
+
+    async def send_and_forget(data: bytes) -> bool:
+        world.controller._topics.free_unmoved(lambda topic: topic.name == "/b/cmd_vel")
+        return await send(data)
+
+    monkeypatch.setattr(world.publisher, "send", send_and_forget)
+    await world.controller.step()
+    assert names(world, "advertise") == ["/a/cmd_vel"]
+
+
 async def test_what_moves_or_is_zeroed_keeps_its_place(world: World) -> None:
     """Also a stop that rosbridge may not have read; and a named topic needs nobody's place."""
     await invent(world, MAX_TOPICS, speed=0.1)
