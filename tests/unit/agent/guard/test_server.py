@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 from contextlib import AsyncExitStack, suppress
 from pathlib import Path
+from unittest.mock import AsyncMock, Mock
 
 import aiohttp
 import pytest
@@ -12,6 +13,7 @@ from aiohttp import WSMsgType
 from fake_rosbridge import FakeRosbridge
 from guard_process import GuardClient, GuardHere
 from robotether_agent.guard import server as server_module
+from robotether_agent.guard.topics import Authorization
 from sim_client import until
 
 
@@ -124,6 +126,16 @@ async def test_answers_are_few(guard: GuardHere) -> None:
             ("status", "p1"),
             ("publish", None),
         ]
+
+
+async def test_client_that_reads_nothing_gets_no_more_answers() -> None:
+    client = Mock(closed=False, send_frame=AsyncMock())
+    proxy = server_module.ClientProxy(Authorization("observe"), client, Mock(), Mock())
+    for waiting, answers in ((server_module.ANSWERS_WAITING_BYTES + 1, 0), (0, 1)):
+        client.waiting_bytes.return_value = waiting
+        proxy.notify(b"{}")
+        await asyncio.sleep(0)
+        assert client.send_frame.call_count == answers
 
 
 async def test_pings_go_all_the_way(guard: GuardHere) -> None:
