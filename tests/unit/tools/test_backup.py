@@ -1,6 +1,7 @@
 """tools/backup with a real database and its trial, else with programs in the place of Docker; so tools/restore."""
 
 import gzip
+import os
 import shutil
 import tarfile
 import time
@@ -133,7 +134,10 @@ def test_database_that_does_not_come_back_is_no_backup(real):
     """What the trial says is shown; old backups stay, and nothing is recorded."""
     (real / "dump").write_text("CREATE TABLE robotether.half (")
     old = real.parent / "backups" / "robotether-20200101T000000Z.tar"
-    old.parent.mkdir()
+    # A run of the day before was killed.
+    (old.parent / ".robotether-killed").mkdir(parents=True)
+    two_days_ago = time.time() - 2 * 86_400
+    os.utime(old.parent / ".robotether-killed", (two_days_ago, two_days_ago))
     old.write_text("")
     done = run(real, "backup", "backups", "1", status=1)
     assert "You have an error in your SQL syntax" in done.stderr
