@@ -188,8 +188,9 @@ def _without_end(tx: Transaction, drive: Controller) -> Controller:
     """A drive lasted at least until its relay last wrote of it; nobody knows whether it did later."""
     row = tx.row(
         f"SELECT s.updated_at, s.ended_at IS NULL AND NOT {cells.IS_LOST} AS lasts FROM drives s "  # noqa: S608 - texts of the modules
-        "WHERE s.robot = %s AND s.fence = %s",
-        (drive.robot, drive.fence),
+        # The newest: another robot of that name may have had a drive of that number.
+        "WHERE s.robot = %s AND s.fence = %s AND s.started_at <= %s ORDER BY s.id DESC LIMIT 1",
+        (drive.robot, drive.fence, drive.at),
     )
     if row is None:
         return _at_least(drive, None)
