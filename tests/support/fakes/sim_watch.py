@@ -18,6 +18,9 @@ from docker.models.containers import Container
 from docker_engine import address_of
 from loop_thread import LoopThread
 
+# Time limit for a pose that the robot is to reach.
+POSE_WITHIN_S = 10.0
+
 
 class Containers(Protocol):
     """Where the simulated robots run: a test's stack, or the demo."""
@@ -64,13 +67,12 @@ class SimWatch(LoopThread):
 
         self.wait_pose(what, came)
 
-    def wait_pose(self, what: str, condition: Any, seconds: float = 10.0) -> float:
+    def wait_pose(self, what: str, condition: Any) -> float:
         """Wait until the condition holds for the pose; the seconds it took."""
         start = time.monotonic()
         while not condition(self.pose):
-            assert time.monotonic() - start < seconds, (
-                f"after {seconds} s still not {what}: {self.pose}"
-            )
+            late = f"after {POSE_WITHIN_S} s still not {what}: {self.pose}"
+            assert time.monotonic() - start < POSE_WITHIN_S, late
             time.sleep(0.01)
         return time.monotonic() - start
 

@@ -13,12 +13,10 @@ from PIL import Image
 Picture = np.ndarray[Any, Any]
 
 
-def clip(
-    frames: int, *, step: int, size: tuple[int, int] = (320, 240), noise: float = 2.0
-) -> Iterator[Picture]:
+def clip(frames: int, *, step: int, noise: float = 2.0) -> Iterator[Picture]:
     """Yield RGB frames that move by `step` pixels each, with noise of that deviation."""
     rng = np.random.default_rng(1)
-    width, height = size
+    width, height = 320, 240
     wide = (width + step * frames, height)
     texture = np.zeros((height, wide[0], 3), np.float32)
     for grain, weight in ((40, 0.6), (12, 0.3), (4, 0.1)):

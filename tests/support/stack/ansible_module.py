@@ -44,16 +44,14 @@ def play(
     return run_command(*words, cwd=folder, env=environ)
 
 
-async def run_module(
-    name: str, arguments: Mapping[str, object], *options: str, path: str = ""
-) -> dict[str, Any]:
-    """What it returned, and whether it `failed`; `path` is the PYTHONPATH."""
+async def run_module(name: str, arguments: Mapping[str, object]) -> dict[str, Any]:
+    """What it returned, and whether it `failed`."""
     process = await asyncio.create_subprocess_exec(
         Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
         "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",
         "--playbook-dir", str(ANSIBLE), "--module-name", f"robotether.robotether.{name}",
-        "--args", json.dumps(arguments), *options,
-        env={**os.environ, "ANSIBLE_NOCOLOR": "1", "PYTHONPATH": path},
+        "--args", json.dumps(arguments),
+        env={**os.environ, "ANSIBLE_NOCOLOR": "1", "PYTHONPATH": ""},
         stdout=asyncio.subprocess.PIPE,
         stderr=asyncio.subprocess.PIPE,
     )  # fmt: skip

@@ -16,6 +16,7 @@ from stack import Stack
 Result = TypeVar("Result")
 # Time limit for the first subscription, which opens the media connection.
 OPEN_WITHIN_S = 20.0
+ECHO = "/test_echo"
 
 
 class Program:
@@ -44,18 +45,13 @@ class Program:
             yield socket
 
 
-async def echo(
-    socket: aiohttp.ClientWebSocketResponse,
-    text: str,
-    topic: str = "/test_echo",
-    seconds: float = 10,
-) -> str:
+async def echo(socket: aiohttp.ClientWebSocketResponse, text: str, seconds: float = 10) -> str:
     """Publish a std_msgs/String that the same connection is subscribed to; what came back."""
-    await socket.send_json({"op": "publish", "topic": topic, "msg": {"data": text}})
+    await socket.send_json({"op": "publish", "topic": ECHO, "msg": {"data": text}})
     async with asyncio.timeout(seconds):
         while True:
             message = json.loads(await socket.receive_str())
-            if message.get("op") == "publish" and message["topic"] == topic:
+            if message.get("op") == "publish" and message["topic"] == ECHO:
                 return str(message["msg"]["data"])
 
 
@@ -74,11 +70,11 @@ async def drive_on(
     return await task
 
 
-async def open_echo(socket: aiohttp.ClientWebSocketResponse, topic: str = "/test_echo") -> None:
+async def open_echo(socket: aiohttp.ClientWebSocketResponse) -> None:
     """Advertise and subscribe a std_msgs/String topic, and wait until the robot answers: then the drive has begun."""
-    await socket.send_json({"op": "advertise", "topic": topic, "type": "std_msgs/String"})
-    await socket.send_json({"op": "subscribe", "topic": topic, "type": "std_msgs/String"})
-    assert await echo(socket, "open", topic, OPEN_WITHIN_S) == "open"
+    await socket.send_json({"op": "advertise", "topic": ECHO, "type": "std_msgs/String"})
+    await socket.send_json({"op": "subscribe", "topic": ECHO, "type": "std_msgs/String"})
+    assert await echo(socket, "open", OPEN_WITHIN_S) == "open"
 
 
 async def drive_forward(program: Program, robot: str) -> float:

@@ -13,8 +13,6 @@ from fake_proxy import PASSWORD, USER, FakeProxy
 
 pytestmark = pytest.mark.release
 
-MODULE = "robotether.robotether.preflight"
-
 
 async def problems_of(arguments):
     """Run the module once on this machine, and return what it found."""
