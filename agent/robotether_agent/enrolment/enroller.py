@@ -188,7 +188,8 @@ class Enroller:
         self._absence_logged = False
         self._repeats = Repeats()
         self._asking = asyncio.Lock()
-        # The newest list of the session, which the disk may not have taken.
+        # The newest name and list of the session, which the disk may not have taken.
+        self._robot = ""
         self._cells: tuple[ListedCell, ...] = ()
         self.known_hosts = self._store.known_hosts
 
@@ -244,18 +245,23 @@ class Enroller:
             self._doubted = False
         return enrolment
 
-    def keep_cells(self, cells: tuple[ListedCell, ...]) -> None:
-        """Keep the server's newest list of its cells; a disk that takes none must not cost the session."""
+    def follow(self, robot: str, cells: tuple[ListedCell, ...]) -> None:
+        """Keep the robot's name and the server's newest list of its cells, if that is not empty.
+
+        A disk that takes nothing must not cost the session.
+        """
+        cells = cells or self._cells
         # Two cells are the same whatever their ranks.
-        if [astuple(cell) for cell in cells] == [astuple(cell) for cell in self._cells]:
+        are_same = [astuple(cell) for cell in cells] == [astuple(cell) for cell in self._cells]
+        if are_same and robot == self._robot:
             return
-        self._cells = cells
+        self._robot, self._cells = robot, cells
         try:
             if (enrolment := self._kept_enrolment()) is not None:
                 # Not synced: somebody may drive, and the guard stops a robot whose agent waits for a slow disk.
                 self._store.write(enrolment, lasts=False)
         except StateUnusableError as problem:
-            self._repeats.log_problem("list of cells", problem)
+            self._repeats.log_problem("name and list of cells", problem)
 
     async def refresh(self) -> None:
         """Ask where the server is now, for as long as it takes; what goes wrong is only reported."""
@@ -297,11 +303,12 @@ class Enroller:
             self.doubt()
 
     def _kept_enrolment(self) -> Enrolment | None:
-        """Return the kept enrolment with the newest list of cells."""
+        """Return the kept enrolment with the newest name and list of cells."""
         enrolment = self._store.load(self._settings.server)
-        if enrolment is None or not self._cells:
-            return enrolment
-        return replace(enrolment, ssh=replace(enrolment.ssh, cells=self._cells))
+        if enrolment is None:
+            return None
+        ssh = replace(enrolment.ssh, cells=self._cells or enrolment.ssh.cells)
+        return replace(enrolment, robot=self._robot or enrolment.robot, ssh=ssh)
 
     def _state_dir(self) -> Path:
         ensure_directory(self._settings.state_dir, "state_dir", 0o700)
@@ -318,7 +325,7 @@ class Enroller:
             )
         enrolment = Enrolment(settings.server, answer.robot, identity.mac, answer.ssh)
         self._store.keep(enrolment, answer.host_keys)
-        self._cells = ()
+        self._robot, self._cells = "", ()
         self._doubted = False
         self._absence_reported = not identity.is_present
         self._repeats.forget()

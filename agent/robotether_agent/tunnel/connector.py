@@ -225,7 +225,7 @@ class Connector:
             nonlocal ssh
             if config.cells:
                 ssh = replace(ssh, cells=config.cells)
-                self._enroller.keep_cells(config.cells)
+            self._enroller.follow(config.robot, config.cells)
             if role.on_config is not None:
                 role.on_config(config)
 

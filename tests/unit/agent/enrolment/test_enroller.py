@@ -246,13 +246,26 @@ async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     assert (await started_anew.key()).public == coming.public
 
 
+async def test_another_name_of_the_robot_is_kept(cloud, settings):
+    """The doctor and a start without a server name the robot by it; a list of cells that stays away is no new one."""
+    enroller = Enroller(settings)
+    await enroller.enrolment()
+    cells = (ListedCell("b.example", (2222,)),)
+    enroller.follow("sim1", cells)
+    enroller.follow("renamed", ())
+    for each in (enroller, Enroller(settings)):
+        enrolment = await each.enrolment()
+        assert (enrolment.robot, enrolment.ssh.cells) == ("renamed", cells)
+    assert len(cloud.joins) == 1
+
+
 async def test_a_slow_disk_does_not_silence_the_agent(cloud, settings, monkeypatch):
     """A memory card takes seconds for a sync, and the guard stops a robot whose agent is silent for one."""
     enroller = await enrol(settings)
     threads = []
     monkeypatch.setattr("os.fsync", lambda _: threads.append(threading.get_ident()))
     await enroller.rotate()
-    enroller.keep_cells((ListedCell("b.example", (2222,)),))
+    enroller.follow("sim1", (ListedCell("b.example", (2222,)),))
     assert len(cloud.joins) == 2
     assert len(threads) == 3
     assert threading.get_ident() not in threads
