@@ -85,6 +85,12 @@ export function shortNumber(value) {
   return size >= 1000 ? String(Math.round(value)) : String(Number(value.toPrecision(3)));
 }
 
+// A number with these decimals; one that is too large for its place with its power of ten.
+export function decimalText(value, decimals) {
+  if (Math.abs(value) >= 1e5) return value.toExponential(1);
+  return (Number(value.toFixed(decimals)) + 0).toFixed(decimals); // + 0 turns -0 into 0
+}
+
 /** @type {[string, number][]} */
 const UNITS = [
   ["GB", 1e9],

@@ -2,7 +2,7 @@
 // something changed.
 
 import { fitCanvas } from "../client/painter.js";
-import { part, setText } from "../dom/page.js";
+import { decimalText, part, setText } from "../dom/page.js";
 import { map as texts } from "../texts/video.js";
 
 const ZOOMS = [4, 8, 16, 32, 64, 128]; // pixels a metre
@@ -82,7 +82,7 @@ export class MapTile {
   showState() {
     this.draw();
     const { robot } = this.world;
-    setText(part(this.element, "pose"), robot.old || isLost(this.world, this.parts) ? "" : texts.pose(robot));
+    setText(part(this.element, "pose"), robot.old || isLost(this.world, this.parts) ? "" : poseText(robot));
     this.showScale();
   }
 
@@ -112,6 +112,8 @@ export class MapTile {
     setText(part(this.element, "words"), wordsOf(world, parts));
   }
 }
+
+const poseText = ({ x, y, theta }) => texts.pose(decimalText(x, 1), decimalText(y, 1), decimalText((theta * 180) / Math.PI, 0));
 
 const partsOf = (/** @type {any} */ { scan, path, map } = {}) => ({ scan: scan !== false, path: path !== false, map: map !== false });
 

@@ -1,7 +1,7 @@
 // The numbers of the drive page: speed as asked for and as measured, the age of the video, the round trip and its parts.
 
 import { poseReader, speedReader } from "../client/rosbridge.js";
-import { byTestId, part, setIfOther, setText } from "../dom/page.js";
+import { byTestId, decimalText, part, setIfOther, setText } from "../dom/page.js";
 import { readings as texts, latency } from "../texts/common.js";
 import { Subscriptions } from "./subscriptions.js";
 
@@ -98,10 +98,10 @@ export function speedText(forward, left) {
   if (length === null) return texts.none;
   if (length < STILL_M_S) return (0).toFixed(2);
   const eighth = Math.round(Math.atan2(left, forward) / (Math.PI / 4));
-  return `${ARROWS[(eighth + ARROWS.length) % ARROWS.length]} ${length.toFixed(2)}`;
+  return `${ARROWS[(eighth + ARROWS.length) % ARROWS.length]} ${decimalText(length, 2)}`;
 }
 
-const degrees = (radians) => (radians === null ? texts.none : String(Math.round((radians * 180) / Math.PI) + 0));
+const degrees = (radians) => (radians === null ? texts.none : decimalText((radians * 180) / Math.PI, 0));
 
 function rounded(parts) {
   const texts = Object.entries(parts).map(([name, ms]) => [name, Number.isFinite(ms) ? Math.round(ms) : latency.unknown]);

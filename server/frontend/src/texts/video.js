@@ -67,7 +67,7 @@ export const map = {
   unread: "The robot's newest map cannot be read.",
   lost: "Where the robot is in the map is unknown.",
   silentScan: "The laser is silent.",
-  pose: ({ x, y, theta }) => `x ${x.toFixed(1)} y ${y.toFixed(1)} ${Math.round((theta * 180) / Math.PI)}°`,
+  pose: (x, y, degrees) => `x ${x} m, y ${y} m, ${degrees}°`,
   scale: (metres) => `${metres} m`,
 };
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
-import { Choices, freshPage, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
+import { Choices, decimalText, freshPage, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
 import { storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
@@ -29,6 +29,15 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
 test("numbers are short and still tell small from none", () => {
   const numbers = [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN];
   assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
+  assert.deepEqual(
+    [
+      [-0.04, 1],
+      [12.345, 2],
+      [-0.4, 0],
+      [-1e20, 1],
+    ].map(([value, decimals]) => decimalText(value, decimals)),
+    ["0.0", "12.35", "0", "-1.0e+20"],
+  );
 });
 
 test("a size has the figures that count, at each end of its unit", () => {

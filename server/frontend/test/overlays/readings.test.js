@@ -78,6 +78,7 @@ test("where the topic is in doubt, there is no speed any more", () => {
 test("a speed of which a part is not known is none", () => {
   assert.equal(speedText(null, 0), "-");
   assert.equal(speedText(0.3, null), "-");
+  assert.equal(speedText(1e20, 0), "↑ 1.0e+20", "one that is nonsense keeps its place");
   readback.follow(ODOM);
   subscriptions[0].handler({ twist: { twist: { linear: { x: null }, angular: { z: 0.1 } } } });
   assert.deepEqual(speed, { forward: null, left: null, turn: 0.1 });
