@@ -127,10 +127,7 @@ export class Connection {
     const entry = this.keep((link) => link.advertise(spec));
     return {
       end: () => this.release(entry),
-      publish: (message, stamp) => {
-        entry.channel?.publish(message, stamp);
-        return entry.channel !== null;
-      },
+      publish: (message, stamp) => entry.channel?.publish(message, stamp) ?? false,
     };
   }
 

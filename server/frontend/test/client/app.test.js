@@ -63,6 +63,8 @@ test("it connects with a ticket of its own, and offers and takes its topics on e
   }
   assert.equal(app.publish("/stick", TWIST, { linear: { x: 1 } }), true);
   assert.deepEqual(sockets[1].said("publish")[0].msg, { linear: { x: 1 } });
+  sockets[1].readyState = FakeWebSocket.CLOSING;
+  assert.equal(app.publish("/stick", TWIST, {}), false);
   sockets[1].tell({ op: "publish", topic: "/pose", msg: { x: 2 } });
   assert.deepEqual(messages, [{ x: 2 }]);
 });

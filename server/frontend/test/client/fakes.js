@@ -88,7 +88,7 @@ export class FakeLink {
   }
 
   advertise() {
-    return { publish: (message) => this.published.push(message), end() {} };
+    return { publish: (message) => this.published.push(message) > 0, end() {} };
   }
 
   call() {
