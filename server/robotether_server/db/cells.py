@@ -73,10 +73,16 @@ class CellCounts:
     recorders: int | None = None
 
 
+def is_current(column: str, seconds: int) -> str:
+    """Return the condition that a time is no older; one of the future was written before the clock was set back."""
+    age = f"INTERVAL {seconds} SECOND"
+    return f"({column} BETWEEN CURRENT_TIMESTAMP(6) - {age} AND CURRENT_TIMESTAMP(6) + {age})"
+
+
 CLOCK_AHEAD_S = "TIMESTAMPDIFF(MICROSECOND, CURRENT_TIMESTAMP(6), %(now)s) / 1000000"
 # The tickets that a dead cell signed are good for a while.
 MAY_HAVE_TICKETS = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {MAX_TICKET_TTL_S + MAX_TICKET_AHEAD_S} SECOND"
-IS_ALIVE = f"c.heartbeat_at > CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND"
+IS_ALIVE = is_current("c.heartbeat_at", ALIVE_S)
 # Of a row `s` of sessions or leases. What a dead cell left open is over, though nobody could write that.
 IS_OF_LIVE_CELL = (
     f"(s.cell IS NULL OR EXISTS (SELECT 1 FROM cells c WHERE c.name = s.cell AND {IS_ALIVE}))"  # noqa: S608 - the module's own text
@@ -91,9 +97,7 @@ IS_PRESENT = (
 )
 # An older relay writes the row, and leaves what it does not count as it was.
 IS_COUNTED = f"({IS_ALIVE} AND c.counted_at = c.heartbeat_at)"
-IS_RECORDERS_COUNT_CURRENT = (
-    f"c.recordings_counted_at > CURRENT_TIMESTAMP(6) - INTERVAL {RECORDER_CURRENT_S} SECOND"
-)
+IS_RECORDERS_COUNT_CURRENT = is_current("c.recordings_counted_at", RECORDER_CURRENT_S)
 SELECT = (
     "SELECT c.name, c.host, c.https_port, c.ssh_ports, c.peer_address, c.version, c.robots, c.draining,"  # noqa: S608 - as above
     f" c.region, IF({MAY_HAVE_TICKETS}, c.clock_ahead_s, NULL) AS clock_ahead_s, {IS_ALIVE} AS is_alive,"
@@ -172,10 +176,9 @@ def write_heartbeat(
     }
     changes = ", ".join(f"{column} = %({column})s" for column in values if column != "name")
     row_count = tx.change(
-        f"UPDATE cells SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S},"  # noqa: S608 - the module's own text
+        f"UPDATE cells c SET {changes}, clock_ahead_s = {CLOCK_AHEAD_S},"  # noqa: S608 - the module's own text
         " heartbeat_at = CURRENT_TIMESTAMP(6), counted_at = CURRENT_TIMESTAMP(6) WHERE name = %(name)s"
-        " AND (started_at <= %(started_at)s"
-        f" OR heartbeat_at <= CURRENT_TIMESTAMP(6) - INTERVAL {ALIVE_S} SECOND)",
+        f" AND (started_at <= %(started_at)s OR NOT {IS_ALIVE})",
         values | {"now": utc_now()},
     )
     if row_count:

@@ -9,6 +9,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, fields
 from typing import Literal
 
+from robotether_server.db.cells import is_current
 from robotether_server.db.database import Row, Transaction
 from robotether_server.db.grants import LEVELS
 from robotether_server.db.users import User
@@ -18,7 +19,7 @@ from robotether_server.schemas import Count, Level, RobotName, Timestamp, UserNa
 RecordingCause = Literal["asked", "driven", "always", "on_stop"]
 RecordingState = Literal["requested", "recording", "interrupted", "ended"]
 # Time after which a recording that its recorder writes nothing more of counts as interrupted.
-PROGRESS_WITHIN = dt.timedelta(seconds=30)
+PROGRESS_WITHIN_S = 30
 # Time limit for the recorder to begin what somebody asks for, by the database's clock.
 BEGIN_WITHIN_S = 60
 # Time within which a person's requests for pieces of a recording are one download.
@@ -108,8 +109,7 @@ _OF_VIEWER = (
 )
 _STATE = (
     "CASE WHEN ended_at IS NOT NULL THEN 'ended' WHEN started_at IS NULL THEN 'requested'"
-    " WHEN progress_at < CURRENT_TIMESTAMP(6) - INTERVAL %(silent_s)s SECOND THEN 'interrupted'"
-    " ELSE 'recording' END"
+    f" WHEN {is_current('progress_at', PROGRESS_WITHIN_S)} THEN 'recording' ELSE 'interrupted' END"
 )
 _COLUMNS = ", ".join(
     f"{_STATE} AS state" if field.name == "state" else field.name for field in fields(Recording)
@@ -122,7 +122,7 @@ def is_asked_for(tx: Transaction, robot_id: int) -> bool:
         "SELECT 1 FROM recordings WHERE robot_id = %(robot_id)s AND cause = 'asked'"  # noqa: S608 - the module's own texts
         " AND delete_requested_at IS NULL AND deleted_at IS NULL"
         f" AND ({_STATE} = 'recording' OR ({_STATE} = 'requested' AND NOT {_IS_LATE})) LIMIT 1",
-        {"robot_id": robot_id, "silent_s": PROGRESS_WITHIN.total_seconds()},
+        {"robot_id": robot_id},
     )
     return row is not None
 
@@ -183,7 +183,6 @@ def _select(
             "is_admin": viewer.is_admin,
             "viewer_id": viewer.id,
             "levels": LEVELS[LEVELS.index(level) :],
-            "silent_s": PROGRESS_WITHIN.total_seconds(),
             "limit": limit,
         },
     )

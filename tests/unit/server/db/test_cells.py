@@ -65,6 +65,11 @@ def test_a_cell_is_alive_for_5_seconds(relay_database, admin_database):
     assert not read(relay_database)[0].is_alive
     heartbeat(relay_database, cell_settings("a"))
     assert read(relay_database)[0].is_alive
+    # The clock was set back since, and a relay that starts now is older than the one before it.
+    age(admin_database, -3600)
+    assert not read(relay_database)[0].is_alive
+    heartbeat(relay_database, cell_settings("a"), started_at=NOON - MINUTE)
+    assert read(relay_database)[0].is_alive
 
 
 def test_of_two_relays_with_one_name_the_older_is_refused(relay_database, admin_database):
