@@ -230,12 +230,13 @@ function problemText(error) {
   return error instanceof RangeFileError ? texts.failed(error.status, error.detail) : texts.noRecording;
 }
 
+// From one that cannot be read, or is not, nobody knows who drives.
 async function readControls(reader) {
   const controls = [];
   for await (const recorded of reader.messages({ topics: [CONTROL] })) {
-    const message = reader.decode(recorded);
-    if (message) controls.push({ atMs: recorded.atMs, message });
-    if (controls.length >= MAX_CONTROLS) break;
+    const isFull = controls.length >= MAX_CONTROLS;
+    controls.push({ atMs: recorded.atMs, message: isFull ? null : reader.decode(recorded) });
+    if (isFull) break;
   }
   return controls;
 }

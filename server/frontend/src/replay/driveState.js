@@ -97,19 +97,24 @@ function limitText(seen) {
   return texts.slowed(words.filter(Boolean).join(", "));
 }
 
-// What changed: `controls` are [{atMs, message}] in their order, `recorded` the spans in which anything is. Gives {events: [{atMs,
+// What changed: `controls` are [{atMs, message}] in their order, a message null from where it is unknown, `recorded` the spans in which anything is. Gives {events: [{atMs,
 // text}], isMore, stops, drives}, the last two as spans.
 export function historyOf(controls, recorded) {
   const events = [];
   /** @type {any} */
   let before = null;
   for (const { atMs, message } of controls) {
-    for (const text of before ? changes(before, message) : firstWords(message)) events.push({ atMs, text });
+    for (const text of wordsOf(before, message)) events.push({ atMs, text });
     before = message;
   }
   const spans = (holds) => spansOf(controls, recorded, holds);
-  const isMore = events.length > MAX_EVENTS;
+  const isMore = events.length > MAX_EVENTS || (controls.length > 0 && !before);
   return { events: events.slice(0, MAX_EVENTS), isMore, stops: spans(({ stopped }) => stopped), drives: spans(({ driver }) => driver) };
+}
+
+function wordsOf(before, message) {
+  if (!message) return [];
+  return before ? changes(before, message) : firstWords(message);
 }
 
 const firstWords = (control) => [control.driver && driverWords(control), control.stopped && stopWords(control)].filter(Boolean);
@@ -131,7 +136,7 @@ const stopWords = ({ stopped, stopped_by: by }) => (stopped ? texts.wasStopped(n
 // In a gap nobody knows whether it still held.
 function spansOf(controls, recorded, holds) {
   return controls.flatMap(({ atMs, message }, i) => {
-    if (!holds(message)) return [];
+    if (!message || !holds(message)) return [];
     const next = controls[i + 1]?.atMs ?? Infinity;
     const spans = recorded.map(({ fromMs, toMs }) => ({ fromMs: Math.max(fromMs, atMs), toMs: Math.min(toMs, next) }));
     return spans.filter(({ fromMs, toMs }) => fromMs < toMs);

@@ -72,6 +72,12 @@ test("events are what changed, and markup in a name stays a text", () => {
   assert.deepEqual([stops, drives, isMore], [STOPS, [{ fromMs: 1000, toMs: 2000 }], false]);
   const many = Array.from({ length: 1000 }, (_, i) => ({ atMs: i, message: { ...CONTROL, stopped: i % 2 === 0 } }));
   assert.deepEqual([historyOf(many, RECORDED).events.length, historyOf(many, RECORDED).isMore], [200, true]);
+  const cut = [
+    { atMs: 1000, message: { ...CONTROL, stopped: true } },
+    { atMs: 1500, message: null },
+  ];
+  const unknown = historyOf(cut, RECORDED);
+  assert.deepEqual([unknown.stops, unknown.isMore], [[{ fromMs: 1000, toMs: 1500 }], true], "from there on nobody knows");
 });
 
 test("nothing of another robot is drawn, also where the robot has none of its own", () => {
