@@ -282,6 +282,7 @@ def test_wrong_secrets_of_ones_own_stop_the_start(site: Site, pair: tuple[str, s
         ({"ticket_key": "t" * 31}, "ticket_key: it must have at least 32 characters"),
         ({"session_key": "t" * 40 + " t"}, "session_key: it must have no space"),
         ({"mysql_web_password": "p$ssword-of-web"}, "mysql_web_password: it must have only letters"),
+        ({"alert_webhook_url": "hooks.example/abc"}, "alert_webhook_url: it must be an http or https URL"),
         ({"ssh_host_ed25519_key": "half"}, "ssh_host_ed25519_key: it is not a private key"),
         ({"database_ca.pem": "half"}, "database_ca.pem: it is no certificate in PEM"),
         ({"database_ca_key.pem": key}, "database_ca_key.pem: database_ca.pem is missing"),
