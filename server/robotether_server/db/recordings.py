@@ -23,7 +23,7 @@ PROGRESS_WITHIN_S = 30
 # Time limit for the recorder to begin what somebody asks for, by the database's clock.
 BEGIN_WITHIN_S = 60
 # Time within which a person's requests for pieces of a recording are one download.
-DOWNLOAD_WITHIN = dt.timedelta(hours=1)
+DOWNLOAD_WITHIN_S = 3600
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class Progress:
 
 
 MAX_DRIVERS_LENGTH = 255
-_IS_LATE = f"asked_at < CURRENT_TIMESTAMP(6) - INTERVAL {BEGIN_WITHIN_S} SECOND"
+_IS_NEW = is_current("asked_at", BEGIN_WITHIN_S)
 # Rights go by the robot's number. A recording of a robot that is gone is the admins'.
 _OF_VIEWER = (
     "(%(is_admin)s OR robot_id IN"
@@ -121,7 +121,7 @@ def is_asked_for(tx: Transaction, robot_id: int) -> bool:
     row = tx.row(
         "SELECT 1 FROM recordings WHERE robot_id = %(robot_id)s AND cause = 'asked'"  # noqa: S608 - the module's own texts
         " AND delete_requested_at IS NULL AND deleted_at IS NULL"
-        f" AND ({_STATE} = 'recording' OR ({_STATE} = 'requested' AND NOT {_IS_LATE})) LIMIT 1",
+        f" AND ({_STATE} = 'recording' OR ({_STATE} = 'requested' AND {_IS_NEW})) LIMIT 1",
         {"robot_id": robot_id},
     )
     return row is not None
@@ -214,10 +214,10 @@ def note_download(tx: Transaction, recording_id: int, user_id: int) -> bool:
     """Note that a user gets the recording, or a piece of it; return whether that begins a download."""
     return bool(
         tx.change(
-            "INSERT INTO recording_downloads (recording_id, user_id) VALUES (%s, %s)"
-            " ON DUPLICATE KEY UPDATE begun_at = IF(begun_at > CURRENT_TIMESTAMP(6) - INTERVAL %s SECOND,"
+            "INSERT INTO recording_downloads (recording_id, user_id) VALUES (%s, %s)"  # noqa: S608 - the modules' own texts
+            f" ON DUPLICATE KEY UPDATE begun_at = IF({is_current('begun_at', DOWNLOAD_WITHIN_S)},"
             " begun_at, CURRENT_TIMESTAMP(6))",
-            (recording_id, user_id, DOWNLOAD_WITHIN.total_seconds()),
+            (recording_id, user_id),
         )
     )
 
@@ -225,7 +225,7 @@ def note_download(tx: Transaction, recording_id: int, user_id: int) -> bool:
 def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
     """Read what the recorder of a cell has to do with: what is asked for, lasts, or is to be deleted."""
     rows = tx.rows(
-        f"SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, {_IS_LATE} AS is_late,"  # noqa: S608 - as above
+        f"SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, NOT {_IS_NEW} AS is_late,"  # noqa: S608 - as above
         " r.started_at, r.ended_at, r.cell, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
         " r.delete_requested_at IS NOT NULL AS is_delete_requested,"
         " r.ended_at IS NOT NULL OR r.cause <> 'asked' OR EXISTS"
