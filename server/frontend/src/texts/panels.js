@@ -43,7 +43,7 @@ export const topics = {
   measure: "Measure rate",
   measureHelp: (seconds) => `Receives every message for ${seconds} s`,
   measuring: "Measuring",
-  measured: (rate) => `${rate} messages/s, measured`,
+  measured: (rate, seconds) => `${rate} messages/s, measured ${seconds} s ago`,
   field: "Plot",
   noField: "Nothing",
   moreFields: "Further numbers are not listed",

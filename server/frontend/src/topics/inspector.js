@@ -120,7 +120,7 @@ export class Inspector {
 const PACES = {
   none: () => "",
   measuring: () => texts.measuring,
-  measured: ({ perSecond }) => texts.measured(shortNumber(perSecond)),
+  measured: ({ perSecond, seconds }) => texts.measured(shortNumber(perSecond), seconds),
   slow: ({ seconds }) => texts.rateSlow(seconds),
   least: ({ perSecond }) => texts.rateAtLeast(shortNumber(perSecond)),
   rate: ({ perSecond }) => texts.rate(shortNumber(perSecond)),

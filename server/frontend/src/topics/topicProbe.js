@@ -26,7 +26,7 @@ export class TopicProbe {
     this.rate = new Rate();
     this.state = "idle"; // "lost", "open", "too_big", "refused"
     this.refusal = "";
-    this.measured = null;
+    this.measured = /** @type {{perSecond: number, at: number} | null} */ (null);
     this.ends = new Set();
     if (!this.large) this.follow();
   }
@@ -67,7 +67,8 @@ export class TopicProbe {
       end();
       this.measuring = false;
       // Of the time that it took: a page that nobody looks at has late timers.
-      this.measured = (1000 * count) / (this.now() - began);
+      const at = this.now();
+      this.measured = { perSecond: (1000 * count) / (at - began), at };
       this.onChange();
     }, MEASURE_MS);
     this.onChange();
@@ -94,14 +95,18 @@ export class TopicProbe {
   }
 
   show(state) {
-    if (this.state === "refused") return;
-    this.state = state;
-    this.onChange();
+    if (this.state !== "refused") this.change(state);
   }
 
   refuse(why) {
-    this.state = "refused";
     this.refusal = why;
+    this.change("refused");
+  }
+
+  // What nothing came of is a gap of the plot.
+  change(state) {
+    this.state = state;
+    if (state !== "open") this.samples.push(NaN, this.now());
     this.onChange();
   }
 
@@ -131,8 +136,9 @@ export class TopicProbe {
     if (this.measuring) return { kind: "measuring" };
     const silence = this.rate.silenceMs(this.now());
     if (silence !== null && silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
-    if (this.measured !== null) return { kind: "measured", perSecond: this.measured };
-    return this.throttledPace();
+    const { measured } = this;
+    if (!measured) return this.throttledPace();
+    return { kind: "measured", perSecond: measured.perSecond, seconds: Math.round((this.now() - measured.at) / 1000) };
   }
 
   throttledPace() {

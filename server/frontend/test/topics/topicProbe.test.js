@@ -72,7 +72,8 @@ for (const seconds of [3, 6]) {
     messages(10 * seconds, 1);
     clock = 1000 * seconds;
     mock.timers.tick(3000);
-    assert.deepEqual([probe.pace, open()], [{ kind: "measured", perSecond: 10 }, [500]]);
+    clock += 2000;
+    assert.deepEqual([probe.pace, open()], [{ kind: "measured", perSecond: 10, seconds: 2 }, [500]]);
     messages(1);
     clock += 6000;
     assert.deepEqual(probe.pace, { kind: "slow", seconds: 6 }, "what was measured is no longer so");
@@ -120,6 +121,20 @@ for (const [name, values, laterMs, extent] of [
     assert.deepEqual(samples.extent(1000 * (values.length - 1) + laterMs), extent);
   });
 }
+
+test("while nothing comes, as on a page in the background, the plot has a gap, and no value of now", () => {
+  watched[0].onState("open");
+  probe.plot("v");
+  watched[0].onMessage({ v: 1 });
+  watched[0].onState("lost");
+  assert.equal(probe.samples.extent(0).now, null);
+  watched[0].onState("open");
+  watched[0].onMessage({ v: 3 });
+  assert.deepEqual(
+    probe.samples.points.map(({ value }) => value),
+    [1, null, 3],
+  );
+});
 
 test("however fast they come, a bounded number of points is kept", () => {
   const samples = new LastMinute();
