@@ -65,10 +65,10 @@ export class App {
     return () => this.handlers.delete(handler);
   }
 
-  // Offers a topic: routes of its user can begin there.
-  advertise(topic, type) {
+  // Offers a topic: routes of its user can begin there. `onRefused(why)` for each message that the server refuses.
+  advertise(topic, type, /** @type {{onRefused?: (why: string) => void}} */ { onRefused } = {}) {
     const name = fullName(topic);
-    if (!this.publishers.has(name)) this.publishers.set(name, this.connection.advertise({ name, type }));
+    if (!this.publishers.has(name)) this.publishers.set(name, this.connection.advertise({ name, type, onRefused }));
   }
 
   // Gives whether it went to the server, which passes it on if a route begins there.

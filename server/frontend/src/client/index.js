@@ -187,19 +187,20 @@ export class Robot {
     return body.values;
   }
 
-  // Gives the function that ends the subscription. It outlives cuts.
-  subscribe(topic, handler, /** @type {{type?: string, throttleMs?: number}} */ { type, throttleMs } = {}) {
-    return this.session.connection.subscribe({ name: fullName(topic), type, throttleMs }, handler);
+  // Gives the function that ends the subscription. It outlives cuts. `onRefused(why)` when server or robot do not give the topic.
+  subscribe(topic, handler, /** @type {{type?: string, throttleMs?: number, onRefused?: (why: string) => void}} */ options = {}) {
+    return this.session.connection.subscribe({ ...options, name: fullName(topic) }, handler);
   }
 
   // Lets the robot know the topic before the first message: ROS loses what is published before subscribers have found it.
-  advertise(topic, type) {
+  // `onRefused(why)` for each message that the server refuses.
+  advertise(topic, type, /** @type {{onRefused?: (why: string) => void}} */ { onRefused } = {}) {
     const name = fullName(topic);
     if (name === this.driveTopic) throw new Error(`cannot publish on ${topic}: drive() does, with each command's timestamp`);
-    if (!this.publishers.has(name)) this.publishers.set(name, this.session.connection.advertise({ name, type }));
+    if (!this.publishers.has(name)) this.publishers.set(name, this.session.connection.advertise({ name, type, onRefused }));
   }
 
-  // Gives whether it went.
+  // Gives whether it went; the server may still refuse it, as `onRefused` of advertise() is told.
   publish(topic, type, message) {
     this.advertise(topic, type);
     return this.publishers.get(fullName(topic)).publish(message);

@@ -257,6 +257,21 @@ test("a name without its first slash is the same topic", async () => {
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
 });
 
+test("what is refused reaches the page that wants to know", async () => {
+  const robot = make();
+  const refused = [];
+  const onRefused = (why) => refused.push(why);
+  robot.subscribe("/secret", () => {}, { onRefused });
+  robot.advertise("/lights", "std_msgs/Bool", { onRefused });
+  await goLive(robot);
+  robot.publish("/lights", "std_msgs/Bool", { data: true });
+  for (const op of ["subscribe", "publish"]) {
+    const { id } = sockets[0].said(op).at(-1);
+    sockets[0].tell({ op: "status", level: "error", id, msg: `no ${op}` });
+  }
+  assert.deepEqual(refused, ["no subscribe", "no publish"]);
+});
+
 test("a link on which nothing was asked for stays, as the robot answers each second", async () => {
   let clock = 0;
   mock.method(performance, "now", () => clock);
