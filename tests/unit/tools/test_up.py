@@ -83,7 +83,11 @@ def test_what_cannot_be_used_stops_the_start(checkout, service):
 
 @pytest.mark.parametrize(
     ("service", "setting"),
-    [("acme", "DOMAIN=robots.example.org"), ("direct", "DIRECT_SOURCES=192.0.2.0/24")],
+    [
+        ("acme", "DOMAIN=robots.example.org"),
+        ("direct", "DIRECT_SOURCES=192.0.2.0/24"),
+        ("alertmanager", "ALERT_EMAIL_TO=ann@lab.example"),
+    ],
 )
 def test_setting_and_its_service_go_together(checkout, service, setting):
     """One alone is told before anything is started; a service of before is taken away with its setting."""
@@ -95,4 +99,6 @@ def test_setting_and_its_service_go_together(checkout, service, setting):
     assert "up --detach" not in calls(checkout)
     (checkout / "env").unlink()
     up(checkout)
-    assert f"--profile {service} rm --stop --force {service}" in calls(checkout)
+    # A person may run Prometheus alone.
+    takes_away = f"--profile {service} rm --stop --force {service}" in calls(checkout)
+    assert takes_away is (service != "alertmanager")
