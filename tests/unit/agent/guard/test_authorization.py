@@ -61,11 +61,14 @@ def test_other_handshakes_are_refused(given_: dict[str, str]) -> None:
     assert status(authorizer(), given_) == 403
 
 
-def test_without_a_key_of_its_own_the_guard_lets_nobody_in() -> None:
-    rights = authorizer()
-    rights.key = ""
+def test_a_new_guard_lets_nobody_in() -> None:
+    """Before it has a key of its own, and drive before the session is up."""
+    rights = Authorizer(NOW)
+    assert rights.key == ""
     assert status(rights, headers(key="")) == 403
     assert status(rights, {}) == 403
+    rights.key = "k1"
+    assert status(rights, headers()) == 409
 
 
 def test_a_handshake_may_be_faster_than_the_line_of_its_lease() -> None:
