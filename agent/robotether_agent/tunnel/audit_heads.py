@@ -46,7 +46,10 @@ async def _statements(
 ) -> list[Statement]:
     """Return what the server lacks, the oldest first, with a statement about the line that it names."""
     chain, position, line_hash = request.chain, request.position, request.hash
-    made = [item for item in _read(state_dir / AUDIT_HEADS_FILE) if item["chain"] == chain]
+    stored = _read(state_dir / AUDIT_HEADS_FILE)
+    made = [item for item in stored if item["chain"] == chain]
+    # Of names that the robot had before: it may get one of them back.
+    others = [item for item in stored if item["chain"] != chain]
     if made and position < made[-1]["position"]:
         newest = made[-1]["position"]
         log.warning("not signing the audit log: it went back from line %d to %d", newest, position)
@@ -58,9 +61,8 @@ async def _statements(
         new = {"chain": chain, "position": position, "hash": line_hash}
         made.append({**new, "previous": previous, "signature": signature})
         # Before it is sent: one that is forgotten would look as if it had been taken out of the log.
-        write_atomic(
-            state_dir / AUDIT_HEADS_FILE, json.dumps({"statements": made[-MAX_STATEMENTS:]}), 0o600
-        )
+        statements = [*others[-MAX_STATEMENTS:], *made[-MAX_STATEMENTS:]]
+        write_atomic(state_dir / AUDIT_HEADS_FILE, json.dumps({"statements": statements}), 0o600)
     hashes = [_sha256(item) for item in made]
     return made[hashes.index(request.newest) + 1 :] if request.newest in hashes else made
 

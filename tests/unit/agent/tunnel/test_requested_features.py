@@ -185,8 +185,13 @@ async def test_what_the_server_lacks_is_sent_again(server):
 
 
 async def test_log_that_went_back_is_not_signed(server):
+    """Nor after the robot had another name meanwhile."""
     (newest,) = await server.ask(7)
     assert await server.ask(3) == [newest]
+    await server.ask(1, chain="other")
+    assert await server.ask(3) == [newest]
+    (next_one,) = await server.ask(8, sha256(newest))
+    assert next_one["previous"] == sha256(newest)
 
 
 async def test_damaged_file_begins_anew(server, tmp_path):
