@@ -55,8 +55,8 @@ export class Thumb {
   }
 
   begin() {
-    clearTimeout(this.timer);
     if (this.cancel) return;
+    clearTimeout(this.timer);
     // Looked at again: the robot may come online, or its video.
     const lack = lackOf(this.card.dataset);
     if (lack) {
