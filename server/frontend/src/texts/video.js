@@ -50,11 +50,18 @@ export const frame = {
 
 const TOPIC_KINDS = { scan: "laser scan", located: "localization", tfStatic: "static frames", tf: "frames" };
 
+const MOST_NAMED = 4; // maximum number of topics that a question names.
+
+function someOf(names) {
+  const left = names.length - MOST_NAMED;
+  return [...names.slice(0, MOST_NAMED), ...(left > 0 ? [`${left} more`] : [])].join(" or ");
+}
+
 export const video = {
   map: "Map",
   mapRefused: (why) => `Map not shown. ${because(why)}`,
   topicInDoubt: (kind, candidates) =>
-    `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${candidates.join(" or ")}? A manager chooses it in the robot's settings.`,
+    `Which ${TOPIC_KINDS[kind] ?? kind} topic is this robot's: ${someOf(candidates)}? A manager chooses it in the robot's settings.`,
   unread: (topic) => `A message of ${topic} could not be read, so it is not shown.`,
   snapshotSaved: "Picture saved.",
   snapshotFailed: (status, detail) =>

@@ -45,7 +45,10 @@ test("which odometry is the robot's is asked also where a laser makes the map", 
   const view = Object.assign(Object.create(View.prototype), { page: {}, driveTopic: "/cmd_vel", hasMap: true, ...parts });
   const odometry = ["/a/odom", "/b/odom"].map((name) => ({ name, type: "nav_msgs/Odometry" }));
   view.found([...odometry, { name: "/scan", type: "sensor_msgs/LaserScan" }], true);
-  assert.match(view.questions.join(), /odometry .*\/a\/odom or \/b\/odom/);
+  assert.match(view.questions.join(), /odometry .*: \/a\/odom or \/b\/odom\?/);
+  const many = Array.from({ length: 500 }, (_, i) => ({ name: `/s${i}/scan`, type: "sensor_msgs/LaserScan" }));
+  view.found(many, true);
+  assert.match(view.questions.join(), /laser scan .*: \/s0\/scan or .* or 496 more\?/);
 });
 
 test("a topic whose messages cannot be read is named once, beside what else is asked about topics", () => {
