@@ -13,6 +13,7 @@ from flask import Blueprint, Flask, flash, g, redirect, request
 from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
+from robotether_server.db import Transaction, robots
 from robotether_server.problems import (
     FieldInvalidError,
     RecordExistsError,
@@ -43,15 +44,22 @@ SECRETS = {
 def form(blueprint: Blueprint, path: str, page: Callable[..., str]) -> Callable[[S], S]:
     """Let a POST to `path` call the function: `save(tx, source, **parts of the path)`, in a transaction of its own.
 
-    GET shows `page(**parts)`, and so does a form that cannot be saved, with its `problem`.
+    GET shows `page(**parts)`, and so does a form that cannot be saved, with its `problem`. One of a robot sends its MAC
+    as `meant`.
     """
 
     def register(save: S) -> S:
+        def act(tx: Transaction, **parts: object) -> Saved | str:
+            if "meant" in request.form:
+                name = str(parts["name"])
+                check_meant(name, robots.get(tx, name).mac)
+            return save(tx, current_user.source(), **parts)
+
         def view(**parts: object) -> PageAnswer:
             if request.method != "POST":
                 return page(**parts)
             try:
-                saved = context().database.run(lambda tx: save(tx, current_user.source(), **parts))
+                saved = context().database.run(lambda tx: act(tx, **parts))
             except RobotetherError as problem:
                 return page(**parts, problem=problem), problem.status
             return saved if isinstance(saved, str) else go_on(*saved)

@@ -112,7 +112,7 @@ def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
 
 def save(tab: Tab, tx: Transaction, source: Source, name: str) -> Saved:
     """Set what was changed in the tab, and nothing else: others may have saved the rest since it was shown."""
-    forms.check_meant(name, _robot(tx, name, tab).mac)
+    _robot(tx, name, tab)
     values, was = _checked(tab), request.form.get("was", "").split()
 
     def changed(present: Mapping[str, object]) -> Settings:

@@ -14,6 +14,7 @@ ROBOT = RobotRow(
 )  # fmt: skip
 SEEN = SeenRobot(ROBOT, online=True, since=None, level="manage", address="203.0.113.5")
 MAC = "02:00:00:00:51:01"
+GRANT = {"holder": "user:ann", "scope": "robot:sim1", "level": "drive"}
 
 
 def test_a_robot_is_found_by_what_people_know_of_it():
@@ -58,15 +59,24 @@ def active(admin, program):
 
 
 @pytest.mark.parametrize(
-    "page",
-    ["/admin/robots/sim1/disable", "/robots/sim1/settings", "/robots/sim1/settings/defaults"],
+    ("page", "path"),
+    [
+        ("/admin/robots/sim1/disable", ""),
+        ("/robots/sim1/settings", ""),
+        ("/robots/sim1/settings/defaults", ""),
+        ("/admin/robots/sim1", "/admin/robots/sim1/site"),
+        ("/admin/robots/sim1/access", "/admin/robots/sim1/grants"),
+    ],
 )
-def test_a_page_of_a_robot_changes_none_that_got_its_name_since(active, admin, database, page):
+def test_a_page_of_a_robot_changes_none_that_got_its_name_since(
+    active, admin, database, page, path
+):
+    send(admin, "/admin/sites", name="hall")
     assert f'name="meant" value="{MAC}"' in admin.ask("GET", page).text
     send(admin, "/admin/robots/sim1/rename", new_name="other")
     send(admin, "/admin/robots/sim2/rename", new_name="sim1")
     before = audit_kinds(database)
-    answer = send(admin, page, meant=MAC)
+    answer = send(admin, path or page, meant=MAC, site="hall", **GRANT)
     assert (answer.status_code, "another robot has this name now" in answer.text) == (404, True)
     assert audit_kinds(database) == before
 
