@@ -47,21 +47,20 @@ def start_recording(caller: Caller, robot: str) -> Created[Recording]:
 
 @operation("GET", "/recordings", "user", tag="robots", problems=(404,))
 def list_recordings(caller: Caller, query: RecordingQuery) -> RecordingList:
-    """List the recordings of robots that the caller may drive, newest first."""
-    robot_id = None
-    if query.robot:
-        seen = seen_robots.require(
-            caller.tx, caller.user, query.robot, "observe", "list recordings of"
-        )
-        robot_id = seen.robot.id
+    """List the recordings of robots that the caller may drive, newest first.
+
+    `robot`: a name that it has now, or had then.
+    """
     page = recordings.find(
         caller.tx,
         caller.user,
         "drive",
-        robot_id=robot_id,
+        robot=query.robot or None,
         before=query.before or None,
         limit=query.limit or USUAL_LIMIT,
     )
+    if query.robot and not page:
+        seen_robots.require(caller.tx, caller.user, query.robot, "observe", "list recordings of")
     return RecordingList(page)
 
 

@@ -141,15 +141,20 @@ def find(
     viewer: User,
     level: Level,
     *,
-    robot_id: int | None = None,
+    robot: str | None = None,
     before: int | None = None,
     limit: int = 100,
 ) -> list[Recording]:
-    """Return the recordings of robots on which the viewer has that level, newest first; not those that are deleted."""
+    """Return the recordings of robots on which the viewer has that level, newest first; not those that are deleted.
+
+    `robot`: a name that it has now, or had then.
+    """
     conditions = ["delete_requested_at IS NULL", "deleted_at IS NULL"]
-    values: dict[str, object] = {"robot_id": robot_id, "before": before}
-    if robot_id is not None:
-        conditions.append("robot_id = %(robot_id)s")
+    values: dict[str, object] = {"robot": robot, "before": before}
+    if robot is not None:
+        conditions.append(
+            "(robot = %(robot)s OR robot_id = (SELECT id FROM robots WHERE name = %(robot)s))"
+        )
     if before is not None:
         conditions.append("id < %(before)s")
     return _select(tx, viewer, level, conditions, values, limit=limit)

@@ -34,11 +34,10 @@ def show() -> str:
     """Show the list."""
     user, query = current_user.get(), filters.query_of(("robot",))
     with context().database.transaction() as tx:
-        robots = {seen.robot.name: seen for seen in seen_robots.list_seen(tx, user)}
-        chosen = robots.get(query["robot"])
+        robots = [seen.robot.name for seen in seen_robots.list_seen(tx, user)]
         find = partial(recordings.find, tx, user, limit=filters.ROWS_TO_READ)
-        find = partial(find, robot_id=chosen.robot.id if chosen else None, before=filters.before())
-        rows = find("drive") if chosen or not query["robot"] else []
+        find = partial(find, robot=query["robot"] or None, before=filters.before())
+        rows = find("drive")
         managed = {recording.id for recording in find("manage")}
     return render_template(
         "recordings.html",

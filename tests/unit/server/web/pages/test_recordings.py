@@ -37,6 +37,8 @@ def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, databas
     [topics] = re.findall(r"data-topics='([^']*)'", page)
     named = {"odometry": None, "scan": "/front/scan", "map": None, "cameras": ["/rear"]}
     assert json.loads(topics) == named
+    for name in ("sim1", "sim9"):
+        assert f"recording-{number}" in browser.ask("GET", f"/recordings?robot={name}").text
 
 
 def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number, database):
