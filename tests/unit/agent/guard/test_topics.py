@@ -101,6 +101,15 @@ def test_a_new_driver_finds_no_types_of_topics_that_made_room() -> None:
     assert {topics.ensure(name, 50.0, goes).type for name in ("/first", "/t1")} == {""}
 
 
+def test_a_new_driver_frees_no_topic_that_moved_or_must_stay() -> None:
+    """A zero may be owed to one that never moved, too."""
+    topics = Topics()
+    topics.ensure("/moved", 0.0, goes).moved = True
+    topics.ensure("/stays", 0.0, goes)
+    topics.free_unmoved(lambda topic: topic.name != "/stays")
+    assert [topic.name for topic in topics] == ["/moved", "/stays"]
+
+
 def test_what_waits_of_a_source_goes_with_it() -> None:
     topics, on_disconnected, other = Topics(), FakeSource(), FakeSource()
     for name, source in (("/a", on_disconnected), ("/b", other)):
