@@ -170,6 +170,11 @@ class Feed(SharedCopy[FeedKey, Viewer]):
         self._credits_due += 1
         self.due.set()
 
+    def give_back_older(self) -> None:
+        """Let the robot send one more frame: whoever had the older ones may have left without taking them."""
+        if len(self._untaken) > 1:
+            self.taken(self._untaken[-2])
+
     def request_key_frame(self) -> None:
         """Have the robot asked for a key frame; many requests are one."""
         if not self.needs_key_frame:
