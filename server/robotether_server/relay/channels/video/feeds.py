@@ -145,6 +145,11 @@ class Feed(SharedCopy[FeedKey, Viewer]):
 
     def join(self, viewer: Viewer) -> None:
         """Notify this viewer of what is new."""
+        if not self.users:
+            # Who left did not take what the robot sent last: it says nothing of the line, and holds up no other frame.
+            self._credits_due += len(self._untaken)
+            self._untaken.clear()
+            self._taken = None
         self.users.add(viewer)
         self.due.set()
 
@@ -169,11 +174,6 @@ class Feed(SharedCopy[FeedKey, Viewer]):
             self._credits_due += 1
         self._credits_due += 1
         self.due.set()
-
-    def give_back_older(self) -> None:
-        """Let the robot send one more frame: whoever had the older ones may have left without taking them."""
-        if len(self._untaken) > 1:
-            self.taken(self._untaken[-2])
 
     def request_key_frame(self) -> None:
         """Have the robot asked for a key frame; many requests are one."""

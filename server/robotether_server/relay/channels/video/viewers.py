@@ -71,9 +71,7 @@ class Cursor:
             # Of what came before the viewer did, what is fresh is shown at once.
             is_fresh = feed.fresh(now_s)
             self._next = newest.position + (not is_fresh)
-            if is_fresh:
-                feed.give_back_older()
-            else:
+            if not is_fresh:
                 feed.taken(newest.sequence)
 
     def next(self) -> Frame | None:

@@ -14,7 +14,7 @@ from robotether_server.relay.channels.video import feeds as feeds_module
 from robotether_server.relay.channels.video.feeds import Feed, FeedKey, Feeds, FeedTraffic
 from robotether_server.relay.channels.video.frame_protocol import SenderClock
 from robotether_server.relay.channels.video.held_frames import MAX_HELD
-from robotether_server.relay.channels.video.viewers import Cursor, ViewerPlace
+from robotether_server.relay.channels.video.viewers import ViewerPlace
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.robots.drive_log import CameraCounts
 from robotether_server.relay.robots.registry import SessionRegistry
@@ -72,12 +72,18 @@ async def test_more_frames_than_credits_break_the_protocol(feed):
         come(feed, 3)
 
 
-async def test_who_has_credit_waits_for_nobody_who_left(feed):
-    """They had all that the robot may send, and the newcomer takes what it gets once it has two."""
+async def test_what_nobody_took_before_they_left_is_given_back(feed):
+    """It neither keeps the robot from the next frame, nor counts as one that came late."""
+    one, other = Eye(), Eye()
+    feed.join(one)
     come(feed, 1)
     come(feed, 2)
-    Cursor(feed, Eye(), time.monotonic())
-    assert feed.credit() == (1, 1)
+    feed.join(other)
+    assert feed.credit() is None
+    feed.leave(one)
+    feed.leave(other)
+    feed.join(other)
+    assert feed.credit() == (2, None)
 
 
 async def test_one_viewers_defect_is_its_own(feed, caplog):
