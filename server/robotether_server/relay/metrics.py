@@ -13,6 +13,7 @@ from copy import copy
 from functools import partial
 from itertools import accumulate
 from pathlib import Path
+from typing import get_args
 
 from prometheus_client import (
     CollectorRegistry,
@@ -29,6 +30,8 @@ from prometheus_client.core import (
     Metric,
 )
 from prometheus_client.registry import Collector
+from robotether_common.guard import REFUSED_KINDS
+from robotether_common.session import ByeCode
 
 from robotether_server import __version__
 from robotether_server.backups import RECORD, age_s, last_backup
@@ -86,6 +89,12 @@ class Metrics:
             "service",
             "health",
         )
+        # From the start on, as increase() in rules.yml misses the first of what was not there before.
+        for code in ("preface", *get_args(ByeCode)):
+            self.session_refusals.labels(code)
+            self.session_close_codes.labels(code)
+        for kind in REFUSED_KINDS:
+            self.guard_refusals.labels(kind)
 
     def collect_parts(self, sessions: SessionServer, database: RelayDatabase, cells: Cells) -> None:
         """Add log-ins, the database, the disks, the backups, and which version runs in which cell."""

@@ -48,6 +48,17 @@ def test_age_of_backups_is_infinite_without_one_and_absent_where_it_is_unknown(m
         assert "\nrobotether_relay_backup_age_seconds " not in metrics.render().decode()
 
 
+def test_refusals_are_counted_from_zero_on(metrics):
+    """The first burst is an increase, too."""
+    shown = lines(metrics)
+    for series in (
+        'session_refusals_total{code="preface"}',
+        'session_refusals_total{code="robot_unknown"}',
+        'guard_refusals_total{kind="fence"}',
+    ):
+        assert f"robotether_relay_{series} 0.0" in shown
+
+
 def test_disks_are_named_and_absent_where_they_are_unknown(metrics, tmp_path):
     database, name = tmp_path / "database", "robotether_relay_disk_free_ratio"
     database.write_text("1 3\n8:1\n")
