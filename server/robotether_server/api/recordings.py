@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from flask import Response
+from flask import Response, request
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.auth import Caller
@@ -99,7 +99,11 @@ def get_recording_file(caller: Caller, recording_id: int) -> Response:
     Needs level manage on its robot. A recording that goes on is sent as far as it is.
     """
     recording = recording_service.download(
-        caller.tx, caller.source, caller.user, min(recording_id, MAX_ID)
+        caller.tx,
+        caller.source,
+        caller.user,
+        min(recording_id, MAX_ID),
+        is_noted=request.method == "HEAD",
     )
     return file_response(recording)
 

@@ -47,23 +47,29 @@ def delete(tx: Transaction, source: Source, user: User, recording_id: int) -> Re
     return recording
 
 
-def view(tx: Transaction, source: Source, user: User, recording_id: int) -> Recording:
-    """Let the user play a recording back, by pieces of its file. Raises RecordMissingError or NotPossibleError."""
+def view(
+    tx: Transaction, source: Source, user: User, recording_id: int, *, is_head: bool = False
+) -> Recording:
+    """Let the user play a recording back, by pieces of its file. Raises RecordMissingError or NotPossibleError.
+
+    `is_head`: a request without an answer's body, for which the audit log gets no line.
+    """
     recording = _find_file(tx, user, recording_id)
-    audit.record(tx, source, "recording_viewed", recording.robot, recording=recording_id)
+    if not is_head:
+        audit.record(tx, source, "recording_viewed", recording.robot, recording=recording_id)
     return recording
 
 
 def download(
-    tx: Transaction, source: Source, user: User, recording_id: int, *, is_viewed: bool = False
+    tx: Transaction, source: Source, user: User, recording_id: int, *, is_noted: bool = False
 ) -> Recording:
     """Let the user have the file of a recording, or a piece; many pieces are one line of the audit log.
 
-    `is_viewed`: the audit log has the viewing for which a page wants the piece. Raises RecordMissingError or
-    NotPossibleError.
+    `is_noted`: the audit log has the viewing for which a page wants the piece, or the file is not sent (HEAD). Raises
+    RecordMissingError or NotPossibleError.
     """
     recording = _find_file(tx, user, recording_id)
-    if not is_viewed and recordings.note_download(tx, recording_id, user.id):
+    if not is_noted and recordings.note_download(tx, recording_id, user.id):
         audit.record(tx, source, "recording_downloaded", recording.robot, recording=recording_id)
     return recording
 

@@ -53,7 +53,9 @@ def play(recording_id: int) -> str:
     """Show the page that plays a recording back."""
     user = current_user.get()
     with context().database.transaction() as tx:
-        recording = recording_service.view(tx, current_user.source(), user, recording_id)
+        recording = recording_service.view(
+            tx, current_user.source(), user, recording_id, is_head=request.method == "HEAD"
+        )
         topics = _named_topics(seen_robots.find_recorded(tx, user, recording.id))
     viewing = _viewings().dumps([recording_id, user.id])
     return render_template("recording.html", recording=recording, viewing=viewing, topics=topics)
@@ -85,7 +87,8 @@ def send_file(recording_id: int) -> Response:
             current_user.source(),
             user,
             recording_id,
-            is_viewed=_is_viewed(request.args.get("viewing", ""), [recording_id, user.id]),
+            is_noted=request.method == "HEAD"
+            or _is_viewed(request.args.get("viewing", ""), [recording_id, user.id]),
         )
     return file_response(recording)
 

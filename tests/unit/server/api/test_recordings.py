@@ -124,6 +124,9 @@ def test_a_recording_does_not_outlive_its_right(people, begun, recorder, databas
 
 def test_many_pieces_are_one_download_of_each_person(people, root, begun, database):
     """The file is sent by nginx, at a path that is made of its number alone."""
+    before = events(database)
+    assert people["mia"].ask("HEAD", f"/recordings/{begun}/file").status_code == 200
+    assert events(database) == before
     for _ in range(3):
         assert root.ask("GET", f"/recordings/{begun}/file").status_code == 200
         answer = people["mia"].ask("GET", f"/recordings/{begun}/file")

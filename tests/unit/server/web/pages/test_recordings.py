@@ -53,6 +53,9 @@ def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number,
         ]
 
     browser.log_in("olga")
+    for path in (f"/recordings/{number}", f"/recordings/{number}/file"):
+        assert browser.ask("HEAD", path).status_code == 200
+    assert kinds() == []
     page = browser.ask("GET", f"/recordings/{number}").text
     [piece] = re.findall(r'data-file="(/recordings/\d+/file\?viewing=[^"]+)"', page)
     for _ in range(3):
