@@ -21,8 +21,15 @@ export class Overlays {
   }
 
   // {diagnostics}, {name, type} or undefined.
+  /** @param {{diagnostics?: {name: string, type: string}}} topics */
   follow({ diagnostics }) {
     this.subscriptions.follow("diagnostics", diagnostics, DIAGNOSTICS, (message) => this.diagnostics.receive(message, this.now()));
+  }
+
+  // What was read is another robot's.
+  forget() {
+    this.diagnostics = new Diagnostics();
+    this.show();
   }
 
   // A robot of the feed's.

@@ -48,6 +48,18 @@ export class World {
     this.laserFixed = false; // whether /tf_static alone says where the laser is
   }
 
+  // What was read is another robot's.
+  forget() {
+    for (const kind of Object.keys(LIMITS)) this.subscriptions.follow(kind, undefined);
+    this.map?.bitmap.close?.();
+    this.path.clear();
+    this.odometry = this.scan = this.map = this.located = this.newestGrid = null;
+    this.transforms = new Transforms();
+    this.mapUnread = this.laserFixed = false;
+    this.place(ORIGIN, {});
+    this.placed = false;
+  }
+
   // `topics` {scan, map, located, tf, tfStatic}, each {name, type} or undefined.
   follow(topics) {
     this.topics = topics;

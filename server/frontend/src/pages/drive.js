@@ -234,11 +234,11 @@ function showRoundTrip(reading) {
   showBanner();
 }
 
-function useTopics({ twistType, speed, topics: all, own, answered }) {
+function useTopics({ twistType, speed, topics: all, own, others, answered }) {
   session.useType(twistType);
   controls.useType(session.type);
   if (speed || answered) readback.follow(speed);
-  view.found(own, answered);
+  view.found(own, answered, others);
   reopenUnlimited();
   topics.receive(all);
 }

@@ -1,15 +1,18 @@
-// Asks the robot which topics it has, through rosapi, and asks again until it knows what the page needs: which of them
-// are cameras, and which ones map and readouts are made of.
+// Asks the robot which topics it has, through rosapi, again and again: which of them are cameras, and which ones map and readouts
+// are made of. Of robots on one graph one may start later, and show that what was seen first is not this robot's.
 
 import { DriveTypeQuery, ask } from "../client/driveType.js";
 import { plainType, speedReader } from "../client/rosbridge.js";
 import { chooseTopic, ownTopics } from "./ownTopics.js";
 
-const AGAIN_MS = 5000;
+const AGAIN_MS = 5000; // until all is known that the page needs
+const CHECK_MS = 30_000;
+const MAX_GONE = 1000; // topics
 
 export class Discovery {
-  // `onFound` gets {twistType, speed, cameras, topics, own, answered}: all topics as {name, type}, and those of this robot. Unless
-  // `answered`, which topics it has is unknown: an empty list then says nothing.
+  // `onFound` gets {twistType, speed, cameras, topics, own, others, answered}: all topics as {name, type}, those of this robot, and
+  // the names of those that are another's. Of both also those that were there on this link and are `gone`: a driver that restarts or
+  // a silent rosapi says nothing of whose a topic is. Unless `answered`, which topics it has is unknown: an empty list then says nothing.
   // `driveType` and `odometryTopic` are the settings', or null.
   constructor({ driveTopic, driveType = null, odometryTopic = null, onFound }) {
     this.driveTopic = driveTopic;
@@ -18,24 +21,26 @@ export class Discovery {
     this.onFound = onFound;
     this.round = 0;
     this.answered = false;
+    this.graph = [];
   }
 
   // `call(service, request)` as of connection.js, another one on each link: what was answered on the last may be true no more.
   // Resolves when the robot has answered, or will not.
   async run(call) {
-    if (call !== this.call) this.answered = false;
+    if (call !== this.call) Object.assign(this, { answered: false, graph: [] });
     this.stop();
     this.call = call;
     const round = this.round;
     const [topics, twistType] = await Promise.all([allTopics(call), this.driveType.find(call)]);
     if (round !== this.round) return;
-    const own = ownTopics(topics, this.driveTopic);
+    this.graph = [...goneOf(this.graph, topics), ...topics];
+    const own = ownTopics(this.graph, this.driveTopic);
+    const others = this.graph.filter((topic) => !own.includes(topic)).map(({ name }) => name);
     this.answered ||= topics.some(({ type }) => type);
-    const robot = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own, answered: this.answered };
+    const robot = { twistType, speed: this.speed(own), cameras: cameraTopics(own), topics, own, others, answered: this.answered };
     this.onFound(robot);
-    if (!robot.speed || robot.cameras.length === 0 || !this.driveType.reported) {
-      this.timer = setTimeout(() => this.run(call), AGAIN_MS);
-    }
+    const complete = robot.speed && robot.cameras.length > 0 && this.driveType.reported;
+    this.timer = setTimeout(() => this.run(call), complete ? CHECK_MS : AGAIN_MS);
   }
 
   // For somebody who wants to know now; without effect while there is no link.
@@ -66,6 +71,13 @@ async function allTopics(call) {
   // One that is named twice is one topic, and no two in doubt.
   const byName = new Map(named.map((topic) => [topic.name, topic]));
   return [...byName.values()].filter(({ name }) => textOf(name));
+}
+
+// The topics of before that are there no more, the last ones.
+function goneOf(before, topics) {
+  const names = new Set(topics.map(({ name }) => name));
+  const gone = before.filter(({ name }) => !names.has(name)).slice(-MAX_GONE);
+  return gone.map((topic) => ({ ...topic, gone: true }));
 }
 
 const textOf = (value) => (typeof value === "string" ? value : "");

@@ -27,18 +27,48 @@ export function ownTopics(topics, driveTopic) {
 }
 
 // {topic, candidates}: the topic {name, type} of a kind, as the settings name it or the best of `topics`, which are the robot's
-// own; undefined for none. Of several that are equally good none is, and `candidates` are their names.
+// own (`gone` as of discovery.js); undefined for none. Of several that are equally good none is, and `candidates` are their names.
 /** @type {(kind: string, topics: {name: string, type: string}[], options?: {named?: string | null, driveTopic?: string}) => {topic: {name: string, type: string} | undefined, candidates: string[]}} */
 export function chooseTopic(kind, topics, { named = null, driveTopic = "" } = {}) {
   const { types, last } = KINDS[kind];
   if (named) return { topic: topics.find(({ name }) => name === named) ?? { name: named, type: types[0] }, candidates: [] };
   const home = new Home(driveTopic);
   const fit = topics.filter(({ name, type }) => types.includes(plainType(type)) && (!last || segments(name).at(-1) === last));
-  const ranked = fit.map((topic) => ({ topic, rank: home.rank(topic.name, KINDS[kind].usual) })).sort((a, b) => compare(a.rank, b.rank));
+  const ranked = fit.map((topic) => ({ topic, rank: home.rank(topic, KINDS[kind].usual) })).sort((a, b) => compare(a.rank, b.rank));
   const best = ranked.filter(({ rank }) => compare(rank, ranked[0].rank) === 0).map(({ topic }) => topic);
   if (best.length > 1) return { topic: undefined, candidates: best.map(({ name }) => name).sort() };
   return { topic: best[0], candidates: [] };
 }
+
+/** @typedef {{name: string, type: string}} Topic */
+
+// What is chosen of each kind as the robot's graph changes.
+export class TopicChoice {
+  // `named` gives the topic of a kind that the settings name, or nothing.
+  constructor({ named, driveTopic }) {
+    this.named = named;
+    this.driveTopic = driveTopic;
+    this.last = /** @type {Record<string, Topic | undefined>} */ ({});
+  }
+
+  // {chosen, inDoubt, left}: the topics by kind, {kind, candidates} of what is in doubt, and the kinds whose last topic is another
+  // robot's or gave way to another one, so that what it said is no fact of this robot. `others` as of discovery.js.
+  choose(topics, others) {
+    const chosen = /** @type {Record<string, Topic | undefined>} */ ({});
+    const inDoubt = /** @type {{kind: string, candidates: string[]}[]} */ ([]);
+    const left = /** @type {string[]} */ ([]);
+    for (const kind of Object.keys(KINDS)) {
+      const { topic, candidates } = chooseTopic(kind, topics, { named: this.named(kind), driveTopic: this.driveTopic });
+      if (candidates.length) inDoubt.push({ kind, candidates });
+      if (isLeft(this.last[kind], topic, others)) left.push(kind);
+      chosen[kind] = topic;
+      this.last[kind] = topic ?? (left.includes(kind) ? undefined : this.last[kind]);
+    }
+    return { chosen, inDoubt, left };
+  }
+}
+
+const isLeft = (last, now, others) => Boolean(last && last.name !== now?.name && (now || others.includes(last.name)));
 
 // The namespace of the robot's drive topic, as the place that others are near to or far from.
 class Home {
@@ -67,12 +97,12 @@ class Home {
     return this.branch(name) !== null && (isDriveType(type) || segments(name).at(-1) === this.last);
   }
 
-  // The nearest namespace first, then the usual names, then those that lie less deep.
-  rank(name, usual) {
+  // The nearest namespace first, then what is there, then the usual names, then those that lie less deep.
+  rank({ name, gone = false }, usual) {
     const path = segments(name);
     const shared = this.shared(path.slice(0, -1));
     const within = path.slice(shared).join("/");
-    return [-shared, usual.includes(within) ? usual.indexOf(within) : usual.length, path.length];
+    return [-shared, Number(gone), usual.includes(within) ? usual.indexOf(within) : usual.length, path.length];
   }
 }
 

@@ -10,7 +10,7 @@ import { World } from "../overlays/world.js";
 import { Choices, TEXT, byTestId, download, matches, onPress, part, setText } from "../dom/page.js";
 import { video as texts } from "../texts/video.js";
 import { cameraTopics, offeredCameras } from "../topics/discovery.js";
-import { chooseTopic } from "../topics/ownTopics.js";
+import { TopicChoice } from "../topics/ownTopics.js";
 import { requestedQuality } from "./cameraTile.js";
 import { Layout, MAP } from "./layout.js";
 import { NUMBER_KEYS, SourceButtons } from "./sourceButtons.js";
@@ -31,7 +31,8 @@ export class View {
     this.robot = robot;
     this.now = now;
     this.page = settings.page ?? {};
-    this.driveTopic = driveTopic;
+    this.choice = new TopicChoice({ named: (kind) => this.page[`${kind}_topic`], driveTopic });
+    this.others = []; // names of topics that are another robot's
     this.element = byTestId(root, "view");
     this.choices = new Choices(`sight.${robot}`);
     this.layout = new Layout(this.choices.all.layout);
@@ -82,21 +83,19 @@ export class View {
     setInterval(() => this.tick(), CHECK_MS);
   }
 
-  // `topics` are all of this robot's, {name, type}; `answered` as of discovery.js.
-  found(topics, answered) {
-    const { page, driveTopic } = this;
-    this.answered = answered;
+  // `topics` are all of this robot's, {name, type}; `answered` and `others` as of discovery.js.
+  found(topics, answered, others = []) {
+    Object.assign(this, { answered, others });
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
-    this.questions = [];
-    const of = (kind) => {
-      const { topic, candidates } = chooseTopic(kind, topics, { named: page[`${kind}_topic`], driveTopic });
-      if (candidates.length) this.questions.push(texts.topicInDoubt(kind, candidates));
-      return topic;
-    };
-    this.followed = { scan: of("scan"), map: of("map"), located: of("located"), odometry: of("odometry") };
-    this.world.follow({ ...this.followed, tf: of("tf"), tfStatic: of("tfStatic") });
-    this.overlays.follow({ diagnostics: of("diagnostics") });
-    this.hasMap = Boolean(this.hasMap || this.followed.scan || this.followed.map || this.followed.odometry);
+    others.forEach((topic) => this.known.delete(topic));
+    const { chosen, inDoubt, left } = this.choice.choose(topics, others);
+    const asked = inDoubt.filter(({ kind }) => kind !== "turtle"); // it counts only without odometry
+    this.questions = asked.map(({ kind, candidates }) => texts.topicInDoubt(kind, candidates));
+    if (left.some((kind) => kind !== "diagnostics")) this.world.forget();
+    if (left.includes("diagnostics")) this.overlays.forget();
+    this.world.follow(chosen);
+    this.overlays.follow(chosen);
+    this.hasMap = Boolean(this.hasMap || chosen.scan || chosen.map || chosen.odometry);
     this.showQuestions();
     this.offer();
   }
@@ -132,7 +131,7 @@ export class View {
 
   // A robot that reports no camera may have the usual one all the same.
   seen(topic) {
-    this.known.add(topic);
+    if (!this.others.includes(topic)) this.known.add(topic);
     this.layout.keep(topic);
     this.reportMain();
   }
@@ -155,7 +154,7 @@ export class View {
   offer() {
     const { page, known, hasMap, hasCamera, usualIsDown } = this;
     const { wanted } = this.layout;
-    const guess = wanted === MAP ? null : wanted;
+    const guess = wanted === MAP || this.others.includes(wanted) ? null : wanted;
     this.cameras = usualIsDown && hasMap && !hasCamera ? [] : offeredCameras({ configured: page.cameras, known: [...known], guess });
     const ids = this.cameras.map(({ topic }) => topic);
     this.layout.offer(hasMap ? [...ids, MAP] : ids);

@@ -75,6 +75,21 @@ for (const [name, act, topics] of [
   });
 }
 
+test("what another robot said is forgotten, and the topics that stay are subscribed to anew", async () => {
+  follow(ALL);
+  show(BOTH);
+  world.receivePose({ x: 1, y: 2, theta: 0 });
+  say("/scan", scan);
+  await say("/map", grid(0));
+  const late = say("/map", grid(100));
+  world.forget();
+  assert.equal(handlers.size, 0);
+  follow(ALL);
+  await late;
+  assert.deepEqual([world.map, world.points, world.robot.unknown, world.path.points, closed.length], [null, null, true, [], 2]);
+  assert.ok(handlers.has("/map"));
+});
+
 test("why the server passes no map on is said", () => {
   follow(ALL);
   show(BOTH);

@@ -23,25 +23,48 @@ const robot = (topics, driveType = "") => {
   return { call, asked };
 };
 
-test("a whole robot is found in one round", async () => {
+test("a whole robot is found in one round, and is asked again later", async () => {
   const { call, asked } = robot(
     { "/odom": "nav_msgs/msg/Odometry", "/camera/image_raw": "sensor_msgs/msg/Image" },
     "geometry_msgs/msg/Twist",
   );
   await discovery.run(call);
-  mock.timers.tick(60_000);
+  mock.timers.tick(29_999);
   const topics = [
     { name: "/odom", type: "nav_msgs/msg/Odometry" },
     { name: "/camera/image_raw", type: "sensor_msgs/msg/Image" },
   ];
-  const all = { topics, own: topics, answered: true };
+  const all = { topics, own: topics, others: [], answered: true };
   assert.deepEqual(found, [{ twistType: "geometry_msgs/msg/Twist", speed: topics[0], cameras: ["/camera/image_raw"], ...all }]);
   assert.deepEqual(asked.map(({ service }) => service).sort(), ["/rosapi/get_ros_version", "/rosapi/topic_type", "/rosapi/topics"]);
+  mock.timers.tick(1);
+  assert.ok(asked.length > 3);
+  discovery.stop();
+});
+
+test("what shows as another robot's is left, and a driver that restarts or a silent rosapi changes nothing", async () => {
+  const topicsOf = (name) => ({
+    [`/${name}/odom`]: "nav_msgs/Odometry",
+    [`/${name}/image_raw`]: "sensor_msgs/Image",
+    [`/${name}/cmd_vel`]: "geometry_msgs/Twist",
+  });
+  const [before, a, b] = [topicsOf("b"), topicsOf("a"), topicsOf("b")];
+  delete before["/b/cmd_vel"];
+  let topics = before;
+  const call = (service, request) => robot(topics).call(service, request);
+  discovery = new Discovery({ driveTopic: "/a/cmd_vel", onFound: ({ speed, cameras }) => found.push([speed?.name, ...cameras]) });
+  for (const next of [before, b, { ...a, ...b }, {}, { ...b, "/odom": "nav_msgs/Odometry" }]) {
+    topics = next;
+    await discovery.run(call);
+  }
+  discovery.stop();
+  const [hers, his] = ["a", "b"].map((name) => [`/${name}/odom`, `/${name}/image_raw`]);
+  assert.deepEqual(found, [his, [undefined], hers, hers, hers]);
 });
 
 test("a robot without rosapi gets the usual names", async () => {
   await discovery.run(async () => ({ ok: false, values: "no such service" }));
-  const nothing = { cameras: [], topics: [], own: [], answered: false };
+  const nothing = { cameras: [], topics: [], own: [], others: [], answered: false };
   assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, ...nothing }]);
   discovery.stop();
 });

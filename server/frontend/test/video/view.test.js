@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { TopicChoice } from "../../src/topics/ownTopics.js";
 import { MAP } from "../../src/video/layout.js";
 import { MainTimestamp, View, viewActionOf } from "../../src/video/view.js";
 
@@ -39,10 +40,28 @@ test("the laser in the stick is drawn again also when nothing comes, as its scan
   assert.equal(drawn, 2);
 });
 
+function viewOf(driveTopic) {
+  const said = [];
+  const reader = (name) => ({ follow() {}, forget: () => said.push(name) });
+  const choice = new TopicChoice({ named: () => null, driveTopic });
+  const parts = { world: reader("world"), overlays: reader("overlays"), choice, known: new Set(), offer() {}, showQuestions() {} };
+  return Object.assign(Object.create(View.prototype), { page: {}, hasMap: true, said, ...parts });
+}
+
+test("what was read of a topic that is another robot's is forgotten, as is its camera", () => {
+  const view = viewOf("/a/cmd_vel");
+  const types = { odom: "nav_msgs/Odometry", diagnostics: "diagnostic_msgs/DiagnosticArray", image_raw: "sensor_msgs/Image" };
+  const topics = Object.entries(types).map(([name, type]) => ({ name: `/b/${name}`, type }));
+  view.found(topics, true);
+  view.found([], false); // of a new link
+  assert.deepEqual([view.said, [...view.known]], [[], ["/b/image_raw"]]);
+  const others = topics.map(({ name }) => name);
+  for (let i = 0; i < 2; i += 1) view.found([], true, others);
+  assert.deepEqual([view.said, [...view.known]], [["world", "overlays"], []]);
+});
+
 test("which odometry is the robot's is asked also where a laser makes the map", () => {
-  const [follow, nothing] = [{ follow() {} }, () => {}];
-  const parts = { world: follow, overlays: follow, known: new Set(), offer: nothing, showQuestions: nothing };
-  const view = Object.assign(Object.create(View.prototype), { page: {}, driveTopic: "/cmd_vel", hasMap: true, ...parts });
+  const view = viewOf("/cmd_vel");
   const odometry = ["/a/odom", "/b/odom"].map((name) => ({ name, type: "nav_msgs/Odometry" }));
   view.found([...odometry, { name: "/scan", type: "sensor_msgs/LaserScan" }], true);
   assert.match(view.questions.join(), /odometry .*: \/a\/odom or \/b\/odom\?/);
@@ -122,7 +141,8 @@ test("what was seen before the machine slept is not reported as seen at any time
 function offered({ cameras = [], known = [], hasMap }) {
   const view = Object.create(View.prototype);
   const layout = { offer: (ids) => (view.ids = ids) };
-  Object.assign(view, { page: { cameras }, known: new Set(known), hasMap, usualIsDown: false, layout, offerSources() {}, arrange() {} });
+  const parts = { layout, others: [], offerSources() {}, arrange() {} };
+  Object.assign(view, { page: { cameras }, known: new Set(known), hasMap, usualIsDown: false, ...parts });
   view.offer();
   view.lacks();
   return view.ids;
