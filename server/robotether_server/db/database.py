@@ -49,6 +49,7 @@ MAX_AGAIN = 4
 CHECK_FAILED = 4025
 SIGNALLED = 1644
 STATEMENT_TIMEOUT = 1969
+ACCOUNT_LOCKED = 4151
 TOO_MANY_USER_CONNECTIONS = 1226
 
 _UNAVAILABLE = {
@@ -62,6 +63,7 @@ _UNAVAILABLE = {
     ER.RECORD_FILE_FULL,
     STATEMENT_TIMEOUT,
     TOO_MANY_USER_CONNECTIONS,
+    ACCOUNT_LOCKED,
 }
 # What is wrong with a value, by the database's number. Its own words have tables and statements, and are for nobody.
 _REFUSED = {
@@ -324,7 +326,9 @@ def translate(error: pymysql.MySQLError) -> StoreError | None:
         return DeadlockError("cannot save: others change the same records; try again shortly")
     if number in _UNAVAILABLE or number in _CLIENT_ERRORS or isinstance(error, InterfaceError):
         return StoreUnavailableError(
-            "cannot reach the database: it does not answer or is too busy; try again shortly"
+            "cannot use the database: tools/restore has not finished; if it was interrupted, run it again"
+            if number == ACCOUNT_LOCKED
+            else "cannot reach the database: it does not answer or is too busy; try again shortly"
         )
     if number == SIGNALLED:
         return RecordRefusedError(message)

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 from commands import path_with, run_command, write_programs
+from robotether_server.db import Database
 from robotether_server.disks import recorded_space
+from robotether_server.problems import StoreUnavailableError
 
 ROOT = Path(__file__).resolve().parents[3]
 # What runs in the service backup runs here.
@@ -21,7 +23,7 @@ case "$*" in
   ps*) cat container ;;
   start*) exit 1 ;;
   *mariadb-dump*) if [ -e dump ]; then cat dump; else docker exec "$(cat container)" "${@:4}"; fi ;;
-  exec*) docker exec "$(cat container)" "${@:4}" ;;
+  exec*) docker exec --interactive "$(cat container)" "${@:4}" ;;
   *' backup '*)
     while [ "$1" != backup ]; do shift; done
     shift
@@ -53,6 +55,8 @@ SECRETS = (
     "own/ticket_key",
     "own/.gitignore",
 )
+# It breaks off in the midst.
+SQL_OF_THEN = b"SELECT 1; of then\n"
 NOT_KEPT = {"secrets/web/admin_password", "own/.gitignore"}
 
 
@@ -184,7 +188,7 @@ def backup_file(tmp_path):
     """What looks like a backup, of another machine's settings."""
     parts = tmp_path / "parts"
     parts.mkdir()
-    (parts / "database.sql.gz").write_bytes(gzip.compress(b"of then\n"))
+    (parts / "database.sql.gz").write_bytes(gzip.compress(SQL_OF_THEN))
     (parts / "env").write_text("of then\n")
     with tarfile.open(parts / "volumes.tar", "w") as volumes:
         volumes.add(parts / "env", "env")
@@ -209,6 +213,22 @@ def test_other_files_are_no_backup(checkout, tmp_path):
         assert f"cannot restore {tmp_path}/file" in done.stderr
 
 
+def test_half_a_restored_database_serves_nobody(real, mariadb, database, backup_file):
+    """Nor is it a backup. That each start of the database sets the passwords anew lets nobody in."""
+    whole = Path(run(real, "backup", "backups").stdout.split()[-1])
+    failed = run(real, "restore", "--database", str(backup_file), status=1)
+    assert f"Run tools/restore --database {backup_file} again" in failed.stderr
+    password = mariadb.passwords["web"]
+    mariadb.as_root(f"ALTER USER web IDENTIFIED BY '{password}' WITH MAX_USER_CONNECTIONS 90")
+    for account in ("web", "migrate"):
+        with pytest.raises(StoreUnavailableError, match="restore has not finished"):
+            Database(mariadb.settings(account)).run(lambda tx: tx.rows("SELECT 1"))
+    assert "restore has not finished" in run(real, "backup", "backups", status=1).stderr
+    run(real, "restore", "--database", str(whole))
+    assert database.run(lambda tx: tx.rows("SELECT 1"))
+    run(real, "backup", "backups")
+
+
 @pytest.mark.parametrize(
     ("services", "is_damaged", "says"),
     [
@@ -222,7 +242,7 @@ def test_restore_that_cannot_succeed_stops_nothing(
     (checkout / "services").write_text(services)
     if is_damaged:
         content = bytearray(backup_file.read_bytes())
-        at = content.index(gzip.compress(b"of then\n")[10:])
+        at = content.index(gzip.compress(SQL_OF_THEN)[10:])
         content[at] ^= 0xFF
         backup_file.write_bytes(content)
     write_programs(
