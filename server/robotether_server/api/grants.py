@@ -169,7 +169,8 @@ def _the_one(choices: list[T], kinds: str) -> T:
 
 
 def _describe(grant: Grant) -> ShownGrant:
-    return ShownGrant(**vars(grant), all=grant.is_for_all)
+    members = {name: value for name, value in vars(grant).items() if name != "has_ended"}
+    return ShownGrant(**members, all=grant.is_for_all)
 
 
 @operation("GET", "/groups", "admin")

@@ -19,7 +19,7 @@ LEVELS: tuple[Level, ...] = ("observe", "drive", "manage")  # each includes the 
 
 SELECT = (
     "SELECT g.id, u.name AS user, m.name AS `group`, r.name AS robot, s.name AS site, g.level, "
-    "g.expires_at AS ends_at FROM grants g "
+    "g.expires_at AS ends_at, COALESCE(g.expires_at <= CURRENT_TIMESTAMP(6), 0) AS has_ended FROM grants g "
     "LEFT JOIN users u ON u.id = g.user_id LEFT JOIN user_groups m ON m.id = g.group_id "
     "LEFT JOIN robots r ON r.id = g.robot_id LEFT JOIN sites s ON s.id = g.site_id "
 )
@@ -36,16 +36,12 @@ class Grant:
     robot: str | None = None
     site: str | None = None
     ends_at: dt.datetime | None = None
+    has_ended: bool = False
 
     @property
     def is_for_all(self) -> bool:
         """Return whether it is for all robots, future ones included."""
         return self.robot is None and self.site is None
-
-    @property
-    def has_ended(self) -> bool:
-        """Return whether it has ended."""
-        return self.ends_at is not None and self.ends_at <= dt.datetime.now(dt.UTC)
 
     @property
     def holder_words(self) -> str:

@@ -327,7 +327,7 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
         raise TokenInvalidError(
             "cannot accept the join token: it is unknown or deleted; make another"
         )
-    if token.expires_at <= dt.datetime.now(dt.UTC):
+    if token.expires_at <= audit.now(tx):
         raise TokenExpiredError(
             f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
             "make another"

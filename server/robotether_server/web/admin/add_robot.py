@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, cells, join_tokens, robots, seen_robots
+from robotether_server.db import Transaction, audit, cells, join_tokens, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import JoinToken, Place
@@ -103,7 +103,7 @@ def _page(
         rejected=robots.list_rejected_keys(tx),
         refused=robots.list_refusals(tx),
         online={seen.robot.name for seen in everyone if seen.online},
-        tokens=_usable(join_tokens.list_all(tx)),
+        tokens=_usable(tx),
         policy=context().join.policy,
         problem=problem,
         values=request.form,
@@ -126,9 +126,13 @@ def _arrivals(
     ]
 
 
-def _usable(listed: list[JoinToken]) -> list[JoinToken]:
-    now = dt.datetime.now(dt.UTC)
-    return [token for token in listed if token.used < token.uses and token.expires_at > now]
+def _usable(tx: Transaction) -> list[JoinToken]:
+    now = audit.now(tx)
+    return [
+        token
+        for token in join_tokens.list_all(tx)
+        if token.used < token.uses and token.expires_at > now
+    ]
 
 
 def _token_words(token_id: int) -> Words:

@@ -1,11 +1,9 @@
 """/admin/tokens: the API tokens of all users, who make them in the profile."""
 
-import datetime as dt
-
 from flask import Blueprint, render_template
 
 from robotether_server.api.context import context
-from robotether_server.db import credentials
+from robotether_server.db import audit, credentials
 from robotether_server.services import tokens
 from robotether_server.web import confirmation
 from robotether_server.web.confirmation import ConfirmedAction, Words
@@ -17,8 +15,8 @@ blueprint = Blueprint("tokens", __name__)
 def show() -> str:
     """Show every API token."""
     with context().database.transaction() as tx:
-        api_tokens = credentials.list_tokens(tx)
-    return render_template("admin/tokens.html", tokens=api_tokens, now=dt.datetime.now(dt.UTC))
+        api_tokens, now = credentials.list_tokens(tx), audit.now(tx)
+    return render_template("admin/tokens.html", tokens=api_tokens, now=now)
 
 
 def _words(token_id: int) -> Words:

@@ -29,7 +29,11 @@ from robotether_server.problems import (
 from robotether_server.services import grants, tokens
 from robotether_server.services import robots as robot_service
 from robotether_server.services.grants import Grantee, Scope
-from robotether_server.services.joining import MAX_UNKNOWN_PER_NETWORK, Answer
+from robotether_server.services.joining import (
+    MAX_UNKNOWN_PER_NETWORK,
+    Answer,
+    find_credential,
+)
 
 ADMIN = Source("root")
 
@@ -282,6 +286,16 @@ def test_token_does_not_undo_what_an_admin_did(site):
     assert site.used() == 1
     with pytest.raises(TokenUsedUpError, match="an admin has undone that"):
         dataclasses.replace(site, policy="token-only").ask(token=token)
+
+
+def test_token_expires_by_the_clock_of_the_database(site):
+    """As its use does, whatever this machine's clock says."""
+    token = site.join_token(1, 1)
+    with site.database.transaction() as tx:
+        assert find_credential(tx, token)
+        tx.change("SET timestamp = UNIX_TIMESTAMP() + 7200")
+        with pytest.raises(TokenExpiredError):
+            find_credential(tx, token)
 
 
 def test_wrong_tokens_are_told_apart(site):

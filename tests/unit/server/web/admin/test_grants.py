@@ -1,12 +1,15 @@
 """Grants on the pages of robots, users, groups and sites: which each shows, given and removed."""
 
+import datetime as dt
+
 import pytest
 from admin_visitor import send
 from robotether_server.db import robots, users
 from robotether_server.db.audit import Source
-from robotether_server.db.grants import GROUPS, SITES, list_all
+from robotether_server.db.grants import GROUPS, SITES, get, list_all
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
+from robotether_server.times import utc_now
 from robotether_server.web.admin import grants as grant_pages
 from web_visitor import audit_kinds
 
@@ -42,6 +45,17 @@ def number_of(database, who, what):
     with database.transaction() as tx:
         numbers = {(item.holder_words, item.scope_words): item.id for item in list_all(tx)}
     return numbers[who, what]
+
+
+def test_a_grant_has_ended_by_the_clock_of_the_database(database):
+    ends_at = utc_now() + dt.timedelta(hours=1)
+    with database.transaction() as tx:
+        number = grants.give(tx, ADMIN, Grantee("user", "olga"), ALL, "observe", ends_at=ends_at)[
+            0
+        ].id
+        for later_s, has_ended in ((0, False), (7200, True)):
+            tx.change("SET timestamp = UNIX_TIMESTAMP() + %s", (later_s,))
+            assert get(tx, number).has_ended == has_ended
 
 
 @pytest.fixture
