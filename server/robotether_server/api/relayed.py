@@ -68,10 +68,11 @@ RELAYED = (
         name="changeLease",
         summary="Ask for control, answer a request for it, or take it",
         details="`ask` while another user drives, and `withdraw`: level drive. `hand_over`, `refuse`: the driver. "
-        "`take`: level manage; it ends a lease or reservation at once. Control passes on when the driver leaves, hands "
-        "over, or neither replies nor publishes to a drive topic for 20 s; it is then reserved for the new user's "
-        "drive connection for 10 s. After three requests in a row a user may send one every 30 s, until they get "
-        "control; others are 429 throttled, with Retry-After. Repeating one that waits does not count.",
+        "`take`: level manage; it ends a lease or reservation at once, with `driver` only that user's lease. "
+        "Control passes on when the driver leaves, hands over, or neither replies nor publishes to a drive topic for "
+        "20 s; it is then reserved for the new user's drive connection for 10 s. After three requests in a row a user "
+        "may send one every 30 s, until they get control; others are 429 throttled, with Retry-After. Repeating one "
+        "that waits does not count.",
         who="user",
         tag="control",
         body=LeaseAction,

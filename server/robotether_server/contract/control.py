@@ -12,7 +12,7 @@ from robotether_server.schemas import PlainName, RobotName, UserName
 
 MAX_REASON = 255
 MAX_PRESS = 64
-# Maximum length of the members of a stop that a release names. They are compared as they are, and never shown.
+# Maximum length of what names a stop to release, or a driver. It is compared as it is, and never shown.
 MAX_SHOWN = 255
 
 # As `times.rfc3339` writes it. A stop is named by this text, hence it is no datetime.
@@ -24,6 +24,15 @@ AS_SHOWN = Meta(
         "as_typed": True,
         "longest": MAX_SHOWN,
         "must": "a text; give by and at, as the control object shows them",
+    }
+)
+
+
+SHOWN_DRIVER = Meta(
+    extra={
+        "as_typed": True,
+        "longest": MAX_SHOWN,
+        "must": "a text; give the driver's user, as the control object shows it",
     }
 )
 
@@ -102,10 +111,15 @@ class SiteStop(StopReason, frozen=True, forbid_unknown_fields=True):
 
 
 class LeaseAction(Struct, frozen=True, forbid_unknown_fields=True):
-    """An action on the lease; `to`, with hand_over: who must be asking, else 409 nobody_asks."""
+    """An action on the lease.
+
+    `to`, with hand_over: who must be asking, else 409 nobody_asks. `driver`, with take: who must be driving, else
+    409 not_possible.
+    """
 
     action: Literal["ask", "withdraw", "hand_over", "refuse", "take"]
     to: UserName | UnsetType = UNSET
+    driver: Annotated[str, SHOWN_DRIVER] | UnsetType = UNSET
 
 
 class ControlObject(Struct, frozen=True):

@@ -142,8 +142,9 @@ export class ControlPanel {
   }
 
   async take() {
+    const driver = this.sureOf; // another one may drive, whom this page does not show yet
     this.askSure(false);
-    const answer = await api.lease(this.robot, "take");
+    const answer = await api.lease(this.robot, "take", { driver });
     if (answer.ok || answer.code === "lease_free") this.driveMode.drive();
     else this.driveMode.setNote(failure(answer));
   }

@@ -87,8 +87,9 @@ test("control is handed over to the person of the question, and to nobody else w
   assert.deepEqual([path, JSON.parse(body)], ["/api/v1/robots/sim1/lease", { action: "hand_over", to: "ben" }]);
 });
 
-test("whether to take control is asked of one driver, and not answered for the next", () => {
-  open();
+test("whether to take control is asked of one driver, and not answered for the next", (context) => {
+  const fetch = context.mock.method(globalThis, "fetch", async () => new Response("{}"));
+  open({ busy: () => false });
   const driver = (user) => driveMode.receive({ driver: { user, since: "2026-01-01T12:03:00Z", fence: 1 } });
   driver("ben");
   panel.button("take").dispatchEvent(new Event("click"));
@@ -96,6 +97,9 @@ test("whether to take control is asked of one driver, and not answered for the n
   assert.equal(byTestId(root, "take-sure").hidden, false);
   driver("cleo");
   assert.equal(byTestId(root, "take-sure").hidden, true);
+  panel.button("take").dispatchEvent(new Event("click"));
+  panel.button("take-yes").dispatchEvent(new Event("click"));
+  assert.deepEqual(JSON.parse(fetch.mock.calls[0].arguments[1].body), { action: "take", driver: "cleo" });
 });
 
 test("a page that is older than rights or settings says so, once it is connected again", () => {

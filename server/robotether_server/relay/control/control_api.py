@@ -128,6 +128,10 @@ class ControlApi:
                     "cannot use to: it is a user's name, and goes only with hand_over"
                 )
             action = partial(leasing.hand_over, to=body.to)
+        if body.driver is not UNSET:
+            if body.action != "take":
+                raise FieldInvalidError("cannot use driver: it goes only with take")
+            action = partial(leasing.take, driver=body.driver)
         self._check_level(user, robot, "manage" if body.action == "take" else "drive", body.action)
         action(robot, LeaseRequester(user, _address(request)))
         return self._answer(robot)

@@ -229,12 +229,12 @@ class Leasing:
         self._audit("lease_handed_over", robot, asker, to=change.to.name)
         self._pass(robot.id, change)
 
-    def take(self, robot: RelayRobot, asker: LeaseRequester) -> None:
-        """Give a manager the control."""
-        change = self.of(robot.id).take(asker.user, now())
+    def take(self, robot: RelayRobot, asker: LeaseRequester, driver: str | None = None) -> None:
+        """Give a manager the control, from whoever has it or from the driver of this name alone."""
+        change = self.of(robot.id).take(asker.user, now(), driver)
         if change is not None:
-            driver = None if change.driver is None else change.driver.holder.user
-            self._audit("lease_taken", robot, asker, driver=driver)
+            former = None if change.driver is None else change.driver.holder.user
+            self._audit("lease_taken", robot, asker, driver=former)
             self._pass(robot.id, change)
 
     def _claim(self, lease: Lease, connection: Connection) -> None:

@@ -18,6 +18,7 @@ from robotether_server.problems import (
     LeaseFreeError,
     LeaseNotYoursError,
     NobodyAsksError,
+    NotPossibleError,
     RobotetherError,
     ThrottledError,
 )
@@ -219,12 +220,17 @@ class Lease:
             raise NobodyAsksError(f"cannot hand control over: {asker.name} asks for it now")
         return self._pass_to(asker, now)
 
-    def take(self, user: RelayUser, now: Instant) -> Handover | None:
-        """Give a manager the control at once; None when it has it, or it is kept for it."""
+    def take(self, user: RelayUser, now: Instant, driver: str | None = None) -> Handover | None:
+        """Give a manager the control at once; None when it has it, or it is kept for it.
+
+        With `driver`, only from the driver of this name: the manager has not seen another one.
+        """
         if self._is_for(user, now):
             return None
         if self.driver is None and self.reserved(now) is None:
             self._driver_or_free(now)
+        if driver is not None and (self.driver is None or self.driver.holder.user != driver):
+            raise NotPossibleError("cannot take control: another user has it now; check again")
         return self._pass_to(user, now)
 
     def passes_at(self) -> Instant | None:

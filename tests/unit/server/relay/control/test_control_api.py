@@ -57,6 +57,8 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
         ("lease", {"action": "ask", "x": 1}, 422),
         ("lease", {"action": "refuse", "to": "ben"}, 422),
         ("lease", {"action": "hand_over", "to": None}, 422),
+        ("lease", {"action": "ask", "driver": "ben"}, 422),
+        ("lease", {"action": "take", "driver": None}, 422),
         ("lease", {"action": "a" * 5000}, 413),
         # Half the name of a stop, or null, ends none.
         ("release", {"at": "2026-01-01T12:00:00Z"}, 422),

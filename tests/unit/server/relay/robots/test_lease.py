@@ -9,6 +9,7 @@ from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import ANN, BEN, CARL, utc
 from robotether_server.problems import (
     NobodyAsksError,
+    NotPossibleError,
     RobotetherError,
     ThrottledError,
 )
@@ -139,7 +140,12 @@ def test_what_is_kept_for_a_manager_is_not_taken_again(lease):
         lease.claim(connection_of(CARL), at(9.9))
     assert lease.reserved(at(10)) is None
     driven_by(CARL, lease, 10)
-    lease.take(BEN, at(12))
+    for other in ("ann", "carl (route)"):
+        with pytest.raises(NotPossibleError, match="another user has it"):
+            lease.take(BEN, at(12), other)
+    lease.take(BEN, at(12), "carl")
+    with pytest.raises(NotPossibleError, match="another user has it"):
+        lease.take(ANN, at(13), "carl")
     assert lease.take(ANN, at(13)).to == ANN
 
 
