@@ -109,7 +109,7 @@ def test_firewall_admits_what_it_should(server: Server) -> None:
 
 
 def test_upgrade_makes_a_backup_first(server: Server) -> None:
-    """Another version leaves a backup whose records can be restored, and the newest backups only."""
+    """Another version leaves a backup whose records can be restored, beside that of an attempt before it."""
     server.compose("exec -T web robotether robot add kept --mac 00:1b:44:11:3a:b7")
     secrets = server.secrets()
     folder = "/var/backups/robotether"
@@ -117,7 +117,7 @@ def test_upgrade_makes_a_backup_first(server: Server) -> None:
         server.host.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
         server.controller.play("-e", "robotether_server_dumps_kept=1")
     assert server.secrets() == secrets
-    [backup] = server.host.run(f"ls {folder}").split()
+    [_, backup] = server.host.run(f"ls {folder}").split()
     server.compose("exec -T web robotether robot remove kept --yes")
     # As docs/howto/server.md says, into a new volume, whose accounts have no rights yet.
     server.compose("down")
