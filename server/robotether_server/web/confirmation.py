@@ -61,9 +61,9 @@ def register(
 ) -> None:
     """Make the path of each action ask and act.
 
-    `find` returns what the texts may name, from the parts of the path, or raises a RobotetherError; of a robot its MAC
-    as `meant`, as another one may get the name of its path. `back` is the page that the question came from, and may
-    name the same.
+    `find` returns what the texts may name, from the parts of the path, or raises a RobotetherError; as `meant` the MAC
+    of a robot, or the id of another, as another one may get the name of the path. `back` is the page that the question
+    came from, and may name the same.
     """
     for action in actions:
         view = _view(action, back, find)

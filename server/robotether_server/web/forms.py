@@ -17,8 +17,8 @@ from robotether_server.db import Transaction, robots
 from robotether_server.problems import (
     FieldInvalidError,
     RecordExistsError,
+    RecordMissingError,
     RobotetherError,
-    RobotUnknownError,
 )
 from robotether_server.schemas import MAX_NAME_LENGTH, ROBOT_NAME_PATTERN
 from robotether_server.web import current_user
@@ -146,11 +146,11 @@ def robot_name(name: str, label: str) -> str:
     return value
 
 
-def check_meant(name: str, mac: str) -> None:
-    """Raise RobotUnknownError if the form is of another robot, which had this name when the form was opened."""
-    if request.form.get("meant", mac) != mac:
-        raise RobotUnknownError(
-            f"cannot change robot {name}: another robot has this name now; go back and open this page anew"
+def check_meant(name: str, meant: str) -> None:
+    """Raise RecordMissingError if the form is of what had this name when it was opened, and has it no longer."""
+    if request.form.get("meant", meant) != meant:
+        raise RecordMissingError(
+            f"cannot change {name}: what has this name now is another one; go back and open this page anew"
         )
 
 

@@ -119,6 +119,7 @@ class CollectionPages(Generic[R]):
             tokens = ", ".join(join_tokens.names_for(tx, Place(**{self.collection.kind: name})))
         return {
             "name": name,
+            "meant": record.id,
             **member,
             "members": ", ".join(record.members) or "none",
             "tokens": tokens

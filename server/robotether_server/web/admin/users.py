@@ -116,6 +116,7 @@ def _words(name: str) -> Words:
     )
     return {
         "name": name,
+        "meant": user.id,
         "role": user.role,
         "tokens_left": tokens_left if user.is_admin else "",
     }

@@ -77,7 +77,10 @@ def test_a_page_of_a_robot_changes_none_that_got_its_name_since(
     send(admin, "/admin/robots/sim2/rename", new_name="sim1")
     before = audit_kinds(database)
     answer = send(admin, path or page, meant=MAC, site="hall", **GRANT)
-    assert (answer.status_code, "another robot has this name now" in answer.text) == (404, True)
+    assert (answer.status_code, "what has this name now is another one" in answer.text) == (
+        404,
+        True,
+    )
     assert audit_kinds(database) == before
 
 

@@ -36,6 +36,20 @@ def test_a_password_that_was_typed_is_not_shown(admin, database):
         assert users.get(tx, "zoe").role == "admin"
 
 
+def test_a_question_about_a_user_does_nothing_to_who_got_the_name_since(admin, database):
+    page = "/admin/users/ann/remove"
+    [meant] = re.findall(r'name="meant" value="([^"]+)"', admin.ask("GET", page).text)
+    send(admin, page, meant=meant)
+    send(admin, "/admin/users", name="ann", role="user", password="another person's")
+    answer = send(admin, page, meant=meant)
+    assert (answer.status_code, "what has this name now is another one" in answer.text) == (
+        404,
+        True,
+    )
+    with database.transaction() as tx:
+        assert users.get(tx, "ann")
+
+
 def test_each_action_is_done_and_audited(admin, database):
     actions = (
         ("role", {"role": "admin"}, "user_role_set"),
