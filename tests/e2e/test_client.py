@@ -149,19 +149,20 @@ def test_a_site_that_is_not_allowed_gets_nothing(
     other = "https://other.example"
     with _at(browser, other, EMPTY) as page:
         page.goto(f"{other}/")
-        ended = page.evaluate(
+        connected, *states = page.evaluate(
             """async ([server, robot, token]) => {
               const { Robot } = await import(`${server}/static/dist/robotether-client.js`);
               const mine = new Robot({ server, robot, token });
               const states = [];
               mine.on("state", ({ name, reason }) => states.push([name, reason]));
-              mine.connect();
+              const connected = mine.connect().then(() => "connected", ({ message }) => message);
               while (!states.at(-1)?.[1]) await new Promise((resolve) => setTimeout(resolve, 50));
               mine.close();
-              return states;
+              return [await connected, ...states];
             }""",
             [stack.url, ROBOT, token],
         )
-    assert [name for name, _ in ended[:2]] == ["connecting", "server_unreachable"]
-    assert ended[-1][0] == "server_unreachable"
-    assert f"{other} in its ALLOWED_ORIGINS" in ended[-1][1]
+    names = [name for name, _ in states]
+    assert (names[:2], names[-1]) == (["connecting", "server_unreachable"], "closed")
+    assert f"{other} in its ALLOWED_ORIGINS" in states[-2][1]
+    assert connected == f"cannot connect to {ROBOT}: closed"

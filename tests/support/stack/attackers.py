@@ -119,10 +119,12 @@ def open_ros(stack: Stack, robot: str, ticket: str | None, **headers: str) -> An
     return raw(stack, "GET", f"/robots/{robot}/ros{query}", headers={**UPGRADE, **headers})
 
 
-async def refusal_of(socket: Any, data: str | bytes) -> dict[str, Any]:
-    """Send one message as it stands; the status that the relay answers, before anything else is sent."""
+async def refusal_of(socket: Any, data: str | bytes) -> str:
+    """Send one message as it stands; why the relay refuses it, as rosbridge says that of its kind."""
     await (socket.send_bytes(data) if isinstance(data, bytes) else socket.send_str(data))
     while True:
         message = json.loads(await asyncio.wait_for(socket.receive_str(), 5))
-        if message.get("op") == "status":
-            return dict(message)
+        if why := message.get(
+            {"status": "msg", "service_response": "values"}.get(message["op"], "")
+        ):
+            return str(why)
