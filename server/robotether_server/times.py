@@ -1,6 +1,6 @@
 """Parses times and days as people and programs write them, every refusal with its field; and pauses of retries.
 
-Used by web, relay and the command line. Pure, except for the clock in `check_end` and `utc_now`.
+Used by web, relay and the command line. Pure, except for the clock in `utc_now`.
 """
 
 import datetime as dt
@@ -72,9 +72,9 @@ def day_or_timestamp(field: str, text: str, *, is_end: bool) -> dt.datetime:
         ) from error
 
 
-def check_end(field: str, ends_at: dt.datetime) -> None:
+def check_end(field: str, ends_at: dt.datetime, now: dt.datetime) -> None:
     """Raise FieldInvalidError for an end that has passed, or is so far away that it must be a mistake."""
-    wait = ends_at - dt.datetime.now(dt.UTC)
+    wait = ends_at - now
     if wait <= dt.timedelta():
         raise FieldInvalidError(
             f"cannot use {field}: it has passed; give a time in the future", field

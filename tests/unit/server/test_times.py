@@ -49,7 +49,7 @@ def test_what_is_no_day_is_refused(text):
 )
 def test_end_must_be_to_come_and_not_too_far(wait, why):
     now = dt.datetime.now(dt.UTC)
-    times.check_end("ends_at", now + dt.timedelta(minutes=1))
-    times.check_end("ends_at", now + dt.timedelta(days=3659))
+    times.check_end("ends_at", now + dt.timedelta(minutes=1), now)
+    times.check_end("ends_at", now + dt.timedelta(days=3659), now)
     with pytest.raises(FieldInvalidError, match=f"cannot use ends_at: .*{why}"):
-        times.check_end("ends_at", now + wait)
+        times.check_end("ends_at", now + wait, now)

@@ -66,7 +66,7 @@ def create_line(tx: Transaction, source: Source) -> Saved:
         forms.optional_text("group", "Group", MAX_NAME_LENGTH),
         forms.optional_text("region", "Region", MAX_NAME_LENGTH),
     )
-    expires_at = dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
+    expires_at = audit.now(tx) + dt.timedelta(hours=hours)
     label, text = tokens.invite(tx, source, name, uses, expires_at, place=place)
     # This may raise: without a certificate to pin there is no install line, and so no token.
     lines = enrolment_lines(context().site_certificates, request.host, text, name)

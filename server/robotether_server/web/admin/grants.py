@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from robotether_server import times
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, seen_robots, users
+from robotether_server.db import Transaction, audit, seen_robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, LEVELS, SITES, Grant
@@ -147,10 +147,10 @@ def grantee() -> Grantee:
     raise FieldInvalidError("cannot use Who: choose a user or a group", "holder")
 
 
-def usual_end() -> dt.datetime | None:
+def usual_end(tx: Transaction) -> dt.datetime | None:
     """Return the end that the field `hours` chooses from ENDS; raise FieldInvalidError."""
     hours = forms.choice("hours", "Until", tuple(value for value, _ in ENDS))
-    return times.utc_now() + dt.timedelta(hours=int(hours)) if hours else None
+    return audit.now(tx) + dt.timedelta(hours=int(hours)) if hours else None
 
 
 def chosen_scope() -> Scope:

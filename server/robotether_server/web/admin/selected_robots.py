@@ -41,7 +41,7 @@ def _place(tx: Transaction, source: Source, name: str) -> None:
 
 def _give(tx: Transaction, source: Source) -> None:
     grantee, level = grants.grantee(), forms.choice("level", "May", LEVELS)
-    ends_at = grants.usual_end()
+    ends_at = grants.usual_end(tx)
     for name in ROBOTS.names():
         grant_service.give(tx, source, grantee, Scope("robot", name), level, ends_at=ends_at)
 

@@ -46,7 +46,7 @@ def _add_to_group(tx: Transaction, source: Source, name: str) -> None:
 
 def _give(tx: Transaction, source: Source) -> None:
     scope, level = grants.chosen_scope(), forms.choice("level", "May", LEVELS)
-    ends_at = grants.usual_end()
+    ends_at = grants.usual_end(tx)
     for name in USERS.names():
         grant_service.give(tx, source, Grantee("user", name), scope, level, ends_at=ends_at)
 
