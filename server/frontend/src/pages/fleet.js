@@ -106,8 +106,7 @@ function update(names) {
 }
 
 function remove(name) {
-  robots.delete(name);
-  stops.delete(name);
+  for (const known of [robots, stops, datasets]) known.delete(name); // another robot may get the name
   inOrderOfNames = null;
   for (const list of Object.values(lists)) list.remove(name, pause.active);
   arrangeSoon();

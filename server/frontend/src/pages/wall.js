@@ -109,6 +109,8 @@ const feed = new Feed({
   onRobot: receive,
   onRemoved: ({ name }) => {
     robots.delete(name);
+    delete facts[name]; // another robot may get the name
+    list.remove(name, false);
     showSoon();
   },
   onState: (state) => {

@@ -251,18 +251,26 @@ class Subscriber(ChangedRobots):
         self.add(*self._objects, *(robot.id for robot in self._fleet_events.visible(self.user_id)))
 
     def pop_events(self) -> list[Event]:
-        """The newest state of each robot that changed; afterwards nothing is pending."""
-        return [event for robot_id in self.pop() for event in self._events_of(robot_id)]
+        """The newest state of each robot that changed; afterwards nothing is pending.
 
-    def _events_of(self, robot_id: int) -> Iterator[Event]:
+        Names that end come first: another robot may have one of them now.
+        """
+        robot_ids = list(self.pop())
+        removed = [event for robot_id in robot_ids for event in self._removed(robot_id)]
+        return removed + [event for robot_id in robot_ids for event in self._updated(robot_id)]
+
+    def _removed(self, robot_id: int) -> Iterator[Event]:
         robot = self._fleet_events.find(self.user_id, robot_id)
         before = self._objects.get(robot_id)
         if before is not None and (robot is None or robot.name != before.name):
             del self._objects[robot_id]
             yield "removed", RemovedRobot(before.name)
+
+    def _updated(self, robot_id: int) -> Iterator[Event]:
+        robot = self._fleet_events.find(self.user_id, robot_id)
         if robot is None:
             return
         robot_object = self._fleet_events.describe(robot)
-        if robot_object != before:
+        if robot_object != self._objects.get(robot_id):
             self._objects[robot_id] = robot_object
             yield "robot", robot_object

@@ -152,6 +152,20 @@ async def test_grants_and_names_show_and_remove_a_robot(sim1, memory_database, f
         memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
         assert await events.next() == ("removed", {"name": "sim1"})
         assert (await events.robot_with())["name"] == "turtle"
+        memory_database.add_robot(8, "sim2")
+        memory_database.grants[EVE.id, 8] = "observe"
+        assert (await events.robot_with())["name"] == "sim2"
+        robots = memory_database.robots
+        named = {sim1.id: "sim2", 8: "turtle"}
+        memory_database.robots = {i: replace(robots[i], name=name) for i, name in named.items()}
+        swap = [(event, data["name"]) for event, data in [await events.next() for _ in range(4)]]
+        assert [event for event, _ in swap] == ["removed", "removed", "robot", "robot"]
+        assert sorted(name for _, name in swap) == ["sim2", "sim2", "turtle", "turtle"]
+        del memory_database.grants[EVE.id, 8]
+        assert await events.next() == ("removed", {"name": "turtle"})
+        memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
+        assert await events.next() == ("removed", {"name": "sim2"})
+        assert (await events.robot_with())["name"] == "turtle"
         del memory_database.grants[EVE.id, sim1.id]
         assert await events.next() == ("removed", {"name": "turtle"})
 
