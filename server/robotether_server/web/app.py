@@ -38,6 +38,7 @@ from robotether_server.web.pages import (
     robot_settings,
     routes,
 )
+from robotether_server.web.static_files import CLIENT
 
 if TYPE_CHECKING:
     from wsgiref.types import StartResponse, WSGIEnvironment
@@ -82,9 +83,6 @@ CORS_HEADERS = "Authorization, Content-Type"
 PREFLIGHT_CACHE_S = 600
 # Number of database connections kept for the next requests; the account has few for all cells.
 KEPT_CONNECTIONS = 4
-# The same for everybody, and no secret: any page may load it. Kept so shortly that an upgrade reaches all pages.
-CLIENT = "/static/dist/robotether-client.js"
-CLIENT_CACHE_S = 300
 
 
 def create_app(settings: WebSettings) -> Flask:
@@ -241,8 +239,8 @@ def _register_cors(app: Flask, allowed_origins: Collection[str]) -> None:
         if request.path in CORS_PATHS:
             _mark_readable(response, allowed)
         elif request.path == CLIENT:
+            # The same for everybody, and no secret: any page may load it.
             response.headers["Access-Control-Allow-Origin"] = "*"
-            response.headers["Cache-Control"] = f"public, max-age={CLIENT_CACHE_S}"
         return response
 
 

@@ -1,4 +1,4 @@
-"""Gives static files addresses that change with their content, so that a browser asks once for each."""
+"""Says how long browsers keep static files, whose addresses change with their content."""
 
 import functools
 import hashlib
@@ -9,6 +9,9 @@ from flask import Flask, Response, request
 
 # Time for which a browser keeps a file of a content: the most that browsers take.
 CACHE_S = 365 * 24 * 3600
+# Pages of other sites load it by this address. Kept so shortly that an upgrade reaches all pages.
+CLIENT = "/static/dist/robotether-client.js"
+CLIENT_CACHE_S = 300
 
 
 def register(app: Flask) -> None:
@@ -25,8 +28,10 @@ def register(app: Flask) -> None:
 
     @app.after_request
     def let_keep(response: Response) -> Response:
+        if request.path == CLIENT:
+            response.headers["Cache-Control"] = f"public, max-age={CLIENT_CACHE_S}"
         # A page of another release asks for another content: that answer must not stay under its address.
-        if request.endpoint == "static" and response.status_code in (200, 304):
+        elif request.endpoint == "static" and response.status_code in (200, 304):
             path = path_of((request.view_args or {})["filename"])
             if request.args.get("v") == _version(path):
                 response.headers["Cache-Control"] = f"public, max-age={CACHE_S}, immutable"
