@@ -214,7 +214,7 @@ def test_other_files_are_no_backup(checkout, tmp_path):
 
 
 def test_half_a_restored_database_serves_nobody(real, mariadb, database, backup_file):
-    """Nor is it a backup. That each start of the database sets the passwords anew lets nobody in."""
+    """It makes no backup, and a start of the database, which sets the passwords anew, lets nobody in."""
     whole = Path(run(real, "backup", "backups").stdout.split()[-1])
     failed = run(real, "restore", "--database", str(backup_file), status=1)
     assert f"Run tools/restore --database {backup_file} again" in failed.stderr

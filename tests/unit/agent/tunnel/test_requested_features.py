@@ -185,7 +185,7 @@ async def test_what_the_server_lacks_is_sent_again(server):
 
 
 async def test_log_that_went_back_is_not_signed(server):
-    """Nor after the robot had another name meanwhile."""
+    """The robot remembers it also after it had another name meanwhile."""
     (newest,) = await server.ask(7)
     assert await server.ask(3) == [newest]
     await server.ask(1, chain="other")

@@ -185,7 +185,7 @@ def test_robot_that_was_renamed_is_followed(at, write, first_line, root):
 
 
 def test_robot_with_the_name_of_a_removed_one_has_none_of_its_drives(at, write, first_line, root):
-    """Nor of one without an end, whose number its own drive has."""
+    """The former robot's drive has no end, and the same number as a drive of this one."""
     write(line("drive_started", minutes(30), fence=1))
     root.ask("DELETE", f"/robots/{ROBOT}")
     body = {"mac": "00:1b:44:00:00:09", "public_key": new_public_key()}

@@ -59,7 +59,7 @@ def test_a_driver_records_a_robot_once(people, recorder):
 def test_a_request_that_nobody_took_within_a_minute_keeps_no_other_out(
     people, recorder, admin_database, passed_s
 ):
-    """By the database's clock alone, which may have been set back: those of web and recorder may be others."""
+    """Only the database's clock counts, and that may have been set back: web and recorder may run on other machines."""
     assert people["ann"].ask("POST", "/robots/sim1/recordings").status_code == 201
     with admin_database.transaction() as tx:
         tx.change("UPDATE recordings SET asked_at = asked_at - INTERVAL %s SECOND", (passed_s,))

@@ -289,7 +289,7 @@ def test_token_does_not_undo_what_an_admin_did(site):
 
 
 def test_token_expires_by_the_clock_of_the_database(site):
-    """As its use does, whatever this machine's clock says."""
+    """The database's clock decides, as it does when the token is used."""
     token = site.join_token(1, 1)
     with site.database.transaction() as tx:
         assert find_credential(tx, token)

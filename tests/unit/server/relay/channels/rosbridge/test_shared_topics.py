@@ -182,7 +182,7 @@ class AnsweringSocket(RepeatingSocket):
 
 
 async def test_what_rosbridge_refuses_is_requested_again(relay, sim1):
-    """As a topic without a type that nobody advertises yet: newcomers would share a copy that brings nothing."""
+    """Rosbridge refuses a topic without a type that nobody advertises yet, and newcomers share the copy."""
     refusal = b'{"op": "status", "level": "error", "msg": "no such topic"}'
     news = b'{"op": "publish", "topic": "/odom", "msg": {}}'
     sockets, got = [AnsweringSocket(answer) for answer in (refusal, refusal, news)], asyncio.Queue()
