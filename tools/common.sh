@@ -56,12 +56,12 @@ apt_install() {
   apt_get install -y -qq --no-install-recommends "$@" >/dev/null
 }
 
-# For tools/backup and tools/restore: programs beside the database, and in the volumes that a backup holds.
 need_database_here() { # what cannot be done
   [[ $(tools/compose config --services) =~ (^|$'\n')mysql($|$'\n') ]] ||
     fail "cannot $1: the database of this site is on another machine; run this there"
 }
 
+# For tools/backup and tools/restore: programs beside the database, and in the volumes that a backup holds.
 in_database() { # one of MariaDB's programs, and its arguments
   tools/compose exec -T mysql "$1" --defaults-file=/etc/mysql/mariadb.cnf "${@:2}"
 }
