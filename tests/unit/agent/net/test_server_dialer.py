@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import time
 from contextlib import nullcontext
 from random import Random
 
@@ -18,7 +19,6 @@ from robotether_agent.net.server_dialer import ServerDialer, SshAddress
 from robotether_agent.net.tcp import Resolver
 from robotether_agent.problems import NoAnswerError, ServerBusyError, ServerUnreachableError
 from ssh_ports import BANNER, SshPort
-from stopwatch import Stopwatch
 
 WAIT_S = 20.0
 
@@ -70,9 +70,8 @@ async def test_a_port_that_drops_everything_costs_little(silent_port):
     async with SshPort("shy") as ssh_port:
         dialer = ServerDialer()
         dialer._banner._silent_ports.add(ssh_port.port)
-        with Stopwatch() as stopwatch:
+        async with asyncio.timeout(server_dialer.NEXT_PORT_AFTER_S + 2):
             assert await dialer.find([at(silent_port), at(ssh_port.port)]) == at(ssh_port.port)
-        assert stopwatch.s < server_dialer.NEXT_PORT_AFTER_S + 1
 
 
 async def test_a_shy_port_is_remembered_and_gets_a_fresh_connection(monkeypatch):
@@ -157,19 +156,17 @@ async def test_a_cell_that_drops_everything_costs_two_seconds(silent_port, monke
     async with SshPort() as ssh_port:
         gone = ListedCell("gone", (silent_port, silent_port))
         both = [SshAddress("127.0.0.1", silent_port, "tunnel", cell=gone) for _ in gone.ports]
-        with Stopwatch() as stopwatch:
-            found = await ServerDialer().find([*both, *cells(free_port(), ssh_port.port)])
+        began_s = time.monotonic()
+        found = await ServerDialer().find([*both, *cells(free_port(), ssh_port.port)])
         assert found == at(ssh_port.port)
-        assert stopwatch.clock_s >= 0.7
-        assert stopwatch.s < 1.7
+        assert 0.7 <= time.monotonic() - began_s < 2.7
 
 
 async def test_the_time_in_which_a_cell_was_silent_already_counts(silent_port):
     async with SshPort() as ssh_port:
-        with Stopwatch() as stopwatch:
+        async with asyncio.timeout(server_dialer.NEXT_CELL_AFTER_S):
             found = await ServerDialer().find(cells(silent_port, ssh_port.port), unreached_s=1.5)
         assert found == at(ssh_port.port)
-        assert stopwatch.s < server_dialer.NEXT_CELL_AFTER_S - 0.5
 
 
 @pytest.mark.parametrize("mode", ["full", "closes"])
@@ -189,10 +186,9 @@ async def test_a_silent_cell_is_left_for_the_next_but_not_at_once(monkeypatch):
     monkeypatch.setattr(server_dialer, "NEXT_CELL_AFTER_S", 0.3)
     monkeypatch.setattr(server_dialer, "BUSY_NEXT_CELL_AFTER_S", (0.8, 0.8))
     async with SshPort("silent") as busy, SshPort() as ssh_port:
-        with Stopwatch() as stopwatch:
-            assert await ServerDialer().find(cells(busy.port, ssh_port.port)) == at(ssh_port.port)
-        assert stopwatch.clock_s >= 0.7
-        assert stopwatch.s < 3
+        began_s = time.monotonic()
+        assert await ServerDialer().find(cells(busy.port, ssh_port.port)) == at(ssh_port.port)
+        assert 0.7 <= time.monotonic() - began_s < 5
         assert busy.connections == 1
 
 

@@ -1,6 +1,7 @@
 """Tickets: given within the grant, and nothing told beyond it."""
 
 import datetime as dt
+import time
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -12,7 +13,6 @@ from robotether_server.db import database as database_module
 from robotether_server.db.fleet import SessionEntry
 from robotether_server.settings.server import DatabaseSettings
 from robotether_server.tickets import TicketSigner
-from stopwatch import Stopwatch
 from web_visitor import bearer
 
 TICKET_KEY = "t" * 32  # that of the fixture web_settings
@@ -124,11 +124,11 @@ def test_a_database_that_hangs_keeps_nobody_waiting_for_long(
     assert answer_of(program, ann, mode="observe") == (201, "")
     mariadb.container.pause()
     try:
-        with Stopwatch() as stopwatch:
-            assert answer_of(program, ann, mode="drive") == (201, "")
+        began_s = time.monotonic()
+        assert answer_of(program, ann, mode="drive") == (201, "")
+        assert time.monotonic() - began_s < database_module.ANSWER_TIMEOUT_S / 2
     finally:
         mariadb.container.unpause()
-    assert stopwatch.s < database_module.ANSWER_TIMEOUT_S / 2
 
 
 def test_what_the_database_denies_is_remembered_no_more(program, database, away):

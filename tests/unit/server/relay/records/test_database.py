@@ -21,7 +21,6 @@ from robotether_server.relay.auth.credentials import credential_of
 from robotether_server.relay.records import database as module
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.settings.server import DatabaseSettings
-from stopwatch import Stopwatch
 
 PUBLISH = '{"op":"publish","topic":"/cmd_vel"}'
 LOOK_UP = '{"op":"call_service","service":"/rosapi/topics"}'
@@ -73,10 +72,9 @@ async def test_nobody_waits_to_be_known_while_the_database_hangs():
     with create_server(("127.0.0.1", 0)) as silent:
         settings = DatabaseSettings("127.0.0.1", silent.getsockname()[1], "r", "relay", "x")
         relay_database = RelayDatabase(Database(settings), "main", answer_within_s=0.2)
-        with Stopwatch() as stopwatch:
+        async with asyncio.timeout(5):
             asking = (relay_database.changes() for _ in range(100))
             answers = await asyncio.gather(*asking, return_exceptions=True)
-        assert stopwatch.s < 1
         assert {type(answer) for answer in answers} == {StoreUnavailableError}
         assert {str(answer).partition(": ")[2].partition(";")[0] for answer in answers} == {
             "no answer in 0.2 s",

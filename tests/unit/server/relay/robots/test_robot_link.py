@@ -12,7 +12,6 @@ from relay_clients import configured, ended
 from relay_server import FAST, IMPATIENT, until
 from robotether_common.services import BY_CONNECTION
 from robotether_server.relay.robots.demand import Demand
-from stopwatch import Stopwatch
 
 SLOW_WHEN_IDLE = replace(FAST, idle_heartbeat_s=60.0)
 
@@ -77,11 +76,10 @@ async def test_a_port_that_stays_taken_goes_to_nobody(relay, sim1, memory_databa
     """Its holder would get the people who look for this robot, which comes in once the port is free."""
     with_shell = await give_shell(relay, memory_database, sim1)
     async with port_taken(with_shell.ports[BY_CONNECTION[kind].name]):
-        with Stopwatch() as stopwatch:
-            session = await connect(kind)
-            assert await ended(session) == "port_taken"
-        assert stopwatch.clock_s > 0.9
-        assert stopwatch.s < 2
+        began_s = time.monotonic()
+        session = await connect(kind)
+        assert await ended(session) == "port_taken"
+        assert 0.9 < time.monotonic() - began_s < 5
         assert session.configs == []
         assert not presence(relay, sim1).online
     await configured(await connect(kind))
@@ -141,10 +139,9 @@ async def test_heartbeats_are_quick_while_somebody_uses_a_robot(relay, sim1, con
 @pytest.mark.parametrize("timing", [IMPATIENT, replace(IMPATIENT, idle_heartbeat_s=60.0)])
 async def test_a_silent_robot_times_out(relay, sim1, connect):
     session = await connect(silent=True)
-    with Stopwatch() as stopwatch:
-        assert await ended(session) == "timeout"
-    assert stopwatch.clock_s > IMPATIENT.timeout_s
-    assert stopwatch.s < IMPATIENT.timeout_s + 1
+    began_s = time.monotonic()
+    assert await ended(session) == "timeout"
+    assert IMPATIENT.timeout_s < time.monotonic() - began_s < IMPATIENT.timeout_s + 3
     assert not presence(relay, sim1).online
 
 

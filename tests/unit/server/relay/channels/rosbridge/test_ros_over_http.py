@@ -23,7 +23,6 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.settings.robot import LevelPolicy, Policy
-from stopwatch import Stopwatch
 from yarl import URL
 
 TOPICS, SERVICES = "/api/v1/robots/sim1/topics", "/api/v1/robots/sim1/services"
@@ -80,10 +79,9 @@ async def test_a_right_that_ends_ends_what_waits(robot, ask, memory_database):
     asking = asyncio.create_task(ask("GET", f"{TOPICS}/odom?wait_s=30"))
     await until(lambda: robot.topics, "it waits")
     del memory_database.grants[BOB.id, 7]
-    with Stopwatch() as stopwatch:
+    async with asyncio.timeout(5):
         status, body = await asking
     assert (status, body["code"]) == (403, "rights_ended")
-    assert stopwatch.s < 2
 
 
 @pytest.mark.parametrize(
@@ -251,7 +249,7 @@ async def test_a_service_that_does_not_answer_in_time_is_a_problem(guarded, ask)
 async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, ros):
     calling = asyncio.create_task(ask("POST", f"{SERVICES}/a?timeout_s=30", "ann"))
     await until(lambda: of_operation(guarded, "call_service"), "the call has come")
-    with Stopwatch() as stopwatch:
+    async with asyncio.timeout(5):
         if what == "stop":
             assert (await ask("POST", "/api/v1/robots/sim1/stop"))[0] == 200
         elif what == "page":
@@ -263,7 +261,6 @@ async def test_what_ends_a_drive_ends_a_call(*, guarded, sim1, ask, what, code, 
     assert body["code"] == code
     assert "sim1" in body["detail"]
     assert body["detail"].endswith("; /a may still run")
-    assert stopwatch.s < 2
     if what == "stop":
         status, body = await ask("POST", f"{SERVICES}/a", "ann")
         assert (status, body["code"]) == (409, "robot_stopped")
