@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 HERE = Path(__file__).parent
-SECONDS = 5
+SECONDS = 3
 # Starting an instrumented program is slow on a machine that runs other tests.
 START_S = 60
 FUZZERS = sorted(HERE.glob("fuzz_*.py"))
@@ -17,7 +17,6 @@ FUZZERS = sorted(HERE.glob("fuzz_*.py"))
 
 @pytest.mark.parametrize("fuzzer", FUZZERS, ids=lambda path: path.stem)
 def test_no_input_breaks_the_parser(fuzzer: Path, tmp_path: Path) -> None:
-    """Five seconds of inputs find nothing."""
     done = subprocess.run(
         [
             sys.executable,

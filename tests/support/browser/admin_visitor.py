@@ -23,5 +23,6 @@ def join(
 
 
 def send(browser: Browser, path: str, **form: str) -> TestResponse:
-    """Send a form with the token of the page that it stands on."""
-    return browser.ask("POST", path, data={"csrf_token": browser.csrf_of("/"), **form})
+    """Send a form with the token of the visitor's pages."""
+    browser.form_token = browser.form_token or browser.csrf_of("/")
+    return browser.ask("POST", path, data={"csrf_token": browser.form_token, **form})

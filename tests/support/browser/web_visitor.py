@@ -52,6 +52,8 @@ class Browser:
     """One visitor behind nginx, with cookies, from one address."""
 
     client: FlaskClient
+    # Token of the forms of its pages, which holds as long as its login.
+    form_token: str = ""
 
     def ask(self, method: str, path: str, **options: Any) -> TestResponse:
         headers = {"X-Forwarded-For": "198.51.100.7", "X-Forwarded-Proto": "https"}
@@ -69,6 +71,7 @@ class Browser:
 
     def log_in(self, name: str, password: str = PASSWORD, onward: str = "") -> TestResponse:
         form = {"csrf_token": self.csrf(), "name": name, "password": password, "next": onward}
+        self.form_token = ""
         return self.ask("POST", "/login", data=form)
 
 

@@ -117,7 +117,7 @@ def test_authorities_are_asked_for_a_name(shown, monkeypatch, host, is_known):
     assert certificates_of(shown).certificate(host).is_known == is_known
 
 
-def test_certificate_is_kept_for_a_minute(shown):
+def test_certificates_are_kept_for_a_minute_and_bounded(shown):
     now = 1000.0
     certificates = certificates_of(shown, now=lambda: now)
     certificates.certificate("localhost")
@@ -128,10 +128,6 @@ def test_certificate_is_kept_for_a_minute(shown):
     now += 2
     certificates.certificate("localhost")
     assert shown.handshakes == 2 * asked
-
-
-def test_many_names_do_not_fill_the_memory(shown):
-    certificates = certificates_of(shown)
     for number in range(MAX_CACHED + 2):
         certificates.certificate(f"host{number}.example")
     assert len(certificates._cached) <= MAX_CACHED

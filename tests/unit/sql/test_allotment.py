@@ -89,7 +89,15 @@ def test_shell_port_comes_and_goes_with_the_setting(database, admin_database):
         robots.set_shell(tx, other, on=False)
         assert robots.get(tx, "r2").shell_port is None
     assert shell_owners(admin_database) == {24001: plain}
+    # One that an admin names is kept.
     with database.transaction() as tx:
+        for port in (24010, 24011):
+            tx.change("UPDATE robots SET shell_port = %s WHERE name = 'b'", (port,))
+    assert shell_owners(admin_database) == {24011: plain}
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET shell = FALSE, shell_port = 24012 WHERE name = 'b'")
+        assert robots.get(tx, "b").shell_port is None
+        robots.set_shell(tx, plain, on=True)
         robots.remove(tx, plain)
     assert shell_owners(admin_database) == {}
 
@@ -130,17 +138,6 @@ def test_full_ranges_say_what_to_do(database, admin_database):
                 action()
             assert refused.value.detail == f"cannot {why} in .env, then run migrate"
         assert robots.get(tx, "b").shell is False
-
-
-def test_named_shell_port_is_kept(database, admin_database):
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, mac(1), "a")
-        for port in (24010, 24011):
-            tx.change("UPDATE robots SET shell = TRUE, shell_port = %s", (port,))
-    assert shell_owners(admin_database) == {24011: robot_id}
-    with database.transaction() as tx:
-        tx.change("UPDATE robots SET shell = FALSE, shell_port = 24012")
-        assert robots.get(tx, "a").shell_port is None
 
 
 def test_ports_kept_for_shells_are_nobodys_pair(database):

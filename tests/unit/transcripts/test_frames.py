@@ -102,13 +102,7 @@ async def _refusal(http, case, url, **headers):
         return f"{case}: {answer.status}", problem_line(answer.status, problem)
 
 
-async def _ending(
-    http,
-    url,
-    act,
-    *,
-    wants,
-):
+async def _ending(http, url, act, *, wants):
     """Connect, have `act` end that, and return how it ended."""
     async with http.ws_connect(url) as socket:
         if wants:
@@ -158,9 +152,8 @@ async def test_how_viewers_connections_end(world, recorded):
     await robot.stop()
     stopping = []
     await world.robot("guard_off")
-    await end(
-        "relay stops", lambda _: stopping.append(asyncio.create_task(world.relay.relay.stop()))
-    )
+    stop = world.relay.relay.stop
+    await end("relay stops", lambda _: stopping.append(asyncio.create_task(stop())))
     await stopping[0]
     assert transcript == recorded
 

@@ -191,13 +191,7 @@ class Ends:
         self.transcript = Transcript()
         self.robot = None
 
-    async def add(
-        self,
-        case,
-        act=lambda _: None,
-        mode="drive",
-        user=ANN,
-    ):
+    async def add(self, case, act=lambda _: None, mode="drive", user=ANN):
         """Have a connection ended by `act`, once it has reached the robot if there is one that lets it."""
         before = 0 if self.robot is None else self.robot.clients_ever
         async with self.world.connect(mode, user) as socket:

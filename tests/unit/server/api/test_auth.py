@@ -1,5 +1,6 @@
 """Who asks: logins and tokens that hold, and everything else that does not."""
 
+import pytest
 from api_visitor import in_person
 from robotether_server.api import auth
 from robotether_server.db import credentials
@@ -58,30 +59,29 @@ def age(admin_database, hours):
         )
 
 
-def test_login_that_nobody_uses_ends(browser, admin_database):
+@pytest.mark.parametrize(("between_h", "uses", "last_h"), [(3.9, 2, 4.1), (1, 11, 1.1)])
+def test_a_login_ends_after_12_hours_or_4_without_use(
+    browser, admin_database, between_h, uses, last_h
+):
     browser.log_in("ann")
-    for _ in range(2):
-        age(admin_database, 3.9)
+    for _ in range(uses):
+        age(admin_database, between_h)
         assert browser.ask("GET", "/").status_code == 200
-    age(admin_database, 4.1)
+    age(admin_database, last_h)
     assert browser.ask("GET", "/").status_code == 302
 
 
-def test_a_page_that_nobody_touches_keeps_no_login(browser, admin_database):
-    """It gets tickets by itself, as often as its connections are cut."""
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [("POST", "/tickets", TICKET), ("PUT", "/queue/me", {}), ("GET", "/requests", None)],
+)
+def test_a_page_that_nobody_touches_keeps_no_login(browser, admin_database, method, path, body):
+    """It asks for tickets and requests by itself, as often as its connections are cut."""
     ann = in_person(browser, "ann")
-    for status in (201, 401):
-        age(admin_database, 2.1)
-        assert ann.ask("POST", "/tickets", TICKET).status_code == status
-
-
-def test_login_ends_however_much_it_is_used(browser, admin_database):
-    browser.log_in("ann")
-    for _ in range(11):
-        age(admin_database, 1)
-        assert browser.ask("GET", "/api/v1/me").status_code == 200
-    age(admin_database, 1.1)
-    assert browser.ask("GET", "/api/v1/me").status_code == 401
+    age(admin_database, 2.1)
+    assert ann.ask(method, path, body).status_code < 300
+    age(admin_database, 2.1)
+    assert ann.ask(method, path, body).status_code == 401
 
 
 def test_others_are_refused_before_anything_is_looked_at(program, ann, database):

@@ -3,29 +3,20 @@
 from robotether_server.api import recent_users
 from robotether_server.api.recent_users import RecentUser, RecentUsers
 
-LOGIN = ("login", "0f")
-TOKEN = ("token", "0f")
+FIRST, SECOND, THIRD = (("login", text) for text in ("01", "02", "03"))
 ANN = RecentUser(1, "ann")
 
 
-def test_a_user_is_found_by_the_credential_until_its_time_is_over():
+def test_a_user_is_found_by_the_credential_for_a_while(monkeypatch):
+    """They are bounded: what was confirmed longest ago goes first."""
     now = 0.0
-    users = RecentUsers(lambda: now)
-    users.note(LOGIN, ANN)
-    now = recent_users.RECENT_S - 1
-    assert users.find(LOGIN) == ANN
-    assert users.find(TOKEN) is None
-    now = recent_users.RECENT_S
-    assert users.find(LOGIN) is None
-    users.note(LOGIN, ANN)
-    assert users.find(LOGIN) == ANN
-
-
-def test_users_are_bounded(monkeypatch):
-    """What was confirmed longest ago goes first."""
     monkeypatch.setattr(recent_users, "MAX_RECENT", 2)
-    users = RecentUsers(lambda: 0.0)
-    first, second, third = (("login", text) for text in ("01", "02", "03"))
-    for credential in (first, second, first, third):
+    users = RecentUsers(lambda: now)
+    for credential in (FIRST, SECOND, FIRST, THIRD):
         users.note(credential, ANN)
-    assert [users.find(item) for item in (first, second, third)] == [ANN, None, ANN]
+    now = recent_users.RECENT_S - 1
+    assert [users.find(item) for item in (FIRST, SECOND, THIRD)] == [ANN, None, ANN]
+    assert users.find(("token", "01")) is None
+    users.note(THIRD, ANN)
+    now = recent_users.RECENT_S
+    assert [users.find(item) for item in (FIRST, THIRD)] == [None, ANN]

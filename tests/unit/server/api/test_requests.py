@@ -1,6 +1,5 @@
 """Requests for help over the API, by programs and by people with a login."""
 
-from api_visitor import in_person
 from robotether_server.db import robots
 
 
@@ -20,24 +19,3 @@ def test_a_note_is_one_line_and_no_markup(ann, database):
     assert ann.ask("POST", f"/requests/{number}/accept").json["drive_url"] == "/robots/sim1"
     closed = ann.ask("POST", f"/requests/{number}/close", {"note": "  a\n<i>b</i> "}).json
     assert closed["note"] == "a <i>b</i>"
-
-
-def test_a_page_that_polls_keeps_no_login_alive(browser, database):
-    """The login idles on; what a person does renews it."""
-    ann = in_person(browser, "ann")
-
-    def make_old():
-        with database.transaction() as tx:
-            tx.change("UPDATE logins SET expires_at = expires_at - INTERVAL 1 HOUR")
-
-    def ends_at():
-        with database.transaction() as tx:
-            return tx.row("SELECT expires_at FROM logins")["expires_at"]
-
-    make_old()
-    old = ends_at()
-    assert ann.ask("PUT", "/queue/me", {}).status_code == 200
-    assert ann.ask("GET", "/requests").status_code == 200
-    assert ends_at() == old
-    ann.ask("GET", "/me")
-    assert ends_at() > old

@@ -55,7 +55,7 @@ def ns(at_ms):
 
 
 # Each is written as a recording, and read.
-@settings(max_examples=30, suppress_health_check=list(HealthCheck))
+@settings(max_examples=20, suppress_health_check=list(HealthCheck))
 @given(DRIVES)
 def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(tmp_path, recorded):
     path = recorded.write(tmp_path / "1.mcap")

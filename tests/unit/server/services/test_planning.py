@@ -79,17 +79,13 @@ class Planned:
         return ended or user.user_id in request.passed_by
 
 
-@given(states)
-def test_a_request_has_one_offer_and_an_operator_one(state):
-    after = Planned(state)
+def has_one_offer_each(after):
     assert max(Counter(offer.request_id for offer in after.offers).values(), default=1) == 1
     assert max(Counter(offer.user_id for offer in after.offers).values(), default=1) == 1
     assert all(offer.until == NOW + OFFER_S for offer in after.plan.offer)
 
 
-@given(states)
-def test_only_available_operators_with_right_and_pool_are_offered_a_request(state):
-    after = Planned(state)
+def offers_by_right_and_pool(after):
     for offer in after.offers:
         assert after.requests[offer.request_id].robot_id in after.operators[offer.user_id].may_drive
     for offer in after.plan.offer:
@@ -97,10 +93,8 @@ def test_only_available_operators_with_right_and_pool_are_offered_a_request(stat
         assert request.pool == "" or request.pool in user.pools
 
 
-@given(states)
-def test_an_offer_ends_only_for_a_reason(state):
+def ends_offers_for_a_reason(after):
     """A plan takes nothing from an operator who may still accept it."""
-    after = Planned(state)
     # A database's clock that was set back must not hold up a request for an hour.
     assert all(NOW < offer.until <= NOW + MAX_OFFER_S for offer in after.kept)
     for offer in after.plan.end:
@@ -116,35 +110,28 @@ def test_an_offer_ends_only_for_a_reason(state):
         )
 
 
-@given(states)
-def test_nothing_waits_while_an_eligible_operator_is_free(state):
-    after = Planned(state)
+def leaves_nothing_waiting(after):
+    """Nothing waits while an eligible operator is free."""
     offered = {offer.request_id for offer in after.offers}
-    waiting = [request for request in state.waiting if request.id not in offered]
-    assert [
-        (request.id, user.user_id)
-        for request in waiting
-        for user in after.free()
-        if user.may_take(request)
-    ] == []
+    waiting = [request for request in after.state.waiting if request.id not in offered]
+    assert not [
+        (request, user) for request in waiting for user in after.free() if user.may_take(request)
+    ]
 
 
-@given(states)
-def test_urgent_requests_come_first_then_old_ones(state):
+def offers_urgent_and_old_requests_first(after):
     """No request has an operator whom a more urgent or older one could have had, unless that one passed it."""
-    after = Planned(state)
-    order = {request.id: (request.priority, request.since, request.id) for request in state.waiting}
+    waiting = after.state.waiting
+    order = {request.id: (request.priority, request.since, request.id) for request in waiting}
     offered = {offer.request_id for offer in after.offers}
-    for request in state.waiting:
+    for request in waiting:
         for other, user in after.users.items():
             fresh = user.may_take(request) and not after.has_passed(request, user)
             assert request.id in offered or not fresh or order[other] < order[request.id]
 
 
-@given(states)
-def test_the_fewest_pools_come_first_then_the_longest_idle(state):
+def asks_the_fewest_pools_and_longest_idle_first(after):
     """A free operator has more pools than the one who got the request, was idle for less time, or has passed it."""
-    after = Planned(state)
     for request_id, chosen in after.users.items():
         request = after.requests[request_id]
         for user in after.free():
@@ -156,6 +143,17 @@ def test_the_fewest_pools_come_first_then_the_longest_idle(state):
 
 def order_of(user):
     return len(user.pools), user.idle_since, user.user_id
+
+
+@given(states)
+def test_each_plan_keeps_to_the_rules(state):
+    after = Planned(state)
+    has_one_offer_each(after)
+    offers_by_right_and_pool(after)
+    ends_offers_for_a_reason(after)
+    leaves_nothing_waiting(after)
+    offers_urgent_and_old_requests_first(after)
+    asks_the_fewest_pools_and_longest_idle_first(after)
 
 
 @given(states, st.randoms())

@@ -79,7 +79,6 @@ def test_policy_names_the_host_and_nothing_that_a_client_made_up(host, sockets):
 
 
 LAB, OTHER = "https://lab.example", "https://evil.example"
-CLIENT = "/static/dist/robotether-client.js"
 
 
 @pytest.fixture
@@ -117,20 +116,6 @@ def test_nothing_else_is_for_other_sites(lab):
     answer = lab.ask("POST", "/api/v1/tickets", headers={"Origin": LAB})
     shared_with = answer.headers["Access-Control-Allow-Origin"]
     assert (answer.json["code"], shared_with) == ("login_missing", LAB)
-
-
-def test_any_page_may_load_the_client(program, monkeypatch, tmp_path):
-    static = tmp_path / "static"
-    (static / "dist").mkdir(parents=True)
-    (static / "dist" / "robotether-client.js").write_text("export {};")
-    monkeypatch.setattr(program.client.application, "static_folder", str(static))
-    answer = program.ask("GET", CLIENT, headers={"Origin": OTHER})
-    assert (answer.status_code, answer.mimetype) == (200, "text/javascript")
-    assert answer.headers["Access-Control-Allow-Origin"] == "*"
-    assert answer.headers["Cache-Control"] == "public, max-age=300"
-    answer.close()
-    other = program.ask("GET", "/static/base.css", headers={"Origin": OTHER})
-    assert "Access-Control-Allow-Origin" not in other.headers
 
 
 def test_browser_keeps_a_static_file_until_its_content_changes(program, monkeypatch, tmp_path):

@@ -73,3 +73,11 @@ def test_a_robot_is_announced(admin, database):
     vm = {"name": "vm", "mac": "06:00:00:00:00:01"}
     assert send(admin, "/admin/add-robot", **vm).status_code == 422
     assert send(admin, "/admin/add-robot", local_mac="yes", **vm).status_code == 303
+
+
+def test_what_is_no_number_is_refused(admin, database):
+    """Python would take some of these."""
+    for uses in ("0", "10001", "-1", "1_0", "1.5", "\u0661", "1e1", "9" * 5000):
+        answer = send(admin, "/admin/join-tokens", **FORM | {"uses": uses})
+        assert (answer.status_code, "whole number from 1 to" in answer.text) == (422, True), uses
+    assert names(database) == []

@@ -24,24 +24,22 @@ def folder(web_settings):
     return made
 
 
-def test_package_is_for_the_asked_architecture(program, folder):
-    for query, architecture in (("", "amd64"), ("?arch=amd64", "amd64"), ("?arch=arm64", "arm64")):
-        with program.ask("GET", f"/agent.deb{query}") as answer:
-            assert (answer.status_code, answer.text) == (200, architecture)
-            assert answer.content_type == "application/vnd.debian.binary-package"
-    answer = program.ask("GET", "/agent.deb?arch=../secret")
-    assert answer.status_code == 404
-    assert "amd64 or arm64" in answer.text
-
-
-def test_caches_ask_again(program, folder):
+def test_package_is_for_the_asked_architecture_and_caches_ask_again(program, folder):
     """After an upgrade no cache mixes old and new files; what is the same is not sent again."""
-    for path in ("/join.sh", "/agent/manifest", f"/agent/{WHEEL}", "/agent.deb"):
+    packages = {"": "amd64", "?arch=amd64": "amd64", "?arch=arm64": "arm64"}
+    files = ("/join.sh", "/agent/manifest", f"/agent/{WHEEL}")
+    for path in (*files, *(f"/agent.deb{query}" for query in packages)):
         with program.ask("GET", path) as answer:
             assert answer.cache_control.no_cache
+            if path not in files:
+                assert answer.text == packages[path.removeprefix("/agent.deb")]
+                assert answer.content_type == "application/vnd.debian.binary-package"
             known = {"If-None-Match": answer.headers["ETag"]}
         with program.ask("GET", path, headers=known) as again:
             assert (again.status_code, again.data) == (304, b"")
+    answer = program.ask("GET", "/agent.deb?arch=../secret")
+    assert answer.status_code == 404
+    assert "amd64 or arm64" in answer.text
 
 
 def test_nothing_else_is_served(program, folder):
