@@ -127,21 +127,28 @@ def test_robots_have_their_sites_states_and_shells(listed, fleet):
         assert not [name for name in variables[other] if name.startswith("ansible")]
 
 
-def test_user_groups_are_those_with_a_grant(listed):
-    found = listed(group_by=["group"])
+def test_groups_server_and_pin_are_there_and_no_robot_takes_the_place_of_this_machine(
+    fleet, tmp_path
+):
+    """User groups are those with a grant; a pinned certificate needs no authority; `jump: false` leaves shells out.
+
+    Whoever has a join token chooses a robot's name, and what the roles do on this machine has an admin's token.
+    """
+    body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
+    assert fleet.program("root").ask("PUT", "/robots/localhost", body).status_code == 201
+    der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
+    pin = hashlib.sha256(der).hexdigest()
+    options = {"group_by": ["group"], "ca_file": None, "tls_fingerprint": pin, "jump": False}
+    done = run(fleet, tmp_path, **options)
+    assert "left the robot localhost out" in " ".join(done.stderr.split())
+    found = json.loads(done.stdout, object_hook=_plain)
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
         "group_ops": ["turtle"],
         "group_r_and_d": ["rover", "scout", "turtle"],
     }
-    assert found["_meta"]["hostvars"]["turtle"]["robot_groups"] == ["ops", "r.and-d"]
-
-
-def test_roles_get_server_and_pin(listed, fleet):
-    """A pinned certificate needs no authority, and both are variables of the roles; `jump: false` leaves shells out."""
-    der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
-    pin = hashlib.sha256(der).hexdigest()
-    turtle = listed(ca_file=None, tls_fingerprint=pin, jump=False)["_meta"]["hostvars"]["turtle"]
+    turtle = found["_meta"]["hostvars"]["turtle"]
+    assert turtle["robot_groups"] == ["ops", "r.and-d"]
     assert turtle["robotether_agent_server"] == fleet.address
     assert turtle["robotether_agent_tls_fingerprint"] == pin
     assert not [name for name in turtle if name.startswith("ansible")]
@@ -153,15 +160,6 @@ def test_user_sees_what_the_api_shows(listed):
     turtle = found["_meta"]["hostvars"]["turtle"]
     assert turtle["robot_level"] == "observe"
     assert not {"robot_hostname", "robot_address", "ansible_host"} & set(turtle)
-
-
-def test_no_robot_takes_the_place_of_this_machine(fleet, tmp_path):
-    """Whoever has a join token chooses a robot's name, and what the roles do here has an admin's token."""
-    body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
-    assert fleet.program("root").ask("PUT", "/robots/localhost", body).status_code == 201
-    done = run(fleet, tmp_path)
-    assert "localhost" not in json.loads(done.stdout)["_meta"]["hostvars"]
-    assert "left the robot localhost out" in " ".join(done.stderr.split())
 
 
 @pytest.mark.parametrize(

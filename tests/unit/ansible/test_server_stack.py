@@ -47,26 +47,32 @@ def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
     assert re.findall(r"sets=(\w+)", output) == [str(sets)]
 
 
-@pytest.mark.parametrize(
-    ("deployed", "healthy", "dumps"),
-    [
-        ("", [], False),
-        ("", ["mysql=starting"], False),
-        ("", HEALTHY, True),
-        ("older built 0", HEALTHY, True),
-        ("older built 0", [], True),
-        ("now built 0", HEALTHY, False),
-    ],
+# What was deployed, which services are healthy, and whether the database is dumped.
+DEPLOYED = (
+    ("", [], False),
+    ("", ["mysql=starting"], False),
+    ("", HEALTHY, True),
+    ("older built 0", HEALTHY, True),
+    ("older built 0", [], True),
+    ("now built 0", HEALTHY, False),
 )
-def test_stack_of_before_is_dumped(tmp_path, deployed, healthy, dumps):
+
+
+def test_stack_of_before_is_dumped(tmp_path):
     """A bare machine has no database, and one that `make up` started has no record of its version."""
+    decide = task_of("Decide whether to deploy")
     tell = {"ansible.builtin.debug": {"msg": "dumps={{ robotether_server_is_upgrade | bool }}"}}
+    tasks = []
+    for deployed, healthy, _ in DEPLOYED:
+        found = {
+            "robotether_server_deployed": deployed,
+            "robotether_server_healthy": {"stdout_lines": healthy},
+        }
+        tasks += [{"ansible.builtin.set_fact": found}, decide, tell]
     given = {
-        "robotether_server_deployed": deployed,
         "robotether_server_code": "now built",
         "robotether_server_wanted": "now built 1",
         "robotether_server_services": ["mysql"],
-        "robotether_server_healthy": {"stdout_lines": healthy},
     }
-    output = said(tmp_path, [task_of("Decide whether to deploy"), tell], **given)
-    assert re.findall(r"dumps=(\w+)", output) == [str(dumps)]
+    output = said(tmp_path, tasks, **given)
+    assert re.findall(r"dumps=(\w+)", output) == [str(dumps) for *_, dumps in DEPLOYED]
