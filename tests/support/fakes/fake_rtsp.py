@@ -1,7 +1,7 @@
 """A double of an RTSP camera, over TCP alone.
 
-Modes: `streams` H.264; `silent` plays and sends nothing; `refuses` wants a login; `garbage` answers no RTSP;
-`redirects` leads to `location`; `describes` has a description that leads there; `audio` has a microphone alone.
+Modes: `streams` H.264; `silent` plays and sends nothing; `refuses` wants a login; `redirects` leads to `location`;
+`describes` has a description that leads there; `audio` has a microphone alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from robotether_agent.video.encoder_messages import EncodeRequest
 from robotether_agent.video.encoder_process import FrameTranscoder
 from robotether_common.codecs import H264
 
-RtspMode = Literal["streams", "silent", "refuses", "garbage", "redirects", "describes", "audio"]
+RtspMode = Literal["streams", "silent", "refuses", "redirects", "describes", "audio"]
 FPS = 15
 RTP = struct.Struct("!BBHII")
 CLOCK = 90_000
@@ -64,8 +64,6 @@ class FakeRtspCamera:
         writer.close()
 
     def _answer(self, method: str, request: str) -> bytes:
-        if self.mode == "garbage":
-            return b"HTTP/1.1 200 OK\r\nContent-Length: 5\r\n\r\nhello"
         number = request.lower().split("cseq: ")[1].split("\r\n")[0]
         status, head, body = "200 OK", "", ""
         if self.mode == "refuses" and method != "OPTIONS":

@@ -169,11 +169,8 @@ def machine(tmp_path) -> Machine:
     ("name", "mac", "device"),
     [
         ("eth0", WIRED, True),
-        ("wlx001b44000003", USB, True),
         ("docker0", "00:1b:44:00:00:04", False),
         ("wg0", "", False),
-        ("br0", "00:1b:44:00:00:05", False),
-        ("bond0", "00:1b:44:00:00:06", False),
         ("wlan0.10", WIFI, False),
     ],
 )

@@ -114,13 +114,8 @@ def test_wrong_field_of_the_answer_is_named(changes, field):
         (403, "robot_disabled", JoinRefusedError, Retry.SLOWLY),
         (202, "mac_in_use", NotEnrolledError, Retry.ASK_AGAIN),
         (401, "token_invalid", JoinRefusedError, Retry.SLOWLY),
-        (401, "token_expired", JoinRefusedError, Retry.SLOWLY),
-        (401, "token_used_up", JoinRefusedError, Retry.SLOWLY),
         (403, "key_rejected", JoinRefusedError, Retry.SLOWLY),
-        (403, "token_required", JoinRefusedError, Retry.SLOWLY),
         (409, "key_in_use", JoinRefusedError, Retry.SLOWLY),
-        (409, "mac_elsewhere", JoinRefusedError, Retry.SLOWLY),
-        (422, "field_invalid", JoinRefusedError, Retry.SLOWLY),
         (429, "too_many_pending", JoinRefusedError, Retry.ASK_AGAIN),
     ],
 )

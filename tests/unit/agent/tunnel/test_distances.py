@@ -60,8 +60,7 @@ def known(**rtts_ms: float) -> Distances:
     return distances
 
 
-@pytest.mark.parametrize("begin", range(3))
-@pytest.mark.parametrize("nearest", range(3))
+@pytest.mark.parametrize(("begin", "nearest"), [(0, 0), (0, 2), (2, 1)])
 async def test_robot_is_at_its_nearest_cell_within_one_move(cells, spawn, begin, nearest):
     delays_s = {cell.ports[0]: 0.01 if at == nearest else 0.2 for at, cell in enumerate(cells)}
     places = [cells[begin]]

@@ -176,11 +176,10 @@ async def test_the_process_steps_back_behind_the_robots_own(start):
     ("code", "reason"),
     [
         ("time.sleep(60)", "made no frame within 0.5 s"),
-        ("sys.exit(3)", "the encoder ended: exit code 3"),
         ("os.write(1, b'\\xff' * 8); time.sleep(60)", "makes no sense"),
         ("os.write(1, bytes((0, 0, 0, 1, 9))); time.sleep(60)", "makes no sense"),
     ],
-    ids=["hangs", "ends", "endless", "garbled"],
+    ids=["hangs", "endless", "garbled"],
 )
 async def test_a_broken_process_is_an_error_with_its_reason(
     start, program, monkeypatch, code, reason
@@ -215,34 +214,24 @@ def test_hardware_is_tried_once(monkeypatch):
 
 
 BROKEN_DRIVER = """
-import os, signal, time
+import os, signal
 from dataclasses import replace
 from robotether_agent.video import encoder_process
 [software] = [kind for kind in encoder_process.ENCODERS if kind.name == "libx264"]
 encoder_process.ENCODERS = (replace(software, is_hardware=True), software)
 def check_hardware(*_):
-    {fault}
+    os.kill(os.getpid(), signal.SIGSEGV)
 encoder_process.check_hardware = check_hardware
 encoder_process.main()
 """
-FAULTS = [
-    ("time.sleep(60)", "made no frame within 1 s"),
-    ("os.kill(os.getpid(), signal.SIGSEGV)", "SIGSEGV"),
-]
 
 
-def broken_driver(fault: str) -> tuple[str, ...]:
-    return (sys.executable, "-c", BROKEN_DRIVER.format(fault=fault))
-
-
-@pytest.mark.parametrize(("fault", "reason"), FAULTS, ids=["hangs", "crashes"])
-async def test_a_driver_that_hangs_or_crashes_costs_one_process(start, monkeypatch, fault, reason):
+async def test_a_driver_that_crashes_costs_one_process(start, monkeypatch):
     """The next one encodes in software."""
-    monkeypatch.setattr(encoder_module, "ANSWER_S", 1.0)
     monkeypatch.setattr(encoder_module, "PAUSE_S", 0.05)
-    encoder = await start(broken_driver(fault))
+    encoder = await start((sys.executable, "-c", BROKEN_DRIVER))
     request = replace(NOTHING, jpeg=jpeg_of(next(clip(1, step=0))), allows_hardware=True)
-    with pytest.raises(EncoderError, match=reason):
+    with pytest.raises(EncoderError, match="SIGSEGV"):
         await encoder.encode(request)
     await eventually(lambda: not encoder.down_reason, lambda: encoder.down_reason, 30)
     assert (await encoder.encode(request)).encoder == "libx264"

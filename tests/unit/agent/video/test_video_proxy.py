@@ -135,8 +135,6 @@ async def test_the_agents_own_urls_lead_to_the_agent(camera: Camera, pieces: int
         b"GET /robotethe",
         b"GET /robotetherX/ HTTP/1.1\r\n\r\n",
         b"POST /robotether/frames HTTP/1.1\r\n\r\n",
-        b"get /robotether/frames HTTP/1.1\r\n\r\n",
-        b"\x16\x03\x01",
         b"",
     ],
 )
