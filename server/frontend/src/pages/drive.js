@@ -82,7 +82,7 @@ const view = new View(root, {
   subscribe,
   onMain: (reading) => interlock.receive(reading),
 });
-const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(speed), onPose: (pose) => view.pose(pose) });
+const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(speed), onPose: (pose) => view.world.receivePose(pose) });
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 arming.use(controls);

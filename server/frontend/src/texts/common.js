@@ -186,7 +186,7 @@ export const states = {
     title: "Paused",
     detail: ({ video, hasCamera }) => {
       if (video === "old") return "The video is frozen.";
-      return hasCamera ? "There is no video to drive by." : "Whether the robot has a camera is not known: its rosapi does not say.";
+      return hasCamera ? "There is no video to drive by." : "Whether the robot has a camera is not known.";
     },
     action: "Drive without video",
   },

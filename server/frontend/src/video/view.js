@@ -38,6 +38,7 @@ export class View {
     this.layout = new Layout(this.choices.all.layout);
     this.known = new Set(); // topics of cameras; one whose node has died is a missing frame, not a robot without a camera
     this.answered = false; // whether the robot has said which topics it has
+    this.lostCamera = false; // whether a known camera turned out to be another robot's
     this.questions = [];
     this.unread = new Set(); // topics
     this.mainTimestamp = new MainTimestamp();
@@ -87,7 +88,7 @@ export class View {
   found(topics, answered, others = []) {
     Object.assign(this, { answered, others });
     cameraTopics(topics).forEach((topic) => this.known.add(topic));
-    others.forEach((topic) => this.known.delete(topic));
+    others.forEach((topic) => this.known.delete(topic) && (this.lostCamera = true));
     const { chosen, inDoubt, left } = this.choice.choose(topics, others);
     const asked = inDoubt.filter(({ kind }) => kind !== "turtle"); // it counts only without odometry
     this.questions = asked.map(({ kind, candidates }) => texts.topicInDoubt(kind, candidates));
@@ -124,11 +125,6 @@ export class View {
     this.tiles.each((tile) => tile.retryNow());
   }
 
-  // The pose {x, y, theta} by the robot's odometry.
-  pose(pose) {
-    this.world.receivePose(pose);
-  }
-
   // A robot that reports no camera may have the usual one all the same.
   seen(topic) {
     if (!this.others.includes(topic)) this.known.add(topic);
@@ -147,8 +143,9 @@ export class View {
     return Boolean(this.page.cameras?.length) || this.known.size > 0;
   }
 
+  // One that has not said so is not without a camera, nor is one whose driver went by another robot's.
   get mayHaveCamera() {
-    return this.hasCamera || !(this.answered || this.saysNone); // one that has not said so is not without a camera
+    return this.hasCamera || !(this.saysNone || (this.answered && !this.lostCamera));
   }
 
   offer() {

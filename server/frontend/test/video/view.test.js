@@ -48,7 +48,7 @@ function viewOf(driveTopic) {
   return Object.assign(Object.create(View.prototype), { page: {}, hasMap: true, said, ...parts });
 }
 
-test("what was read of a topic that is another robot's is forgotten, as is its camera", () => {
+test("what was read of a topic that is another robot's is forgotten, as is its camera, without which driving is held", () => {
   const view = viewOf("/a/cmd_vel");
   const types = { odom: "nav_msgs/Odometry", diagnostics: "diagnostic_msgs/DiagnosticArray", image_raw: "sensor_msgs/Image" };
   const topics = Object.entries(types).map(([name, type]) => ({ name: `/b/${name}`, type }));
@@ -58,6 +58,7 @@ test("what was read of a topic that is another robot's is forgotten, as is its c
   const others = topics.map(({ name }) => name);
   for (let i = 0; i < 2; i += 1) view.found([], true, others);
   assert.deepEqual([view.said, [...view.known]], [["world", "overlays"], []]);
+  assert.equal(view.mayHaveCamera, true, "who drove by it is held");
 });
 
 test("which odometry is the robot's is asked also where a laser makes the map", () => {
