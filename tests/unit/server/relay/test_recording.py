@@ -238,15 +238,13 @@ async def test_video_is_recorded_with_key_frames_and_without_gaps(
     await robot.frames.wait_for("key_frame")
 
 
-@pytest.mark.parametrize(
-    ("change", "code"),
-    [({"may_go_on": False}, "right_ended"), ({"is_delete_requested": True}, "stopped")],
-)
-async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store, change, code):
-    store.ask()
-    await until(lambda: store.rows[1].started_at, "it began")
-    store.change(1, **change)
-    await until(lambda: store.code() == code, "it ended", within_s=2)
+async def test_a_recording_ends_with_the_right_of_who_asked(recorder, store):
+    ends = ({"may_go_on": False}, "right_ended"), ({"is_delete_requested": True}, "stopped")
+    for number, (change, code) in enumerate(ends, 1):
+        store.ask(number)
+        await until(lambda at=number: store.rows[at].started_at, "it began")
+        store.change(number, **change)
+        await until(lambda at=number, code=code: store.code(at) == code, "it ended", within_s=2)
 
 
 async def test_a_number_that_comes_again_has_a_file_of_its_own(recorder, relay, store, settings):
@@ -286,20 +284,18 @@ async def test_files_that_no_record_names_are_set_aside_and_deleted_when_old(
     await until(lambda: left() == ["1.mcap", "4"], "the others are deleted")
 
 
-@pytest.mark.parametrize(
-    ("changes", "code"),
-    [
+async def test_what_may_not_begin_does_not(recorder, store, settings):
+    await until(lambda: recorder.channel.is_open, "the recorder is connected")
+    refusals = [
         ({"may_go_on": False}, "right_ended"),
         ({"robot_id": 8}, "robot_gone"),
         ({"is_late": True}, "robot_offline"),
-    ],
-)
-async def test_what_may_not_begin_does_not(recorder, store, settings, changes, code):
-    await until(lambda: recorder.channel.is_open, "the recorder is connected")
-    store.ask()
-    store.change(1, **changes)
-    await until(lambda: store.code() == code, "it is refused")
-    assert not file_of(settings).exists()
+    ]
+    for number, (changes, code) in enumerate(refusals, 1):
+        store.ask(number)
+        store.change(number, **changes)
+        await until(lambda at=number, code=code: store.code(at) == code, "it is refused")
+    assert not list(settings.folder.glob("*.mcap"))
 
 
 async def test_a_large_file_of_a_killed_recorder_delays_nobody(recorder, store, monkeypatch):

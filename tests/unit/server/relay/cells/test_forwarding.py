@@ -1,6 +1,7 @@
 """Which requests go to another cell, as its nginx would be asked."""
 
 import time
+from itertools import product
 
 import pytest
 from fake_robot import HOST
@@ -16,9 +17,10 @@ def ann(memory_database, cell_a, cell_b):
     return headers
 
 
-@pytest.mark.parametrize(
-    ("method", "path", "location"),
-    [
+async def test_nginx_is_sent_to_the_robots_cell(*, at_b, cell_a, cell_b, http, ann, peer_keys):
+    """What ann may do there is the other cell's part; a stop begins here if that one is away."""
+    cell_of_robot = f"{HOST}:{cell_b.listener.port}"
+    for method, path, location in (
         ("GET", "/robots/sim1/ros", "@cell"),
         ("GET", "/robots/sim1/video/frames", "@cell"),
         ("GET", "/robots/sim1/video/stream?topic=/a", "@cell"),
@@ -29,39 +31,36 @@ def ann(memory_database, cell_a, cell_b):
         ("POST", "/api/v1/robots/sim1/lease", "@cell"),
         ("POST", "/api/v1/robots/sim1/release", "@cell"),
         ("POST", "/api/v1/robots/sim1/stop", "@cell_or_here"),
-    ],
-)
-async def test_nginx_is_sent_to_the_robots_cell(
-    *, at_b, cell_a, cell_b, http, ann, method, path, location
-):
-    """What ann may do there is the other cell's part; a stop begins here if that one is away."""
-    async with http.request(method, cell_a.server.url + path, headers=ann) as answer:
-        assert answer.status == 204
-        assert answer.headers["X-Accel-Redirect"] == location
-        assert answer.headers["X-Robotether-Cell"] == f"{HOST}:{cell_b.listener.port}"
-        assert "Content-Type" not in answer.headers
-    async with http.request(method, cell_b.server.url + path, headers=ann) as answer:
-        assert "X-Accel-Redirect" not in answer.headers
-
-
-async def test_nginx_learns_which_cells_it_forwards_to(at_b, cell_a, cell_b, http):
+    ):
+        async with http.request(method, cell_a.server.url + path, headers=ann) as answer:
+            assert answer.status == 204
+            assert answer.headers["X-Accel-Redirect"] == location
+            assert answer.headers["X-Robotether-Cell"] == cell_of_robot
+            assert "Content-Type" not in answer.headers
+        async with http.request(method, cell_b.server.url + path, headers=ann) as answer:
+            assert "X-Accel-Redirect" not in answer.headers
     async with http.get(f"{cell_a.server.inside_url}/cells") as answer:
-        assert await answer.text() == f"{HOST}:{cell_b.listener.port}\n"
+        assert await answer.text() == f"{cell_of_robot}\n"
+    # What another cell has forwarded goes no further.
+    url = f"http://{HOST}:{cell_a.relay.peer_port}/api/v1/robots/sim1/control"
+    async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:
+        assert answer.status == 401
 
 
-@pytest.mark.parametrize(
-    "path", ["/robots/sim1/ros", "/robots/sim1/video/snapshot", "/api/v1/robots/sim1/control"]
-)
-@pytest.mark.parametrize(
-    ("query", "authorization"),
-    [("", ""), ("", "Bearer rt_random"), ("?ticket=e30.aaaaaa.random", ""), ("?ticket=x", "")],
-)
-async def test_nothing_of_strangers_is_forwarded(*, at_b, cell_a, http, path, query, authorization):
+async def test_nothing_of_strangers_is_forwarded(at_b, cell_a, http):
     """Each would cost both cells a TLS handshake; this cell refuses it as the other one would."""
-    headers = {"Authorization": authorization} if authorization else {}
-    async with http.get(cell_a.server.url + path + query, headers=headers) as answer:
-        assert "X-Accel-Redirect" not in answer.headers
-        assert answer.status in {400, 401, 403, 426}
+    for path, (query, headers) in product(
+        ("/robots/sim1/ros", "/robots/sim1/video/snapshot", "/api/v1/robots/sim1/control"),
+        (
+            ("", {}),
+            ("", {"Authorization": "Bearer rt_random"}),
+            ("?ticket=e30.aaaaaa.random", {}),
+            ("?ticket=x", {}),
+        ),
+    ):
+        async with http.get(cell_a.server.url + path + query, headers=headers) as answer:
+            assert "X-Accel-Redirect" not in answer.headers
+            assert answer.status in {400, 401, 403, 426}
 
 
 async def test_a_ticket_that_is_over_is_the_other_cells_to_refuse(
@@ -81,12 +80,6 @@ async def test_all_who_ask_are_forwarded_while_the_database_is_away(*, at_b, cel
     headers = {"Authorization": "Bearer rt_new"}
     async with http.post(f"{cell_a.server.url}/api/v1/robots/sim1/stop", headers=headers) as answer:
         assert answer.headers["X-Accel-Redirect"] == "@cell_or_here"
-
-
-async def test_nothing_is_forwarded_twice(at_b, cell_a, http, peer_keys):
-    url = f"http://{HOST}:{cell_a.relay.peer_port}/api/v1/robots/sim1/control"
-    async with http.get(url, headers={PROOF_HEADER: peer_keys.proof}) as answer:
-        assert answer.status == 401
 
 
 async def test_stopping_all_stops_those_of_other_cells(

@@ -215,23 +215,25 @@ async def test_a_route_reads_no_app_of_another_user(world, connect):
     assert world.published() == []
 
 
-@pytest.mark.parametrize(
-    ("messages", "why"),
-    [
-        ([], "the app does not offer /stick"),
+async def test_what_an_app_does_not_offer_is_said(world, connect):
+    missing = "the app does not offer /stick"
+    for messages, why in (
+        ([], missing),
         ([{**OFFER, "type": "a/B"}], "the app has /stick with another type"),
-        ([OFFER, {"op": "unadvertise", "topic": "/stick"}], "the app does not offer /stick"),
-    ],
-)
-async def test_what_an_app_does_not_offer_is_said(world, connect, messages, why):
-    await connect(*messages)
-    await until(lambda: world.live() == {1: ("waits", why)}, "the page says so")
-    assert world.driver() is None
+        ([OFFER, {"op": "unadvertise", "topic": "/stick"}], missing),
+    ):
+        socket = await connect(*messages)
+        await until(lambda why=why: world.live() == {1: ("waits", why)}, "the page says so")
+        assert world.driver() is None
+        await socket.close()
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
+async def test_what_is_none_of_its_operations_is_refused(world, connect, monkeypatch):
+    """A clock sync is answered: a page sees no pings, and knows by it that the connection still is."""
+    monkeypatch.setattr(apps, "ANSWERS_PER_S", 99)
+    many = [{**OFFER, "topic": f"/t{number}"} for number in range(apps.MAX_TOPICS)]
+    socket = await connect(*many)
+    for text in (
         "no json",
         "[]",
         "{}",
@@ -242,21 +244,12 @@ async def test_what_an_app_does_not_offer_is_said(world, connect, messages, why)
         '{"op":"publish","topic":"/a","msg":{}}',
         '{"op":"call_service","service":"/rosapi/topics"}',
         '{"op":"robotether.stop","topic":"/a"}',
-    ],
-)
-async def test_what_is_none_of_its_operations_is_refused(world, connect, text):
-    many = [{**OFFER, "topic": f"/t{number}"} for number in range(apps.MAX_TOPICS)]
-    socket = await connect(*many)
-    await socket.send_str(text)
-    answer = await socket.receive_json(timeout=WAIT_S)
-    assert (answer["op"], answer["level"]) == ("status", "error")
+    ):
+        await socket.send_str(text)
+        answer = await socket.receive_json(timeout=WAIT_S)
+        assert (answer["op"], answer["level"]) == ("status", "error")
     [app] = world.relay.relay.apps.of_user(EVE.id)
     assert len(app.describe().advertises) == apps.MAX_TOPICS
-
-
-async def test_a_clock_sync_is_answered(connect):
-    """A page sees no pings, and knows by it that the connection still is."""
-    socket = await connect()
     sync = {"op": "robotether.clock_sync", "t_ms": 1.5, "key": "k"}
     await socket.send_json(sync)
     answer = await socket.receive_json(timeout=WAIT_S)
@@ -341,26 +334,11 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
 async def test_apps_are_shown_to_their_user_alone(world, connect, http):
     await connect(OFFER, TAKE)
     url = f"{world.relay.url}/api/v1/routes/live"
-    for user, shown in (
-        (
-            EVE,
-            [
-                {
-                    "name": "joy",
-                    "advertises": [_topic(OFFER)],
-                    "subscribes": [_topic(TAKE)],
-                    "machine": None,
-                }
-            ],
-        ),
-        (BEN, []),
-    ):
+    offered, taken = ({key: each[key] for key in ("topic", "type")} for each in (OFFER, TAKE))
+    joy = {"name": "joy", "advertises": [offered], "subscribes": [taken], "machine": None}
+    for user, shown in ((EVE, [joy]), (BEN, [])):
         async with http.get(url, headers=world.database.bearer(user)) as answer:
             assert (await answer.json())["apps"] == shown
-
-
-def _topic(message):
-    return {"topic": message["topic"], "type": message["type"]}
 
 
 async def test_only_a_ticket_for_the_app_connects_it_and_once(world, connect, http):
