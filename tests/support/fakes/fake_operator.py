@@ -1,8 +1,4 @@
-"""A driver's program at the relay, with misbehaviours that have names.
-
-    silent_cut    its network is gone: nothing comes from it, and nothing tells so
-    late_sender   stamps its commands with a moment that is long over
-    frozen_page   its tab sleeps: pings are answered, and no clock sync and no command comes
+"""A driver's program at the relay.
 
 Unit tests of the relay start it, beside robots of `fake_robot`.
 """
@@ -40,16 +36,7 @@ class FakeOperator:
     async def __aexit__(self, *_exc: object) -> None:
         self._reader.cancel()
         await asyncio.gather(self._reader, return_exceptions=True)
-        transport = self._transport
-        if not transport.is_reading():
-            transport.abort()
         await self._socket.close()
-
-    @property
-    def _transport(self) -> asyncio.Transport:
-        transport = self._socket._writer.transport
-        assert transport is not None
-        return transport
 
     @staticmethod
     def clock_ms() -> float:
@@ -70,17 +57,6 @@ class FakeOperator:
         stamp["t_ms"] = self.clock_ms() - age_ms + max(self._ahead_ms)
         msg = {"linear": {"x": speed}}
         await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
-
-    async def late_sender(self, speed: float) -> None:
-        await self.drive(speed, age_ms=2000)
-
-    def silent_cut(self) -> None:
-        """Neither read nor write any more, with the connection still open."""
-        self._reader.cancel()
-        self._transport.pause_reading()
-
-    async def frozen_page(self) -> None:
-        """Do nothing but what the browser does by itself: `_read` answers pings."""
 
     async def until(self, what: str) -> dict[str, Any]:
         async with asyncio.timeout(WAIT_S):

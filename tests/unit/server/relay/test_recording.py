@@ -194,7 +194,7 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     async with program() as driver:
         await driver.clock_sync()
         await driver.drive(0.25, seen=[{"camera": "/camera", "frame": 3}])
-        await driver.late_sender(0.75)
+        await driver.drive(0.75, age_ms=2000)
         wanted = {"/camera/compressed", "/robotether/commands", "/robotether/control"}
         await until(lambda: wanted <= topics_of(settings), "all is in the file")
     describe = relay.relay.fleet_events.describe

@@ -18,8 +18,6 @@ class Live:
 
     def __init__(self):
         self.connections = Connections(SessionRegistry())
-        self.changed = []
-        self.connections.listen(self.changed.append)
         self.close_reasons = {}
         self._open = ExitStack()
 

@@ -1,6 +1,7 @@
 """Observers at cell a of a robot at cell b: their topics cross the line between the cells once."""
 
 import asyncio
+from itertools import product
 
 import aiohttp
 import pytest
@@ -107,14 +108,18 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
     assert await third.receive_str(timeout=WAIT_S) == long
 
 
-async def test_a_right_that_ends_ends_its_copy(memory_database, cell_a, cell_b, at_b, observe):
-    for database in (cell_a.database, cell_b.database):
+async def test_a_right_or_login_that_ends_ends_its_copy_whichever_cell_learns_of_it(
+    cell_a, cell_b, at_b, observe
+):
+    """What the robot's cell says may wait behind all that a slow observer has not read."""
+    for cell, what in product((cell_a, cell_b), ("grants", "credentials")):
         socket = await observe(ODOM)
         await until(lambda: at_b.topics, "the robot has a subscription")
-        database.grants = {}
+        before = getattr(cell.database, what)
+        setattr(cell.database, what, {})
         assert (await closing(socket))[0] == 4001
         await until(lambda: not at_b.topics, "the robot sends it no more", 2)
-        database.grants = memory_database.grants
+        setattr(cell.database, what, before)
         await until(
             lambda: all(each.relay.fleet.state().level(2, 7) for each in (cell_a, cell_b)), "back"
         )
@@ -137,19 +142,6 @@ async def test_what_an_observer_gave_up_waits_for_no_slow_line():
     topics.share("/odom", None)
     assert read_notice(b"k", await sent.get()) == ShareNotice("/odom", None)
     sending.cancel()
-
-
-async def test_a_login_that_ends_ends_an_observer_whichever_cell_learns_of_it(
-    *, cell_a, cell_b, at_b, sim1, http
-):
-    """What the robot's cell says may wait behind all that a slow observer has not read."""
-    for cell in (cell_b, cell_a):
-        async with http.ws_connect(cell_a.server.ros_url(sim1, "observe", BOB)) as socket:
-            await socket.send_json(ODOM)
-            await until(lambda: at_b.topics, "the robot has a subscription")
-            credentials, cell.database.credentials = cell.database.credentials, {}
-            assert (await closing(socket))[0] == 4001
-        cell.database.credentials = credentials
 
 
 async def test_why_a_topic_fails_reaches_the_observers(observe, at_b, monkeypatch):

@@ -98,13 +98,6 @@ async def test_a_lease_is_kept_for_who_is_to_help_with_the_right_to_drive(bare, 
     await bare.drives(CARL)
 
 
-async def test_the_number_of_a_lease_is_the_databases(bare, sim1, memory_database):
-    """Another relay may have given higher ones than are known here."""
-    memory_database.fences[sim1.id] = 41
-    await bare.drives(ANN)
-    assert bare.leasing.of(sim1.id).driver.fence == 42
-
-
 async def test_each_change_of_control_is_written_with_who_and_whom(bare, sim1):
     acts = bare.leasing
     await bare.drives(ANN)

@@ -147,15 +147,18 @@ def _kept(path):
 
 
 async def test_the_next_relay_writes_what_a_killed_one_left(path, memory_database, drive):
-    _killed_with(path, memory_database, session(), START, LINE, drive, END)
+    """Stops are for the stops; the ends of routes are handed on too: the database may still say that they last."""
+    stop = StopEntry(7, Stop(7, NOW, "ben"))
+    route_end = RouteEnd(3, NOW, "lease_lost", "ann", "sim2", "sim1")
+    _killed_with(path, memory_database, session(), START, stop, LINE, drive, END, route_end)
     event_writer = EventWriter(memory_database, journal=_Settled(path))
-    assert event_writer.restore() == ([], [])
+    assert event_writer.restore() == ([stop], [route_end])
     event_writer.add(FormerSessions(NOW))
-    assert event_writer.waiting() == 5
+    assert event_writer.waiting() == 6
     async with _at_work(event_writer):
         await event_writer.flush(5)
     drive.row_id = 3
-    assert memory_database.written == [START, LINE, drive, END, FormerSessions(NOW)]
+    assert memory_database.written == [START, LINE, drive, END, route_end, FormerSessions(NOW)]
 
 
 async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_database):
@@ -168,17 +171,6 @@ async def test_what_a_killed_relay_left_stays_until_it_is_written(path, memory_d
     async with _at_work(event_writer):
         await event_writer.flush(5)
     assert Journal(path).read() == []
-
-
-async def test_stops_of_a_killed_relay_are_for_the_stops(path, memory_database):
-    """The ends of its routes are written and handed on: the database may still say that they last."""
-    stop = StopEntry(7, Stop(7, NOW, "ben"))
-    route_end = RouteEnd(3, NOW, "lease_lost", "ann", "sim2", "sim1")
-    _killed_with(path, memory_database, stop, LINE, route_end)
-    event_writer = EventWriter(memory_database, journal=_Settled(path))
-    assert event_writer.restore() == ([stop], [route_end])
-    assert event_writer.waiting() == 2
-    event_writer.close()
 
 
 async def test_what_is_being_written_stays_when_the_journal_is_written_anew(path, drive):

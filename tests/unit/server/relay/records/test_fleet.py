@@ -31,38 +31,22 @@ def fleet(memory_database, heard):
 
 
 async def test_the_fleet_is_read_when_it_changed_and_only_then(fleet, memory_database, heard):
-    await fleet.poll()
-    await fleet.poll()
-    assert len(heard.snapshots) == 1
-    memory_database.add_robot(8, "sim2")
-    await fleet.poll()
-    assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
-    assert fleet.snapshot() is heard.snapshots[1]
-
-
-async def test_the_past_is_read_once(fleet, memory_database):
+    """A new login is no change of it; new credentials are looked at each time: what changed may have ended them."""
     restored = []
     fleet.restore_last_seen = restored.append
     fleet.restore_control = lambda _: restored.append("control")
     memory_database.seen = [(7, utc(2026, 1, 1), None)]
     await fleet.poll()
-    memory_database.add_robot(8, "sim2")
     await fleet.poll()
-    assert restored == [[(7, utc(2026, 1, 1), None)], "control"]
-
-
-async def test_a_new_login_is_no_new_snapshot(fleet, memory_database, heard):
-    await fleet.poll()
+    assert (len(heard.snapshots), heard.rechecks, heard.checks_of_new) == (1, 1, 1)
     memory_database.add_credential("login", ANN)
     await fleet.poll()
-    assert (len(heard.snapshots), heard.rechecks) == (1, 2)
-
-
-async def test_new_credentials_are_looked_at_when_nothing_changed(fleet, heard):
-    """What came since the last change may hang on what that change has ended."""
-    for _ in range(3):
-        await fleet.poll()
-    assert (heard.rechecks, heard.checks_of_new) == (1, 2)
+    assert (len(heard.snapshots), heard.rechecks, heard.checks_of_new) == (1, 2, 1)
+    memory_database.add_robot(8, "sim2")
+    await fleet.poll()
+    assert [sorted(snapshot.robots) for snapshot in heard.snapshots] == [[7], [7, 8]]
+    assert fleet.snapshot() is heard.snapshots[1]
+    assert restored == [[(7, utc(2026, 1, 1), None)], "control"]
 
 
 async def test_an_outage_keeps_the_last_snapshot_and_is_logged_once(fleet, memory_database, caplog):

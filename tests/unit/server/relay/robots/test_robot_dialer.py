@@ -21,6 +21,7 @@ async def test_who_is_refused_by_the_guard_hears_why(
     """No lease is left; where retrying does not help, nobody retries."""
     if forward_within_s is not None:
         monkeypatch.setattr(robot_dialer, "FORWARD_WITHIN_S", forward_within_s)
+        monkeypatch.setattr(robot_dialer, "MIN_CONNECT_TIMEOUT_S", 1.0)
     robot = await start_robot(relay, mode)
     async with ros() as socket:
         code, reason = await closing(socket)

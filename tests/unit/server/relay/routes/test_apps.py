@@ -331,16 +331,6 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
     assert world.ends() == ["rights_ended"]
 
 
-async def test_apps_are_shown_to_their_user_alone(world, connect, http):
-    await connect(OFFER, TAKE)
-    url = f"{world.relay.url}/api/v1/routes/live"
-    offered, taken = ({key: each[key] for key in ("topic", "type")} for each in (OFFER, TAKE))
-    joy = {"name": "joy", "advertises": [offered], "subscribes": [taken], "machine": None}
-    for user, shown in ((EVE, [joy]), (BEN, [])):
-        async with http.get(url, headers=world.database.bearer(user)) as answer:
-            assert (await answer.json())["apps"] == shown
-
-
 async def test_only_a_ticket_for_the_app_connects_it_and_once(world, connect, http):
     used = world.relay.app_url("used", EVE)
     await (await http.ws_connect(used)).close()

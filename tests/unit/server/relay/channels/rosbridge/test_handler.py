@@ -14,23 +14,6 @@ from robotether_server.relay.http.sockets import OperatorSocket
 from robotether_server.times import utc_now
 
 
-async def test_heartbeats_are_quick_before_a_lease_and_while_anybody_is_connected(
-    relay, guarded, sim1, ros
-):
-    sent_lines = guarded.session.lines
-    idle = [FAST.idle_heartbeat_s]
-    assert [line["idle_heartbeat_s"] for line in sent_lines if line["type"] == "config"] == idle
-    async with ros() as driver:
-        await until(lambda: guarded.session.leases[-1]["held"], "the lease is there")
-        relevant = [line for line in sent_lines if line["type"] in {"config", "lease"}]
-        assert [line.get("idle_heartbeat_s") for line in relevant[-2:]] == [None, None]
-        assert [line["type"] for line in relevant] == ["config", "lease", "config", "lease"]
-        async with ros("observe"):
-            await driver.close()
-            assert relay.relay.registry.robot(sim1.id).usage.exists
-    assert len(guarded.session.configs) == 2
-
-
 async def test_nobody_drives_before_the_agent_has_read_that_heartbeats_are_quick(guarded, ros):
     """An earlier ping's answer does not show that. Who observes need not wait."""
     session = guarded.session
@@ -76,12 +59,6 @@ async def test_a_ticket_of_before_the_robot_came_to_this_cell_is_expired(
     else:
         async with ros():
             await until(lambda: robot.clients, "the operator has reached rosbridge")
-
-
-async def test_a_ticket_outlives_its_login_by_nothing(robot, ros):
-    gone = credential_of("login", "a login that ended before the ticket was shown")
-    async with ros("drive", ANN, gone) as socket:
-        assert (await closing(socket))[0] == 4001
 
 
 @pytest.mark.parametrize(

@@ -154,7 +154,7 @@ def as_textbook(globs, name):
     return any(re.fullmatch(".*".join(map(re.escape, glob.split("*"))), name) for glob in globs)
 
 
-@settings(max_examples=4 * settings.default.max_examples)
+@settings(max_examples=2 * settings.default.max_examples)
 @given(st.data(), st.sampled_from(["observe", "drive"]), messages(), RIGHTS)
 def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
     at = validator_with(level, **{right: Globs(globs) for right, globs in rights.items()})
@@ -166,7 +166,8 @@ def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
     if entry.own:
         assert checked.data == b""
         return
-    (run,) = run_by_rosbridge(checked.data.decode())
+    # Of what an observer sends, the strictest parser reads one flat message.
+    (run,) = run_by_rosbridge(checked.data.decode(), 2 if level == "observe" else 64)
     assert run["op"] == checked.operation == message["op"]
     assert run.keys() <= {"op", *entry.fields} - {"robotether"}
     if entry.named_by is not None:
@@ -180,21 +181,3 @@ def test_what_passes_is_what_the_policy_allows(data, level, message, rights):
             or (checked.operation == "call_service" and name in ROSAPI_LOOKUPS_OF_DRIVERS)
         )
         assert (checked.drive is not None) == (checked.operation == "publish" and is_drive_topic)
-
-
-@given(
-    st.sampled_from(["subscribe", "unsubscribe", "call_service", "status", "set_level"]),
-    messages(),
-    st.sampled_from(["/rosapi/topics", "/rosapi/set_param", "/reset"]),
-)
-def test_whatever_an_observer_sends_is_one_operation(operation, others, service):
-    """What passes is one flat message that the strictest parser reads, of the checked operation."""
-    message = {"topic": "/a", **others, "service": service, "op": operation}
-    try:
-        passed = validator_with("observe").check(json.dumps(message).encode()).data.decode()
-    except MessageRefusedError:
-        return
-    (run,) = run_by_rosbridge(passed, 2)
-    assert run == json.loads(passed)
-    assert run["op"] == operation
-    assert run.get("service", "/rosapi/topics") == "/rosapi/topics"

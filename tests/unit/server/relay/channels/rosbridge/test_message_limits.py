@@ -84,7 +84,7 @@ def floods(at, data):
     return False
 
 
-def seconds_until_closed(data, per_s, *, within_s=30):
+def seconds_until_closed(data, per_s, *, within_s=10):
     """Send so many messages a second through an observer's validator of 200 a second; None: it is never closed."""
     clock = Clock()
     at = validator(clock=clock, settings={"policy": {"limits": {"message_kb": 1}}})
