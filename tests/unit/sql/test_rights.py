@@ -141,10 +141,15 @@ def test_each_change_of_rights_is_a_new_version(database, relay_database, ids):
 
 
 def test_shells_are_of_those_who_manage(mariadb, database, ids):
-    """jump_keys asks the grants anew, and finds exactly what relay_grants says."""
+    """jump_keys asks the grants anew, and finds exactly what relay_grants says of shells that are on."""
     with database.transaction() as tx:
         ids["root"] = users.add(tx, "root", "x", "admin")
-        for name in ("ann", "ben", "root"):
+        for number, (state, on) in enumerate((("active", False), ("disabled", True)), 7):
+            closed = robots.add(tx, f"02:00:00:00:00:0{number}", f"closed-{number}")
+            robots.set_state(tx, closed, state)
+            robots.set_shell(tx, closed, on=on)
+        users.set_disabled(tx, users.add(tx, "gone", "x", "admin"), disabled=True)
+        for name in ("ann", "ben", "root", "gone"):
             users.add_ssh_key(
                 tx, users.get(tx, name), "k", PublicKey("ssh-ed25519 A", f"SHA256:{name}")
             )
@@ -161,9 +166,14 @@ def test_shells_are_of_those_who_manage(mariadb, database, ids):
             tx.change("DELETE FROM grants")
             grants.put(tx, Pair(**holder, **scope), level, end)
             grants.put(tx, Pair(group_id=ids["crew"], robot_id=ids["a"]), "manage")
-        expected = {pair for pair, level in held(database).items() if level == "manage"}
+        expected = {
+            (user, robot)
+            for (user, robot), level in held(database).items()
+            if level == "manage" and not robot.startswith("closed")
+        }
         with Database(mariadb.settings("keylookup")).transaction() as tx:
-            rows = tx.rows("SELECT user_name, robot, fingerprint FROM jump_keys")
+            rows = tx.rows("SELECT * FROM jump_keys")
         assert {(row["user_name"], row["robot"]) for row in rows} == expected
         assert len(rows) == len(expected)
         assert all(row["fingerprint"] == f"SHA256:{row['user_name']}" for row in rows)
+        assert all(row["public_key"] == "ssh-ed25519 A" and row["shell_port"] for row in rows)

@@ -40,34 +40,6 @@ def test_only_active_robots_may_open_a_tunnel(database, keylookup, state, found)
     ] * found
 
 
-def add_active(tx, number):
-    robot_id = robots.add(tx, f"02:00:00:00:00:0{number}", f"r{number}")
-    key = PublicKey(f"ssh-ed25519 {number}", f"SHA256:{number}")
-    robots.set_key(tx, robot_id, key, Report("turtle", "0.1.0", "192.0.2.1"))
-    robots.set_state(tx, robot_id, "active")
-    return robot_id
-
-
-def test_jump_leads_enabled_users_to_shells_of_active_robots(database, keylookup):
-    """Who manages which is in test_rights.py."""
-    with database.transaction() as tx:
-        first, closed, disabled = (add_active(tx, number) for number in range(1, 4))
-        for robot_id in (first, disabled):
-            robots.set_shell(tx, robot_id, on=True)
-        robots.set_state(tx, disabled, "disabled")
-        for name in ("ann", "gone"):
-            user_id = users.add(tx, name, "x", "user")
-            for robot_id in (first, closed, disabled):
-                give(tx, user_id, robot_id, "manage")
-            key = PublicKey(f"ssh-ed25519 {name}", f"SHA256:{name}")
-            users.add_ssh_key(tx, users.get(tx, name), "desk", key)
-        users.set_disabled(tx, user_id, disabled=True)
-    with keylookup.transaction() as tx:
-        [row] = tx.rows("SELECT * FROM jump_keys")
-    assert (row["fingerprint"], row["user_name"], row["robot"]) == ("SHA256:ann", "ann", "r1")
-    assert (row["shell_port"], row["public_key"]) == (24000, "ssh-ed25519 ann")
-
-
 def test_rights_that_hold_include_the_admins(database, relay_database):
     """Every admin manages every robot; a disabled user has no right left."""
     with database.transaction() as tx:

