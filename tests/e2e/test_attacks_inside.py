@@ -7,14 +7,130 @@ keys, and the relay for its own. It has an address of its own, from which half-o
 from __future__ import annotations
 
 import json
+import subprocess
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 
 import pytest
-from insider import Insider, insider
+from docker.models.containers import Container
+from inside import run_inside
 from jump_people import ShellRobot
 from robot_key import RobotKey
-from stack import Stack
+from stack import PROJECT, Stack
+
+# Sends bytes, and prints as JSON what came back until it was silent, or why nothing could be sent.
+PROBE = """
+import json, socket, sys
+host, port, data = sys.argv[1], int(sys.argv[2]), bytes.fromhex(sys.argv[3])
+try:
+    way = socket.create_connection((host, port), 3)
+except OSError as error:
+    print(json.dumps({"unreachable": type(error).__name__})); sys.exit()
+way.sendall(data)
+way.settimeout(10)
+got = b""
+try:
+    while len(got) < 4096:
+        piece = way.recv(4096)
+        if not piece:
+            break
+        got += piece
+        way.settimeout(1)
+except OSError:
+    pass
+print(json.dumps({"got": got.decode("latin-1")}))
+"""
+UNREACHABLE = "unreachable"
+# Keeps so many log-ins half open, and begins another for each that the server ends; says when it has begun all of them.
+HOLD_HALF_OPEN = """
+import select, socket, sys, time
+host, port, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
+begun, ways = 0, []
+while True:
+    while len(ways) < count:
+        ways.append(socket.create_connection((host, port), 5))
+        ways[-1].sendall(b"SSH-2.0-half_open\\r\\n")
+        begun += 1
+        if begun == count:
+            print("begun", flush=True)
+    for way in select.select(ways, [], [], 0.1)[0]:
+        try:
+            if way.recv(4096):
+                continue
+        except OSError:
+            pass
+        way.close()
+        ways.remove(way)
+"""
+
+
+class Insider:
+    def __init__(self, container: Container) -> None:
+        self._container = container
+
+    def send(self, host: str, port: int, data: bytes) -> str:
+        """Send bytes to a port; what came back, or UNREACHABLE."""
+        done = run_inside(self._container, "python3", "-c", PROBE, host, str(port), data.hex())
+        assert done.returncode == 0, done.stderr
+        answer: dict[str, str] = json.loads(done.stdout)
+        return answer.get("got", UNREACHABLE)
+
+    def get(
+        self, host: str, port: int, path: str = "/", method: str = "GET", **headers: str
+    ) -> str:
+        """Send an HTTP request; the status line of the answer, or what `send` says."""
+        named = {"Host": host, "Content-Length": "0", "Connection": "close", **headers}
+        spelt = [f"{name.replace('_', '-')}: {value}" for name, value in named.items()]
+        request = "\r\n".join([f"{method} {path} HTTP/1.1", *spelt, "", ""])
+        return self.send(host, port, request.encode()).split("\r\n", 1)[0]
+
+    def upgrade(self, host: str, port: int, **headers: str) -> str:
+        asked = {
+            "Connection": "Upgrade",
+            "Upgrade": "websocket",
+            "Sec_WebSocket_Version": "13",
+            "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
+        }
+        return self.get(host, port, **asked, **headers)
+
+    @contextmanager
+    def half_open_log_ins(self, host: str, port: int, count: int) -> Iterator[None]:
+        command = ["docker", "exec", "--interactive", str(self._container.id), "python3", "-c"]
+        running = subprocess.Popen(
+            [*command, HOLD_HALF_OPEN, host, str(port), str(count)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert running.stdout is not None
+        try:
+            assert running.stdout.readline() == "begun\n", running.communicate()[1]
+            yield
+            assert running.poll() is None, running.communicate()[1]
+        finally:
+            # What runs inside does not end with its client.
+            run_inside(self._container, "sh", "-c", "kill -KILL -1", user="0")
+            running.communicate(timeout=10)
+
+
+@contextmanager
+def insider(stack: Stack) -> Iterator[Insider]:
+    image = stack.container("relay").image
+    assert image is not None
+    container = stack.engine.containers.run(
+        image,
+        ["infinity"],
+        entrypoint="sleep",
+        network=f"{PROJECT}_tunnel",
+        name=f"{PROJECT}-insider",
+        detach=True,
+    )
+    try:
+        yield Insider(container)
+    finally:
+        container.remove(force=True)
+
 
 VICTIM = "sim1"
 USER = "tunnel@127.0.0.1"

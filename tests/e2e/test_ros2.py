@@ -4,20 +4,65 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 from collections.abc import Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from typing import Any, TypeVar
 
 import aiohttp
 import page_holds
 import pytest
+from docker.models.containers import Container
+from image_names import ensure_built, image
 from map_pixels import SCAN, wait_pixels
 from pages import drive_live
 from playwright.sync_api import Page, expect
 from programs import Program, echo, open_echo
-from ros2_robot import NAME as ROBOT
-from ros2_robot import ros2_robot
 from stack import Stack
+
+ROBOT = "ros2"
+
+
+@contextmanager
+def ros2_robot(server: Stack) -> Iterator[Container]:
+    """Run it as the service ROBOT of the stack's project; it may not have joined yet."""
+    ensure_built("ros2_robot")
+    host = f"cloud:{server.https_port}"
+    line = server.robotether("robot", "invite", "--name", ROBOT, "--host", host).splitlines()[-1]
+    container = server.engine.containers.run(
+        image("ros2_robot"),
+        name=f"{server.project}-{ROBOT}",
+        detach=True,
+        labels={
+            "com.docker.compose.project": server.project,
+            "com.docker.compose.service": ROBOT,
+        },
+        mac_address="00:1b:44:00:52:01",
+        extra_hosts={"cloud": "host-gateway"},
+        read_only=True,
+        tmpfs={"/run": "", "/tmp": ""},
+        cap_drop=["ALL"],
+        environment={
+            "ROBOTETHER_SERVER": host,
+            "ROBOTETHER_NAME": ROBOT,
+            "ROBOTETHER_TOKEN": _option(line, "token"),
+            "ROBOTETHER_TLS_FINGERPRINT": _option(line, "tls-fingerprint"),
+            "ROBOTETHER_INTERFACE": "eth0",
+        },
+    )
+    try:
+        yield container
+    finally:
+        container.remove(force=True, v=True)
+        server.robotether("robot", "remove", ROBOT, "--yes")
+
+
+def _option(line: str, name: str) -> str:
+    found = re.search(rf"--{name} (\S+)", line)
+    assert found is not None, line
+    return found[1]
+
 
 FORWARD = {"linear": {"x": 0.4, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 # More than the action counts in a test that hangs.

@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import atexit
+import functools
+import os
 import re
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
 from http import HTTPStatus
+from pathlib import Path
 from typing import Any, Protocol
 
-from browser_network import LAUNCHER, browser_network
+import namespaces
 from playwright.sync_api import (
     APIRequestContext,
     Browser,
@@ -17,6 +23,41 @@ from playwright.sync_api import (
     Playwright,
     expect,
 )
+
+LAUNCHER = Path(__file__).with_name("chromium_in_namespace")
+
+
+@dataclass(frozen=True)
+class BrowserNetwork:
+    """A namespace of the tests' browser, made once a process, and this machine's address as seen from there.
+
+    Chromium drops every request that is under way when an interface of its network comes or goes, and the Docker
+    engine adds and removes some for each container. A server that a page is to reach must listen on 0.0.0.0.
+    """
+
+    name: str
+    machine: str
+
+    @property
+    def arguments(self) -> list[str]:
+        """What Chromium is told, so that pages of this machine have the names that they have outside."""
+        rules = ", ".join(f"MAP {name} {self.machine}" for name in ("localhost", "127.0.0.1"))
+        return [f"--host-resolver-rules={rules}"]
+
+    @property
+    def environment(self) -> dict[str, str | float | bool]:
+        return {**os.environ, "BROWSER_NAMESPACE": self.name}
+
+
+@functools.cache
+def browser_network() -> BrowserNetwork:
+    namespaces.sweep()
+    made = ExitStack()
+    atexit.register(made.close)
+    # This machine has other addresses too, as that at which the demo is asked.
+    inside, machine = namespaces.make_joined(made, "browser")
+    return BrowserNetwork(inside.name, machine)
+
 
 CSRF = re.compile(r'name="csrf_token" value="([^"]+)"')
 ARGUMENTS = ("--no-sandbox", "--disable-gpu", "--disable-background-networking")

@@ -15,7 +15,6 @@ from fake_cameras import FakeVideoServer
 from fake_cloud import eventually
 from frames_viewer import FramesViewer
 from local_network import free_port
-from noted_pacer import NotedPacer
 from robotether_agent.clock import robot_time
 from robotether_agent.rosbridge import RosGraph
 from robotether_agent.video import frames_service as service_module
@@ -28,6 +27,19 @@ from robotether_agent.video.sources import SourceSettings
 from robotether_agent.video.video_proxy import BULK_AFTER_BYTES, LocalService, VideoProxy
 from tcp_service import TcpService
 from timed_websocket import timed_session
+
+
+class NotedPacer(Pacer):
+    """`turns` has the size of each turn that was requested, and whether as bulk."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.turns: list[tuple[int, bool]] = []
+
+    async def acquire(self, requested: int, *, is_bulk: bool = False) -> int:
+        self.turns.append((requested, is_bulk))
+        return await super().acquire(requested, is_bulk=is_bulk)
+
 
 Handler = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[None]]
 WITHIN_S = 5
