@@ -15,8 +15,7 @@ from dataclasses import dataclass, field
 
 import aiohttp
 from bare_tunnel import bare_forward
-from link import Link
-from link_queue import Shape
+from link import Link, Shape
 from linked_robot import (
     FPS,
     ROS_PORT,

@@ -23,8 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 
 import aiohttp
-from link import Link, why_not_here
-from link_queue import Shape
+from link import Link, Shape, why_not_here
 from namespaces import Namespace
 from openssh_server import OpenSshServer
 from paper.programs import Program

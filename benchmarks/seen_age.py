@@ -16,8 +16,7 @@ from typing import Any
 
 import aiohttp
 from demo import Demo
-from link import Link
-from link_queue import Shape
+from link import Link, Shape
 from linked_robot import DOWN, FPS, UP, UP_MBIT_S, Address, emulated, linked_robot
 from local_network import insecure_tls
 from relay_server import until

@@ -20,8 +20,7 @@ import pandas as pd
 from bare_tunnel import bare_forward, bare_tunnel
 from demo import Demo
 from frame_stamp import read_stamp, stamp_of
-from link import Link
-from link_queue import Shape
+from link import Link, Shape
 from linked_robot import FPS, UP, UP_MBIT_S, VIDEO_PORT, Address, emulated, linked_robot
 from local_network import free_port, insecure_tls
 from paper.costs import use_of

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from proc_stat import words_of_all
+from openssh_server import words_of_all
 
 if TYPE_CHECKING:
     from docker.models.containers import Container

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 from paper.cells.history import Event
 from paper.requests.checker import Record, Records, check
-from paper.requests.optimum import least_waiting, weighted_waiting
-from paper.requests.simulation import Job, simulate, waiting_quantile
+from paper.requests.theory import Job, least_waiting, simulate, waiting_quantile, weighted_waiting
 
 ANY, ARMS = frozenset[str](), frozenset({"arms"})
 

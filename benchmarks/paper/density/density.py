@@ -7,19 +7,192 @@ the server's containers and starts them again.
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Sequence
+import math
+from collections.abc import Awaitable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import pandas as pd
+from report import Row, plain, quantiles
+
 from paper.costs import cpu_between
-from paper.density.report import RATE_HZ, report
-from paper.fleet.fleet import AGENTS, SERVICES, Fleet, with_fleet
+from paper.fleet.fleet import AGENTS, FAILED_AFTER_S, SERVICES, Fleet, with_fleet
 from paper.programs import LineProgram
-from paper.step import Part, Scale, Step, Values
+from paper.step import Comparison, Part, Report, Scale, Step, Values, against_aim
 from paper.world import World
+
+RATE_HZ = 50
+# Of issue 17, on two cores for everything, and of issue 35; those of a start, of idle robots and memory are a robot's.
+AIM_RETURN_P50_S = 30.0
+AIM_IDLE_MS, AIM_MEMORY_MIB, AIM_START_MS = 0.2, 2.0, 60.0
+AIM_DRIVE_P99_MS = 50.0
+# Columns of processor time and memory, and whose they are.
+SERVER_PARTS = {
+    "server": SERVICES,
+    "sshd": ("sshd",),
+    "relay": ("relay",),
+    "nginx, web, database": ("nginx", "web", "mysql"),
+}
+ROBOTS_SIDE = {"robots' side": ("robots",)}
+BESIDE = {**ROBOTS_SIDE, "operators": ("operators",), "rest": ("rest",)}
+MIB = 1024 * 1024
+MS_PER_S = 1000.0
+KINDS = {"agent": "agents", "virtual": "virtual robots"}
+Drives = Sequence[Mapping[str, Any]]
+
+
+class FleetOutcome:
+    """A start or a return of a fleet, with the values of Fleet.run, and of Fleet.idle after a start."""
+
+    def __init__(self, count: int, values: Values) -> None:
+        self.count, self.values = count, values
+        # Seconds until each robot was drivable and online, of those that ever were.
+        self.drivable_s, self.online_s = (
+            pd.Series(values[name], dtype=float).dropna() for name in ("drivable_s", "online_s")
+        )
+        self.never = count - len(self.drivable_s)
+        self.in_time = int((self.drivable_s <= FAILED_AFTER_S).sum())
+
+    def per_robot(self, values: str, names: Iterable[str]) -> float:
+        """Some members of `cpu_s`, `idle_cpu_s` or `memory_bytes` for a robot online; no number without one."""
+        used = sum(self.values[values].get(name, 0) for name in names)
+        return float(used / (len(self.online_s) or math.nan))
+
+    def start_ms(self, names: Iterable[str] = SERVICES) -> float:
+        return self.per_robot("cpu_s", names) * MS_PER_S
+
+    def memory_mib(self, names: Iterable[str] = SERVICES) -> float:
+        return self.per_robot("memory_bytes", names) / MIB
+
+    def idle_ms(self, names: Iterable[str] = SERVICES) -> float:
+        """Processor time in ms that a robot costs in each second in which nobody uses it."""
+        return self.per_robot("idle_cpu_s", names) * MS_PER_S / float(self.values["idle_s"])
+
+    @property
+    def arrivals(self) -> Row:
+        return {
+            "drivable in time": f"{self.in_time} of {self.count}",
+            "later": len(self.drivable_s) - self.in_time,
+            "never": self.never,
+            **quantiles(self.drivable_s, 0.5, 0.99, 1),
+            "tried again": sum(self.values["waits"].values()),
+        }
+
+    @property
+    def costs(self) -> Row:
+        """What a robot costs: processor time of a start, memory, and processor time while nobody uses it."""
+        parts = SERVER_PARTS.items()
+        beside, idle = (
+            {**SERVER_PARTS, **BESIDE}.items(),
+            {**SERVER_PARTS, **ROBOTS_SIDE}.items(),
+        )
+        return {
+            "cores busy": sum(self.values["cpu_s"].values()) / self.values["took_s"],
+            **{f"start, ms: {name}": self.start_ms(members) for name, members in beside},
+            **{f"memory, MiB: {name}": self.memory_mib(members) for name, members in parts},
+            **{f"idle, ms a s: {name}": self.idle_ms(members) for name, members in idle},
+        }
+
+
+def report(measured: Mapping[str, Values]) -> Report:
+    fleets = list(measured.values())
+    titles = [{"robots": f"{fleet['count']}, {fleet['agents']} of them agents"} for fleet in fleets]
+    starts = [FleetOutcome(fleet["count"], fleet["start"]) for fleet in fleets]
+    returns = [FleetOutcome(fleet["count"], fleet["return"]) for fleet in fleets]
+    titled = list(zip(titles, starts, strict=True))
+    whole = [start for start in starts if not start.never]
+    return Report(
+        values={
+            "starts": [
+                {**title, **start.arrivals, "online p50, s": start.online_s.quantile(0.5)}
+                for title, start in titled
+            ],
+            "costs": [{**title, **start.costs} for title, start in titled],
+            "driven": [row for fleet in fleets for row in _driven_rows(fleet)],
+            "returns": [
+                {
+                    "robots": back.count,
+                    **back.arrivals,
+                    "server answers, s": back.values["server_s"],
+                }
+                for back in returns
+            ],
+            "agents": AGENTS,
+            "rate_hz": RATE_HZ,
+            "failed_after_s": FAILED_AFTER_S,
+            "carries": _carries(whole[-1]) if whole else None,
+        },
+        comparisons=list(_aims(fleets[-1], starts[-1], returns[-1])) if fleets else [],
+    )
+
+
+def _carries(run: FleetOutcome) -> Mapping[str, float]:
+    memory = run.memory_mib()
+    return {
+        "count": run.count,
+        "a_core": MS_PER_S / (run.idle_ms() or math.nan),
+        "a_gib": 1024 / memory if memory > 0 else math.nan,
+    }
+
+
+def merged(drives: Drives, name: str, *parts: float) -> Mapping[str, float]:
+    return quantiles([ms for drive in drives for ms in drive[name]], *parts, unit="ms")
+
+
+def _driven_rows(fleet: Values) -> Iterable[Row]:
+    drive = fleet["drive"]
+    if "failure" in drive:
+        yield {"robots": fleet["count"], "driven": plain(drive["failure"][:200])}
+        return
+    used, took_s = drive["fleet_cpu_s"], drive["took_s"]
+    for kind, words in KINDS.items():
+        if some := [item for item in drive["drives"] if item["kind"] == kind]:
+            yield {
+                "robots": fleet["count"],
+                "driven": f"{len(some)} {words}",
+                "commands": sum(item["sent"] for item in some),
+                "lost": sum(item["lost"] for item in some),
+                "not sent": sum(item["unsent"] for item in some),
+                "refusals told": sum(sum(item["refused"].values()) for item in some),
+                "connections that ended": sum(sum(item["endings"].values()) for item in some),
+                **merged(some, "round_trips_ms", 0.5, 0.99, 1),
+                "sent late, p99, ms": merged(some, "late_ms", 0.99)["p99, ms"],
+                "server, % of a core": 100 * sum(used[name] for name in SERVICES) / took_s,
+                "cores busy": sum(used.values()) / took_s,
+                # The drivers are a process of their own.
+                "others": (used["rest"] - drive["cpu_s"]) / took_s,
+            }
+
+
+def _aims(fleet: Values, start: FleetOutcome, back: FleetOutcome) -> Iterable[Comparison]:
+    """Beside the largest fleet that was measured."""
+    drives = fleet["drive"].get("drives", [])
+    gone = sum(drive["lost"] + drive["unsent"] for drive in drives) if drives else None
+    p99 = merged(drives, "round_trips_ms", 0.99)["p99, ms"]
+    for what, aim, ours, unit in (
+        (
+            "late or never back after all containers restart",
+            0.0,
+            back.count - back.in_time,
+            "robots",
+        ),
+        (
+            "back after all containers restart, p50",
+            AIM_RETURN_P50_S,
+            back.drivable_s.quantile(0.5),
+            "s",
+        ),
+        ("idle, server's processor a robot and s", AIM_IDLE_MS, start.idle_ms(), "ms"),
+        ("server's memory a robot", AIM_MEMORY_MIB, start.memory_mib(), "MiB"),
+        ("a start, server's processor a robot", AIM_START_MS, start.start_ms(), "ms"),
+        (f"driven at {RATE_HZ} Hz: p99 there and back", AIM_DRIVE_P99_MS, p99, "ms"),
+        (f"driven at {RATE_HZ} Hz: lost", 0.0, gone, "commands"),
+    ):
+        yield against_aim(f"{start.count} robots, {what}", aim, ours, unit)
+
 
 COUNTS, QUICK_COUNTS = (200, 500, 1000), (20,)
 QUICK_AGENTS = 5

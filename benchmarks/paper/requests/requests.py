@@ -14,14 +14,15 @@ from robotether_server.services.planning import PLAN_EVERY_S
 
 from paper.requests.checker import PASSES_WITHIN_S
 from paper.requests.nemesis import QueueSize, run_nemesis
-from paper.requests.optimum import least_waiting, weighted_waiting
-from paper.requests.simulation import (
+from paper.requests.theory import (
     Job,
     Pools,
     erlang_c,
+    least_waiting,
     poisson_jobs,
     simulate,
     waiting_quantile,
+    weighted_waiting,
 )
 from paper.step import Comparison, Part, Report, Scale, Step, Values, against_aim, never
 

@@ -3,8 +3,8 @@
     with Link(up=UP, down=DOWN) as link:
         link.robot.run("ping", "-c1", link.server.address)
 
-`up` is from the namespace `robot` to `server`. Each has a TUN device; a process of its own (link_worker.py) carries the
-packets between them, so that neither the experiment's own work nor its end disturbs the link or leaves it behind. Where
+`up` is from the namespace `robot` to `server`. Each has a TUN device; a process of its own (`main`) carries the packets
+between them, so that neither the experiment's own work nor its end disturbs the link or leaves it behind. Where
 the kernel has netem it could do the same; this one has none, and one way that is the same on every machine is worth
 more. The queue is in front of the rate, the delay behind it.
 Known limits: some 10,000 packets a second each way, 0.2 ms more than the delay says, IPv4 alone.
@@ -12,21 +12,168 @@ Known limits: some 10,000 packets a second each way, 0.2 ms more than the delay 
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
+import select
 import selectors
+import struct
 import subprocess
 import sys
-from contextlib import ExitStack
-from dataclasses import asdict
+import time
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, suppress
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import namespaces
-from link_queue import Shape
 from namespaces import Namespace, ip
 
-WORKER = Path(__file__).with_name("link_worker.py")
+
+@dataclass(frozen=True, kw_only=True)
+class Shape:
+    """What a direction does to packets; bytes are those of the IP packet."""
+
+    rate_bit_s: float
+    delay_s: float
+    # What may wait for the link, the packet on the wire included; what finds it full is dropped.
+    queue_bytes: int
+
+
+class Direction:
+    """The packets on the way in one direction; times are seconds of any clock that does not go back."""
+
+    def __init__(self, shape: Shape) -> None:
+        self._shape = shape
+        self._waiting: deque[bytes] = deque()
+        self._waiting_bytes = 0
+        # When the link has sent the packet at the head of `_waiting`.
+        self._sent_at = 0.0
+        self._flying: deque[tuple[float, bytes]] = deque()
+
+    def offer(self, now: float, packet: bytes) -> None:
+        self._send(now)
+        if self._waiting_bytes + len(packet) > self._shape.queue_bytes:
+            return
+        if not self._waiting:
+            self._sent_at = now + self._duration_s(packet)
+        self._waiting.append(packet)
+        self._waiting_bytes += len(packet)
+
+    def due(self, now: float) -> Iterator[bytes]:
+        self._send(now)
+        while self._flying and self._flying[0][0] <= now:
+            yield self._flying.popleft()[1]
+
+    def next_at(self) -> float | None:
+        times = [self._flying[0][0]] if self._flying else []
+        return min([*times, self._sent_at] if self._waiting else times, default=None)
+
+    def _send(self, now: float) -> None:
+        """Move what the link has sent until `now` from the queue onto the way."""
+        while self._waiting and self._sent_at <= now:
+            packet = self._waiting.popleft()
+            self._waiting_bytes -= len(packet)
+            self._flying.append((self._sent_at + self._shape.delay_s, packet))
+            if self._waiting:
+                self._sent_at += self._duration_s(self._waiting[0])
+
+    def _duration_s(self, packet: bytes) -> float:
+        return len(packet) * 8 / self._shape.rate_bit_s
+
+
+TUNSETIFF = 0x400454CA
+IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
 DEVICE = "link0"
+PACKET_LIMIT = 65536
+# How much too late a wait ends on a machine that is awake: it is asked to end before, and the rest is waited in a loop.
+EARLY_S = 0.00006
+# What a processor may take to wake, in microseconds, for as long as who wrote it keeps the file open.
+NO_SLEEP = "/dev/cpu_dma_latency"
+# Packets that are read in one go, so that a flood does not keep what is due from leaving.
+BATCH = 32
+
+
+def open_tun(namespace: str) -> int:
+    """Make the device in `namespace` and return its descriptor, which works from anywhere."""
+    namespaces.enter(namespace)
+    descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+    fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+    return descriptor
+
+
+def be_punctual() -> None:
+    """Run before what only computes, and let no processor sleep, where that is allowed; until this process ends.
+
+    A packet late by a time slice is a wrong delay. And a virtual processor that has nothing to do takes some 0.2 ms to
+    wake, six times on one way there and back: kept awake, it idles in a loop, as for cyclictest.
+    """
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    with suppress(OSError):
+        os.write(os.open(NO_SLEEP, os.O_WRONLY), struct.pack("i", 0))
+
+
+class Worker:
+    """Both directions, and where each begins and ends."""
+
+    def __init__(self, robot: int, server: int, up: Shape, down: Shape) -> None:
+        self._ways = ((Direction(up), robot, server), (Direction(down), server, robot))
+
+    def run(self) -> None:
+        waiting = [0, *(entry for _, entry, _ in self._ways)]
+        while True:
+            ready, _, _ = select.select(waiting, [], [], self._pause_s())
+            for direction, entry, _ in self._ways:
+                if entry in ready:
+                    take(direction, entry)
+            now = time.monotonic()
+            for direction, _, way_out in self._ways:
+                for packet in direction.due(now):
+                    put(way_out, packet)
+            if 0 in ready:
+                return
+
+    def _pause_s(self) -> float | None:
+        times = [at for direction, _, _ in self._ways if (at := direction.next_at()) is not None]
+        return max(0.0, min(times) - time.monotonic() - EARLY_S) if times else None
+
+
+def take(direction: Direction, entry: int) -> None:
+    """Read what came, each packet with the moment of its reading."""
+    for _ in range(BATCH):
+        try:
+            packet = os.read(entry, PACKET_LIMIT)
+        except BlockingIOError:
+            return
+        direction.offer(time.monotonic(), packet)
+
+
+def put(way_out: int, packet: bytes) -> None:
+    """Deliver one packet; a device that was set down takes none, as a real one."""
+    with suppress(OSError):
+        os.write(way_out, packet)
+
+
+def main() -> None:
+    """Carry packets, given the names of both namespaces and the shapes of both ways as JSON, until the input ends.
+
+    That comes also when the owner is killed; both namespaces are removed then.
+    """
+    robot, server, *shapes = sys.argv[1:]
+    up, down = (Shape(**json.loads(shape)) for shape in shapes)
+    try:
+        worker = Worker(open_tun(robot), open_tun(server), up, down)
+        be_punctual()
+        sys.stdout.write("ready\n")
+        sys.stdout.flush()
+        worker.run()
+    finally:
+        for name in (robot, server):
+            namespaces.remove(name)
+
+
 ROBOT_ADDRESS, SERVER_ADDRESS, PREFIX_LENGTH = "10.77.0.1", "10.77.0.2", 30
 WAIT_S = 30.0
 
@@ -64,7 +211,7 @@ class Link:
     def _start_worker(self, made: ExitStack) -> None:
         worker = subprocess.Popen(
             [
-                *(sys.executable, "-E", "-s", str(WORKER)),
+                *(sys.executable, "-E", "-s", __file__),
                 *(self.robot.name, self.server.name, *self._shapes),
             ],
             stdin=subprocess.PIPE,
@@ -94,3 +241,7 @@ def _end(worker: subprocess.Popen[bytes]) -> None:
     except subprocess.TimeoutExpired:
         worker.kill()
         worker.communicate()
+
+
+if __name__ == "__main__":
+    main()

@@ -16,12 +16,31 @@ import sys
 import tempfile
 import textwrap
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TypeVar
 
 from local_network import free_port
-from proc_stat import words_of, words_of_all
+
+PROC = Path("/proc")
+
+
+def words_of(pid: int, proc: Path = PROC) -> list[str]:
+    """Those of proc(5) behind the name, from the state on; OSError when there is no such process any more."""
+    return (proc / str(pid) / "stat").read_text().rpartition(")")[2].split()
+
+
+def words_of_all(proc: Path = PROC) -> Iterator[tuple[int, list[str]]]:
+    for path in proc.iterdir():
+        # Not by a pattern: pathlib stumbles over a process that ends while it looks.
+        if not path.name.isdigit():
+            continue
+        try:
+            words = words_of(int(path.name), proc)
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        yield int(path.name), words
+
 
 SSHD = Path("/usr/sbin/sshd")
 WAIT_S = 30.0

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from docker.models.containers import Container
-from proc_stat import words_of
+from openssh_server import words_of
 
 # Of proc(5)'s stat, counted from the state, which follows the name.
 START = 19
