@@ -10,10 +10,12 @@ from typing import Any
 
 from fake_robot import WAIT_S, FakeRobot
 from relay_server import EVE, MemoryDatabase, RelayServer
-from robotether_server.db.routes import RouteEnd
+from robotether_server.db.routes import RelayRoute, RouteEnd
 from site_cells import SiteCell
 
 SOURCE, TARGET = 8, 7
+TWIST = "geometry_msgs/msg/Twist"
+FOLLOW = RelayRoute(SOURCE, "/cmd_vel", TARGET, "/cmd_vel", TWIST, 50, 5, id=1, user_name="eve")
 
 
 @dataclass

@@ -38,19 +38,6 @@ async def test_a_robot_that_is_sent_elsewhere_comes_back_if_it_cannot_get_there(
     assert found == {("b.example", "a.example", "c.example")}
 
 
-async def test_robots_of_another_region_go_there_next(memory_database):
-    memory_database.cells["b"] = replace(OTHER, region="us")
-    settings = cell_settings("a", "a.example", region="eu")
-    cells = Cells(settings, memory_database, lambda: 2, region_of={7: "eu", 8: "us"}.get)
-    await cells.poll()
-    found = {each: [address.host for address in cells.addresses(each)] for each in (7, 8, 9)}
-    here = ["a.example", "b.example"]
-    assert found == {7: here, 8: ["b.example", "a.example"], 9: here}
-    memory_database.cells["b"] = replace(OTHER, region="us", is_alive=False)
-    await cells.poll()
-    assert [address.host for address in cells.addresses(8)] == ["a.example"]
-
-
 async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells, memory_database):
     memory_database.cells["b"] = replace(OTHER, is_alive=False)
     memory_database.cells["c"] = replace(OTHER, name="c", peer_address=None)

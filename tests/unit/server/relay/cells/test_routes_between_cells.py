@@ -10,24 +10,12 @@ import pytest_asyncio
 from fake_robot import HOST, WAIT_S
 from relay_clients import refusal
 from relay_server import BEN, EVE, until
-from robotether_server.db.routes import RelayRoute, RouteEnd
+from robotether_server.db.routes import RouteEnd
 from robotether_server.relay.cells.keys import PROOF_HEADER
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
-from route_world import SOURCE, TARGET, RouteWorld
+from route_world import FOLLOW, SOURCE, TARGET, RouteWorld
 from site_cells import SiteCell
-
-FOLLOW = RelayRoute(
-    SOURCE,
-    "/cmd_vel",
-    TARGET,
-    "/cmd_vel",
-    "geometry_msgs/msg/Twist",
-    50,
-    5,
-    id=1,
-    user_name="eve",
-)
 
 
 @dataclass(kw_only=True)

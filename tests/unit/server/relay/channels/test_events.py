@@ -9,11 +9,10 @@ import pytest
 import pytest_asyncio
 from fake_robot import WAIT_S
 from jsonschema import Draft202012Validator
-from relay_server import ANN, BOB, EVE, until
+from relay_server import ANN, EVE, until
 from robotether_server.api.description import document
 from robotether_server.db.fleet import RelayRequest
-from robotether_server.relay.control import fleet_events as fleet_events_module
-from robotether_server.relay.robots.robot import Change, Presence
+from robotether_server.relay.robots.robot import Presence
 
 
 @pytest.fixture
@@ -42,16 +41,6 @@ async def test_a_client_that_does_not_read_is_told_the_newest_state_only(
     (event,) = subscriber.pop_events()
     assert (event[0], event[1].ros, event[1].video) == ("robot", "ok", "ok")
     assert subscriber.pop_events() == []
-
-
-async def test_round_trips_are_told_seldom(fleet_events, subscriber, robots, monkeypatch):
-    for rtt_ms in (1.0, 2.0, 3.0):
-        robots.ensure_robot(7).presence = Presence(rtt_ms=rtt_ms)
-        fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
-        assert len(subscriber.pop_events()) == (1 if rtt_ms == 1.0 else 0)
-    monkeypatch.setattr(fleet_events_module, "RTT_NOTIFY_EVERY_S", 0.0)
-    fleet_events.on_robot_change(Change("heartbeat", 7, robots.presence(7)))
-    assert [event[1].rtt_ms for event in subscriber.pop_events()] == [3.0]
 
 
 async def test_each_step_of_a_request_for_help_is_an_event(relay, memory_database, subscriber):
@@ -131,16 +120,6 @@ def follow(relay, http, memory_database):
             yield Events(answer)
 
     return following
-
-
-async def test_drivers_and_observers_are_told(robot, follow, ros):
-    async with follow(BOB) as events:
-        await events.next("fleet")
-        async with ros():
-            await events.robot_with(drivers=["ann"], observers=0)
-            async with ros("observe", BOB):
-                await events.robot_with(drivers=["ann"], observers=1)
-        await events.robot_with(drivers=[], observers=0)
 
 
 async def test_grants_and_names_show_and_remove_a_robot(sim1, memory_database, follow):

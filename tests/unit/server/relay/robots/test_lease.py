@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import ANN, BEN, CARL, utc
 from robotether_server.problems import (
-    NobodyAsksError,
     NotPossibleError,
     RobotetherError,
     ThrottledError,
@@ -75,15 +74,6 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
     assert lease.driver.holder is older
 
 
-def test_a_number_that_is_not_newer_is_no_lease(lease):
-    """What the guard would refuse is not granted."""
-    lease.fence = 5
-    holder = connection_of(ANN)
-    lease.claim(holder, at(0))
-    assert not lease.grant(holder, 5, at(0))
-    assert lease.grant(holder, 6, at(0))
-
-
 def test_the_control_passes_on_after_20_s_without_input(lease):
     """Each command puts it off; then it is kept for the asker for 10 s, and free afterwards."""
     holder = driven_by(ANN, lease)
@@ -98,19 +88,6 @@ def test_the_control_passes_on_after_20_s_without_input(lease):
         lease.claim(connection_of(ANN), at(40))
     lease.claim(connection_of(BEN), at(40))
     assert lease.reserved(at(45)) is None
-
-
-def test_the_control_is_handed_to_the_one_who_is_named(lease):
-    holder = driven_by(ANN, lease)
-    lease.ask(BEN, at(0))
-    lease.withdraw(BEN)
-    lease.ask(CARL, at(1))
-    with pytest.raises(NobodyAsksError, match="carl asks for it now"):
-        lease.hand_over(ANN, at(2), "ben")
-    assert lease.request.user == CARL
-    passed = lease.hand_over(ANN, at(3), "carl")
-    assert (passed.driver.holder, passed.to) == (holder, CARL)
-    assert (lease.driver, lease.reserved(at(4)).user) == (None, CARL)
 
 
 def test_a_driver_is_not_asked_again_and_again(lease):

@@ -11,17 +11,13 @@ import pytest
 import pytest_asyncio
 from relay_clients import PUBLISH, audit_lines
 from relay_server import BEN, CARL, EVE, until
-from robotether_server.db.routes import RelayRoute
 from robotether_server.relay.control.leasing import LeaseRequester, now
 from robotether_server.relay.robots import lease
 from robotether_server.relay.robots.connection import Connection
 from robotether_server.relay.routes import routes as relay_routes
 from robotether_server.settings import robot as robot_settings
 from robotether_server.times import utc_now
-from route_world import SOURCE, TARGET, RouteWorld
-
-TWIST = "geometry_msgs/msg/Twist"
-FOLLOW = RelayRoute(SOURCE, "/cmd_vel", TARGET, "/cmd_vel", TWIST, 50, 5, id=1, user_name="eve")
+from route_world import FOLLOW, SOURCE, TARGET, RouteWorld
 
 
 @pytest.fixture(autouse=True)
@@ -63,7 +59,7 @@ async def test_a_command_goes_on_under_the_lease_with_the_age_of_its_source(worl
     assert message == {"op": "publish", **name, "msg": {"linear": {"x": 0.5}}}
     assert stamp["fence"] == 1
     assert 0 <= world.target.session.clock_ms() - stamp["t_ms"] < 10_000
-    advertised = {"op": "advertise", **name, "type": TWIST}
+    advertised = {"op": "advertise", **name, "type": FOLLOW.type}
     assert advertised in map(json.loads, world.target.received)
     await until(lambda: world.relay.relay.routes.live(5).routes[0].rate_hz, "its rate is known")
     await until(lambda: audit_lines(world.database), "the drive is in the log")
@@ -221,11 +217,6 @@ async def test_a_robot_that_is_away_is_waited_for(world, start_robot):
     again = await start_robot(world.relay, "guarded")
     await until(lambda: world.live()[1][0] == "runs", "it runs again")
     assert again.handshakes[-1]["Robotether-Fence"] == "2"
-    assert world.ends() == []
-
-
-async def test_a_target_is_free_while_the_source_is_away(world):
-    await start(world, FOLLOW)
     await world.source.stop()
     await until(lambda: world.live()[1] == ("waits", "sim2 is offline"), "it waits")
     await until(lambda: world.driver() is None, "the target is free")

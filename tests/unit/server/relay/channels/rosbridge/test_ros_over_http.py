@@ -14,13 +14,11 @@ from relay_server import ANN, BEN, BOB, EVE, FAST, running_relay, until
 from robotether_common.ros import Globs
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.rosbridge import topic_api
-from robotether_server.relay.channels.rosbridge.service_api import ServiceApi
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_OBSERVED_TOPICS,
     SharedTopic,
     TopicRequest,
 )
-from robotether_server.relay.http.sockets import RobotSocket
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.settings.robot import LevelPolicy, Policy
 from yarl import URL
@@ -132,25 +130,6 @@ async def test_an_answer_is_json_that_clients_read(*, guarded, ask, serving, val
     if content is None:
         await serving(values={})
     assert await calling == (200, {"result": True, "values": content or {}})
-
-
-class FloodingSocket(RobotSocket):
-    """A robot's end with a message at any time; until somebody else has had a turn, none is the answer."""
-
-    def __init__(self):
-        self._turn = self.read = 0
-        self.others = asyncio.create_task(asyncio.sleep(0))
-
-    async def receive(self):
-        self.read += 1
-        assert self.read < 1000, "nobody else has had a turn"
-        data = b'{"op": "service_response", "id": "call"}' if self.others.done() else b"{}"
-        return aiohttp.WSMessage(aiohttp.WSMsgType.TEXT, data, None)
-
-
-async def test_a_robot_that_floods_a_call_delays_nobody():
-    answer = await ServiceApi(None, None)._response(FloodingSocket(), "sim1")
-    assert answer.result
 
 
 async def test_the_policy_for_observers_counts(relay, robot, sim1, ask, memory_database):

@@ -9,16 +9,6 @@ from robotether_common.frames import MAX_FRAME_BYTES
 JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
-async def test_without_viewers_no_frame_is_requested(camera, relay, sim1, http):
-    url = f"{relay.url}/robots/sim1/video/frames?topic=/a&ticket={relay.ticket(sim1)}"
-    async with http.ws_connect(url) as socket:
-        await socket.send_json({"op": "clock_sync", "t_ms": 1})
-        await socket.receive_json()
-        assert camera.topics == []
-        await socket.send_json({"op": "stream_request"})
-        await camera.wait_for("credit", frames=2)
-
-
 async def test_a_connection_on_which_nothing_comes_is_dropped(camera, watch, monkeypatch):
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.SILENT_AFTER_S", 0.2)
     monkeypatch.setattr("robotether_server.relay.channels.video.feed_link.CLOCK_SYNC_EVERY_S", 0.05)
