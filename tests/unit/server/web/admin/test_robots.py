@@ -2,7 +2,7 @@
 
 import pytest
 from admin_visitor import fingerprint, join, send
-from robotether_server.db import audit, robots
+from robotether_server.db import robots
 from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.web.admin.robots import RobotSearch
@@ -87,58 +87,6 @@ def test_a_page_of_a_robot_changes_none_that_got_its_name_since(
 def get(database, name):
     with database.transaction() as tx:
         return robots.get(tx, name)
-
-
-@pytest.mark.usefixtures("active")
-def test_each_action_is_done_and_audited(admin, database):
-    """Each leads back to the robot's page, or to the list from a robot that is gone."""
-    actions = (
-        ("sim1", "disable", {}, "robot_disabled", {}),
-        ("sim1", "enable", {}, "robot_enabled", {}),
-        ("sim1", "rotate-key", {}, "robot_rotation_requested", {}),
-        ("sim1", "shell-on", {}, "robot_shell_set", {"shell": True}),
-        ("sim1", "shell-off", {}, "robot_shell_set", {"shell": False}),
-        ("sim1", "mac", {"mac": "001b44113ab7"}, "robot_mac_set", {"mac": "00:1b:44:11:3a:b7"}),
-        ("sim1", "shell-user", {"shell_user": "pi"}, "robot_settings_set", {"settings": {"shell_user": "pi"}}),
-        ("sim1", "shell-user", {"shell_user": ""}, "robot_settings_set", {"settings": {}}),
-        ("sim1", "region", {"region": "eu"}, "robot_settings_set", {"settings": {"region": "eu"}}),
-        ("sim1", "ports", {"ros_port": "20100", "video_port": "20101"}, "robot_ports_moved", {}),
-        ("sim1", "rename", {"new_name": "lift"}, "robot_renamed", {"was": "sim1"}),
-        ("lift", "rekey", {}, "robot_rekeyed", {}),
-        ("lift", "remove", {}, "robot_removed", {}),
-    )  # fmt: skip
-    for robot, action, form, kind, details in actions:
-        answer = send(admin, f"/admin/robots/{robot}/{action}", **form)
-        onward = "" if action == "remove" else f"/{form.get('new_name', robot)}"
-        assert (answer.status_code, answer.location) == (303, f"/admin/robots{onward}")
-        with database.transaction() as tx:
-            newest = audit.find(tx)[0]
-        assert (newest.kind, newest.actor, newest.address) == (kind, "root", "198.51.100.7")
-        assert details.items() <= newest.details.items()
-
-
-@pytest.mark.parametrize(
-    ("action", "form", "kind"),
-    [
-        ("disable", {}, "robot_disabled"),
-        ("site", {"site": "yard"}, "robot_site_set"),
-        ("grant", {"holder": "user:ann", "level": "observe", "hours": "24"}, "grant_given"),
-    ],
-)
-def test_ticked_robots_are_changed_after_one_question(*, admin, ann, database, action, form, kind):
-    send(admin, "/admin/sites", name="yard")
-    path = f"/admin/selected-robots/{action}"
-    names = ["sim1", "sim2"]
-    question = admin.ask("GET", path, query_string={"robot": names, **form})
-    assert "sim1, sim2" in question.text
-    assert 'name="robots" value="sim1 sim2"' in question.text
-    answer = send(admin, path, robots="sim1 sim2", **form)
-    assert (answer.status_code, answer.location) == (303, "/admin/robots")
-    cancel = 'href="/admin/robots?robot=sim1&amp;robot=sim2" data-testid="deed-cancel"'
-    assert cancel in question.text
-    assert [each for each, *_ in audit_kinds(database)].count(kind) == len(names)
-    assert "tick at least one robot" in admin.ask("GET", path).text
-    assert send(admin, path, robots="sim1 ghost", **form).status_code == 404
 
 
 def test_ticks_stay_where_a_search_shows_others(admin):

@@ -2,10 +2,9 @@
 
 import re
 
-import pytest
 from admin_visitor import send
 from robotether_server.db import users
-from web_visitor import Browser, audit_kinds
+from web_visitor import Browser
 
 
 def test_a_password_that_was_made_is_shown_once_and_works(app, admin):
@@ -48,48 +47,6 @@ def test_a_question_about_a_user_does_nothing_to_who_got_the_name_since(admin, d
     )
     with database.transaction() as tx:
         assert users.get(tx, "ann")
-
-
-def test_each_action_is_done_and_audited(admin, database):
-    actions = (
-        ("role", {"role": "admin"}, "user_role_set"),
-        ("disable", {}, "user_disabled"),
-        ("enable", {}, "user_enabled"),
-        ("password", {"password": "chosen by an admin"}, "password_set"),
-        ("log-out", {}, "logins_ended"),
-        ("remove", {}, "user_removed"),
-    )
-    for action, form, kind in actions:
-        answer = send(admin, f"/admin/users/ann/{action}", **form)
-        onward = "/admin/users" if action == "remove" else "/admin/users/ann"
-        assert (answer.status_code, answer.location) == (303, onward)
-        assert audit_kinds(database)[-1] == (kind, "root", "198.51.100.7")
-
-
-@pytest.mark.parametrize(
-    ("action", "form", "kind", "asked"),
-    [
-        ("disable", {}, "user_disabled", "Disable 2 users?"),
-        ("group", {"group": "crew"}, "group_member_added", "Put 2 users into group crew?"),
-        (
-            "grant",
-            {"scope": "robot:sim2", "level": "observe", "hours": "24"},
-            "grant_given",
-            "Let 2 users observe sim2, for 1 day?",
-        ),
-    ],
-)
-def test_ticked_users_are_changed_after_one_question(*, admin, database, action, form, kind, asked):
-    send(admin, "/admin/groups", name="crew")
-    path = f"/admin/selected-users/{action}"
-    question = admin.ask("GET", path, query_string={"user": ["ann", "olga"], **form}).text
-    assert (asked in question, "ann, olga" in question) == (True, True)
-    assert send(admin, path, users="ann ghost", **form).status_code == 404
-    assert [each for each, *_ in audit_kinds(database)].count(kind) == 0
-    answer = send(admin, path, users="ann olga", **form)
-    assert (answer.status_code, answer.location) == (303, "/admin/users")
-    assert [each for each, *_ in audit_kinds(database)].count(kind) == 2
-    assert "tick at least one user" in admin.ask("GET", path).text
 
 
 def test_ticked_users_are_enabled_again_and_the_last_admin_stays(admin):

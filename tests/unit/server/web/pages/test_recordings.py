@@ -82,12 +82,3 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert send(browser, f"/recordings/{number}/delete").status_code == 404
     assert send(browser, f"/recordings/{number}/stop").status_code == 303
     assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
-
-
-def test_a_recording_that_has_not_begun_has_no_file_for_its_manager_either(browser, app, database):
-    assert app
-    with database.transaction() as tx:
-        recordings.ask(tx, robots.get(tx, "sim1").id, "sim1", users.get(tx, "ann"))
-    for person, says in (("root", "none yet"), ("ann", "for those who manage the robot")):
-        browser.log_in(person)
-        assert f'<span class="soft">{says}</span>' in browser.ask("GET", "/recordings").text
