@@ -73,7 +73,6 @@ async def measured() -> list[Row]:
 
 
 def rows_of(memories: Sequence[Row]) -> pd.DataFrame:
-    """The rows of one agent: each process, and the sum of those that are Python and not OpenSSH."""
     every = pd.DataFrame(memories)
     python = every[~every.process.str.startswith("ssh ")]
     total = (

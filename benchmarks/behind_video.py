@@ -66,8 +66,6 @@ TRIP = (
 
 @dataclass(frozen=True)
 class Topic:
-    """What a topic sends, and how often; 0: once."""
-
     name: str
     size: int
     rate_hz: float = 0.0
@@ -104,11 +102,9 @@ class Setup:
         return self.ended_at - self.began_at
 
     def counts(self, at: float) -> bool:
-        """Whether it came while round trips were measured."""
         return self.began_at <= at <= self.ended_at
 
     def first_s(self, topic: Topic) -> float | None:
-        """How long the first whole message of a topic took."""
         came = (at for at, size in self.messages[topic.name] if size >= topic.size)
         return next((at - self.sent_at[topic.name] for at in came), None)
 
@@ -274,7 +270,6 @@ async def measure_all(link: Link, setups: Sequence[Setup], seconds: float) -> No
 
 
 def measured(setups: Sequence[Setup], seconds: float, up: Shape = UP) -> Sequence[Setup]:
-    """Measure them one after the other, over a link with that uplink."""
     with emulated(up) as link:
         asyncio.run(measure_all(link, setups, seconds))
     return setups

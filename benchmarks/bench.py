@@ -66,7 +66,6 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
 
 
 def circumstances() -> str:
-    """When, at which commit, on what machine and at what load; call it before the measurement."""
     here = machine()
     return wrapped(
         f"Measured on {datetime.now(UTC):%Y-%m-%d} at commit {commit()}, all on one machine: "
@@ -76,7 +75,6 @@ def circumstances() -> str:
 
 
 def names_of(text: str) -> list[str]:
-    """The experiments that `--only` names, in the page's order."""
     chosen = text.split(",")
     for name in chosen:
         if name not in EXPERIMENTS:

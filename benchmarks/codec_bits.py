@@ -49,7 +49,6 @@ class Clip:
     has_thing: bool = False
 
     def frames(self, size: Size, count: int) -> Iterator[RawFrame]:
-        """Give that many frames, FPS a second, of that width and height in pixels."""
         width, height = size
         whole, random = scene(size), np.random.default_rng(SEED)
         for number in range(count):
@@ -170,7 +169,6 @@ def error_of(decoded: RawFrame, raw_luma: NDArray[np.float32]) -> float:
 
 
 async def encoded(footage: Footage, coding: Coding, bits_per_s: float) -> RatePoint:
-    """Encode all frames at one rate, one after the other, and decode them."""
     decoder, total, errors = Decoder(coding.codec.name), 0, []
     async with av_process(COMMAND) as process:
         # Empty: it has started.

@@ -178,7 +178,6 @@ def unheld_press(page: Page, watch: SimWatch) -> tuple[float, float] | None:
 
 
 def press(page: Page, watch: SimWatch) -> tuple[float, float]:
-    """Press and let go once: ms from the event to the command, for both."""
     # Of one pair of clocks, as they may drift apart.
     to_unix_ms = (time.time() - time.monotonic()) * 1000
     since = time.monotonic()

@@ -139,7 +139,6 @@ async def measure_runs(demo: Demo, seconds: float) -> list[Row]:
 
 
 def compared(runs: Sequence[Row]) -> pd.DataFrame:
-    """Compare each run with the first of the same topics, by the messages that it got more."""
     table = pd.DataFrame(runs)
     first = table.groupby("topics").transform("first")
     uplink, cpu = "robot's uplink KB", "relay, % of a core"
@@ -175,7 +174,6 @@ async def take_clouds(urls: Sequence[str]) -> None:
 
 
 def measure_beside(demo: Demo, seconds: float = DRIVEN_S) -> Section:
-    """A driver's round trips alone, and beside observers of clouds; both straight at rosbridge, too."""
     count = int(seconds * DRIVER_HZ)
     with whole_robot(demo, "CLOUD") as (world, name, inside), TemporaryDirectory() as folder:
 

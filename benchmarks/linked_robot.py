@@ -100,12 +100,10 @@ class Subject:
         self._agent = Program(self.inside, words, log, environment(settings))
 
     def signal_agent(self, number: signal.Signals) -> None:
-        """Send a signal to the agent, and to nothing that it started."""
         assert self._agent is not None
         os.kill(self._agent.pid, number)
 
     def kill_agent(self) -> None:
-        """Kill it and all that it started, as the loss of power does."""
         if self._agent is not None:
             self._agent.kill()
 

@@ -49,7 +49,6 @@ def kinds() -> Mapping[str, bytes]:
 
 
 def row_of(name: str, data: bytes) -> Row:
-    """The quickest of some rounds: what else runs on the machine only adds to it."""
     validator = MessageValidator(DEFAULTS.policy.manage, DEFAULTS.guard.drive_topics, UNLIMITED)
 
     def check() -> None:

@@ -78,7 +78,6 @@ class StandInRelay:
         self.frames = self.messages = 0
 
     async def follow(self, request: web.Request) -> web.StreamResponse:
-        """Send each robot's control once, and commands of all at 20 Hz."""
         socket = await opened(request)
         texts = [
             (self._event(number, "control", CONTROL), self._event(number, "commands", COMMAND))
@@ -144,7 +143,6 @@ async def opened(request: web.Request) -> web.WebSocketResponse:
 
 
 async def at_rate(rate: float, work: Callable[[], Awaitable[None]]) -> None:
-    """Do the work so many times a second, until the other side is gone."""
     due = time.monotonic()
     try:
         while True:
@@ -173,8 +171,6 @@ def answer(call: dict[str, object]) -> dict[str, object]:
 
 
 class RowsInMemory(RecorderStore):
-    """Ten robots that are always recorded."""
-
     def __init__(self) -> None:
         self._rows = 0
 
@@ -197,7 +193,6 @@ class RowsInMemory(RecorderStore):
 
 
 async def record() -> None:
-    """Record until the input ends."""
     order = await read_line()
     relay_client.PUBLIC_PORT = relay_client.INSIDE_PORT = order["port"]
     database = DatabaseSettings("nowhere", 1, "none", "none", "none")

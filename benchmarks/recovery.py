@@ -44,7 +44,6 @@ class RoamingNetwork:
         self._barred: list[tuple[str, ...]] = []
 
     def build(self) -> None:
-        """Lay the cables, and give the robot its first uplink."""
         inside = f"robot{self._number}"
         _lay((self._router, "cloud"), (self._cloud, inside))
         _address(self._router, "cloud", self._gateway("cloud"))
@@ -157,7 +156,6 @@ class Cut:
 
 
 def with_network(*steps: Callable[[RoamingNetwork], None], for_s: float = 0.0) -> Make:
-    """Do one thing with the robot's network, or one after the other with a time between."""
 
     async def make(_: Subject, network: RoamingNetwork) -> float:
         for number, step in enumerate(steps):
@@ -169,7 +167,6 @@ def with_network(*steps: Callable[[RoamingNetwork], None], for_s: float = 0.0) -
 
 
 async def frozen(subject: Subject, _: RoamingNetwork) -> float:
-    """Stop the agent alone, for longer than a session lives."""
     subject.signal_agent(signal.SIGSTOP)
     await asyncio.sleep(10)
     subject.signal_agent(signal.SIGCONT)

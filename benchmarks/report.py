@@ -32,8 +32,6 @@ Row = Mapping[str, object]
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, what was measured and aimed at, and a table."""
-
     title: str
     text: str
     rows: Sequence[Row] = ()
@@ -87,7 +85,6 @@ def plain(text: str) -> str:
 
 
 def duration(seconds: float) -> str:
-    """`12.3 s`, `4 min 10 s` or `1 h 2 min`."""
     if seconds < MINUTE_S:
         return f"{seconds:.1f} s"
     if seconds < HOUR_S:
@@ -114,7 +111,6 @@ def page(template: str, **values: Any) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, memory (GB) and kernel of this machine."""
     lines = Path("/proc/cpuinfo").read_text().splitlines()
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     memory_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")

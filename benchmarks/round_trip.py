@@ -62,7 +62,6 @@ class Route:
         await asyncio.sleep(0.5)
 
     async def measure(self, number: int) -> None:
-        """Send one message of exactly FRAME_BYTES bytes and wait until it is back."""
         empty = json.dumps({"op": "publish", "topic": self.topic, "msg": {"data": ""}})
         frame = empty.replace('""', f'"{number:<{FRAME_BYTES - len(empty)}}"')
         sent = time.perf_counter()
@@ -150,7 +149,6 @@ def whole_robot(demo: Demo, *publishes: str) -> Iterator[tuple[World, str, Names
 
 
 def measure(demo: Demo, count: int = COUNT) -> Section:
-    """The whole path, beside the robot's own rosbridge and a bare `ssh -R` as in the paper; all from its network."""
     rosbridge = f"127.0.0.1:{ROSBRIDGE_PORT}"
     with (
         whole_robot(demo) as (world, name, inside),

@@ -62,7 +62,6 @@ class Seen:
     codec: str
 
     def error_ms(self, delay_ms: float) -> float:
-        """How much more the guard measured than the network's delay explains."""
         return self.guards_ms - self.sent_ms - delay_ms
 
 
@@ -83,7 +82,6 @@ class Driver:
         self._answers: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
 
     async def read(self) -> None:
-        """Keep what the relay says of commands, until the connection ends or this is cancelled."""
         # Who sends one gets what the relay says itself.
         await self._socket.send_json({"op": "robotether.clock_sync", "t_ms": 0})
         async for message in self._socket:
@@ -151,7 +149,6 @@ async def run_behind(
 
 
 def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
-    """What was measured: how old the frames were, and how much more the guard measured."""
     errors = [command.error_ms(delay_ms) for command in seen]
     (age_ms,) = quantiles([command.sent_ms for command in seen], 0.5, unit="ms").values()
     named = quantiles(errors, 0, 0.5, 0.99, 1, unit="ms")

@@ -88,7 +88,6 @@ def drive_url(demo: Demo) -> str:
 
 
 def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> Stop:
-    """One repetition with a person's page, on which a key is held."""
     with sync_playwright() as playwright, ExitStack() as undo:
         browser = chromium(playwright)
         page = browser.new_context(ignore_https_errors=True).new_page()
@@ -136,7 +135,6 @@ def end_program(_: Demo, driver: ProgramDriver, __: ExitStack) -> None:
 
 
 def cut_operator(_: Demo, driver: ProgramDriver, undo: ExitStack) -> None:
-    """The operator's packets are dropped both ways, without a word."""
     port = str(driver.local_port)
     undo.enter_context(dropped("raw", "OUTPUT", "-p", "tcp", "--sport", port))
     undo.enter_context(dropped("raw", "PREROUTING", "-p", "tcp", "--dport", port))

@@ -80,7 +80,6 @@ class Frame:
 
     @property
     def drawn_at(self) -> float:
-        """Unix time in s of what it shows; NoStampError when it does not tell."""
         return read_stamp(self.data) if self.decoded is None else stamp_of(self.decoded)
 
     @property
@@ -188,7 +187,6 @@ async def going_on(
 async def looking(
     views: Sequence[View], what: str, within_s: float = STARTS_WITHIN_S
 ) -> AsyncIterator[list[list[Frame]]]:
-    """Viewers, each with its own frames; all have one when this begins."""
     seen: list[list[Frame]] = [[] for _ in views]
     async with aiohttp.ClientSession() as http:
         works = [view(http, own.append) for view, own in zip(views, seen, strict=True)]
@@ -295,7 +293,6 @@ async def over_link(
 
 
 def shape_of(mbit_s: float, delay_ms: float) -> Shape:
-    """One direction of a network, with half of its delay."""
     return Shape(rate_bit_s=mbit_s * 1e6, delay_s=delay_ms / 2000, queue_bytes=UP.queue_bytes)
 
 
@@ -360,8 +357,6 @@ def measure_age(demo: Demo, seconds: float = SECONDS) -> Section:
 
 
 class Usage:
-    """What the kernel has counted for two containers since their start."""
-
     def __init__(self, demo: Demo) -> None:
         self._relay, self._robot = demo.container("relay"), demo.container(ROBOT)
 

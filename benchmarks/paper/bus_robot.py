@@ -24,8 +24,6 @@ LINES, POINTS_A_LINE, POINT_BYTES = 128, 2670, 16
 
 
 class BusRobot:
-    """rosbridge on an address; `async with` starts and stops it."""
-
     def __init__(self, address: str, port: int) -> None:
         self.graph: Graph = make_graph(2)
         self._address, self._port = address, port

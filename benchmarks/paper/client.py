@@ -78,7 +78,6 @@ class Client:
         method: str = "POST",
         within_s: float | None = None,
     ) -> dict[str, Any]:
-        """The API's answer; RefusedError if it is a refusal."""
         timeout = aiohttp.ClientTimeout(total=within_s or self._request_s)
         url = f"https://{self.address}/api/v1{path}"
         async with self._http.request(
@@ -121,7 +120,6 @@ def command(number: int, connection: int = 0) -> dict[str, Any]:
 
 
 def origin(twist: Mapping[str, Any]) -> tuple[str, int] | None:
-    """Connection and number of a command; None: it is a zero."""
     if not twist["linear"]["x"]:
         return None
     return str(round(twist["angular"]["y"])), round(twist["angular"]["x"])
@@ -129,8 +127,6 @@ def origin(twist: Mapping[str, Any]) -> tuple[str, int] | None:
 
 @dataclass
 class Echoes:
-    """What a driver heard of its own commands."""
-
     # When those were sent that have not come back, by their numbers.
     sent_at: dict[int, float] = field(default_factory=dict)
     round_trips_ms: list[float] = field(default_factory=list)
@@ -167,7 +163,6 @@ class Echoes:
     async def listening(
         self, socket: aiohttp.ClientWebSocketResponse, connection: int = 0
     ) -> AsyncIterator[asyncio.Task[None]]:
-        """Listen meanwhile, and end the connection."""
         task = asyncio.create_task(self.listen(socket, connection))
         try:
             await begin(socket)
@@ -179,7 +174,6 @@ class Echoes:
 
 
 async def close(socket: aiohttp.ClientWebSocketResponse) -> None:
-    """End a connection, whatever has become of it."""
     with suppress(*FAILURES):
         async with asyncio.timeout(CLOSE_S):
             await socket.close()

@@ -80,7 +80,6 @@ def trees_cpu_s(roots: Iterable[int]) -> list[float]:
 
 
 def machine_cpu_s() -> float:
-    """Processor time that this machine has spent on anything, of all cores."""
     fields = [int(word) for word in (PROC / "stat").read_text().split("\n", 1)[0].split()[1:]]
     busy = (ticks for at, ticks in enumerate(fields[:MACHINE_FIELDS]) if at not in IDLE_FIELDS)
     return sum(busy) / TICKS_PER_S

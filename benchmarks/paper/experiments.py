@@ -52,7 +52,6 @@ class Chapter:
 
     @property
     def shortfalls(self) -> list[str]:
-        """What falls short besides the comparisons, in Markdown."""
         failed = [f"{len(self.failed)} of {len(self.outcomes)} steps failed."] * bool(self.failed)
         return [*failed, *map(plain, [*self.report.problems, *self.report.shortfalls])]
 
@@ -75,7 +74,6 @@ class Chapter:
 
 
 def chapter(part: Part, outcomes: Mapping[str, Outcome]) -> Chapter:
-    """Let a part report; a report that raises is a problem and not the page's end."""
     values = {name: step.values for name, step in outcomes.items() if step.values is not None}
     try:
         report = part.report(values)
@@ -96,7 +94,6 @@ def sentence(error: BaseException) -> str:
 
 
 def write_page(folder: Path, item: Chapter, scale: Scale, where: Sequence[str]) -> Path:
-    """Write the page; `where` says on what it was measured."""
     folder.mkdir(parents=True, exist_ok=True)
     written = folder / f"{item.part.name}.md"
     name = item.part.name if item.report.values else "experiment"

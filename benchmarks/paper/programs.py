@@ -72,7 +72,6 @@ class Program:
         self._kill(started)
 
     def kill(self) -> None:
-        """Kill it and all that it started, as the loss of power does."""
         self._kill(descendants(self.pid))
 
     def _kill(self, started: Sequence[int]) -> None:
@@ -145,7 +144,6 @@ class LineProgram:
         return self._log.read_text(errors="replace")[-2000:]
 
     def end_input(self) -> None:
-        """End its input; it may write last words, and ends."""
         with suppress(BrokenPipeError):
             self._input.close()
 
@@ -169,7 +167,6 @@ class LineProgram:
 
 
 async def read_line() -> Any:
-    """Read what whoever started this process says next; None when its input has ended."""
     return json.loads(await asyncio.to_thread(sys.stdin.readline) or "null")
 
 

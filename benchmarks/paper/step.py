@@ -89,14 +89,11 @@ def against_aim(what: str, aim: float, ours: float | None, unit: str) -> Compari
 
 
 def never(what: str, ours: float, unit: str = "times") -> Comparison:
-    """What a rule forbids, and how often it was: any fails the run."""
     return Comparison(what, "rule", 0, ours, unit, "equal")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Report:
-    """What the page says of one experiment."""
-
     # What the part's template names, its tables' rows among them.
     values: Mapping[str, Any] = field(default_factory=dict)
     comparisons: Sequence[Comparison] = ()
@@ -108,8 +105,6 @@ class Report:
 
 @dataclass(frozen=True, kw_only=True)
 class Part:
-    """One experiment; its page is templates/NAME.md.j2."""
-
     # For the results and for ONLY: "density".
     name: str
     title: str
@@ -119,5 +114,4 @@ class Part:
 
 
 def now() -> str:
-    """RFC 3339 in UTC, to the second."""
     return datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -34,8 +34,6 @@ AT_ONCE = 4
 
 
 class World(LiveServer):
-    """A running stack; made by `own`."""
-
     def __init__(self, container: Callable[[str], Container], folder: Path) -> None:
         super().__init__()
         self._container = container
@@ -47,7 +45,6 @@ class World(LiveServer):
     @classmethod
     @contextmanager
     def own(cls) -> Iterator[World]:
-        """A stack of this run alone, without simulated robots."""
         # With a short name, as agents make sockets below it.
         with tempfile.TemporaryDirectory(prefix="rt-x-", ignore_cleanup_errors=True) as name:
             folder = Path(name)
@@ -97,7 +94,6 @@ class World(LiveServer):
         return made
 
     def remove(self, robots: Sequence[Enrolled]) -> None:
-        """Remove robots that this world has enrolled, with their rows and files; what still runs of them is cut off."""
         for robot in robots:
             self.ask("DELETE", f"/robots/{robot.name}")
             shutil.rmtree(robot.folder, ignore_errors=True)
@@ -114,7 +110,6 @@ class World(LiveServer):
             yield [make_joined(made, "uplink")[0] for _ in range(how_many)]
 
     def admin_token(self, user: str) -> str:
-        """An API token of an admin, who is added now if this world has none of the name."""
         if user not in self._tokens:
             self.ask("POST", "/users", {"name": user, "role": "admin"})
             self._tokens[user] = self.token_of(user)
@@ -123,8 +118,6 @@ class World(LiveServer):
 
 @dataclass(frozen=True)
 class Enrolled:
-    """One robot as the server and its own disk know it."""
-
     name: str
     mac: str
     # HOST:PORT of the server's https, the same from every uplink: a robot may start behind any of them.
@@ -135,12 +128,10 @@ class Enrolled:
 
     @property
     def state_dir(self) -> Path:
-        """Where the agent keeps its key, its enrolment and the host keys."""
         return self.folder / "state"
 
     @property
     def settings(self) -> dict[str, str]:
-        """The agent's settings that make it this robot, as agent.toml names them."""
         return {
             "server": self.server,
             "tls_fingerprint": self.tls_fingerprint,
@@ -151,7 +142,6 @@ class Enrolled:
 
 
 def environment(settings: Mapping[str, object]) -> dict[str, str]:
-    """An agent's settings as its environment gives them."""
     return {f"ROBOTETHER_{name.upper()}": str(value) for name, value in settings.items()}
 
 

@@ -54,7 +54,6 @@ def report(measured: Mapping[str, Values]) -> Report:
 
 
 def times(returns: Iterable[Mapping[str, Any]]) -> list[float]:
-    """Of robots that came back, and of those whose drivers waited for long in vain."""
     return [
         outage["took_s"] for outage in returns if outage["came"] or outage["took_s"] > PATIENT_S
     ]

@@ -50,8 +50,6 @@ class Violation:
 
 @dataclass(frozen=True, kw_only=True)
 class Database:
-    """What the database has at the end, by robots' names."""
-
     drives: Collection[tuple[str, int]] = ()
     # The newest number of each robot.
     fences: Mapping[str, int] = field(default_factory=dict)

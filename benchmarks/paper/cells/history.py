@@ -77,7 +77,6 @@ class History:
 
     @classmethod
     def open(cls, folder: Path, source: str) -> History:
-        """Begin the file of this process; each line is written at once."""
         return cls((folder / f"{source}{ENDING}").open("a", buffering=1), source)
 
     def add(self, kind: Kind, **more: Any) -> None:
@@ -100,7 +99,6 @@ def read(folder: Path) -> list[Event]:
 
 
 def in_order(events: Iterable[Event]) -> list[Event]:
-    """By time; those of one moment stay as they are."""
     return sorted(events, key=lambda event: event.at_s)
 
 

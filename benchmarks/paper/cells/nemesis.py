@@ -36,8 +36,6 @@ MOST_STEPPED_S = 60.0
 
 @dataclass(frozen=True)
 class Target:
-    """What is concerned, by names; empty: all, or none."""
-
     cell: str = ""
     source: str = ""
 
@@ -108,7 +106,6 @@ def _cut_database(context: Context, target: Target, *, to_drop: bool) -> None:
 
 
 def _cut_peers(context: Context, target: Target, *, to_drop: bool) -> None:
-    """Cut a cell from all others, both ways."""
     cell = context.cell(target)
     others = [item for item in context.site.cells if item is not cell]
     cell.drop_to(OF_PEERS, [item.peer_port for item in others], to_drop=to_drop)
@@ -117,7 +114,6 @@ def _cut_peers(context: Context, target: Target, *, to_drop: bool) -> None:
 
 
 def _cut(how: Callable[..., None]) -> tuple[Do, Do]:
-    """Do it, and mend it."""
     return partial(how, to_drop=True), partial(how, to_drop=False)
 
 
@@ -272,5 +268,4 @@ def make_disk(place: Path, size_bytes: int, folders: Sequence[Path]) -> None:
 
 
 def remove_disk(place: Path) -> None:
-    """Take it away, whoever still holds a file of it."""
     run_command("umount", "--lazy", place)

@@ -90,7 +90,7 @@ class Person(Client, ABC):
 
     @abstractmethod
     async def run(self) -> None:
-        """Be at work until this is cancelled."""
+        pass
 
     @property
     def cell(self) -> CellAddress:
@@ -185,8 +185,6 @@ class Driver(Person):
 
 
 class Leader(Driver):
-    """Drives the robot that another one follows, for ever."""
-
     async def run(self) -> None:
         while True:
             await self._drive(self._order["source"], self._rng.uniform(*DRIVE_S))
@@ -269,7 +267,6 @@ class Operator(Person):
         raise RuntimeError(f"{robot} did not confirm a stop, and nothing is broken any more")
 
     async def stop(self, robot: str) -> bool:
-        """Stop a robot that was released; whether the guard confirmed it."""
         self.begin_at(self._rng.randrange(len(self._cells)))
         self._numbers += 1
         reason = f"{self.name} {self._numbers}"
@@ -292,7 +289,6 @@ class Operator(Person):
         return confirmed
 
     def _is_own(self, stopped: Mapping[str, Any], asked_at: float) -> bool:
-        """Whether the stop is this one, which is written down, and none of before, which came to the robot late."""
         if stopped.get("by") != self.name:
             return False
         return datetime.fromisoformat(stopped["at"]).timestamp() >= asked_at - RESOLUTION_S

@@ -63,7 +63,6 @@ class Cell:
 
     @property
     def ssh_ports(self) -> tuple[int, int]:
-        """Where robots log in, the usual one first."""
         return self.stack.ssh_port, self.stack.https_port
 
     @property
@@ -88,7 +87,6 @@ class Cell:
             getattr(container, do)(**how)
 
     def order(self, order: str) -> None:
-        """`drain` it or `resume` it, as an admin at its machine does."""
         end = time.monotonic() + ORDERED_WITHIN_S
         command = ("robotether", "cell", order, self.name)
         # No cell is drained while no other is in service, and one that has just come back is not yet for a second.
@@ -109,7 +107,6 @@ class Cell:
         self.stack.wait(what, self.is_live, *SERVICES, seconds=HEALTHY_WITHIN_S)
 
     def is_live(self) -> bool:
-        """Whether each of its services answers now; sshd by its first line."""
         return self._has_sshd() and all(self._status(path) == 401 for path in HEALTH_PATHS)
 
     def _has_sshd(self) -> bool:
@@ -156,7 +153,6 @@ class Site:
     @classmethod
     @contextmanager
     def started(cls, folder: World, count: int) -> Iterator[Site]:
-        """Start so many cells, and remove them at the end."""
         with ExitStack() as made:
             first = first_cell(folder.folder / "site")
             first.engine.images.build(path=str(CLOCK), tag=CLOCK_IMAGE, rm=True)
@@ -176,17 +172,14 @@ class Site:
 
     @property
     def addresses(self) -> list[dict[str, str]]:
-        """Where people find the cells."""
         return [{"name": cell.name, "address": cell.address} for cell in self.cells]
 
     def people(self, prefix: str, count: int) -> list[dict[str, str]]:
-        """So many admins, each with a token."""
         names = [f"{prefix}-{number}" for number in range(1, count + 1)]
         return [{"name": name, "token": self.world.admin_token(name)} for name in names]
 
     @cached_property
     def ssh_addresses(self) -> dict[str, str]:
-        """The names of the cells by HOST:PORT at which robots log in."""
         return {f"{cell.host}:{port}": cell.name for cell in self.cells for port in cell.ssh_ports}
 
     @property

@@ -151,8 +151,6 @@ class RealRobot(CellRobot):
 
 
 class PlayedRobot(CellRobot):
-    """A virtual one with a real guard."""
-
     async def play(self) -> None:
         side = GuardedSide(self.settings(), self.watch)
         self.supervisor = side.supervisor
@@ -165,8 +163,6 @@ class PlayedRobot(CellRobot):
 
 
 class CellRobots(Robots):
-    """Those of a process; they know the cells, and their guards can be killed."""
-
     robots: Mapping[str, CellRobot]
 
     async def obey(

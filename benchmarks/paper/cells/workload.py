@@ -111,7 +111,6 @@ class Workload:
     @classmethod
     @contextmanager
     def running(cls, site: Site, size: Size, folder: Path, seed: int) -> Iterator[Workload]:
-        """Start the robots, and wait until all are online."""
         robots = site.world.robots(size.agents + size.virtual)
         parts = shares(robots, size.agents, MOST_AGENTS_IN_A_WORKER)
         with ExitStack() as stack:
@@ -162,7 +161,6 @@ class Workload:
         )
 
     def online_at(self, cell: Cell) -> set[str]:
-        """What the relay of a cell says; nobody, while it says nothing."""
         request = urllib.request.Request(
             f"https://{cell.address}/api/v1/events",
             headers={"Authorization": f"Bearer {self.site.world.token}"},
@@ -178,7 +176,6 @@ class Workload:
         return set()
 
     def order(self) -> dict[str, Any]:
-        """What the process of drivers, observers and operators has to know."""
         return {
             **{
                 kind: self.site.people(f"x-{kind}", getattr(self.size, kind))

@@ -68,7 +68,6 @@ class FleetOutcome:
         return self.per_robot("memory_bytes", names) / MIB
 
     def idle_ms(self, names: Iterable[str] = SERVICES) -> float:
-        """Processor time in ms that a robot costs in each second in which nobody uses it."""
         return self.per_robot("idle_cpu_s", names) * MS_PER_S / float(self.values["idle_s"])
 
     @property
@@ -83,7 +82,6 @@ class FleetOutcome:
 
     @property
     def costs(self) -> Row:
-        """What a robot costs: processor time of a start, memory, and processor time while nobody uses it."""
         parts = SERVER_PARTS.items()
         beside, idle = (
             {**SERVER_PARTS, **BESIDE}.items(),
@@ -168,7 +166,6 @@ def _driven_rows(fleet: Values) -> Iterable[Row]:
 
 
 def _aims(fleet: Values, start: FleetOutcome, back: FleetOutcome) -> Iterable[Comparison]:
-    """Beside the largest fleet that was measured."""
     drives = fleet["drive"].get("drives", [])
     gone = sum(drive["lost"] + drive["unsent"] for drive in drives) if drives else None
     p99 = merged(drives, "round_trips_ms", 0.99)["p99, ms"]
@@ -222,7 +219,6 @@ def steps(scale: Scale) -> Sequence[Step]:
 
 
 def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World) -> Values:
-    """Start, idle, drive, and return after a restart; what fails is told, and the rest goes on."""
 
     async def use(fleet: Fleet) -> Values:
         values: dict[str, Any] = {"count": count, "agents": agents}
@@ -255,7 +251,6 @@ async def _unless_failed(measured: Awaitable[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _chosen(world: World, count: int, agents: int) -> list[tuple[str, str]]:
-    """Which robots of a fleet are driven, agents and virtual ones: their names and kinds."""
     names = [robot.name for robot in world.robots(count)]
     real = names[: min(agents, DRIVEN_AGENTS)]
     virtual = names[agents : agents + DRIVEN - len(real)]

@@ -65,7 +65,6 @@ class Driver:
                 await asyncio.sleep(AGAIN_S)
 
     async def run(self, begin_s: float, rate_hz: float, seconds: float) -> None:
-        """Drive from then on for so long, and wait for the last answers."""
         for number in range(int(rate_hz * seconds)):
             due_s = begin_s + number / rate_hz
             await asyncio.sleep(due_s - time.monotonic())

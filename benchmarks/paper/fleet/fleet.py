@@ -110,7 +110,6 @@ class Operators:
             await asyncio.sleep(TRY_AGAIN_S)
 
     async def _attempt(self, robot: str) -> None:
-        """Have a call answered; RefusedError when the server ends the connection or refuses it."""
         socket = await self._client.connect(robot)
         try:
             await socket.send_json(CALL)
@@ -189,7 +188,6 @@ def shares(robots: Sequence[Enrolled], agents: int, most: int = MOST_IN_A_WORKER
 
 
 def _nearly_equal(robots: Sequence[Enrolled], most: int) -> list[Sequence[Enrolled]]:
-    """Parts for at least two workers, if there are as many robots."""
     workers = max(min(LEAST_WORKERS, len(robots)), -(-len(robots) // most))
     return [robots[number::workers] for number in range(workers)]
 
@@ -269,7 +267,6 @@ class Fleet:
         }
 
     async def idle(self, seconds: float) -> dict[str, Any]:
-        """What the fleet costs while nobody uses it: processor time over so many seconds."""
         await asyncio.sleep(UNUSED_AFTER_S)
         first = await self._settled()
         await asyncio.sleep(seconds)

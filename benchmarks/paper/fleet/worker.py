@@ -56,8 +56,6 @@ log = logging.getLogger(__name__)
 
 
 class _Pipe(FakePipe):
-    """The guard's standard output, as a queue of lines."""
-
     def __init__(self) -> None:
         super().__init__()
         self.queue: asyncio.Queue[JsonObject] = asyncio.Queue()
@@ -104,16 +102,13 @@ class GuardHere:
         self._messages.feed_data(line_of(message))
 
     def offer(self, message: Mapping[str, object]) -> None:
-        """Send what may be left out; here nothing has to be."""
         self.send(message)
 
     async def serve(self, on_line: Callable[[JsonObject], None]) -> NoReturn:
-        """Tick, and hand on each line of the guard; raise GuardDownError when it has ended."""
         await first_of(self._until_end(), self._listen(on_line), self._tick())
         raise GuardDownError("the guard ended")
 
     async def end(self) -> None:
-        """Let the guard stop the robot and end."""
         self.send({"type": "exit"})
         await asyncio.wait({self._life}, timeout=EXIT_S)
         await self.kill()
@@ -163,7 +158,6 @@ class SupervisorHere(GuardSupervisor):
         self._here: GuardHere | None = None
 
     async def kill(self) -> None:
-        """End the guard as a crash does; another one follows."""
         if self._here is not None:
             self._watch.on_guard(killed=True)
             await self._here.kill()
@@ -197,8 +191,6 @@ class LightAgent(Agent):
 
 
 class Robot(ABC):
-    """What a process of robots plays, with its agent's settings; it is connected from `start` on."""
-
     def __init__(
         self, name: str, given: Mapping[str, str], ros: AbstractAsyncContextManager[object]
     ) -> None:
@@ -222,7 +214,7 @@ class Robot(ABC):
 
     @abstractmethod
     async def play(self) -> None:
-        """Be the robot."""
+        pass
 
     async def _run(self) -> None:
         try:
@@ -267,7 +259,6 @@ class Robots:
         self.robots = robots
 
     async def serve(self, lines: asyncio.StreamReader) -> None:
-        """Play them by the orders that come in; they end with the input."""
         allow_files(len(self.robots) * FILES_A_ROBOT)
         every = list(self.robots.values())
         await asyncio.gather(*(robot.open() for robot in every))
@@ -296,7 +287,6 @@ async def standard_input() -> asyncio.StreamReader:
 
 
 def allow_files(count: int) -> None:
-    """Let this process have so many files open, if it may not yet."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft < count:
         resource.setrlimit(resource.RLIMIT_NOFILE, (count, max(count, hard)))

@@ -51,7 +51,6 @@ class QueueSize:
 
 
 def run_nemesis(size: QueueSize, world: World) -> Values:
-    """Break and mend a site while people ask and answer, and check the history of it."""
     seed, folder = new_run(KEPT)
     with Site.started(world, size.cells) as site:
         done, seen = _run(site, size, folder, seed)

@@ -31,7 +31,6 @@ class QueuePerson(Person):
     async def call(
         self, method: str, path: str, body: Mapping[str, Any] | None = None
     ) -> dict[str, Any] | None:
-        """The answer; None, and the next cell, if it is none or a refusal."""
         try:
             return await self.ask(path, body, method=method)
         except FAILURES:
@@ -80,7 +79,6 @@ class QueueOperator(QueuePerson):
             self._note(offer)
 
     async def _help(self, request: Mapping[str, Any]) -> None:
-        """Close the request that this operator has, accepted with or without an answer."""
         self._note(request)
         await asyncio.sleep(self._rng.uniform(*HELPS_S))
         await self.call("POST", f"/requests/{request['id']}/close", {"note": "done"})

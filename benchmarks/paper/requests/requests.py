@@ -72,7 +72,6 @@ def steps_of(scale: Scale) -> Sequence[Step]:
 
 
 def run_queue(load: float, requests: int, _: object = None) -> Values:
-    """Measure a queue of one pool, planned at once and as often as the product plans."""
     jobs = poisson_jobs(Random(load), requests, load * OPERATORS / JOB_S, JOB_S)
     operators = [NOBODYS] * OPERATORS
     at_once, planned = (
@@ -103,7 +102,6 @@ def run_instances(name: str, count: int, _: object = None) -> Values:
 
 
 def instance(rng: Random, operators: Sequence[Pools], *, at_once: bool) -> list[Job]:
-    """Return requests by chance; those of one pool if the operators have none."""
     takes_s = JOB_S + WRAP_UP_S
     rate = LOAD_OF_INSTANCES * len(operators) / takes_s
     pools = POOLS if any(operators) else {"": 1.0}

@@ -64,7 +64,6 @@ def _planned_at(at_s: float, every_s: float) -> float:
 
 
 def poisson_jobs(rng: Random, count: int, rate: float, mean_s: float) -> list[Job]:
-    """Return requests that come by chance at a rate, and take an exponential time."""
     times = accumulate(rng.expovariate(rate) for _ in range(count))
     return [Job(at_s, rng.expovariate(1 / mean_s)) for at_s in times]
 

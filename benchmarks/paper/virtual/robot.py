@@ -73,13 +73,13 @@ class Side(DriveMessageHandler, Protocol):
     moved: asyncio.Event
 
     def ros_target(self) -> ServiceAddress | None:
-        """Where guard and rosbridge listen."""
+        pass
 
     def topics_target(self) -> ServiceAddress | None:
-        """Where topics are served."""
+        pass
 
     async def report(self, session: Session) -> None:
-        """Say what the guard has to say."""
+        pass
 
 
 class Numeric(Resolver):
@@ -91,15 +91,12 @@ class Numeric(Resolver):
 
 @dataclass(frozen=True)
 class Account:
-    """Where a robot logs in, and with what; read from the files of its enrolment."""
-
     settings: Settings
     ssh: SshAccess
     dialer: ServerDialer
     options: asyncssh.SSHClientConnectionOptions
 
     def targets(self) -> list[SshAddress]:
-        """The first port of each cell, in the order in which they are tried."""
         return [
             SshAddress(cell.host, cell.ports[0], self.ssh.user, self.dialer, cell)
             for cell in self.ssh.in_order(self.settings)

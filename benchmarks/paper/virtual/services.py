@@ -64,7 +64,6 @@ class Services:
         return ServiceAddress(LOCALHOST, self._servers[number].sockets[0].getsockname()[1])
 
     async def report(self, session: Session) -> NoReturn:
-        """Say how the guard is, now and at each change."""
 
         def say(answers: str | None) -> None:
             session.send({"type": "guard", **self._guard, "answers": answers})
@@ -150,7 +149,6 @@ class Services:
         return client
 
     async def _answer_topics(self, request: web.BaseRequest) -> web.StreamResponse:
-        """Serve one subscription, as the agent's topics service does."""
         client = web.WebSocketResponse(timeout=0.5, compress=False)
         if request.path != PATH or not client.can_prepare(request):
             return web.Response(status=404)

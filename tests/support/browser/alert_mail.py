@@ -31,7 +31,6 @@ ALERT = (
 
 @contextmanager
 def mail_server(address: str) -> Iterator[tuple[int, queue.Queue[bytes]]]:
-    """Take mail for everybody; gives the port, and what came."""
     mails: queue.Queue[bytes] = queue.Queue()
 
     class MailHandler(StreamRequestHandler):
@@ -55,7 +54,6 @@ def mail_server(address: str) -> Iterator[tuple[int, queue.Queue[bytes]]]:
 
 
 def alert_mail(demo: Demo) -> EmailMessage:
-    """Have an Alertmanager mail an alert, and return the mail."""
     with mail_server(demo.machine) as (port, mails):
         container = demo.engine.containers.run(
             str(demo.container("alertmanager").attrs["Image"]),
@@ -82,7 +80,6 @@ def alert_mail(demo: Demo) -> EmailMessage:
 
 
 def as_page(mail: EmailMessage) -> str:
-    """Return the mail as a mail program shows it: who, to whom, about what, and its HTML."""
     heads = "".join(
         f"<div><b>{name}:</b> {html.escape(str(mail[name]))}</div>"
         for name in ("From", "To", "Subject")

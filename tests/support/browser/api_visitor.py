@@ -24,7 +24,6 @@ class Program:
         return self.visitor.ask(method, API + path, headers=self.headers, **sent)
 
     def get(self, path: str) -> Any:
-        """What a GET answers, which must be 200."""
         answer = self.ask("GET", path)
         assert answer.status_code == 200, answer.text
         return answer.json
@@ -48,5 +47,4 @@ def in_person(visitor: Browser, name: str) -> Program:
 
 
 def new_public_key() -> str:
-    """A public key that nobody else has, as in a .pub file."""
     return RobotSigner().line

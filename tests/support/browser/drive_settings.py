@@ -57,7 +57,6 @@ def names(database: Database) -> list[str]:
 
 
 def audited(database: Database, kind: str) -> list[tuple[str, dict[str, object]]]:
-    """Who made such changes, and their details; the newest first."""
     with database.transaction() as tx:
         found = audit.find(tx, audit.AuditSearch(kind=kind))
     return [(item.actor, dict(item.details)) for item in found]

@@ -56,7 +56,6 @@ _NOTE = """() => {
 
 
 def note(page: Page) -> None:
-    """Look from now on."""
     page.evaluate(_NOTE)
 
 
@@ -90,7 +89,6 @@ def hold(
 
 
 def drive(page: Page, watch: SimWatch, key: str = "w") -> None:
-    """Hold a key that drives forward until the robot moves; it stays down."""
     hold(
         page,
         lambda: page.keyboard.down(key),

@@ -14,8 +14,6 @@ DESKTOP: ViewportSize = {"width": 1280, "height": 800}
 
 
 class PageUsers:
-    """Makes users when they are first needed, and opens their pages; `close` closes those."""
-
     def __init__(self, stack: Stack, browser: Browser) -> None:
         self.stack = stack
         self._browser = browser
@@ -31,13 +29,11 @@ class PageUsers:
             self.stack.wait_for_right(name, robot)
 
     def open_fleet(self, name: str) -> Page:
-        """A user's own browser on the fleet page; `admin` is there from the beginning."""
         page = self.browse(name)
         page.goto(f"{self.stack.url}/")
         return page
 
     def browse(self, name: str) -> Page:
-        """A page of a user's own browser, not yet opened."""
         context = self._open.enter_context(self._context())
         be_logged_in(context, self.stack, name, None if name == "admin" else PASSWORD)
         return context.new_page()

@@ -72,11 +72,9 @@ _cookies: dict[tuple[str, str, str], list[Any]] = {}
 
 
 class Site(Protocol):
-    """Where the pages are: a test's stack, or the demo."""
-
     @property
     def url(self) -> str:
-        """The site's address, without a slash at the end."""
+        pass
 
     @property
     def admin_password(self) -> str: ...
@@ -93,7 +91,6 @@ def chromium(playwright: Playwright) -> Browser:
 
 
 def log_in(page: Page, site: Site, name: str = "admin", password: str | None = None) -> None:
-    """Log in through the form as a person does, and arrive at the fleet page."""
     page.goto(f"{site.url}/login")
     page.get_by_test_id("login-name").fill(name)
     page.get_by_test_id("login-password").fill(password or site.admin_password)
@@ -187,13 +184,11 @@ def expect_small_map(page: Page) -> None:
 
 
 def resize(page: Page, width: int, height: int) -> None:
-    """Give the page another size, and wait until it is laid out for that."""
     page.set_viewport_size({"width": width, "height": height})
     page.evaluate(NEXT_FRAMES)
 
 
 def hide(page: Page) -> None:
-    """Have the page believe that nobody sees it any more."""
     page.evaluate(
         "Object.defineProperty(document, 'hidden', {value: true, configurable: true});"
         "document.dispatchEvent(new Event('visibilitychange'))"
@@ -201,7 +196,6 @@ def hide(page: Page) -> None:
 
 
 def expect_armed(page: Page) -> None:
-    """Wait until what is pressed counts: since the page was live a late picture may have held driving for a moment."""
     expect(page.get_by_test_id("joystick")).to_have_attribute("data-armed", "true")
 
 

@@ -63,14 +63,12 @@ def shoot_driving(page: Page, demo: Demo, observer: Page) -> None:
 
 
 def shoot_alert_mail(page: Page, demo: Demo) -> None:
-    """Shoot the mail that comes of an alert."""
     page.set_content(as_page(alert_mail(demo)))
     shoot(page, "alert-mail", MAIL)
 
 
 @contextmanager
 def an_observer(demo: Demo) -> Iterator[str]:
-    """A user who may watch sim1, until the pictures are taken; gives the password."""
     password = demo.robotether("user", "add", OBSERVER).split()[-1]
     try:
         demo.robotether("grant", OBSERVER, "sim1", "observe")

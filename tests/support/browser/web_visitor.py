@@ -49,8 +49,6 @@ def write_host_key(folder: Path) -> None:
 
 @dataclass
 class Browser:
-    """One visitor behind nginx, with cookies, from one address."""
-
     client: FlaskClient
     # Token of the forms of its pages, which holds as long as its login.
     form_token: str = ""
@@ -82,7 +80,6 @@ def bearer(database: Database, user: str) -> dict[str, str]:
 
 
 def audit_kinds(database: Database) -> list[tuple[str, str, str | None]]:
-    """Kind, actor and address of every audit event, the oldest first."""
     with database.transaction() as tx:
         rows = tx.rows("SELECT kind, actor, address FROM audit_events ORDER BY id")
     return [(row["kind"], row["actor"], row["address"]) for row in rows]

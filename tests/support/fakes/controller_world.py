@@ -44,8 +44,6 @@ class FakePublisher:
 
 
 class FakeSource:
-    """A connection that keeps what it is told."""
-
     def __init__(self, authorization: Authorization = DRIVER) -> None:
         self.authorization = authorization
         self.view = DriverView()

@@ -36,8 +36,6 @@ def number_of(jpeg: bytes) -> int:
 
 
 class FakeVideoServer(WebService):
-    """web_video_server's /stream."""
-
     handler_cancellation = True
 
     def __init__(self, mode: Mode = "streams", fps: float = 30.0) -> None:

@@ -148,7 +148,6 @@ class FakeCloud(TcpService):
         return {"host": "127.0.0.1", "ports": [self.ssh.port]}
 
     async def be_of_site(self, first: FakeCloud) -> None:
-        """Be one more machine of another one's server, with its host key."""
         await asyncio.to_thread(self.ssh.stop)
         self.ssh.take_host_key(first.ssh)
         await asyncio.to_thread(self.ssh.start)
@@ -162,7 +161,6 @@ class FakeCloud(TcpService):
             link.send(self._config(self.ports))
 
     def authorize(self, public_key: str) -> None:
-        """Let a key in that needs no join."""
         shell = () if self.shell_port is None else (self.shell_port,)
         self.robot_key = public_key
         self.ssh.authorize(public_key, self.ports + self.other_ports + shell)
@@ -207,7 +205,6 @@ class FakeCloud(TcpService):
         return self.answer()
 
     async def _rotate(self, said: dict[str, Any]) -> web.Response:
-        """Take a new key that the old one vouches for, or that was taken before."""
         if self.refuses_rotation is not None:
             return self.refuses_rotation()
         if self.robot_key != said["public_key"]:

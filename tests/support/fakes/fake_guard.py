@@ -35,7 +35,6 @@ def fake_guard_command(place: Path, *modes: str) -> list[str]:
 
 
 def heard(place: Path) -> list[dict[str, Any]]:
-    """Return what all guards in `place` heard, ticks left out."""
     file = place / "heard.jsonl"
     lines = file.read_text().splitlines() if file.exists() else []
     return [message for message in map(json.loads, lines) if message["type"] != "tick"]

@@ -108,7 +108,6 @@ class FakeFrames:
         return [text for text in self.texts if text["op"] == op]
 
     async def cut(self) -> None:
-        """Break all connections, as a media connection that is lost does."""
         for socket in list(self.connections):
             transport = socket._req.transport if socket._req is not None else None
             if transport is not None:
@@ -149,8 +148,6 @@ JPEG = b"\xff\xd8" + b"picture" * 100 + b"\xff\xd9"
 
 
 class RobotSession:
-    """One TCP connection to the relay's session port."""
-
     def __init__(
         self,
         robot_id: int,
@@ -287,14 +284,11 @@ class RobotSession:
         return time.monotonic() * 1000 + AHEAD_MS
 
     async def close(self) -> None:
-        """Cut the connection, as a lost tunnel does."""
         self._writer.transport.abort()
         await self._task
 
 
 class FakeRobot:
-    """A whole robot: session, media, rosbridge and web_video_server."""
-
     def __init__(self, robot_id: int, session_key: str, mode: Mode = "guard_off") -> None:
         self.mode = mode
         self.session = RobotSession(robot_id, kind="session", session_key=session_key)
@@ -321,7 +315,6 @@ class FakeRobot:
         self._watch: asyncio.Task[None] | None = None
 
     async def start(self, session_port: int) -> None:
-        """Connect, and open the ports that the relay gives, as the agent does."""
         await self.session.connect(session_port)
         await self.session.wait_configured()
         await self._open_rosbridge(self.session.configs[0]["ros_port"])
@@ -351,7 +344,6 @@ class FakeRobot:
                 await client.send_frame(data, WSMsgType.TEXT)
 
     async def connections(self, count: int) -> list[dict[str, str]]:
-        """Wait for so many handshakes; return their headers."""
         async with asyncio.timeout(WAIT_S):
             while len(self.handshakes) < count:
                 self._connected.clear()
@@ -475,7 +467,6 @@ class FakeRobot:
         return web.Response(text=self.line_answer)
 
     async def send_to_topics(self, data: bytes) -> None:
-        """Send a message of every topic that is open."""
         for client in list(self.topics):
             with contextlib.suppress(ConnectionError):
                 await client.send_frame(data, WSMsgType.TEXT)
@@ -516,7 +507,6 @@ class FakeRobot:
         return web.Response()
 
     async def _huge(self, request: web.Request) -> web.StreamResponse:
-        """Send without end, and count how much could be sent."""
         self._note(request)
         response = web.StreamResponse()
         await response.prepare(request)

@@ -9,8 +9,6 @@ ROUTES = "Iface Destination Gateway Flags RefCnt Use Metric Mask MTU Window IRTT
 
 
 class FakeRoot:
-    """Interfaces come and go with add() and remove()."""
-
     def __init__(self, path: Path) -> None:
         self.path = path
         (path / "proc/self/net").mkdir(parents=True)

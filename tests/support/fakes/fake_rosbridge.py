@@ -38,7 +38,6 @@ class FakeRosbridge(WebService):
         return {"/": self._serve}
 
     async def stop(self) -> None:
-        """End all connections at once, as a crash does."""
         for socket in self.sockets:
             transport = socket._req.transport if socket._req else None
             if transport is not None:

@@ -27,8 +27,6 @@ class Seen:
 
 
 class FramesViewer:
-    """One WebSocket; gives credits when it is told to."""
-
     def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
         self.socket = socket
         self.texts: deque[dict[str, Any]] = deque()
@@ -38,7 +36,6 @@ class FramesViewer:
         await self.socket.send_json({"op": "stream_request", **members})
 
     async def credit(self, frames: int = 1, **members: object) -> None:
-        """Ask for that many frames more, with the newest that has come."""
         await self.socket.send_json(
             {"op": "credit", "frames": frames, "taken": self.taken} | members
         )
@@ -57,7 +54,6 @@ class FramesViewer:
                 self.texts.append(json.loads(message.data))
 
     async def text(self, op: str, **members: object) -> dict[str, Any]:
-        """Wait for a text with these members; no picture may come before it."""
         async with asyncio.timeout(WAIT_S):
             while True:
                 while self.texts:

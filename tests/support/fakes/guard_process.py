@@ -92,12 +92,10 @@ class GuardEnd(ABC):
         await self.until(lambda: self.state["answers"] == identity, "it has heard")
 
     def silence(self) -> None:
-        """Send no more ticks, as an agent that hangs."""
         self._ticks = False
 
     @property
     def port(self) -> int:
-        """Where it listens, 0 before that."""
         return next((line["port"] for line in self.lines if line["type"] == "ready"), 0)
 
     @property
@@ -139,8 +137,6 @@ class GuardHere(GuardEnd):
 
 
 class GuardProcess(GuardEnd):
-    """`python -m robotether_agent.guard`."""
-
     def __init__(self, *where: Any, **guard: Any) -> None:
         super().__init__(*where, **guard)
         self.process: asyncio.subprocess.Process
@@ -172,7 +168,6 @@ class GuardProcess(GuardEnd):
             self.process.stdin.write(data)
 
     def leave(self) -> None:
-        """End its input, as an agent that ends."""
         assert self.process.stdin is not None
         self.process.stdin.close()
 
@@ -197,7 +192,6 @@ class GuardClient(SocketClient):
     async def drive(
         self, speed: float, *, turn: float = 0.0, age_ms: float = 0.0, **more: Any
     ) -> None:
-        """Send a Twist to /cmd_vel, stamped as the relay does."""
         stamp = {"t_ms": robot_time() * 1000 - age_ms, "fence": self._fence}
         fields: dict[str, Any] = {"topic": "/cmd_vel", "robotether": stamp, **more}
         message = {"linear": {"x": speed}, "angular": {"z": turn}}

@@ -108,7 +108,6 @@ class World:
             take(CameraFrame(data, self.now_s, self.now_s, codec=codec, is_key=is_key))
 
     async def pass_on(self, data: bytes, after_s: float = 0.1, **frame: Any) -> bytes:
-        """Have a frame go out, and return it as it went."""
         count = len(self.socket.pictures) + 1
         self.socket.ask("credit")
         self.give_data(data, after_s, **frame)

@@ -118,7 +118,6 @@ class RecordedDrive:
                     )
 
     def _seen(self, at_ms: int) -> Mapping[str, int]:
-        """What had been shown when the driver pressed, some time before the command came to the relay."""
         pressed_ms = at_ms - 20
         for from_ms, to_ms in self.frozen:
             if from_ms <= pressed_ms < to_ms:
@@ -135,7 +134,6 @@ class RecordedDrive:
         return sorted({0, *(at_ms for span in spans for at_ms in span)})
 
     def fence_at(self, at_ms: float) -> int:
-        """The number of who drives, 0 for nobody."""
         spans = enumerate(self.drivers, 1)
         return next((fence for fence, span in spans if _within(at_ms, (span,))), 0)
 
@@ -227,7 +225,6 @@ def _within(at_ms: float, spans: tuple[tuple[int, int], ...]) -> bool:
 def own_message(
     topic: str, members: dict[str, Any], at_ms: int, late_ms: int = 0
 ) -> RecordedMessage:
-    """A message of the relay's, recorded a little later."""
     own, at_ns = OWN_TOPICS[topic], BASE_NS + at_ms * MS
     stamp = dict(zip(("sec", "nanosec"), divmod(at_ns, 10**9), strict=True))
     data = own.encode({"stamp": stamp, **members})
@@ -274,7 +271,6 @@ def encoder_of_frames(codec: str, size: tuple[int, int] = (WIDTH, HEIGHT)) -> An
 
 
 def picture(number: int) -> NDArray[np.uint8]:
-    """An image (height, width, 3) with the number in black and white columns."""
     column = WIDTH // BITS
     bits = [(number >> bit & 1) * 200 + 20 for bit in range(BITS)]
     row = np.repeat(np.array(bits, np.uint8), column)
@@ -282,7 +278,6 @@ def picture(number: int) -> NDArray[np.uint8]:
 
 
 def number_in(image: NDArray[Any]) -> int:
-    """The number in an image (height, width, 3) with values from 0 to 255."""
     columns = image.mean(axis=(0, 2)).reshape(BITS, -1).mean(axis=1)
     return sum(1 << bit for bit, value in enumerate(columns) if value > 120)
 

@@ -20,8 +20,6 @@ AT_ONCE = 4
 
 
 class RobotKey:
-    """An ed25519 key pair in a folder, and what one can do with it against the stack's sshd."""
-
     def __init__(self, stack: Stack, folder: Path, name: str) -> None:
         self.stack = stack
         self.name = name
@@ -50,7 +48,6 @@ class RobotKey:
         return int(ros), int(video)
 
     def command(self, *arguments: str, port: int | None = None) -> list[str]:
-        """OpenSSH's client with this key and nothing from this machine's configuration."""
         options = [
             "BatchMode=yes",
             "IdentitiesOnly=yes",
@@ -79,7 +76,6 @@ class RobotKey:
     def ssh_each(
         self, attempts: Iterable[tuple[str, ...]]
     ) -> Iterator[subprocess.CompletedProcess[str]]:
-        """Run a client with each of these arguments, a few at a time."""
         with ThreadPoolExecutor(AT_ONCE) as pool:
             yield from pool.map(lambda arguments: self.ssh(*arguments), attempts)
 

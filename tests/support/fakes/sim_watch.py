@@ -23,8 +23,6 @@ POSE_WITHIN_S = 10.0
 
 
 class Containers(Protocol):
-    """Where the simulated robots run: a test's stack, or the demo."""
-
     def container(self, service: str) -> Container: ...
 
 
@@ -68,7 +66,6 @@ class SimWatch(LoopThread):
         self.wait_pose(what, came)
 
     def wait_pose(self, what: str, condition: Any) -> float:
-        """Wait until the condition holds for the pose; the seconds it took."""
         start = time.monotonic()
         while not condition(self.pose):
             late = f"after {POSE_WITHIN_S} s still not {what}: {self.pose}"

@@ -38,5 +38,4 @@ def write_programs(folder: Path, programs: Mapping[str, str]) -> None:
 
 
 def path_with(folder: Path) -> dict[str, str]:
-    """A variable PATH by which programs in a folder come before this machine's own."""
     return {"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}

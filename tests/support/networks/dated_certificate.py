@@ -15,7 +15,6 @@ from cryptography.x509.oid import NameOID
 def make_certificate(
     place: Path, begin: datetime | None = None, end: datetime | None = None
 ) -> Path:
-    """Write a self-signed certificate with its key to one PEM file in `place`, and return that."""
     now = datetime.now(timezone.utc)
     begin, end = begin or now - timedelta(days=1), end or now + timedelta(days=1)
     key = ec.generate_private_key(ec.SECP256R1())

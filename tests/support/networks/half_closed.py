@@ -12,7 +12,6 @@ import pytest
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let such a client be."""
     config.addinivalue_line("filterwarnings", "ignore:unclosed:ResourceWarning")
 
 

@@ -71,7 +71,6 @@ class Direction:
         return min([*times, self._sent_at] if self._waiting else times, default=None)
 
     def _send(self, now: float) -> None:
-        """Move what the link has sent until `now` from the queue onto the way."""
         while self._waiting and self._sent_at <= now:
             packet = self._waiting.popleft()
             self._waiting_bytes -= len(packet)
@@ -96,7 +95,6 @@ BATCH = 32
 
 
 def open_tun(namespace: str) -> int:
-    """Make the device in `namespace` and return its descriptor, which works from anywhere."""
     namespaces.enter(namespace)
     descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
     fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
@@ -116,8 +114,6 @@ def be_punctual() -> None:
 
 
 class Worker:
-    """Both directions, and where each begins and ends."""
-
     def __init__(self, robot: int, server: int, up: Shape, down: Shape) -> None:
         self._ways = ((Direction(up), robot, server), (Direction(down), server, robot))
 
@@ -141,7 +137,6 @@ class Worker:
 
 
 def take(direction: Direction, entry: int) -> None:
-    """Read what came, each packet with the moment of its reading."""
     for _ in range(BATCH):
         try:
             packet = os.read(entry, PACKET_LIMIT)

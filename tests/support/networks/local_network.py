@@ -66,7 +66,6 @@ def _is_free(port: int) -> bool:
 
 
 def insecure_tls() -> ssl.SSLContext:
-    """A TLS context that encrypts and accepts any certificate."""
     # The default context would read all of the machine's certificates, which takes longer than most requests.
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname = False

@@ -71,7 +71,6 @@ def enter(name: str) -> None:
 
 
 def make(made: ExitStack, end: str, address: str = "") -> Namespace:
-    """Make one, with its loopback up; `made` removes it."""
     namespace = Namespace(f"{PREFIX}-{os.getpid()}-{next(_numbers)}-{end}", address)
     made.callback(remove, namespace.name)
     ip("netns", "add", namespace.name)

@@ -110,14 +110,12 @@ class OpenSshServer:
         self.new_host_key()
 
     def new_host_key(self) -> None:
-        """Make another host key, as a server that was set up anew, or an attacker, would have."""
         path = self._place / "host_key"
         for old in (path, path.with_suffix(".pub")):
             old.unlink(missing_ok=True)
         self.host_keys = [make_key(path)]
 
     def take_host_key(self, other: OpenSshServer) -> None:
-        """Have the host key of another one, as all machines of a server have."""
         for name in ("host_key", "host_key.pub"):
             shutil.copy(other._place / name, self._place / name)
         self.host_keys = other.host_keys
@@ -150,7 +148,6 @@ class OpenSshServer:
             self._process = None
 
     def drop_connections(self) -> None:
-        """Kill every connection's process, and go on listening."""
         assert self._process is not None
         for pid in descendants(self._process.pid):
             kill(pid)
@@ -160,7 +157,6 @@ class OpenSshServer:
         shutil.rmtree(self._place)
 
     def pids(self) -> list[int]:
-        """It, and the processes of its connections; empty when it does not run."""
         own = self._process
         return [] if own is None else [own.pid, *descendants(own.pid)]
 

@@ -54,6 +54,5 @@ class ProgramDriver(LoopThread):
                 self.close_code = websocket.close_code
 
     async def _read(self, websocket: aiohttp.ClientWebSocketResponse) -> None:
-        """Answer pings, as any client does by reading."""
         async for _ in websocket:
             pass

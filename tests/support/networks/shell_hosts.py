@@ -18,8 +18,6 @@ from openssh_server import listens, make_key, start_sshd, stop_sshd, wait_until
 
 @dataclass
 class ShellHost:
-    """One sshd; `authorized` is the file of who may log in."""
-
     folder: Path
     rules: str
     port: int = field(default_factory=free_port)
@@ -31,7 +29,6 @@ class ShellHost:
         return self.folder / "authorized_keys"
 
     def start(self) -> None:
-        """Make a host key where there is none, and listen."""
         self.folder.mkdir(exist_ok=True)
         if not (self.folder / "host_key").exists():
             make_key(self.folder / "host_key")
@@ -43,7 +40,6 @@ class ShellHost:
         return (self.folder / "log").read_text(errors="replace")
 
     def new_host_key(self) -> None:
-        """Come back as another host, as after a new installation, or as an attacker."""
         self.stop()
         for name in ("host_key", "host_key.pub"):
             (self.folder / name).unlink()
@@ -74,8 +70,6 @@ class ShellHost:
 
 @dataclass
 class ShellNetwork:
-    """A jump host with robots behind it, and a person who may reach them."""
-
     folder: Path
     robots: dict[str, ShellHost] = field(default_factory=dict)
 
@@ -97,7 +91,6 @@ class ShellNetwork:
         return f"[127.0.0.1]:{self.jump.port}"
 
     def start(self, *names: str) -> None:
-        """Start the jump host and robots of these names; all keys are known."""
         self.jump.start()
         for name in names:
             robot = self.robots[name] = ShellHost(self.folder / name, "AllowTcpForwarding no")
@@ -117,7 +110,6 @@ class ShellNetwork:
         self.known_hosts.write_text("\n".join(lines) + "\n")
 
     def write_config(self) -> None:
-        """Write entries as the server prints them, with the person's own lines at the end."""
         entries = [
             f"Host {name}\n    HostName 127.0.0.1\n    Port {robot.port}\n    User {self.user}\n"
             f"    HostKeyAlias robotether-{name}\n    ProxyJump {self.user}@127.0.0.1:{self.jump.port}\n"

@@ -29,7 +29,6 @@ class TcpService:
         await self.drop()
 
     async def drop(self) -> None:
-        """Break the connections that are there."""
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
@@ -72,7 +71,6 @@ class WebService:
         await self.stop()
 
     async def start(self) -> None:
-        """Listen, the second time on the same port."""
         app = web.Application()
         for path, handler in self._routes().items():
             app.router.add_get(path, handler)
@@ -90,5 +88,4 @@ class WebService:
         await self._runner.cleanup()
 
     def _routes(self) -> Mapping[str, Any]:
-        """What answers a GET, by its path."""
         raise NotImplementedError

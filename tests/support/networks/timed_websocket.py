@@ -15,7 +15,6 @@ class TimedWebSocket(aiohttp.ClientWebSocketResponse):
     """Counts the time limit from the call, whatever pings and pongs come meanwhile."""
 
     async def receive(self, timeout: float | None = None) -> Any:
-        """Wait for the next message that is not a ping or pong; TimeoutError after `timeout` seconds."""
         async with asyncio.timeout(timeout):
             return await super().receive()
 
@@ -53,13 +52,11 @@ class SocketClient:
         return message
 
     async def ask(self, **operation: Any) -> dict[str, Any]:
-        """Send one operation and wait for the next message that is no topic's."""
         await self.send(**operation)
         while (message := await self.receive())["op"] == "publish":
             pass
         return message
 
     async def ready(self) -> None:
-        """Wait until the server has done everything that was sent so far."""
         answer = await self.ask(op="call_service", service="/rosapi/get_time", id="ready")
         assert answer["id"] == "ready", answer

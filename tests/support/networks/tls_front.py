@@ -16,8 +16,6 @@ from dated_certificate import make_certificate
 
 @dataclass
 class TlsFront:
-    """A server that does handshakes and nothing else."""
-
     certificate: Path
     endpoint: tuple[str, int]
     handshakes: int = 0
@@ -30,7 +28,6 @@ def openssl(*arguments: str, stdin: bytes = b"") -> bytes:
 
 @contextmanager
 def running(folder: Path) -> Iterator[TlsFront]:
-    """A self-signed certificate for localhost and 127.0.0.1, shown to whoever connects."""
     certificate = make_certificate(folder)
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     context.load_cert_chain(certificate)

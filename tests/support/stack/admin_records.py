@@ -18,8 +18,6 @@ OTHER_REPORT = Report("copy", "0.1.0", "192.0.2.2")
 
 
 class Done(NamedTuple):
-    """What a command left behind."""
-
     status: int
     out: str
     err: str
@@ -52,7 +50,6 @@ def robot(database: Database, name: str = "sim1") -> RobotRow:
 
 
 def events(database: Database) -> list[tuple[str, str, str]]:
-    """Who did what to which robot, the oldest first."""
     with database.transaction() as tx:
         rows = tx.rows("SELECT actor, kind, robot FROM audit_events ORDER BY id")
     return [(row["actor"], row["kind"], row["robot"]) for row in rows]

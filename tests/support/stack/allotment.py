@@ -53,7 +53,6 @@ def at_once(
 def insert_at_once(
     database: Database, names: list[str], then: Callable[[int], object]
 ) -> list[str]:
-    """Insert all names at once, and do something more before each commit; return what failed."""
 
     def insert(tx: Transaction, number: int) -> None:
         robots.add(tx, mac(number), names[number])

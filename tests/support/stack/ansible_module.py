@@ -18,7 +18,6 @@ WAIT_S = 60
 
 
 def of_role(name: str, tasks: str) -> dict[str, Any]:
-    """A task that runs these tasks of a role."""
     return {"ansible.builtin.include_role": {"name": name, "tasks_from": tasks}}
 
 
@@ -45,7 +44,6 @@ def play(
 
 
 async def run_module(name: str, arguments: Mapping[str, object]) -> dict[str, Any]:
-    """What it returned, and whether it `failed`."""
     process = await asyncio.create_subprocess_exec(
         Path(sys.executable).with_name("ansible"), "localhost", "--inventory", "localhost,",
         "--connection", "local", "--extra-vars", f"ansible_python_interpreter={sys.executable}",

@@ -80,8 +80,6 @@ def raw(
 
 
 class Person:
-    """A user with a password, an API token and, once logged in, a cookie."""
-
     def __init__(self, stack: Stack, name: str, *grants: tuple[str, str]) -> None:
         self.stack = stack
         self.name = name

@@ -71,8 +71,6 @@ def secrets_of(host: RobotHost) -> str:
 
 @dataclass(frozen=True)
 class Controller:
-    """The admin's machine: a checkout and an inventory."""
-
     playbook: str
     inventory: Path
     sources: Path

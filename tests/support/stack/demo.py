@@ -28,14 +28,12 @@ ANSWERS_WITHIN_S = 30
 
 
 class LiveServer(ABC):
-    """A server by its containers, with the rights of an admin."""
-
     def __init__(self) -> None:
         self.engine = docker.from_env()
 
     @abstractmethod
     def container(self, service: str) -> Container:
-        """The container of a service, as it is now."""
+        pass
 
     @cached_property
     def machine(self) -> str:
@@ -53,7 +51,6 @@ class LiveServer(ABC):
         return f"https://{self.address}"
 
     def exec(self, service: str, *command: str) -> str:
-        """Run a command in a service's container and return what it printed."""
         return output_of(service, self.container(service), *command)
 
     def robotether(self, *arguments: str) -> str:
@@ -78,13 +75,10 @@ class LiveServer(ABC):
         return answer
 
     def ticket(self, robot: str, mode: str) -> str:
-        """Permission to open one connection: "observe" or "drive"."""
         return str(self.ask("POST", "/tickets", {"robot": robot, "mode": mode})["ticket"])
 
 
 class Demo(LiveServer):
-    """The compose project that `make demo` started."""
-
     def container(self, service: str) -> Container:
         return container_of(self.engine, self._project, service)
 

@@ -7,7 +7,6 @@ from docker.models.containers import Container
 
 
 def container_of(engine: docker.DockerClient, project: str, service: str) -> Container:
-    """The container of a compose project's service, to ask, stop, pause or kill."""
     labels = [f"com.docker.compose.project={project}", f"com.docker.compose.service={service}"]
     found = engine.containers.list(all=True, filters={"label": labels})
     assert len(found) == 1, f"{len(found)} containers of service {service}"

@@ -8,7 +8,6 @@ from robotether_server.schemas import Level
 
 
 def give(tx: Transaction, user_id: int, robot_id: int, level: Level) -> None:
-    """Set what the user may do with the robot, without an end."""
     grants.put(tx, Pair(user_id=user_id, robot_id=robot_id), level)
 
 

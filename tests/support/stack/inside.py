@@ -43,7 +43,6 @@ def run_inside(
 
 
 def output_of(service: str, container: Container, *command: str, user: str = "") -> str:
-    """Run a command in a service's container and return what it printed; AssertionError if it fails."""
     done = run_inside(container, *command, user=user)
     if done.returncode != 0:
         raise AssertionError(

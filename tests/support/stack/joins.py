@@ -50,7 +50,6 @@ class Site:
         previous: PreviousKey | None = None,
         is_proven: bool = True,
     ) -> Answer:
-        """One join, from its first look to its commit."""
         request = joining.JoinAttempt(
             PresentedKey(mac, key, report), token, name, mac_present, previous
         )

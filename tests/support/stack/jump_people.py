@@ -44,7 +44,6 @@ class RobotSshd(ThreadingTCPServer):
     @classmethod
     @contextmanager
     def running(cls) -> Iterator[int]:
-        """Listen inside the block; gives the port."""
         with cls(("127.0.0.1", 0), _Banner) as server:
             thread = threading.Thread(target=server.serve_forever, args=(0.05,))
             thread.start()
@@ -163,7 +162,6 @@ class Person:
         self.stack.sql(f"DELETE g FROM grants g JOIN users u ON u.id = g.user_id WHERE {mine}")
 
     def reach(self, port: int) -> subprocess.CompletedProcess[str]:
-        """`ssh -W 127.0.0.1:PORT jump@...` to its end; nothing is sent."""
         return self.key.ssh("-W", f"127.0.0.1:{port}", JUMP)
 
     @contextmanager
@@ -177,7 +175,6 @@ class Person:
 
 
 def end(running: subprocess.Popen[str]) -> str:
-    """End the client; return what it said on stderr."""
     # Not SIGTERM: a client (OpenSSH 9.2, `-N -D`) was seen to live on for 10 s after one.
     running.kill()
     return running.communicate(timeout=10)[1]

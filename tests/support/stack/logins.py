@@ -17,7 +17,6 @@ CSRF = re.compile(r'name="csrf-token" content="([^"]+)"')
 
 class Login:
     def __init__(self, url: str, name: str, password: str) -> None:
-        """`url` is the site's, without a slash at the end. Raises HTTPError if the form refuses."""
         self._url = url
         self._jar = CookieJar()
         self._browser = urllib.request.build_opener(
@@ -35,7 +34,6 @@ class Login:
         return {cookie.name: cookie.value or "" for cookie in self._jar}
 
     def create(self, path: str, body: dict[str, Any]) -> Any:
-        """POST to a path below /api/v1; the parsed answer. Raises HTTPError if it is refused."""
         request = urllib.request.Request(
             f"{self._url}/api/v1{path}",
             data=json.dumps(body).encode(),

@@ -30,8 +30,6 @@ POLL_S = 0.1
 
 @dataclass(frozen=True)
 class MariaDb:
-    """A running server: where it listens, and its accounts' passwords."""
-
     container: Container
     port: int
     passwords: dict[str, str] = field(repr=False)
@@ -102,7 +100,6 @@ def write_secrets(folder: Path, passwords: dict[str, str]) -> None:
 
 
 def write_certificate(folder: Path) -> Path:
-    """Write a certificate and its key as the entrypoint expects them; return the former."""
     both = make_certificate(folder)
     for name in ("database_cert.pem", "database_key.pem"):
         (folder / name).write_bytes(both.read_bytes())

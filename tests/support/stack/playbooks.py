@@ -58,7 +58,6 @@ def build_wheel(agent: Path, folder: Path) -> Path:
 
 
 def invite(stack: Stack, token: str, name: str = "", uses: int = 1) -> dict[str, str]:
-    """A new join token, good for an hour, and the `command` with it, which names the server as hosts reach it."""
     # Names of tokens are unique.
     body = {"name": name or f"join-{time.monotonic_ns()}", "uses": uses, "hours": 1}
     headers = {"Authorization": f"Bearer {token}", "Host": f"cloud:{stack.https_port}"}
@@ -102,7 +101,6 @@ class Site:
 
     @property
     def server(self) -> str:
-        """The server as robots and this machine reach it."""
         return f"{self.hosts.server_host}:{self.stack.https_port}"
 
     @property

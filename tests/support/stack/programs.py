@@ -25,7 +25,6 @@ class Program:
         self.headers = {"Authorization": f"Bearer {token}"}
 
     def ticket(self, robot: str, mode: str = "drive") -> str:
-        """A new ticket; fails the test with the server's answer when it is refused."""
         status, answer = self.stack.request(
             "POST", "/api/v1/tickets", {"robot": robot, "mode": mode}, self.headers
         )
@@ -46,7 +45,6 @@ class Program:
 
 
 async def echo(socket: aiohttp.ClientWebSocketResponse, text: str, seconds: float = 10) -> str:
-    """Publish a std_msgs/String that the same connection is subscribed to; what came back."""
     await socket.send_json({"op": "publish", "topic": ECHO, "msg": {"data": text}})
     async with asyncio.timeout(seconds):
         while True:

@@ -22,7 +22,6 @@ Said = dict[str, Any]
 
 
 def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
-    """Write the first line of a connection, as session.c does."""
     source = (ROOT / "images/sshd/session.c").read_text()
     found = re.search(r"snprintf\(line, sizeof line,\s*(.*?),\s*wanted_kind", source, re.DOTALL)
     assert found
@@ -33,8 +32,6 @@ def preface(kind: str, robot_id: int, ports: tuple[int, ...]) -> bytes:
 
 
 class RecordingServer(FakeCloud):
-    """A server with the real relay behind its sshd, which keeps what passes."""
-
     def __init__(self, relay: RelayServer, robot_id: int) -> None:
         super().__init__()
         self.said: list[tuple[str, str, Said]] = []

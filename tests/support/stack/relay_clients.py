@@ -29,7 +29,6 @@ async def closing(socket: aiohttp.ClientWebSocketResponse) -> tuple[int | None, 
 async def refusal(
     http: aiohttp.ClientSession, url: str, headers: dict[str, str] | None = None
 ) -> int:
-    """Return the status of the answer to a handshake that is refused."""
     with pytest.raises(aiohttp.WSServerHandshakeError) as refused:
         await http.ws_connect(url, headers=headers)
     return refused.value.status
@@ -51,8 +50,6 @@ def audit_lines(memory_database: MemoryDatabase) -> list[AuditEntry]:
 
 
 class SlowFences:
-    """Has the database number drives once the test lets it."""
-
     def __init__(self, memory_database: MemoryDatabase) -> None:
         self.asked, self.go_on = asyncio.Event(), asyncio.Event()
         self._next_fence = memory_database.next_fence

@@ -80,8 +80,6 @@ IMPATIENT = replace(
 
 
 class MemoryDatabase(RelayDatabase):
-    """Records in memory: robots, grants and credentials as a test sets them."""
-
     def __init__(self) -> None:
         self.robots: dict[int, RelayRobot] = {}
         self.grants: dict[tuple[int, int], Level] = {}
@@ -111,7 +109,6 @@ class MemoryDatabase(RelayDatabase):
         return text
 
     def bearer(self, user: RelayUser) -> dict[str, str]:
-        """Add a token, and return the header with which a program shows it."""
         return {"Authorization": f"Bearer {self.add_credential('token', user)}"}
 
     def sessions(self) -> list[SessionEntry]:
@@ -131,7 +128,7 @@ class MemoryDatabase(RelayDatabase):
         return self.requests
 
     async def count_connections(self) -> None:
-        """Count none: there is no database."""
+        pass
 
     async def last_seen(self) -> list[tuple[int, datetime, str | None]]:
         self._check_up()
@@ -184,13 +181,13 @@ class MemoryDatabase(RelayDatabase):
         return {position: position + 1 for position, _ in enumerate(entries)}
 
     async def sign_newest(self, chain: str, sign: object) -> None:
-        """No chain is here."""
+        pass
 
     async def chains_to_sign(self) -> list[str]:
         return []
 
     def close(self) -> None:
-        """Nothing to let go."""
+        pass
 
     def _check_up(self) -> None:
         if self.down:
@@ -201,8 +198,6 @@ class MemoryDatabase(RelayDatabase):
 
 
 class RelayServer:
-    """A running relay, and what a test needs to talk to it."""
-
     def __init__(self, relay: Relay, memory_database: RelayDatabase) -> None:
         self.relay = relay
         self.signer = TicketSigner(TICKET_KEY, 30)
@@ -266,7 +261,6 @@ def cell_settings(
 
 
 def relay_settings(cell: CellSettings | None = None) -> RelaySettings:
-    """Settings for a relay whose tunnels end on this machine."""
     return RelaySettings(
         database=DatabaseSettings("nowhere", 1, "none", "none", "none"),
         cell=cell or cell_settings(),
@@ -312,7 +306,6 @@ async def until(condition: Callable[[], object], what: str, within_s: float = WA
 
 
 def run_python(*arguments: str) -> CompletedProcess[str]:
-    """Run a program with the product's packages and no variable of the relay's; wait for its end."""
     environment = {"PATH": os.environ["PATH"], "PYTHONPATH": os.pathsep.join(sys.path)}
     return run_command(sys.executable, *arguments, env=environment)
 

@@ -60,7 +60,7 @@ T = TypeVar("T")
 
 
 class CommandError(AssertionError):
-    """A command on a host ended with an error; the text has what it printed."""
+    pass
 
 
 NEWER_IMAGE = "local.invalid/robotether/robot_host:trixie"
@@ -73,8 +73,6 @@ def newer_systemd_boots() -> bool:
 
 @dataclass
 class RobotHost:
-    """One booted host. `ssh_port` is on this machine's 127.0.0.1."""
-
     name: str
     mac: str
     ssh_port: int

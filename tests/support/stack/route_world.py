@@ -51,7 +51,6 @@ class RouteWorld:
         await self.source.send_to_topics(json.dumps(message).encode())
 
     async def send_until(self, condition: Callable[[], object], speed: float = 0.5) -> None:
-        """Send a command again and again: the robot's own echo may follow the first."""
         async with asyncio.timeout(WAIT_S):
             while not condition():
                 await self.send(speed)

@@ -31,7 +31,6 @@ from tls_front import openssl
 
 
 def make_peer_keys(folder: Path) -> Path:
-    """Make a certificate and its key as images/server/make-secrets does; return their folder."""
     openssl(
         *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
         *("-days", "2", "-subj", "/CN=robotether-peer"),
@@ -59,7 +58,6 @@ class PeerListener(TcpService):
 
     @asynccontextmanager
     async def cut(self) -> AsyncIterator[None]:
-        """Accept nobody inside the block."""
         self._is_cut = True
         await self.drop()
         yield
@@ -119,7 +117,6 @@ class SiteCell:
         return self.relay.fleet_events.describe(robot)
 
     async def robot(self, robot: RelayRobot, mode: str = "guarded", epoch: int = 0) -> FakeRobot:
-        """Have a robot online here; the site's end stops it."""
         fake = FakeRobot(robot.id, SESSION_KEY, mode)  # type: ignore[arg-type]  # one of its modes
         fake.epoch = epoch
         self.robots.append(fake)
@@ -128,7 +125,6 @@ class SiteCell:
         return fake
 
     async def session(self, robot: RelayRobot, epoch: int) -> RobotSession:
-        """Open a bare session that says its epoch; the site's end closes it."""
         session = RobotSession(robot.id, kind="session", session_key=SESSION_KEY)
         self.sessions.append(session)
         await session.connect(self.relay.session_port)

@@ -30,8 +30,6 @@ from robotether_server.settings import robot as robot_settings
 
 
 class Request(Protocol):
-    """One HTTPS request to the stack."""
-
     def __call__(
         self, method: str, path: str, body: dict[str, Any] | None, headers: dict[str, str]
     ) -> tuple[int, Any]: ...
@@ -61,7 +59,6 @@ class Admin:
         return {user["name"] for user in self.ask("GET", "/users")["users"]}
 
     def add_user(self, name: str, password: str | None = None) -> str:
-        """Add a user who is not an admin; the password, which the server makes unless there is one."""
         given = {} if password is None else {"password": password}
         answer = self.ask("POST", "/users", {"name": name, "role": "user", **given})
         return password or str(answer["password"])
@@ -70,7 +67,6 @@ class Admin:
         self.ask("DELETE", f"/{kind}/{name}")
 
     def grant(self, user: str, robot: str, level: str) -> bool:
-        """Give a user a level on a robot; whether there was no grant of theirs before."""
         given = {"user": user, "robot": robot, "level": level}
         status, answer = self.try_to("POST", "/grants", given)
         assert status in {HTTPStatus.OK, HTTPStatus.CREATED}, answer
@@ -146,7 +142,6 @@ class Stack:
         return self.folder / "secrets" / "admin_password"
 
     def up(self, *, robots: bool = True) -> None:
-        """Start everything; with `robots`, three simulated ones too, and wait until they are online."""
         self.write_settings()
         built = ["--no-build"] if self.is_built else []
         self.tool("tools/up", *(["--demo"] if robots else []), *built, timeout=1500)
@@ -184,14 +179,12 @@ class Stack:
         return self.tool("tools/compose", *arguments, timeout=timeout)
 
     def exec(self, service: str, *command: str, user: str = "") -> str:
-        """Run a command in a service's container, by the engine, as compose takes long; return what it printed."""
         return output_of(service, self.container(service), *command, user=user)
 
     def robotether(self, *arguments: str) -> str:
         return self.exec("web", "robotether", *arguments)
 
     def sql(self, query: str) -> list[list[str]]:
-        """Ask the database as its root, rows of columns as text."""
         printed = self.exec(
             "mysql",
             "mariadb",
@@ -312,7 +305,6 @@ class Stack:
 
 
 def wait_until_back(stack: Stack, *robots: str) -> None:
-    """Wait until each robot is online, its guard takes commands, and its camera is seen."""
     for robot in robots:
         is_back = partial(_is_back, stack, robot)
         stack.wait(f"{robot} back", is_back, robot, "sshd", "relay", seconds=BACK_WITHIN_S)

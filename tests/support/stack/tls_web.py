@@ -47,7 +47,6 @@ class TlsWeb:
 
 @contextmanager
 def running(app: Flask, database: Database, certificate: Path) -> Iterator[TlsWeb]:
-    """Serve the application on 127.0.0.1; `certificate` is a file with its key."""
     web = TlsWeb(app, database, certificate)
     files = (str(certificate), str(certificate))
     server = make_server("127.0.0.1", 0, web.as_nginx_asks, threaded=True, ssl_context=files)

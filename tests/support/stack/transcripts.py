@@ -52,7 +52,6 @@ class Transcript:
         self._before: dict[frozenset[str], dict[str, Any]] = {}
 
     def name(self, value: str | int, name: str) -> None:
-        """Write this value as `<name>`, wherever it stands from now on; for ports, paths and keys."""
         self._names[str(value)] = f"<{name}>"
 
     def add(self, heading: str, *bodies: Any) -> None:
@@ -114,7 +113,6 @@ class Transcript:
 
 
 def layout(value: Any, indent: str = "") -> str:
-    """Write JSON with each value on a line that fits there, and else its members on lines below."""
     line = json.dumps(value, ensure_ascii=False)
     if len(indent) + len(line) <= LINE or not isinstance(value, dict | list):
         return line
@@ -146,8 +144,6 @@ def problem_line(status: int, problem: dict[str, Any]) -> str:
 
 
 class TranscriptFile(SingleFileSnapshotExtension):
-    """One file of text a test, under __snapshots__."""
-
     _write_mode = WriteMode.TEXT
     file_extension = "txt"
 
