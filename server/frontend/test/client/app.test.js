@@ -2,8 +2,7 @@ import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { App } from "../../src/client/index.js";
-import { settle } from "../fakes.js";
-import { FakeWebSocket } from "./fakes.js";
+import { FakeWebSocket, settle } from "../fakes.js";
 
 const TWIST = "geometry_msgs/msg/Twist";
 let sockets, asked, app, answers;

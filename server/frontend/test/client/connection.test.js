@@ -4,8 +4,7 @@ import { beforeEach, mock, test } from "node:test";
 import { TicketRefused } from "../../src/client/api.js";
 import { Connection, GIVE_UP, afterClose, afterTicketRefusal } from "../../src/client/connection.js";
 import { connection as texts } from "../../src/texts/common.js";
-import { settle } from "../fakes.js";
-import { FakeLink } from "./fakes.js";
+import { FakeLink, settle } from "../fakes.js";
 
 let clock, links, tickets, refusal, states, prepared, senders, own, connection;
 

@@ -3,8 +3,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 
 import { FrameStream, SenderClock, readFrame } from "../../src/client/frames.js";
 import { ShownFrames, oldestSeen } from "../../src/client/shownFrames.js";
-import { settle } from "../fakes.js";
-import { FakeWebSocket, framed } from "./fakes.js";
+import { FakeWebSocket, framed, settle } from "../fakes.js";
 
 const AHEAD = 50_000;
 

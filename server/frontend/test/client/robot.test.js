@@ -3,9 +3,7 @@ import { afterEach, beforeEach, describe, mock, test } from "node:test";
 
 import { Robot } from "../../src/client/index.js";
 import { DecoderChoice } from "../../src/decoders/frameDecoder.js";
-import { FakeVideoDecoder, H264_KEY, JPEG } from "../decoders/fakes.js";
-import { settle } from "../fakes.js";
-import { FakeWebSocket } from "./fakes.js";
+import { FakeVideoDecoder, FakeWebSocket, H264_KEY, JPEG, settle } from "../fakes.js";
 
 let robots, sockets, asked, answers, ticketsGiven, windowHears, stopped;
 

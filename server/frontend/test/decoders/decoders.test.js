@@ -4,8 +4,7 @@ import { afterEach, beforeEach, mock, test } from "node:test";
 import { DecoderChoice, FrameDecoder, afterFailure } from "../../src/decoders/frameDecoder.js";
 import { jpegBlob, jpegSize } from "../../src/decoders/jpeg.js";
 import { formatOf } from "../../src/decoders/keyFrames.js";
-import { settle } from "../fakes.js";
-import { FakeVideoDecoder, H264_KEY, HUGE_KEY, JPEG, bytes } from "./fakes.js";
+import { FakeVideoDecoder, H264_KEY, HUGE_KEY, JPEG, bytes, settle } from "../fakes.js";
 
 // As libx264 and libvpx begin their key frames.
 const HIGH = "000000016764001facb200a00b7420000003002000000791e3064900000001";

@@ -1,10 +1,69 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 
+import { McapWriter } from "@mcap/core";
+
 import { CdrError, decoderOf } from "../../src/replay/cdr.js";
 import { BrokenFileError, RangeFile, RangeFileError } from "../../src/replay/rangeFile.js";
 import { RecordingReader } from "../../src/replay/recordingReader.js";
-import { recordingOf, serverOf, text } from "./recordings.js";
+
+const BEGAN_NS = 1_700_000_000_000_000_000n;
+const ns = (ms) => BEGAN_NS + BigInt(Math.round(ms * 1e6));
+
+const encoder = new TextEncoder();
+
+// A std_msgs/String in CDR.
+function text(words) {
+  const data = encoder.encode(`${words}\0`);
+  const message = new Uint8Array(8 + data.length);
+  message.set([0, 1, 0, 0]);
+  new DataView(message.buffer).setUint32(4, data.length, true);
+  message.set(data, 8);
+  return message;
+}
+
+class Memory {
+  parts = [];
+  size = 0;
+  position = () => BigInt(this.size);
+  async write(bytes) {
+    this.parts.push(bytes.slice());
+    this.size += bytes.length;
+  }
+}
+
+// `messages` are {topic, atMs, data, logNs}, each in a chunk of its own. Gives the file's bytes, and where each message's chunk ends.
+async function recordingOf(messages, { definition = "string data\n" } = {}) {
+  const file = new Memory();
+  const writer = new McapWriter({ writable: file, chunkSize: 1 });
+  await writer.start({ profile: "ros2", library: "robotether" });
+  const schemaId = await writer.registerSchema({ name: "std_msgs/msg/String", encoding: "ros2msg", data: encoder.encode(definition) });
+  const channels = new Map();
+  for (const topic of new Set(messages.map((message) => message.topic))) {
+    channels.set(topic, await writer.registerChannel({ schemaId, topic, messageEncoding: "cdr", metadata: new Map() }));
+  }
+  const ends = [];
+  for (const { topic, atMs, data = text(String(atMs)), logNs = ns(atMs) } of messages) {
+    await writer.addMessage({ channelId: channels.get(topic), sequence: 0, logTime: logNs, publishTime: logNs, data });
+    ends.push(file.size);
+  }
+  await writer.end();
+  return { bytes: Buffer.concat(file.parts), ends };
+}
+
+// As nginx sends a file; `asked` has the size of each piece. `answers` come before that.
+function serverOf(bytes, { answers = [] } = {}) {
+  const asked = [];
+  async function load(_url, { headers }) {
+    const early = answers.shift();
+    if (early) return early;
+    const [first, last] = headers.Range.match(/\d+/g).map(Number);
+    const piece = bytes.subarray(first, last + 1);
+    asked.push(piece.length);
+    return new Response(piece, { status: 206, headers: { "Content-Range": `bytes ${first}-${first + piece.length - 1}/${bytes.length}` } });
+  }
+  return { load, asked };
+}
 
 const at = (atMs, topic = "/a") => ({ topic, atMs });
 const MESSAGES = [at(0), at(500, "/b"), at(1000), at(5000), at(5500, "/b")];
@@ -37,17 +96,17 @@ test("messages come by their times, also backwards, and a gap is a gap", async (
 
 test("a large file is never loaded as a whole", async () => {
   const data = text("x".repeat(100_000));
-  const messages = Array.from({ length: 200 }, (_, i) => ({ ...at(i * 500), data }));
+  const messages = Array.from({ length: 100 }, (_, i) => ({ ...at(i * 500), data }));
   const { bytes } = await recordingOf(messages);
   const { reader, asked } = await opened(bytes);
-  assert.deepEqual(await times(reader.messages({ topics: TOPICS, afterMs: 50_000, toMs: 52_000 })), [50_500, 51_000, 51_500, 52_000]);
+  assert.deepEqual(await times(reader.messages({ topics: TOPICS, afterMs: 20_000, toMs: 22_000 })), [20_500, 21_000, 21_500, 22_000]);
   const loaded = asked.reduce((sum, size) => sum + size, 0);
-  assert.ok(loaded < bytes.length / 5, `${loaded} of ${bytes.length}`);
+  assert.ok(loaded < bytes.length / 3, `${loaded} of ${bytes.length}`);
 });
 
 test("a file that is cut anywhere plays as far as it is whole", async () => {
   const { bytes, ends } = await recordingOf(MESSAGES);
-  for (let size = ends[0]; size < bytes.length; size += 13) {
+  for (let size = ends[0]; size < bytes.length; size += 31) {
     const { reader } = await opened(bytes.subarray(0, size));
     const whole = ends.filter((end) => end <= size).length;
     const read = await times(reader.messages({ topics: TOPICS }));
@@ -144,7 +203,7 @@ for (const [what, definition, hex] of [
   ["a type that nobody describes", "demo/Gone data\n", "00010000 00"],
   ["a type with a name of JavaScript's", "constructor data\n", "00010000 00"],
   ["a sequence of such a type", "toString[] data\n", "00010000 01000000 00"],
-  ["a message of millions of values", `demo/Part[] parts\n${LINE}MSG: demo/Part\nuint8 x\n`, `00010000 20a10700 ${"00".repeat(500_000)}`],
+  ["a message of too many values", "bool[] data\n", `00010000 21a10700 ${"00".repeat(500_001)}`],
   ["a line that is not a field", "<b>x</b> data\n", "00010000 00"],
   ["a definition without end", "x".repeat(300_000), "00010000 00"],
   ["another encoding", "uint8 data\n", "00000000 00"],

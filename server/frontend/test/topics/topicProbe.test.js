@@ -3,8 +3,7 @@ import { beforeEach, mock, test } from "node:test";
 
 import { numberAt, numbersIn, preview } from "../../src/topics/fields.js";
 import { LastMinute, ObserverConnection, TopicProbe } from "../../src/topics/topicProbe.js";
-import { FakeLink } from "../client/fakes.js";
-import { settle } from "../fakes.js";
+import { FakeLink, settle } from "../fakes.js";
 
 let clock, watched, probe;
 
