@@ -38,13 +38,13 @@ async function copied(clipboard, text) {
 }
 
 // Gives the time, in RFC 3339, when a day of the reader's zone begins or, for the end of a filter, that it is over.
-export function startOrEnd(day, isEnd) {
+function startOrEnd(day, isEnd) {
   const [year, month, date] = day.split("-").map(Number);
   return new Date(year, month - 1, date + (isEnd ? 1 : 0)).toISOString().replace(".000", "");
 }
 
 // Gives the reader's day of a filter's text: a day in UTC, or a time as startOrEnd gives it.
-export function dayOf(text, isEnd) {
+function dayOf(text, isEnd) {
   if (text.length <= DAY_LENGTH) return text;
   const time = new Date(new Date(text).getTime() - (isEnd ? 1 : 0));
   const padded = (number) => String(number).padStart(2, "0");

@@ -265,16 +265,12 @@ test("each close code of the contract has its own state", () => {
   const states = { connecting: [4001], offline: [4503], rosbridge_down: [4504], lease_unavailable: [4510] };
   Object.assign(states, { link_lost: [1008, 1009, 4408, 4413, 4505], server_unreachable: [1001, 4429] });
   for (const [name, codes] of Object.entries(states)) for (const code of codes) assert.equal(shown(code), `${name} retry`);
+  assert.deepEqual([shown(1006, true), shown(1006, false)], ["link_lost retry", "server_unreachable retry"]);
 });
 
 test("each way to lose the control is distinguished", () => {
   const lost = [4002, 4003, 4009, 4010, 4505].map((code) => afterClose({ code }).lost);
   assert.deepEqual(lost, ["superseded", "robot_stopped", "lease_held", "lease_lost", undefined]);
-});
-
-test("a cut without a code is a lost link when it was live, else an unreachable server", () => {
-  assert.equal(shown(1006, true), "link_lost retry");
-  assert.equal(shown(1006, false), "server_unreachable retry");
 });
 
 test("the reason that the server wrote is shown, and what to do beside it", () => {

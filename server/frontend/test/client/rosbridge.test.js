@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { driveMessage, openLink, parse, speedReader } from "../../src/client/rosbridge.js";
+import { driveMessage, openLink, parse } from "../../src/client/rosbridge.js";
 import { FakeWebSocket } from "../fakes.js";
 
 let socket, told, link;
@@ -50,19 +50,6 @@ test("a call whose answer cannot be read has failed, and nobody waits for it", a
   const { id } = socket.sent.at(-1);
   socket.onmessage({ data: `{"op": "service_response", "id": "${id}", "values": {"topic": "/odom", "x": nan}, "result": true}` });
   assert.deepEqual(await answer, { ok: false, values: "its answer cannot be read" });
-});
-
-test("a command carries its timestamp beside the message", () => {
-  open();
-  const channel = link.advertise({ name: "/cmd_vel", type: "geometry_msgs/Twist" });
-  channel.publish({ linear: {} }, { t_ms: 5 });
-  channel.publish({ linear: {} }, undefined);
-  const [advertise, ...published] = socket.sent;
-  assert.equal(advertise.op, "advertise");
-  assert.deepEqual(published, [
-    { op: "publish", topic: "/cmd_vel", msg: { linear: {} }, robotether: { t_ms: 5 } },
-    { op: "publish", topic: "/cmd_vel", msg: { linear: {} } },
-  ]);
 });
 
 test("who publishes or subscribes hears when the server refuses that", () => {
@@ -169,13 +156,6 @@ test("a car steers so that it follows the twist's curve, forwards and backwards"
 test("a car that stands points its wheels ahead, and one of unknown size steers all the same", () => {
   assert.deepEqual(car({ forward: 0, left: 0, turn: 1 }, 0.5), { steering_angle: 0, speed: 0 });
   assert.ok(car({ forward: 1, turn: 1 }, null).steering_angle > 0);
-});
-
-test("speed is read from odometry and from turtlesim's pose", () => {
-  const odometry = { twist: { twist: { linear: { x: 0.5, y: 0.2 }, angular: { z: -1 } } } };
-  assert.deepEqual(speedReader("nav_msgs/Odometry")(odometry), { forward: 0.5, left: 0.2, turn: -1 });
-  const pose = { linear_velocity: 0.5, angular_velocity: -1 };
-  assert.deepEqual(speedReader("turtlesim/msg/Pose")(pose), { forward: 0.5, left: 0, turn: -1 });
 });
 
 test("numbers that are none are read as rosbridge writes them, and texts stay as they are", () => {

@@ -4,7 +4,7 @@ import { afterEach, beforeEach, describe, mock, test } from "node:test";
 import { Hold, StopBar, stopOnSpace } from "../../src/control/stopBar.js";
 import { Stopping, sameStop } from "../../src/control/stopping.js";
 import { api } from "../../src/dom/calls.js";
-import { stop, stop as texts } from "../../src/texts/common.js";
+import { stop as texts } from "../../src/texts/common.js";
 import { FakeElement, inside } from "../fakes.js";
 
 let stops, clicks, window;
@@ -153,12 +153,6 @@ test("a page whose rights have ended says that its Stop does not work, and sends
   bar.press();
   assert.match(text(), /Stop does not work/);
   assert.deepEqual([calls[0], bar.element.dataset.ended], ["stop", "true"]);
-});
-
-test("a stop without an answer says that a robot halts by itself only of one that does", () => {
-  assert.match(stop.unheard({ guard: "ready" }), /The robot halts by itself\.$/);
-  assert.match(stop.unheard({ guard: "off" }), /does not stop by itself/);
-  for (const guard of ["unknown", "down", undefined]) assert.match(stop.unheard({ guard }), /halts by itself is not known/);
 });
 
 let button, clock, done, hold, states;

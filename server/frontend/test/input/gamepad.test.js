@@ -145,11 +145,6 @@ test("a device that the browser does not know, or with one stick, has no usual p
     assert.equal(usualProfile({ ...STANDARD, ...device }, "differential"), null);
 });
 
-test("the turbo button asks for the higher limits, if there is one", () => {
-  const pressed = buttons.map((_, i) => i === turbo);
-  assert.deepEqual([push([], profile, pressed).turbo, push([], { ...profile, turbo: null }, pressed).turbo], [true, false]);
-});
-
 test("what was kept is used again", () => assert.equal(fits(JSON.parse(JSON.stringify(profile)), STANDARD), true));
 
 const SPOILT = {

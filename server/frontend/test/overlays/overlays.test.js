@@ -56,18 +56,6 @@ test("a level is a number, or a byte as bridges write it", () => {
   assert.deepEqual([7, "?!", null, undefined, {}].map(readLevel), ["stale", "stale", "stale", "stale", "stale"]);
 });
 
-test("the newest of each name counts, and the worst comes first", () => {
-  const diagnostics = new Diagnostics();
-  diagnostics.receive(status("motor", 2, "hot"), 0);
-  diagnostics.receive(status("camera", 1), 0);
-  diagnostics.receive(status("disk", 1), 0);
-  assert.deepEqual(diagnostics.worst(10), { level: "error", count: 1 });
-  diagnostics.receive(status("motor", 0, "cool"), 100);
-  assert.deepEqual(diagnostics.worst(200), { level: "warn", count: 2 });
-  const names = diagnostics.list(200).map(({ name }) => name);
-  assert.deepEqual(names, ["camera", "disk", "motor"]);
-});
-
 test("what is no status is left out, and the others count", () => {
   const diagnostics = new Diagnostics();
   for (const status of [null, 5, [null, { name: 3 }, { name: "motor", level: 2 }]]) diagnostics.receive({ status }, 0);

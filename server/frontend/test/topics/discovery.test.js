@@ -64,13 +64,6 @@ test("what shows as another robot's is left, and a driver that restarts or a sil
   assert.deepEqual(found, [his, [undefined], hers, hers, hers]);
 });
 
-test("a robot without rosapi gets the usual names", async () => {
-  await discovery.run(async () => ({ ok: false, values: "no such service" }));
-  const nothing = { cameras: [], topics: [], own: [], others: [], answered: false };
-  assert.deepEqual(found, [{ twistType: "geometry_msgs/Twist", speed: undefined, ...nothing }]);
-  discovery.stop();
-});
-
 for (const [what, values] of [
   ["nothing", { topics: null, types: null, type: null }],
   ["numbers", { topics: [1, "/odom"], types: [2, 3], type: 4 }],
@@ -108,24 +101,6 @@ test("which topics a robot has is known once it has named one with its type, and
   assert.deepEqual(answers, [false, false, true, true, false]);
 });
 
-test("a robot that is still starting is asked again, until the connection ends", async () => {
-  const topics = { "/odom": "nav_msgs/Odometry", "/c": "sensor_msgs/Image" };
-  for (const [known, type] of [
-    [{}, "geometry_msgs/Twist"],
-    [topics, ""],
-  ]) {
-    const { call, asked } = robot(known, type);
-    const times = () => asked.filter(({ service }) => service === "/rosapi/topics").length;
-    discovery = new Discovery({ driveTopic: "/cmd_vel", onFound() {} });
-    await discovery.run(call);
-    mock.timers.tick(5000);
-    assert.equal(times(), 2);
-    discovery.stop();
-    mock.timers.tick(60_000);
-    assert.equal(times(), 2);
-  }
-});
-
 test("a topic that is named twice is in no doubt", async () => {
   const type = "nav_msgs/Odometry";
   await discovery.run(async () => ({ ok: true, values: { topics: ["/odom", "/odom"], types: [type, type] } }));
@@ -138,17 +113,6 @@ test("an answer that comes after the connection ended is ignored", async () => {
   discovery.stop();
   await running;
   assert.deepEqual(found, []);
-});
-
-test("the odometry that the settings name comes before any other, if it is one", async () => {
-  const named = (odometryTopic) => new Discovery({ driveTopic: "/cmd_vel", odometryTopic, onFound: (what) => found.push(what.speed) });
-  const topics = { "/odom": "nav_msgs/Odometry", "/wheels": "nav_msgs/msg/Odometry", "/scan": "sensor_msgs/LaserScan" };
-  for (const name of ["/wheels", "/scan"]) {
-    const one = named(name);
-    await one.run(robot(topics).call);
-    one.stop();
-  }
-  assert.deepEqual(found, [{ name: "/wheels", type: "nav_msgs/msg/Odometry" }, undefined]);
 });
 
 test("configured cameras are all that are offered, and before anything is known the usual one", () => {
@@ -200,9 +164,4 @@ test("frames come on the usual topics, or on those of the robot's namespace", ()
   assert.deepEqual(frames("/cmd_vel", ...ours, ...usual), usual);
   assert.deepEqual(frames("/a1/cmd_vel", ...ours, ...usual), ours.slice(0, 2));
   assert.deepEqual(frames("/cmd_vel"), [undefined, undefined]);
-});
-
-test("the aggregated diagnostics come before the raw ones", () => {
-  const all = ["/diagnostics", "/diagnostics_agg"].map((name) => topic(name, "diagnostic_msgs/DiagnosticArray"));
-  assert.equal(choose("diagnostics", "/cmd_vel", ...all).topic.name, "/diagnostics_agg");
 });
