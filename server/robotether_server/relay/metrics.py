@@ -11,7 +11,7 @@ from collections import Counter as Counts
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from functools import partial
-from itertools import accumulate
+from itertools import accumulate, product
 from pathlib import Path
 from typing import get_args
 
@@ -31,18 +31,21 @@ from prometheus_client.core import (
 )
 from prometheus_client.registry import Collector
 from robotether_common.guard import REFUSED_KINDS
-from robotether_common.session import ByeCode
+from robotether_common.session import ByeCode, ServiceState
 
-from robotether_server import __version__
+from robotether_server import __version__, problems
 from robotether_server.backups import RECORD, age_s, last_backup
+from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRequest, Snapshot
 from robotether_server.disks import DATABASE_CURRENT_S, DATABASE_RECORD, DiskSpace, recorded_space
+from robotether_server.problems import RobotetherError
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.video.feeds import FeedTraffic
 from robotether_server.relay.http.timing import TimeHistogram
 from robotether_server.relay.records.database import RelayDatabase
 from robotether_server.relay.robot_metrics import write_robots
+from robotether_server.relay.robots.port_checks import PROBES
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_server import SessionServer
 from robotether_server.times import BOUNDS_S
@@ -89,12 +92,19 @@ class Metrics:
             "service",
             "health",
         )
-        # From the start on, as increase() in rules.yml misses the first of what was not there before.
+        # From the start on, as increase() misses the first of what was not there before.
         for code in ("preface", *get_args(ByeCode)):
             self.session_refusals.labels(code)
             self.session_close_codes.labels(code)
         for kind in REFUSED_KINDS:
             self.guard_refusals.labels(kind)
+        for name in CLOSE_CODES:
+            self.close_reasons.labels(name)
+        for service, health in product(PROBES, get_args(ServiceState)):
+            self.port_checks.labels(service, health)
+        for problem in vars(problems).values():
+            if isinstance(problem, type) and issubclass(problem, RobotetherError):
+                self.refusals.labels(problem.code)
 
     def collect_parts(self, sessions: SessionServer, database: RelayDatabase, cells: Cells) -> None:
         """Add log-ins, the database, the disks, the backups, and which version runs in which cell."""

@@ -32,7 +32,7 @@ _REQUEST = (
     b"GET / HTTP/1.1\r\nHost: robot\r\nUser-Agent: robotether-relay\r\nConnection: close\r\n\r\n"
 )
 # What is sent to each service, and how its answer begins.
-_PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
+PROBES: Mapping[ServiceName, tuple[bytes, re.Pattern[bytes]]] = {
     # The guard answers 426, or 502 when rosbridge behind it does not.
     "ros": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-4]")),
     "video": (_REQUEST, re.compile(rb"HTTP/1\.[01] [1-5]")),
@@ -61,13 +61,13 @@ class PortChecker:
         """
         ports = robot.ports if video else {**robot.ports, "video": None}
         async with self._slots:
-            health = await asyncio.gather(*(self._try(name, ports[name]) for name in _PROBES))
-        return dict(zip(_PROBES, health, strict=True))
+            health = await asyncio.gather(*(self._try(name, ports[name]) for name in PROBES))
+        return dict(zip(PROBES, health, strict=True))
 
     async def _try(self, service: ServiceName, port: int | None) -> ServiceState:
         health: ServiceState = "unknown"
         if port is not None:
-            health = await self._ask(port, *_PROBES[service])
+            health = await self._ask(port, *PROBES[service])
         self._note(service, health)
         return health
 

@@ -55,6 +55,9 @@ def test_refusals_are_counted_from_zero_on(metrics):
         'session_refusals_total{code="preface"}',
         'session_refusals_total{code="robot_unknown"}',
         'guard_refusals_total{kind="fence"}',
+        'refusals_total{code="login_missing"}',
+        'connections_closed_total{name="client_left"}',
+        'port_checks_total{health="down",service="ros"}',
     ):
         assert f"robotether_relay_{series} 0.0" in shown
 
