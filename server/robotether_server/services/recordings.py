@@ -48,14 +48,14 @@ def delete(tx: Transaction, source: Source, user: User, recording_id: int) -> Re
 
 
 def view(
-    tx: Transaction, source: Source, user: User, recording_id: int, *, is_head: bool = False
+    tx: Transaction, source: Source, user: User, recording_id: int, *, is_noted: bool = False
 ) -> Recording:
     """Let the user play a recording back, by pieces of its file. Raises RecordMissingError or NotPossibleError.
 
-    `is_head`: a request without an answer's body, for which the audit log gets no line.
+    `is_noted`: the audit log gets no line, as nothing is shown (HEAD).
     """
     recording = _find_file(tx, user, recording_id)
-    if not is_head:
+    if not is_noted:
         audit.record(tx, source, "recording_viewed", recording.robot, recording=recording_id)
     return recording
 

@@ -54,7 +54,7 @@ def play(recording_id: int) -> str:
     user = current_user.get()
     with context().database.transaction() as tx:
         recording = recording_service.view(
-            tx, current_user.source(), user, recording_id, is_head=request.method == "HEAD"
+            tx, current_user.source(), user, recording_id, is_noted=request.method == "HEAD"
         )
         topics = _named_topics(seen_robots.find_recorded(tx, user, recording.id))
     viewing = _viewings().dumps([recording_id, user.id])
