@@ -41,7 +41,7 @@ add_list(
         cell.name,
         cell.host or "-",
         cell.region or "-",
-        str(cell.robots) if cell.is_alive else "unknown",
+        "unknown" if _robots(cell) is None else str(cell.robots),
         cell.version,
         _state(cell),
     ),
