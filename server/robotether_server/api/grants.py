@@ -6,7 +6,7 @@ for all robots of a site. A robot is put at a site by PATCH /api/v1/robots/NAME.
 
 from typing import Annotated, Literal, TypeVar
 
-from msgspec import UNSET, Meta, Struct, UnsetType
+from msgspec import UNSET, Meta, Struct, UnsetType, convert
 
 from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
@@ -169,8 +169,7 @@ def _the_one(choices: list[T], kinds: str) -> T:
 
 
 def _describe(grant: Grant) -> ShownGrant:
-    members = {name: value for name, value in vars(grant).items() if name != "has_ended"}
-    return ShownGrant(**members, all=grant.is_for_all)
+    return convert(grant, ShownGrant, from_attributes=True)
 
 
 @operation("GET", "/groups", "admin")

@@ -1,6 +1,5 @@
 """/api/v1/routes: routes between robots and web apps, made and removed by managers. The relay shows them live."""
 
-import datetime as dt
 from typing import Annotated
 
 from msgspec import UNSET, Meta, Struct, UnsetType
@@ -66,7 +65,7 @@ def make_route(caller: Caller, body: GivenRoute) -> Created[Route]:
         body.target_topic,
         body.type,
         body.rate_hz or route_service.USUAL_RATE_HZ,
-        None if body.hours is UNSET else dt.datetime.now(dt.UTC) + dt.timedelta(hours=body.hours),
+        body.hours or None,
     )
     return route_service.make(caller.tx, caller.source, caller.user, route_request), 201
 

@@ -11,7 +11,7 @@ from robotether_server.api import auth
 from robotether_server.api.auth import Caller
 from robotether_server.api.context import context
 from robotether_server.api.operations import Created, operation
-from robotether_server.db import audit, credentials, join_tokens, users
+from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.credentials import Token, TokenUse
 from robotether_server.db.join_tokens import JoinToken, Place
 from robotether_server.db.users import User
@@ -131,7 +131,7 @@ def list_join_tokens(caller: Caller) -> JoinTokenList:
 @operation("POST", "/join-tokens", "admin", problems=(404, 409))
 def create_join_token(caller: Caller, body: NewJoinToken) -> Created[CreatedJoinToken]:
     """Create a token that admits robots, and the line that installs one."""
-    expires_at = audit.now(caller.tx) + dt.timedelta(hours=body.hours)
+    expires_at = caller.tx.now() + dt.timedelta(hours=body.hours)
     place = Place(body.site or None, body.group or None, body.region or None)
     text = token_service.create_join_token(
         caller.tx, caller.source, body.name, body.uses, expires_at, place=place

@@ -82,7 +82,7 @@ add_list(
     list_all,
     ("WHO", "WHAT", "LEVEL", "UNTIL"),
     _as_row,
-    as_dict=lambda record: vars(record) | {"all": record.is_for_all},
+    as_dict=lambda record: vars(record) | {"all": record.all},
 )
 
 

@@ -14,7 +14,7 @@ from robotether_server.cli.common import (
     open_database,
     timestamp,
 )
-from robotether_server.db import audit, credentials, join_tokens, users
+from robotether_server.db import credentials, join_tokens, users
 from robotether_server.db.credentials import TokenUse
 from robotether_server.db.join_tokens import Place
 from robotether_server.install_line import (
@@ -125,7 +125,7 @@ def invite(
     """
     certificates, site = _site(host)
     with open_database().transaction() as tx:
-        ends = audit.now(tx) + dt.timedelta(hours=hours)
+        ends = tx.now() + dt.timedelta(hours=hours)
         label, token = tokens.invite(
             tx, SOURCE, name, uses, ends, place=Place(**place), label=label
         )

@@ -74,12 +74,6 @@ def record(
     return tx.add("audit_events", values if at is None else values | {"at": at})
 
 
-def now(tx: Transaction) -> dt.datetime:
-    """Return the time by the clock of the database, which lines have."""
-    [row] = tx.rows("SELECT CURRENT_TIMESTAMP(6) AS now")
-    return row["now"]  # type: ignore[no-any-return]
-
-
 def count_refused_keys(tx: Transaction) -> int:
     """Return how many keys of strangers the lines of the last hour count; see `record_refused_key` in sql/0018."""
     row = tx.row(

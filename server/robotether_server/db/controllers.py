@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from robotether_server.audit_chain import LINES_LOST, RESTORED, ChainLine, SignedHead, content_hash
-from robotether_server.db import audit, audit_chains, cells
+from robotether_server.db import audit_chains, cells
 from robotether_server.db.database import Row, Transaction
 from robotether_server.schemas import Count, Timestamp
 
@@ -67,7 +67,7 @@ class Controller:
 
 def find(tx: Transaction, robot: str, at: dt.datetime) -> Controller:
     """Return who held control of a robot; one that was renamed since has the name of that time."""
-    now = audit.now(tx)
+    now = tx.now()
     if at > now:
         return Controller(robot, at, "unknown", "future")
     chain, since = _name_at(tx, robot, at)
@@ -200,7 +200,7 @@ def _without_end(tx: Transaction, drive: Controller) -> Controller:
 def _name_at(tx: Transaction, robot: str, at: dt.datetime) -> tuple[str, dt.datetime]:
     """Return the name that the robot had then, and since when; each may have been another robot's before."""
     [row] = tx.rows("SELECT created_at FROM robots WHERE name = %s", (robot,))
-    name, until = robot, audit.now(tx)
+    name, until = robot, tx.now()
     while True:
         # Back from now, by the names that this robot had.
         condition = "kind = 'robot_renamed' AND at BETWEEN %s AND %s"

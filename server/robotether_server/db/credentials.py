@@ -60,7 +60,7 @@ def create_login(tx: Transaction, user: User, address: str, lifetime: dt.timedel
     tx.change("DELETE FROM logins WHERE expires_at <= CURRENT_TIMESTAMP(6)")
     tx.insert(
         "INSERT INTO logins (token_hash, user_id, address, expires_at) VALUES (%s, %s, %s, %s)",
-        (digest(text), user.id, address, dt.datetime.now(dt.UTC) + lifetime),
+        (digest(text), user.id, address, tx.now() + lifetime),
     )
     return text
 
@@ -77,10 +77,13 @@ def find_login_user(tx: Transaction, text: str) -> User | None:
 
 def login_renewal(tx: Transaction, text: str, lifetime: Lifetime) -> dt.datetime | None:
     """Return until when a login lasts by its use now; None when that is what its row says, or nearly so."""
-    row = tx.row("SELECT created_at, expires_at FROM logins WHERE token_hash = %s", (digest(text),))
+    row = tx.row(
+        "SELECT created_at, expires_at, CURRENT_TIMESTAMP(6) AS now FROM logins WHERE token_hash = %s",
+        (digest(text),),
+    )
     if row is None:
         return None
-    ends_at = min(row["created_at"] + lifetime.total, dt.datetime.now(dt.UTC) + lifetime.idle)
+    ends_at = min(row["created_at"] + lifetime.total, row["now"] + lifetime.idle)
     return ends_at if ends_at - row["expires_at"] > RENEWED_EVERY else None
 
 

@@ -128,6 +128,11 @@ class Transaction:
         with _translated():
             return self._cursor.executemany(sql, values) or 0
 
+    def now(self) -> dt.datetime:
+        """Return the time by the clock of the database, which its records have."""
+        [row] = self.rows("SELECT CURRENT_TIMESTAMP(6) AS now")
+        return row["now"]  # type: ignore[no-any-return]
+
     def lock(self, name: str, wait_s: int) -> bool:
         """Take a named lock, which is held until after the commit; False if it is not free within `wait_s`."""
         self.has_lock = True

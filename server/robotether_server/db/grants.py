@@ -39,7 +39,7 @@ class Grant:
     has_ended: bool = False
 
     @property
-    def is_for_all(self) -> bool:
+    def all(self) -> bool:
         """Return whether it is for all robots, future ones included."""
         return self.robot is None and self.site is None
 
@@ -51,7 +51,7 @@ class Grant:
     @property
     def scope_words(self) -> str:
         """What it is for: `robot sim1`, `site lab` or `all robots`."""
-        if self.is_for_all:
+        if self.all:
             return "all robots"
         return f"robot {self.robot}" if self.robot is not None else f"site {self.site}"
 

@@ -465,7 +465,7 @@ def list_refusals(tx: Transaction) -> list[RefusedJoin]:
     rows = tx.rows(
         "SELECT mac, fingerprint, hostname, agent_version, address, code, detail, times, refused_at "
         "FROM refused_joins WHERE refused_at > %s ORDER BY refused_at DESC",
-        (dt.datetime.now(dt.UTC) - REFUSED_FOR,),
+        (tx.now() - REFUSED_FOR,),
     )
     report = ("hostname", "agent_version", "address")
     return [

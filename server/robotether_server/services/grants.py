@@ -46,7 +46,7 @@ def give(
     Raises RecordMissingError, or FieldInvalidError for an invalid end.
     """
     if ends_at is not None:
-        times.check_end("ends_at", ends_at, audit.now(tx))
+        times.check_end("ends_at", ends_at, tx.now())
     pair = _pair(tx, grantee, scope)
     before = grants.find(tx, pair)
     grant = grants.get(tx, grants.put(tx, pair, level, ends_at))
@@ -96,7 +96,7 @@ def _about(grant: Grant) -> dict[str, object]:
     """Return a grant's details for the audit log, which has a column of its own for the robot."""
     names = {"user": grant.user, "group": grant.group, "site": grant.site}
     about: dict[str, object] = {name: value for name, value in names.items() if value is not None}
-    if grant.is_for_all:
+    if grant.all:
         about["all"] = True
     about["level"] = grant.level
     if grant.ends_at is not None:

@@ -153,7 +153,7 @@ def join(tx: Transaction, request: JoinAttempt, rules: JoinSettings, *, is_prove
     TooManyPendingError or StoreUnavailableError.
     """
     robots.lock_enrolment(tx)
-    too_old = dt.datetime.now(dt.UTC) - UNKNOWN_ROBOT_LIFETIME
+    too_old = tx.now() - UNKNOWN_ROBOT_LIFETIME
     robots.remove_unknown(tx, too_old)
     robots.remove_old_claims(tx, too_old)
     presented = request.presented
@@ -278,7 +278,7 @@ def _check_moved(tx: Transaction, request: JoinAttempt, robot: RobotRow) -> None
             "copy of that robot's disk, and must join with its own MAC and a new key"
         )
     last = audit.find(tx, audit.AuditSearch(robot.name, kind="mac_changed"), limit=1)
-    if last and last[0].at > dt.datetime.now(dt.UTC) - MAC_CHANGED_EVERY:
+    if last and last[0].at > tx.now() - MAC_CHANGED_EVERY:
         return
     source = Source(ROBOT, request.presented.report.address)
     audit.record(tx, source, "mac_changed", robot.name, **_details(request.presented))
@@ -327,7 +327,7 @@ def _join_token(tx: Transaction, text: str) -> JoinToken:
         raise TokenInvalidError(
             "cannot accept the join token: it is unknown or deleted; make another"
         )
-    if token.expires_at <= audit.now(tx):
+    if token.expires_at <= tx.now():
         raise TokenExpiredError(
             f"cannot accept the join token: it expired at {token.expires_at:%Y-%m-%d %H:%M} UTC; "
             "make another"

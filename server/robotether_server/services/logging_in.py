@@ -113,7 +113,7 @@ def _guessed(database: Database, source: Source, password: str) -> Iterator[Gues
     with ExitStack() as stack:
         with database.transaction() as tx:
             # As the log has it: by the clock of a machine that is ahead no failure would count.
-            guess = Guess(source.actor, network_of(source.address or ""), audit.now(tx))
+            guess = Guess(source.actor, network_of(source.address or ""), tx.now())
             before = stack.enter_context(_open_guesses.with_one_more(guess))
             _check_throttle(tx, guess, before)
             user = users.find(tx, guess.user)

@@ -1,7 +1,5 @@
 """Joins that were refused, and rejected keys that may ask again."""
 
-import datetime as dt
-
 from robotether_server.db import Transaction, audit, robots
 from robotether_server.db.audit import Source, network_of
 from robotether_server.db.robots import RefusedJoin, RejectedKey
@@ -10,7 +8,7 @@ from robotether_server.services.joining import PresentedKey
 
 def record_refusal(tx: Transaction, presented: PresentedKey, code: str, detail: str) -> None:
     """Keep why this robot was refused, for the admin who waits for it."""
-    now, key = dt.datetime.now(dt.UTC), presented.key.fingerprint
+    now, key = tx.now(), presented.key.fingerprint
     refusal = RefusedJoin(presented.mac, key, presented.report, code, detail, 1, now)
     robots.record_refusal(tx, refusal, str(network_of(presented.report.address)))
 

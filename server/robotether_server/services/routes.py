@@ -35,7 +35,7 @@ Node = tuple[str, str]
 
 @dataclass(frozen=True)
 class RouteRequest:
-    """A route that somebody asks for, by names; without `ends_at` it lasts until somebody removes it."""
+    """A route that somebody asks for, by names; without `hours` it lasts until somebody removes it."""
 
     source: str
     source_topic: str
@@ -43,7 +43,7 @@ class RouteRequest:
     target_topic: str
     type: str
     rate_hz: float = USUAL_RATE_HZ
-    ends_at: dt.datetime | None = None
+    hours: int | None = None
 
 
 def loop_with(edges: Iterable[tuple[Node, Node]], start: Node, end: Node) -> list[Node]:
@@ -74,7 +74,7 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
 
     Raises FieldInvalidError, GrantMissingError, RobotUnknownError, RecordExistsError or NotPossibleError.
     """
-    names = (route_request.source, route_request.target)
+    names, hours = (route_request.source, route_request.target), route_request.hours
     topics = (
         _topic("source_topic", route_request.source_topic),
         _topic("target_topic", route_request.target_topic),
@@ -108,7 +108,7 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
             route_request.type,
             route_request.rate_hz,
             user.id,
-            route_request.ends_at,
+            None if hours is None else tx.now() + dt.timedelta(hours=hours),
             *apps,
         ),
     )

@@ -49,7 +49,7 @@ def create(
         raise GrantMissingError(
             f"cannot create token {name}: user {user.name} is no admin, and metrics are for admins"
         )
-    expires_at = audit.now(tx) + dt.timedelta(days=days or DEFAULT_DAYS)
+    expires_at = tx.now() + dt.timedelta(days=days or DEFAULT_DAYS)
     schemas.check("name", name, Label)
     if len(credentials.list_tokens_of(tx, user)) >= MAX_TOKENS:
         raise NotPossibleError(

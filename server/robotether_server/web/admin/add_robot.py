@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, audit, cells, join_tokens, robots, seen_robots
+from robotether_server.db import Transaction, cells, join_tokens, robots, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, SITES
 from robotether_server.db.join_tokens import JoinToken, Place
@@ -66,7 +66,7 @@ def create_line(tx: Transaction, source: Source) -> Saved:
         forms.optional_text("group", "Group", MAX_NAME_LENGTH),
         forms.optional_text("region", "Region", MAX_NAME_LENGTH),
     )
-    expires_at = audit.now(tx) + dt.timedelta(hours=hours)
+    expires_at = tx.now() + dt.timedelta(hours=hours)
     label, text = tokens.invite(tx, source, name, uses, expires_at, place=place)
     # This may raise: without a certificate to pin there is no install line, and so no token.
     lines = enrolment_lines(context().site_certificates, request.host, text, name)
@@ -127,7 +127,7 @@ def _arrivals(
 
 
 def _usable(tx: Transaction) -> list[JoinToken]:
-    now = audit.now(tx)
+    now = tx.now()
     return [
         token
         for token in join_tokens.list_all(tx)

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from robotether_server import times
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, audit, seen_robots, users
+from robotether_server.db import Transaction, seen_robots, users
 from robotether_server.db import grants as db_grants
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, LEVELS, SITES, Grant
@@ -54,7 +54,7 @@ def for_robot(tx: Transaction, robot: RobotRow) -> list[Grant]:
     return [
         grant
         for grant in db_grants.list_all(tx)
-        if grant.is_for_all
+        if grant.all
         or grant.robot == robot.name
         or (grant.site is not None and grant.site == robot.site)
     ]
@@ -62,7 +62,7 @@ def for_robot(tx: Transaction, robot: RobotRow) -> list[Grant]:
 
 def for_site(tx: Transaction, site: str) -> list[Grant]:
     """Return the grants that reach a site: its own and those for all."""
-    return [grant for grant in db_grants.list_all(tx) if grant.is_for_all or grant.site == site]
+    return [grant for grant in db_grants.list_all(tx) if grant.all or grant.site == site]
 
 
 def of_user(tx: Transaction, user: User) -> list[Grant]:
@@ -150,7 +150,7 @@ def grantee() -> Grantee:
 def usual_end(tx: Transaction) -> dt.datetime | None:
     """Return the end that the field `hours` chooses from ENDS; raise FieldInvalidError."""
     hours = forms.choice("hours", "Until", tuple(value for value, _ in ENDS))
-    return audit.now(tx) + dt.timedelta(hours=int(hours)) if hours else None
+    return tx.now() + dt.timedelta(hours=int(hours)) if hours else None
 
 
 def chosen_scope() -> Scope:

@@ -3,7 +3,7 @@
 from flask import Blueprint, render_template
 
 from robotether_server.api.context import context
-from robotether_server.db import audit, credentials
+from robotether_server.db import credentials
 from robotether_server.services import tokens
 from robotether_server.web import confirmation
 from robotether_server.web.confirmation import ConfirmedAction, Words
@@ -15,7 +15,7 @@ blueprint = Blueprint("tokens", __name__)
 def show() -> str:
     """Show every API token."""
     with context().database.transaction() as tx:
-        api_tokens, now = credentials.list_tokens(tx), audit.now(tx)
+        api_tokens, now = credentials.list_tokens(tx), tx.now()
     return render_template("admin/tokens.html", tokens=api_tokens, now=now)
 
 

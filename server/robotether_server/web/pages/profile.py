@@ -8,7 +8,7 @@ from werkzeug.wrappers import Response as AnyResponse
 from robotether_server import passwords
 from robotether_server.api import auth
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, audit, credentials
+from robotether_server.db import Transaction, credentials
 from robotether_server.db.audit import Source
 from robotether_server.db.credentials import TokenUse
 from robotether_server.db.users import is_unchanged, list_ssh_keys
@@ -37,7 +37,7 @@ def show(problem: RobotetherError | None = None, part: str = "") -> str:
     user = current_user.get()
     with context().database.transaction() as tx:
         entries = ssh_keys.shell_entries(tx, user)
-        now = audit.now(tx)
+        now = tx.now()
         keys, own_tokens = list_ssh_keys(tx, user), credentials.list_tokens_of(tx, user)
     host = site_of(context().site_certificates.settings, request.host).host
     return render_template(

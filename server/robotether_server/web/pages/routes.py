@@ -1,7 +1,5 @@
 """/routes: routes between robots and web apps; src/pages/routes.js draws them and shows how they are."""
 
-import datetime as dt
-
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
@@ -60,8 +58,7 @@ def make(tx: Transaction, source: Source) -> Saved:
         )
     hours = forms.optional_number("hours", "Hours", 1, MAX_HOURS)
     rate = forms.number("rate_hz", "Messages a second", 1, int(MAX_RATE_HZ))
-    ends_at = None if hours is None else dt.datetime.now(dt.UTC) + dt.timedelta(hours=hours)
-    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, ends_at)
+    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, hours)
     route = routes.make(tx, source, current_user.get(), route_request)
     return PAGE, f"The route from {route.source} to {route.target} is made."
 

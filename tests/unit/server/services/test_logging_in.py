@@ -85,8 +85,12 @@ class OlderDatabase(Database):
             yield tx
 
 
-def test_failures_count_by_the_clock_that_they_were_written_by(database):
+def test_logins_last_and_failures_count_by_the_clock_that_they_were_written_by(database):
     older = OlderDatabase(database)
+    log_in(older, ANN, PASSWORD, HOUR)
+    with database.transaction() as tx:
+        row = tx.row("SELECT expires_at - INTERVAL 1 HOUR <= created_at AS has_ended FROM logins")
+    assert row == {"has_ended": 1}
     fail(older, "ann", "192.0.2.1", PER_USER_AND_NETWORK)
     assert not is_heard(older, "ann", "192.0.2.1")
 
