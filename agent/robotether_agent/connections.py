@@ -140,7 +140,7 @@ async def serve_video(
         local = LocalService(
             await frames.start(), OWN_ANSWERS[settings.video_source], frames.yields
         )
-        video_proxy = VideoProxy(settings.video_url, local, pacer=pacer)
+        video_proxy = VideoProxy(settings.video_url, local, pacer)
         ends.push_async_callback(video_proxy.close)
         target = ServiceAddress(LOCALHOST, await video_proxy.start())
         yield Role(kind="media", target=lambda: target, video_proxy=video_proxy)

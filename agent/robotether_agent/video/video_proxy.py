@@ -2,7 +2,7 @@
 
 Started by the agent, one for its whole life; the forward of `video_port` leads to its port:
 
-    proxy = VideoProxy(settings.video_url, LocalService(port=frames.port, when="down"))
+    proxy = VideoProxy(settings.video_url, LocalService(port=frames.port, when="down"), Pacer())
     port = await proxy.start()                      # forward to 127.0.0.1:port in place of video_url
     proxy.use(tunnel.socket)                        # for each new media connection, before or after its forward
     proxy.hold()                                    # when that connection ends
@@ -70,15 +70,13 @@ class LocalService:
 class VideoProxy:
     """A TCP port of the robot in front of the service at `upstream_url`, which names host and port."""
 
-    def __init__(
-        self, upstream_url: str, local: LocalService | None = None, *, pacer: Pacer | None = None
-    ) -> None:
+    def __init__(self, upstream_url: str, local: LocalService, pacer: Pacer) -> None:
         split = urlsplit(upstream_url)
         if split.hostname is None or split.port is None:
             raise ValueError(f"{upstream_url} has no host and port")
         self._upstream = (split.hostname, split.port)
         self._local = local
-        self._pacer = Pacer() if pacer is None else pacer
+        self._pacer = pacer
         self._streams: set[asyncio.Task[None]] = set()
         self._listener: socket.socket | None = None
         self._acceptor: asyncio.Task[None] | None = None
@@ -133,10 +131,10 @@ class VideoProxy:
         with viewer:
             viewer.setblocking(False)
             try:
-                first = b"" if self._local is None else await first_words(viewer)
+                first = await first_words(viewer)
                 with await self._upstream_for(first) as upstream:
                     is_topic = first.startswith(TOPICS)
-                    yields = partial(self._yields, upstream.getsockname()[1])
+                    yields = partial(self._local.yields, upstream.getsockname()[1])
                     stream = Stream(viewer, upstream, self._pacer, is_topic=is_topic, yields=yields)
                     await stream.run(first)
             except OSError as error:
@@ -145,13 +143,8 @@ class VideoProxy:
             except Exception:
                 log.exception("a video connection failed")
 
-    def _yields(self, port: int) -> bool:
-        return self._local is not None and self._local.yields(port)
-
     async def _upstream_for(self, first: bytes) -> socket.socket:
         """Connect to what answers a request of these first words."""
-        if self._local is None:
-            return await self._dial(*self._upstream)
         here = ("127.0.0.1", self._local.port)
         if self._local.when == "always" or first.startswith(LOCAL_PATHS):
             return await self._dial(*here)

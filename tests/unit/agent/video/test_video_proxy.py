@@ -73,7 +73,7 @@ async def camera() -> AsyncIterator[Camera]:
 
 @pytest.fixture
 async def proxy(camera: Camera) -> AsyncIterator[VideoProxy]:
-    made = VideoProxy(f"http://localhost:{camera.port}")
+    made = VideoProxy(f"http://localhost:{camera.port}", LocalService(1), Pacer())
     yield made
     await made.close()
 
@@ -89,7 +89,7 @@ async def beside(
     port: int, when: Literal["never", "down", "always"] = "never"
 ) -> AsyncIterator[int]:
     async with LocalMedia() as local:
-        proxy = VideoProxy(f"http://127.0.0.1:{port}", LocalService(local.port, when))
+        proxy = VideoProxy(f"http://127.0.0.1:{port}", LocalService(local.port, when), Pacer())
         yield await proxy.start()
         await proxy.close()
 
@@ -105,7 +105,7 @@ async def test_a_large_message_of_a_topic_is_bulk_from_its_beginning() -> None:
     """Else many large topics, each of which gets little through a full line, take it from the video."""
     pacer = NotedPacer()
     async with LargeTopic() as local:
-        proxy = VideoProxy("http://127.0.0.1:1", LocalService(local.port), pacer=pacer)
+        proxy = VideoProxy("http://127.0.0.1:1", LocalService(local.port), pacer)
         request = b"GET /robotether/topics HTTP/1.1\r\nHost: x\r\n\r\n"
         assert len(await asked(await proxy.start(), request)) == 100_000
         await proxy.close()
@@ -192,6 +192,7 @@ async def test_a_viewer_that_leaves_ends_the_stream(proxy: VideoProxy, camera: C
 
     camera.handler = stream
     reader, writer = await asyncio.open_connection("127.0.0.1", await proxy.start())
+    writer.write(b"x")
     await reader.readexactly(50_000)
     writer.transport.abort()
     await eventually(lambda: camera.open == 0, lambda: "the stream has ended")
@@ -246,10 +247,12 @@ async def test_the_camera_waits_while_the_window_is_full(camera: Camera) -> None
         handed = 14_480 if now_s > started else 0
         return Reading(now_s, handed, 0, 0.04, 0.04, 1448)
 
-    proxy = VideoProxy(f"http://127.0.0.1:{camera.port}", pacer=Pacer(stalled))
+    proxy = VideoProxy(f"http://127.0.0.1:{camera.port}", LocalService(1), Pacer(stalled))
     with socket.socket() as handle:
         proxy.use(handle)
         _, writer = await asyncio.open_connection("127.0.0.1", await proxy.start())
+        writer.write(b"x")
+        await eventually(lambda: written > 0, lambda: "the camera sends")
         last = -1
         while written != last:
             last = written
@@ -350,7 +353,7 @@ async def test_a_camera_of_the_settings_is_opened_once(world):
 async def test_all_others_overtake_a_receiver_that_yields(world):
     port, pacer = int(world.url.rpartition(":")[2]), NotedPacer()
     local = LocalService(port, yields=world.service.yields)
-    proxy = VideoProxy(world.camera.url, local, pacer=pacer)
+    proxy = VideoProxy(world.camera.url, local, pacer)
     world.url = f"http://127.0.0.1:{await proxy.start()}"
     viewer = await world.receive(yields=True)
     assert pacer.turns[-1][1]
