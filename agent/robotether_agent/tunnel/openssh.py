@@ -65,8 +65,7 @@ INCOMPATIBLE = re.compile(
 FALLS_SILENT = re.compile(r"Connection to .* timed out|timed out during banner exchange")
 SILENT = "it begins to answer, and then falls silent"
 UNREACHABLE = re.compile(
-    r"connect to (?:host|address) .*: |Could not resolve hostname|during banner exchange|"
-    r"kex_exchange_identification|ssh_exchange_identification|banner line|"
+    r"during banner exchange|kex_exchange_identification|ssh_exchange_identification|banner line|"
     r"Connection (?:closed|reset|timed out)|Broken pipe"
 )
 PORT_TAKEN = re.compile(r"remote port forwarding failed for listen port|[Pp]ort forwarding failed")
