@@ -434,11 +434,9 @@ def _pass_part(part: Part, clock: FrameClock, on_frame: OnFrame) -> None:
     on_frame(CameraFrame(part.body, timestamp_s, arrived.robot_s, is_stamped))
 
 
-async def run_camera(
-    url: str, on_frame: OnFrame, *, what: str, command: Sequence[str] = CAMERA_COMMAND
-) -> NoReturn:
+async def run_camera(url: str, on_frame: OnFrame, *, what: str) -> NoReturn:
     """Give the frames of an RTSP or V4L2 camera."""
-    await _run_process(command, f"{url}\n", on_frame, what=what, stall_s=STALL_S)
+    await _run_process(CAMERA_COMMAND, f"{url}\n", on_frame, what=what, stall_s=STALL_S)
 
 
 async def run_images(url: str, topic: str, kind: str, fps: float, on_frame: OnFrame) -> NoReturn:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import base64
 import struct
-from collections.abc import Sequence
 from contextlib import suppress
 from typing import Literal
 
@@ -17,12 +16,7 @@ from robotether_agent.video import sources as sources_module
 from robotether_agent.video.encoder_messages import EncodeRequest
 from robotether_agent.video.encoder_process import FrameTranscoder
 from robotether_agent.video.jpeg import jpeg_size
-from robotether_agent.video.sources import (
-    CAMERA_COMMAND,
-    CameraFrame,
-    SourceDownError,
-    run_camera,
-)
+from robotether_agent.video.sources import CameraFrame, SourceDownError, run_camera
 from robotether_common.codecs import H264
 from video_clips import clip, jpeg_of, pixels_of, psnr
 
@@ -126,10 +120,10 @@ PICTURES = list(clip(20, step=2))
 JPEGS = [jpeg_of(picture) for picture in PICTURES]
 
 
-async def down_reason(url: str, command: Sequence[str] = CAMERA_COMMAND) -> str:
+async def down_reason(url: str) -> str:
     frames: list[CameraFrame] = []
     with pytest.raises(SourceDownError) as down:
-        await run_camera(url, frames.append, what="camera rear", command=command)
+        await run_camera(url, frames.append, what="camera rear")
     assert frames == []
     return str(down.value)
 
