@@ -14,7 +14,6 @@ from unittest.mock import Mock
 
 import pytest
 from fake_cloud import FakeCloud, eventually
-from fake_guard import fake_guard_command, heard
 from openssh_server import OpenSshServer, listens
 from robotether_agent import __version__
 from robotether_agent.clock import EpochClock
@@ -163,30 +162,6 @@ async def test_the_session_tells_each_change_once(cloud, robot, services):
     hello = {"type": "hello", **who, "guard": "off", "epoch": link.received[0]["epoch"]}
     assert link.received[0] == hello
     assert link.of_type("hello") == [hello]
-
-
-async def test_the_session_joins_the_guard(cloud, robot, place):
-    supervisor = GuardSupervisor("ws://127.0.0.1:9", fake_guard_command(place, "serves"))
-    robot.started.append(asyncio.ensure_future(supervisor.run()))
-    connecting = robot.connect(robot.trust(cloud.ssh), Up(), no_services(), guard=supervisor)
-    link = await cloud.link("session")
-    link.send({"type": "lease", "fence": 13, "held": True})
-    link.send({"type": "stop", "id": "5f0c", "by": "ben"})
-
-    def answers() -> list[Any]:
-        return [line["answers"] for line in link.of_type("guard") if line["stopped"]]
-
-    await eventually(lambda: "5f0c" in answers(), lambda: f"an answer in {link.received}")
-    assert link.of_type("hello")[0]["guard"] == "on"
-    link.drop()
-    await problem_of(connecting)
-    await eventually(
-        lambda: heard(place)[-1:] == [{"type": "session", "up": False}], lambda: f"{heard(place)}"
-    )
-    kinds = [line["type"] for line in heard(place)]
-    assert kinds[:3] == ["born", "config", "session"]
-    assert kinds[-4:] == ["session", "lease", "stop", "session"]
-    assert {"type": "lease", "fence": 13, "held": True} in heard(place)
 
 
 async def test_the_guard_learns_of_a_lost_session_before_the_client_ends(cloud, robot, monkeypatch):
