@@ -158,22 +158,16 @@ class RobotServices:
         self.refuse_sockets = False
 
     async def start(self) -> None:
-        await self._serve(0)
-        self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
-
-    async def start_again(self) -> None:
-        await self._serve(self.port)
-
-    async def stop(self) -> None:
-        await self._runner.cleanup()
-
-    async def _serve(self, port: int) -> None:
         app = web.Application()
         app.router.add_get("/", self._answer)
         self._runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.2)
         await self._runner.setup()
-        await web.TCPSite(self._runner, "127.0.0.1", port).start()
+        await web.TCPSite(self._runner, "127.0.0.1", 0).start()
         self.port = self._runner.addresses[0][1]
+        self.ws_url, self.http_url = (f"{kind}://127.0.0.1:{self.port}" for kind in ("ws", "http"))
+
+    async def stop(self) -> None:
+        await self._runner.cleanup()
 
     async def _answer(self, request: web.Request) -> web.StreamResponse:
         if "Upgrade" not in request.headers or self.refuse_sockets:

@@ -18,7 +18,6 @@ from robotether_agent.battery import (
     UnitMemory,
     Vitals,
     battery_in,
-    battery_topic,
     unit_shown,
 )
 from robotether_agent.rosbridge import RosGraph
@@ -80,20 +79,6 @@ async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
         is_over.set()
         await eventually(lambda: len(reported) > 1, lambda: str(reported))
         assert reported == [line(81), line(79, charging=True)]
-
-
-async def test_a_rosbridge_that_restarts_is_found_again(report):
-    async with TopicRosbridge(TOPICS) as robot:
-        reported = report(robot.url)
-        await robot.subscription("/battery_state")
-        await robot.publish("/battery_state", state(0.5))
-        await eventually(lambda: reported == [line(50)], lambda: str(reported))
-        await robot.stop()
-        await eventually(lambda: reported[-1] == NONE, lambda: str(reported))
-        await robot.start()
-        await robot.subscription("/battery_state", 2)
-        await robot.publish("/battery_state", state(0.4))
-        await eventually(lambda: reported[-1] == line(40), lambda: str(reported))
 
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
@@ -263,15 +248,3 @@ def test_a_unit_is_kept_for_its_topic_and_percent_for_good(tmp_path):
     assert UnitMemory(tmp_path).of("/b") is None
     (tmp_path / "battery.json").write_text('{"topic": "/a", "unit": "volts"}')
     assert UnitMemory(tmp_path).of("/a") is None
-
-
-def test_of_several_batteries_the_usual_one_counts_and_of_equal_ones_none():
-    kind = "sensor_msgs/BatteryState"
-    assert (
-        battery_topic({"/arm/battery": kind, "/battery_state": kind}, "/cmd_vel")
-        == "/battery_state"
-    )
-    assert battery_topic({"/b": kind, "/battery": "std_msgs/Float32"}, "/cmd_vel") == "/b"
-    assert battery_topic({"/b": kind, "/a": kind}, "/cmd_vel") is None
-    assert battery_topic({"/x/battery": kind}, "") == "/x/battery"
-    assert battery_topic({}, "/cmd_vel") is None

@@ -54,16 +54,6 @@ async def joined(cloud: FakeCloud, place, **more: str) -> int:
     return await asyncio.to_thread(main, ["join"], agent_environ(cloud, place, **more))
 
 
-async def test_active(cloud, place, capsys):
-    for _ in range(2):
-        assert await joined(cloud, place) == 0
-        output = capsys.readouterr().out
-        assert (
-            output == f"active: {cloud.server} knows this robot as sim1 (MAC 00:1b:44:11:3a:b7)\n"
-        )
-    assert len({said["public_key"] for said in cloud.joins}) == 1
-
-
 async def test_pending(make_cloud, place, capsys):
     assert await joined(await make_cloud("pending"), place) == 10
     output = capsys.readouterr().out

@@ -12,15 +12,12 @@ from robotether_agent.fields import FieldError
 @pytest.mark.parametrize(
     ("get", "why"),
     [
-        (lambda: fields.parse_object(b"\xff\x00", "the line"), "the line is not JSON"),
         (lambda: fields.parse_object(b"[" * 60000, "the line"), "the line is not JSON"),
-        (lambda: fields.get_text({"detail": 7}, "detail"), "field detail must be text, not 7"),
         (lambda: fields.get_int({"seq": True}, "seq", 0, 9), "field seq must be a whole number"),
         (lambda: fields.get_number({"t": float("nan")}, "t", 0, 9), "from 0 to 9, not nan"),
         (lambda: fields.get_number({"t": 10**400}, "t", 0, 9), "from 0 to 9, not 1000"),
         (lambda: fields.get_texts({"keys": ["a", 1]}, "keys"), r"field keys\[1\] must be text"),
         (lambda: fields.get_cells({"cells": {}}, "cells"), "cells must be a list of cells, not"),
-        (lambda: fields.get_cells({"cells": ["a"]}, "cells"), r"cells\[0\] must be a JSON object"),
         (
             lambda: fields.get_cells({"cells": [{"host": "-oA=b", "ports": [22]}]}, "cells"),
             "field host must be a host name",

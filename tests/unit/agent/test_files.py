@@ -12,14 +12,6 @@ from robotether_agent.files import only_one, read_text, write_atomic
 from robotether_agent.problems import StateUnusableError
 
 
-def test_writes_whole_files_with_their_mode(place):
-    write_atomic(place / "a", "one", 0o644)
-    write_atomic(place / "a", "two", 0o600)
-    assert read_text(place / "a") == "two"
-    assert (place / "a").stat().st_mode & 0o777 == 0o600
-    assert [path.name for path in place.iterdir()] == ["a"]
-
-
 def test_the_new_name_is_on_the_disk_too(place, monkeypatch):
     """Without it a power cut could bring the robot back without its stop."""
     synced = []

@@ -22,7 +22,6 @@ from robotether_agent import systemd
 from robotether_agent.problems import AlreadyRunningError, ServerKeyChangedError, UpgradeFailedError
 from robotether_agent.settings import Settings
 from robotether_agent.status import read_status
-from robotether_agent.systemd import Notifier
 
 
 @pytest.fixture
@@ -178,23 +177,3 @@ def test_without_systemd_there_is_no_state(tmp_path, monkeypatch):
     assert systemd.state() is None
     with pytest.raises(UpgradeFailedError, match="cannot run systemctl"):
         systemd.reload_units()
-
-
-def test_speaks_to_an_abstract_socket():
-    name = f"robotether-test-{os.getpid()}"
-    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as listening:
-        listening.bind(f"\0{name}")
-        listening.settimeout(5)
-        Notifier(f"@{name}").ready()
-        assert listening.recv(100) == b"READY=1"
-
-
-async def test_without_systemd_nothing_happens():
-    Notifier.from_environ({}).ready()
-    Notifier("/nowhere/notify").ready()
-    environ = {"WATCHDOG_USEC": "1000", "WATCHDOG_PID": str(os.getpid() + 1)}
-    task = asyncio.ensure_future(Notifier.from_environ(environ).keep_watchdog())
-    await asyncio.sleep(0)
-    assert not task.done()
-    task.cancel()
-    await asyncio.wait({task})

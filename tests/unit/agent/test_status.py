@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 from robotether_agent.exposure import PAST_GUARD
@@ -110,19 +109,6 @@ def test_an_agent_that_no_longer_writes_is_not_running():
     assert [word for word in ("guard", "rosbridge", "video", "STOPPED") if word in shown] == [
         "STOPPED"
     ]
-
-
-def test_the_file_holds_what_was_set(place):
-    lines: list[str] = []
-    writer = StatusWriter(place, "robots.example.com", on_state=lines.append, clock=lambda: NOW)
-    writer.set(state="connected", robot="sim1", ros="ok", video="ok")
-    writer.set(rtt_ms=3.0)
-    assert read_status(place) == writer.status
-    assert writer.status.pid == os.getpid()
-    assert (place / "status.json").stat().st_mode & 0o777 == 0o644
-    assert lines == ["connected to robots.example.com as sim1; rosbridge ok, video ok"]
-    writer.set(stopped_by="ben")
-    assert "as sim1; STOPPED by ben; rosbridge ok" in lines[-1]
 
 
 def test_no_or_broken_file_is_no_status(place):

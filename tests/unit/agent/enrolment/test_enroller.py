@@ -28,7 +28,6 @@ from robotether_agent.fields import ListedCell
 from robotether_agent.problems import (
     JoinRefusedError,
     KeyUnusableError,
-    NotEnrolledError,
     ServerUnreachableError,
     StateUnusableError,
 )
@@ -132,18 +131,6 @@ async def test_a_web_that_says_nothing_holds_up_no_enrolled_robot(cloud, setting
     assert len(cloud.joins) == joins
 
 
-async def test_a_refusal_holds_for_an_enrolled_robot_too(cloud, settings):
-    enroller = await enrol(settings)
-    await enroller.key()
-    refusal = {"code": "robot_disabled", "detail": "it is disabled"}
-    cloud.answer = lambda: web.json_response(refusal, status=403)
-    with pytest.raises(JoinRefusedError, match="it is disabled"):
-        await enroller.enrolment()
-    cloud.remove_robot()
-    with pytest.raises(NotEnrolledError, match="robotether robot approve"):
-        await enroller.enrolment()
-
-
 async def test_a_token_that_is_gone_keeps_no_enrolled_robot_out(cloud, settings, place):
     (place / "token").write_text("rt_abc\n")
     enroller = await enrol(replace(settings, token_file=place / "token"))
@@ -242,19 +229,6 @@ async def test_an_answer_that_was_lost_is_asked_for_again(cloud, settings):
     started_anew = Enroller(settings)
     await started_anew.enrolment()
     assert (await started_anew.key()).public == coming.public
-
-
-async def test_another_name_of_the_robot_is_kept(cloud, settings):
-    """The doctor and a start without a server name the robot by it; a list of cells that stays away is no new one."""
-    enroller = Enroller(settings)
-    await enroller.enrolment()
-    cells = (ListedCell("b.example", (2222,)),)
-    enroller.follow("sim1", cells)
-    enroller.follow("renamed", ())
-    for each in (enroller, Enroller(settings)):
-        enrolment = await each.enrolment()
-        assert (enrolment.robot, enrolment.ssh.cells) == ("renamed", cells)
-    assert len(cloud.joins) == 1
 
 
 async def test_a_slow_disk_does_not_silence_the_agent(cloud, settings, monkeypatch):

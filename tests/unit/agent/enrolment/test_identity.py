@@ -85,20 +85,6 @@ def test_a_named_interface_needs_no_hardware(root):
 
 
 @pytest.mark.parametrize(
-    "text",
-    [
-        "0:1b:44:11:3a:b7",
-        "001B44113AB7",
-        "00-1b-44-11-3a-b7",
-        "001b.4411.3ab7",
-        " 00:1B:44:11:3A:B7\n",
-    ],
-)
-def test_normalises_every_usual_spelling(text):
-    assert normalise_mac(text) == "00:1b:44:11:3a:b7"
-
-
-@pytest.mark.parametrize(
     ("text", "why"),
     [
         ("", "is not a MAC"),
@@ -178,12 +164,6 @@ def test_interfaces_that_come_change_nothing(machine, name, mac, device):
     machine.add(name, mac, 2, device=device)
     machine.route((name, 1), ("wlan0", 600))
     assert machine.is_now() == Identity(WIFI, "wlan0")
-
-
-def test_the_same_hardware_under_another_name_is_there(machine):
-    machine.remove("wlan0")
-    machine.add("wlan1", WIFI, 5, wireless=True)
-    assert machine.is_now() == Identity(WIFI, "wlan1")
 
 
 def test_a_card_that_went_away_leaves_the_robot_what_it_is(machine):

@@ -6,7 +6,6 @@ import json
 import math
 import random
 from dataclasses import replace
-from itertools import pairwise
 
 import pytest
 from controller_world import CONFIG, FakePublisher, FakeSource, World
@@ -170,15 +169,6 @@ LIMITS = BlindLimits(blind_m=0.25, blind_rad=0.5, camera_s=0.04)
 ACCELERATION = 2.0
 
 
-def test_speed_times_age_is_what_may_be_driven_unseen() -> None:
-    """The camera's own delay is part of the age; without a limit there is none, and no age divides by nothing."""
-    assert LIMITS.speed(0.21) == pytest.approx(1.0)
-    assert LIMITS.turn(0.46) == pytest.approx(1.0)
-    assert BlindLimits(blind_m=0.25).turn(5.0) == math.inf
-    assert BlindLimits(blind_rad=0.5).speed(5.0) == math.inf
-    assert math.isfinite(BlindLimits(blind_m=0.25).speed(0.0))
-
-
 def test_the_age_that_limits_rises_at_once_and_falls_smoothly() -> None:
     age = LimitingAge()
     assert age.at(0.2, 1000.0) == 0.2
@@ -335,20 +325,6 @@ async def test_nothing_is_repeated_after_the_end() -> None:
             world.publisher.full = True
         await world.pass_time(1.0)
         assert set(world.publisher.speeds) <= {1.0, 0.0}, end
-
-
-async def test_after_a_late_view_the_speed_comes_back_without_a_jump() -> None:
-    world = SeeingWorld()
-    world.take(1.0)
-    await world.see(1.0)
-    for _ in range(40):
-        await world.pass_time(0.05)
-        world.take(0.1)
-        await world.see(1.0)
-    speeds = world.publisher.speeds
-    assert speeds[0] == pytest.approx(0.25 / 1.04)
-    assert speeds[-1] == 1.0
-    assert all(b <= a * 2 ** (0.051 / HALVED_IN_S) for a, b in pairwise(speeds))
 
 
 class Recorder(FakePublisher):

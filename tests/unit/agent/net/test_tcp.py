@@ -214,20 +214,6 @@ def test_of_several_problems_the_servers_own_word_counts(problems, kind, words):
     assert (type(found), found.message.removeprefix("cannot connect: ")) == (kind, words)
 
 
-@pytest.mark.parametrize(
-    ("url", "proxy"),
-    [
-        (None, None),
-        ("", None),
-        ("http://proxy.example:8080", Proxy("proxy.example", 8080)),
-        ("http://[2001:db8::1]:8080", Proxy("2001:db8::1", 8080)),
-        ("http://a%40b:c%3Ad@proxy.example:8080", Proxy("proxy.example", 8080, "a@b", "c:d")),
-    ],
-)
-def test_the_setting_is_read(url, proxy):
-    assert proxy_of(url) == proxy
-
-
 def test_the_password_is_in_no_text():
     proxy = Proxy("proxy.example", 8080, USER, PASSWORD)
     assert PASSWORD not in f"{proxy} {proxy!r}"

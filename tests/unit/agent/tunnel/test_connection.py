@@ -209,12 +209,3 @@ async def test_the_longest_run_directory_takes_its_control_socket(cloud, robot, 
     robot.connect(robot.trust(cloud.ssh), up)
     await is_up(up)
     assert listens(cloud.ports[1])
-
-
-async def test_a_relay_that_drops_it_before_a_configuration(cloud, robot):
-    """A login that worked and led to nothing is link_lost, not an unreachable server or a refused key."""
-    up = Up()
-    cloud.mode = "drops_mid_line"
-    problem = await problem_of(robot.connect(robot.trust(cloud.ssh), up))
-    assert problem.code == "link_lost", problem
-    assert up.configs == []

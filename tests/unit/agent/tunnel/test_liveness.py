@@ -170,15 +170,6 @@ async def test_a_session_that_speaks_again_is_kept(watched):
     assert not task.done()
 
 
-async def test_without_any_answer_it_ends_after_some_seconds(watched):
-    session, dialer, task = watched
-    session.silent_s = 2.0
-    await eventually(lambda: dialer.asked == 1, lambda: f"{dialer}")
-    session.silent_s = liveness.HOPELESS_AFTER_S
-    with pytest.raises(ServerSilentError):
-        await asyncio.wait_for(task, 5)
-
-
 @pytest.mark.parametrize("idle_delay_s", [0.0, 1.5])
 async def test_a_new_network_that_leads_nowhere_is_not_asked_all_the_time(
     watched, monkeypatch, idle_delay_s

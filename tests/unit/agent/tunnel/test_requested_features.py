@@ -13,29 +13,9 @@ from openssh_server import listens
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.tunnel.audit_heads import sign_heads
-from robotether_agent.tunnel.session import HeadRequest, RequestedFeatures, SessionConfig
+from robotether_agent.tunnel.session import HeadRequest
 from robotether_common.audit_head import NAMESPACE, statement
 from robotether_server.signatures import is_signed
-
-PORTS = {"ros": 20000, "video": 20001, "shell": None}
-
-
-def config(*, rotate_key: bool = False) -> SessionConfig:
-    return SessionConfig("sim1", PORTS, 1.0, 5.0, {}, rotate_key=rotate_key)
-
-
-def test_one_request_for_a_key_is_one_key():
-    features = RequestedFeatures(allows_shell=True)
-    features.apply(config(rotate_key=True))
-    assert features.new_key.is_set()
-    features.new_key.clear()
-    features.apply(config(rotate_key=True))
-    assert not features.new_key.is_set()
-    features.apply(config())
-    features.apply(config(rotate_key=True))
-    assert features.new_key.is_set()
-    features.apply(config())
-    assert not features.new_key.is_set()
 
 
 async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services):
@@ -45,19 +25,6 @@ async def test_a_shell_is_a_connection_of_its_own(cloud, start_agent, services):
     cloud.configure(shell_port=free_port())
     await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is open")
     assert await echo(cloud.shell_port, "shell") == "shell"
-    port = cloud.shell_port
-    (await cloud.link("shell")).drop()
-    shell = await cloud.link("shell", number=2)
-    await agent.until(lambda status: status.shell_tunnel == "open", "the shell tunnel is back")
-    cloud.configure(shell_port=None)
-    shell.send({"type": "bye", "code": "shell_off", "detail": "an admin switched it off"})
-    await agent.until(lambda status: status.shell_tunnel == "off", "the shell tunnel is off")
-    await eventually(lambda: not listens(port), lambda: "the shell's port is closed")
-    cloud.configure(shell_port=free_port())
-    await cloud.link("shell", number=3)
-    await agent.until(
-        lambda status: status.shell_tunnel == "open", "the shell tunnel is open again"
-    )
     assert [len(cloud.of_kind(kind, live=False)) for kind in ("session", "media")] == [1, 1]
 
 

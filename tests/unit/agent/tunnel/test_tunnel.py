@@ -138,17 +138,6 @@ def test_a_client_that_never_connected(words, status, code):
     assert why_not_connected(words.splitlines(), status, TARGET, FILES).code == code
 
 
-@pytest.mark.parametrize("why", ["invalid format", "error in libcrypto"])
-def test_a_damaged_key_is_no_matter_of_its_mode(why):
-    """Memory cards leave such files; ssh says which of the two keys it is."""
-    words = [f'Load key "/s/id_ed25519": {why}', "tunnel@a: Permission denied (publickey)."]
-    problem = why_not_connected(words, 255, TARGET, FILES)
-    assert problem.code == "key_unusable"
-    assert "/s/id_ed25519" in problem.message
-    assert "remove it" in problem.advice
-    assert "chmod" not in problem.advice
-
-
 def helper() -> list[str]:
     return shlex.split(_proxy_options()[0].removeprefix("ProxyCommand=").replace("%%", "%"))
 

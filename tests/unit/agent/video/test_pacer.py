@@ -266,10 +266,8 @@ class Connection:
         self.written = 5000
         self.arrived = 5000
         self.known = True
-        self.looks = 0
 
     def read_state(self, _: socket.socket, now_s: float) -> Reading | None:
-        self.looks += 1
         if not self.known:
             return None
         return Reading(now_s, self.written, self.arrived, RTT_S, RTT_S, SEGMENT)
@@ -337,21 +335,6 @@ async def test_what_ssh_still_has_counts(pacer: Pacer, connection: Connection) -
 async def test_a_viewer_that_takes_nothing_does_not_hold_up_the_others(pacer, connection):
     assert await pacer.acquire(MAX_TURN_BYTES) == FIRST_WINDOW
     assert await asyncio.wait_for(pacer.acquire(MAX_TURN_BYTES), STUCK_AFTER_S * 8) > 0
-
-
-async def _looks_in(connection: Connection, lasts_s: float) -> int:
-    before = connection.looks
-    await asyncio.sleep(lasts_s)
-    return connection.looks - before
-
-
-async def test_a_frame_is_followed_until_it_has_arrived(pacer, connection):
-    connection.written += await pacer.acquire(MAX_TURN_BYTES)
-    before = connection.looks
-    await eventually(lambda: connection.looks > before + 5, lambda: "it is not looked at")
-    connection.arrived = connection.written
-    await asyncio.sleep(0.05)
-    assert await _looks_in(connection, 0.1) == 0
 
 
 async def test_streams_share_fairly(pacer: Pacer, connection: Connection) -> None:
