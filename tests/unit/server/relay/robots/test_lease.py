@@ -74,6 +74,15 @@ def test_a_claim_that_got_no_number_leaves_the_older_connection(lease):
     assert lease.driver.holder is older
 
 
+def test_a_number_that_is_not_newer_is_no_lease(lease):
+    """What the guard would refuse is not granted."""
+    lease.fence = 5
+    holder = connection_of(ANN)
+    lease.claim(holder, at(0))
+    assert not lease.grant(holder, 5, at(0))
+    assert lease.grant(holder, 6, at(0))
+
+
 def test_the_control_passes_on_after_20_s_without_input(lease):
     """Each command puts it off; then it is kept for the asker for 10 s, and free afterwards."""
     holder = driven_by(ANN, lease)
