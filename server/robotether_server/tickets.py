@@ -47,6 +47,12 @@ class Ticket:
     credential_sha256: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
     # Signed while the database was away, for a user whom web remembered: the relay must know the credential itself.
     remembered: bool = False
+    # Of a remembered one: that of the robot meant; None: of any robot of that name.
+    mac: str | None = None
+
+
+# Fields that a ticket has only where they say something: an older relay knows none of them.
+OPTIONAL_FIELDS = frozenset({"remembered", "mac"})
 
 
 def new_id() -> str:
@@ -63,9 +69,8 @@ class TicketSigner:
 
     def sign(self, ticket: Ticket) -> str:
         """Return the ticket as text that is safe in a URL."""
-        fields = asdict(ticket)
-        if not ticket.remembered:
-            del fields["remembered"]
+        members = asdict(ticket).items()
+        fields = {name: value for name, value in members if value or name not in OPTIONAL_FIELDS}
         # A text already; the library's types allow bytes for serializers of other kinds.
         return str(self._serializer.dumps(fields))
 
@@ -109,7 +114,7 @@ def _ticket(fields: object) -> Ticket:
     problem = TicketMalformedError("cannot read the ticket: it has other fields; get a new one")
     if not isinstance(fields, dict):
         raise problem
-    if fields.keys() | {"remembered"} != Ticket.__dataclass_fields__.keys():
+    if fields.keys() | OPTIONAL_FIELDS != Ticket.__dataclass_fields__.keys():
         raise problem
     try:
         return msgspec.convert(fields, Ticket)

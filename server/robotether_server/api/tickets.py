@@ -109,7 +109,8 @@ def _sign(
     cell: CellAddress | UnsetType = UNSET,
 ) -> SignedTicket:
     name, mode = body.robot, body.mode
-    text = _text(user, robot_id, name, mode, remembered=robot_id is None)
+    mac = normalise_mac(body.mac) if robot_id is None and body.mac is not UNSET else None
+    text = _text(user, robot_id, name, mode, remembered=robot_id is None, mac=mac)
     url = f"/robots/{name}/ros?ticket={text}"
     return SignedTicket(text, name, mode, context().signer.ttl_s, url, cell)
 
@@ -121,11 +122,11 @@ def _text(
     mode: Mode,
     *,
     remembered: bool = False,
+    mac: str | None = None,
 ) -> str:
-    kind, sha256 = auth.credential_of(request)
-    who = (user.id, user.name)
+    who, by = (user.id, user.name), auth.credential_of(request)
     return context().signer.sign(
-        Ticket(new_id(), *who, robot_id, name, mode, kind, sha256, remembered=remembered)
+        Ticket(new_id(), *who, robot_id, name, mode, *by, remembered=remembered, mac=mac)
     )
 
 

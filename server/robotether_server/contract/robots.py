@@ -45,6 +45,7 @@ class RobotObject(LiveState, frozen=True, kw_only=True):
     """
 
     name: str
+    mac: str
     state: StateText
     site: str | None
     offline_reason: str | None

@@ -46,6 +46,7 @@ class RelayRobot:
     state: str
     ros_port: int
     video_port: int
+    mac: str = ""
     agent_version: str | None = None
     # None: no forward to the robot's own sshd.
     shell_port: int | None = None
@@ -210,7 +211,7 @@ def load(tx: Transaction) -> Snapshot:
     tx.change("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
     rights = changes(tx).rights
     robots = tx.rows(
-        "SELECT id, name, state, ros_port, video_port, agent_version, shell_port,"
+        "SELECT id, name, state, ros_port, video_port, mac, agent_version, shell_port,"
         " fingerprint, previous_fingerprint, rotate_key, settings, site, other_key FROM relay_robots"
     )
     grants = tx.rows("SELECT user_id, robot_id, level FROM relay_grants")

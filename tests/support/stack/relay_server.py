@@ -97,7 +97,8 @@ class MemoryDatabase(RelayDatabase):
     def add_robot(self, robot_id: int, name: str, **grants: Level) -> RelayRobot:
         """Add an active robot with free ports, and grants as `u1="drive"`."""
         ports = (free_port(), free_port())
-        robot = RelayRobot(robot_id, name, "active", *ports, fingerprint=FINGERPRINT)
+        mac = f"02:00:00:00:00:{robot_id:02x}"
+        robot = RelayRobot(robot_id, name, "active", *ports, mac, fingerprint=FINGERPRINT)
         self.robots = {**self.robots, robot_id: robot}
         for user, level in grants.items():
             self.grants[int(user.removeprefix("u")), robot_id] = level

@@ -34,10 +34,10 @@ def test_ticket_comes_back_with_its_moment():
 
 def test_ticket_from_memory_says_so_and_no_other_does():
     """A relay that does not know the word accepts tickets as before, and none from memory."""
-    remembered = replace(TICKET, robot_id=None, remembered=True)
+    remembered = replace(TICKET, robot_id=None, remembered=True, mac="00:1b:44:11:3a:b7")
     assert SIGNER.verify(SIGNER.sign(remembered))[0] == remembered
     fields = URLSafeTimedSerializer(KEY, salt=SALT).loads(SIGNER.sign(TICKET))
-    assert fields.keys() == Ticket.__dataclass_fields__.keys() - {"remembered"}
+    assert fields.keys() == Ticket.__dataclass_fields__.keys() - {"remembered", "mac"}
 
 
 @pytest.mark.parametrize(("later_s", "is_good"), [(-3, False), (-2, True), (30, True), (31, False)])

@@ -285,8 +285,8 @@ function retryNow() {
   view.retryNow();
 }
 
-// Once this page has no robot any more, another one may get the name.
-const isOfPage = ({ name }) => name === robot && !connection.state.gone;
+// Another robot may get the name. A page that has no robot any more stays as it is.
+const isOfPage = (update) => update.name === robot && update.mac === mac && !connection.state.gone;
 const feed = new Feed({
   onFleet: (all) => all.filter(isOfPage).forEach(receiveRobot),
   onRobot: (update) => isOfPage(update) && receiveRobot(update),

@@ -351,7 +351,10 @@ class Access:
     def _permit_of_ticket(self, ticket: Ticket, issued_at: datetime, name: str, use: Use) -> Permit:
         user = RelayUser(ticket.user_id, ticket.user)
         robot = self.visible_robot(user, name)
-        is_for_it = ticket.robot == name if ticket.remembered else ticket.robot_id == robot.id
+        if ticket.remembered:
+            is_for_it = ticket.robot == name and ticket.mac in {None, robot.mac}
+        else:
+            is_for_it = ticket.robot_id == robot.id
         if not is_for_it:
             raise TicketForeignError(f"cannot open robot {name}: the ticket is for another robot")
         granted = self._snapshot().level(user.id, robot.id)

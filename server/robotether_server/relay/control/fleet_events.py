@@ -174,6 +174,7 @@ class FleetEvents:
         version = live.agent_version or robot.agent_version
         return RobotObject(
             name=robot.name,
+            mac=robot.mac,
             state=robot.state,
             site=robot.site,
             offline_reason=_offline_reason(robot, live, version),

@@ -98,13 +98,13 @@ def test_without_a_database_a_user_of_lately_gets_a_ticket(program, database, aw
     with database.transaction() as tx:
         owner = users.get(tx, "ann")
     with away():
-        body = {"robot": "sim2", "mode": "drive"}
+        body = {"robot": "sim2", "mode": "drive", "mac": "00-1B-44-11-3A-B7"}
         answer = program.ask("POST", "/api/v1/tickets", json=body, headers=ann)
         assert answer.status_code == 201
         ticket, _ = TicketSigner(TICKET_KEY, 30).verify(answer.json["ticket"])
         assert (ticket.user_id, ticket.user) == (owner.id, "ann")
         assert (ticket.robot_id, ticket.robot, ticket.mode) == (None, "sim2", "drive")
-        assert ticket.remembered
+        assert (ticket.remembered, ticket.mac) == (True, "00:1b:44:11:3a:b7")
         sha256 = credentials.digest(ann["Authorization"].removeprefix("Bearer ")).hex()
         assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
         answer = program.ask("GET", "/api/v1/robots", headers=ann)

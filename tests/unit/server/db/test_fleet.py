@@ -207,7 +207,8 @@ def test_settings_that_cannot_be_read_let_nobody_move_the_robot(
         tx.change("UPDATE robots SET site_id = %s, settings = %s", facts)
     with relay_database.transaction() as tx:
         robot = fleet.load(tx).robots[sim1]
-    assert (robot.site, robot.settings.guard.deadman_ms) == ("lab", 300)
+    assert (robot.mac, robot.site) == (MAC.format(1), "lab")
+    assert robot.settings.guard.deadman_ms == 300
     assert robot.settings.policy == DEFAULTS.policy
     with database.transaction() as tx:
         tx.change("""UPDATE robots SET settings = '{"guard": {"max_sped": 1}}'""")

@@ -31,7 +31,7 @@ def later(seconds):
 
 def access_of(database, granted="observe", credentials=None, *, online_s=lambda _robot_id: None):
     """Robot 7 is sim1, robot 8 is sim2, and user 3 has this grant on them."""
-    robot = RelayRobot(7, "sim1", "active", 20000, 20001)
+    robot = RelayRobot(7, "sim1", "active", 20000, 20001, MAC)
     other = RelayRobot(8, "sim2", "active", 20002, 20003)
     return Access(
         tickets=TicketSettings("key", 30),
@@ -43,7 +43,7 @@ def access_of(database, granted="observe", credentials=None, *, online_s=lambda 
     )
 
 
-ANN = RelayUser(3, "ann")
+ANN, MAC = RelayUser(3, "ann"), "02:00:00:00:00:07"
 
 
 @pytest.fixture
@@ -61,11 +61,11 @@ def login(database):
     return credential_of("login", database.add_credential("login", ANN))
 
 
-def showing_ticket(login, name="sim1", mode="observe", *, remembered=False):
+def showing_ticket(login, name="sim1", mode="observe", *, remembered=False, mac=None):
     """A request with a ticket that web made of the database's answer, or of what it remembered."""
     robot = (None if remembered else 7, name)
     by = (mode, "login", login.digest.hex())
-    ticket = Ticket(new_id(), ANN.id, ANN.name, *robot, *by, remembered=remembered)
+    ticket = Ticket(new_id(), ANN.id, ANN.name, *robot, *by, remembered=remembered, mac=mac)
     return Request("robots.example", None, TicketSigner("key", 30).sign(ticket), None, None)
 
 
@@ -129,15 +129,18 @@ async def test_a_ticket_from_webs_memory_needs_a_login_that_the_relay_knows(
     """One that the relay knows no more opens nothing."""
     access = access_of(database, credentials=credentials)
 
-    async def open_by(*, remembered):
-        permit = getattr(access, opens)(showing_ticket(login, remembered=remembered), "sim1")
+    async def open_by(**how):
+        permit = getattr(access, opens)(showing_ticket(login, **how), "sim1")
         return permit if isinstance(permit, Permit) else await permit
 
     assert (await open_by(remembered=False)).credential == login
     with pytest.raises(StoreUnavailableError):
         await open_by(remembered=True)
     assert await credentials.holds(login)
-    assert (await open_by(remembered=True)).credential == login
+    for mac in (None, MAC):
+        assert (await open_by(remembered=True, mac=mac)).credential == login
+    with pytest.raises(TicketForeignError):
+        await open_by(remembered=True, mac="02:00:00:00:00:08")
     database.credentials.clear()
     await credentials.recheck()
     with pytest.raises(StoreUnavailableError):

@@ -144,7 +144,8 @@ async def test_grants_and_names_show_and_remove_a_robot(sim1, memory_database, f
         assert await events.next() == ("removed", {"name": "turtle"})
         memory_database.robots = {sim1.id: replace(sim1, name="turtle")}
         assert await events.next() == ("removed", {"name": "sim2"})
-        assert (await events.robot_with())["name"] == "turtle"
+        robot = await events.robot_with()
+        assert (robot["name"], robot["mac"]) == ("turtle", sim1.mac)
         del memory_database.grants[EVE.id, sim1.id]
         assert await events.next() == ("removed", {"name": "turtle"})
 
