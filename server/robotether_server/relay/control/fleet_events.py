@@ -92,8 +92,8 @@ class FleetEvents:
         self._connections = connections
         self._control = control
         self._elsewhere = elsewhere
-        # How far the request of each robot is that asks for help; None: unknown.
-        self._help: dict[int, str] | None = None
+        # Whether the database says which robots ask for help.
+        self._knows_help = False
         self._subscribers: set[Subscriber] = set()
         self._followers: set[Follower] = set()
 
@@ -144,13 +144,16 @@ class FleetEvents:
 
     def on_help_requests(self, requests: Sequence[RelayRequest] | None) -> None:
         """The robots' open requests for help were read; None: they are unknown."""
-        before, self._help = self._help, None if requests is None else _help_states(requests)
-        if before is None or self._help is None:
-            if before is not self._help:
-                self.on_snapshot(self._snapshot())
+        if self._knows_help is (requests is None):
+            self._knows_help = requests is not None
+            self.on_snapshot(self._snapshot())
+        if requests is None:
             return
-        for robot_id in {robot_id for robot_id, _ in before.items() ^ self._help.items()}:
-            self.changed(robot_id)
+        states = _help_states(requests)
+        for robot in {*self._registry.robots(), *map(self._registry.ensure_robot, states)}:
+            if (help_state := states.get(robot.id, "none")) != robot.help_state:
+                robot.help_state = help_state
+                self.changed(robot.id)
 
     def end_subscriptions(self) -> None:
         """The relay is stopping."""
@@ -178,7 +181,7 @@ class FleetEvents:
             state=robot.state,
             site=robot.site,
             offline_reason=_offline_reason(robot, live, version),
-            help=None if self._help is None else self._help.get(robot.id, "none"),
+            help=self._registry.robot(robot.id).help_state if self._knows_help else None,
             **asdict(live) | {"agent_version": version},
         )
 

@@ -194,6 +194,8 @@ class Robot:
         # The records of its session, and of its newest drive: a guard reports later what it refused.
         self.session_entry: SessionEntry | None = None
         self.newest_drive: DriveLog | None = None
+        # How far its request for help is, as the database last said.
+        self.help_state = "none"
         # What it asked for last, by source: while it waits for the database, a newer call takes its place.
         self.help_entries: dict[HelpSource, HelpEntry] = {}
         self.help_limiter = RateLimiter(
