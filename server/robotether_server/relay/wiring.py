@@ -291,6 +291,7 @@ class Relay:
                 report=self.observer.connection,
             )
         )
+        self.peer_feeds.list_apps = self.apps.list_all
         self._live_routes = LiveRoutes(self.access, self.routes.live, self.peers, cells)
         self._routes += [
             web.get(live_routes.PATH, self._live_routes.show, allow_head=False),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from itertools import islice
 
@@ -19,6 +19,8 @@ from robotether_server.contract.robots import LiveState
 from robotether_server.problems import HttpError
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.messages import (
+    PeerApp,
+    PeerApps,
     PeerHello,
     PeerMessage,
     PeerRobot,
@@ -42,10 +44,17 @@ NO_STOPS: StopState = ((), ())
 class PeerFeed(ChangedRobots):
     """What one other cell has yet to receive."""
 
-    def __init__(self, fleet_events: FleetEvents, registry: SessionRegistry) -> None:
+    def __init__(
+        self,
+        fleet_events: FleetEvents,
+        registry: SessionRegistry,
+        list_apps: Callable[[], list[PeerApp]],
+    ) -> None:
         super().__init__()
         self._fleet_events = fleet_events
         self._registry = registry
+        self._list_apps = list_apps
+        self._sent_apps: list[PeerApp] = []
         self._sent: dict[int, PeerRobot] = {}
         self._sent_stops: dict[int, StopState] = {}
         self.mark_all()
@@ -80,6 +89,12 @@ class PeerFeed(ChangedRobots):
             self._sent[robot_id] = robot
             yield robot
 
+    def newest_apps(self) -> Iterator[PeerMessage]:
+        """The apps that are connected here, if they changed since they were sent."""
+        if (apps := self._list_apps()) != self._sent_apps:
+            self._sent_apps = apps
+            yield PeerApps(apps)
+
 
 class PeerFeedHandler:
     """Answers /cell/v1/fleet."""
@@ -89,6 +104,8 @@ class PeerFeedHandler:
         self._fleet_events = fleet_events
         self._registry = registry
         self._following: Counter[str] = Counter()
+        # Lists the apps that are connected here.
+        self.list_apps: Callable[[], list[PeerApp]] = list
 
     def unreached(self) -> list[str]:
         """Name the other cells that do not follow this one, to which its robots are offline."""
@@ -104,7 +121,7 @@ class PeerFeedHandler:
         if not connection.can_prepare(request):
             raise HttpError(426, "cannot follow the fleet: connect with a WebSocket")
         await connection.prepare(request)
-        feed = PeerFeed(self._fleet_events, self._registry)
+        feed = PeerFeed(self._fleet_events, self._registry, self.list_apps)
         with self._fleet_events.followed(feed), self._counted(request.query.get("cell", "")):
             tasks = [
                 asyncio.create_task(_listen(connection, feed)),
@@ -167,6 +184,8 @@ async def _ping(connection: web.WebSocketResponse) -> None:
 
 
 async def _send_changes(connection: web.WebSocketResponse, feed: PeerFeed) -> None:
+    for message in feed.newest_apps():
+        await _write(connection, message)
     waiting: dict[int, None] = {}
     while (robot_ids := feed.pop()) or waiting:
         for robot_id in robot_ids:

@@ -61,7 +61,21 @@ class PeerStopEnd(Struct, frozen=True, tag="released"):
         return self.at, self.by
 
 
-PeerMessage = PeerHello | PeerRobot | PeerStop | PeerStopEnd
+class PeerApp(Struct, frozen=True):
+    """A user's web app that is connected to the cell, from an address, if this is known."""
+
+    user_id: int
+    name: str
+    address: str | None = None
+
+
+class PeerApps(Struct, frozen=True, tag="apps"):
+    """All apps that are connected to the cell now."""
+
+    apps: list[PeerApp]
+
+
+PeerMessage = PeerHello | PeerRobot | PeerStop | PeerStopEnd | PeerApps
 _ENCODER = msgspec.json.Encoder()
 _DECODER: msgspec.json.Decoder[PeerMessage] = msgspec.json.Decoder(PeerMessage)
 _TAGS = frozenset(kind.__struct_config__.tag for kind in get_args(PeerMessage))

@@ -19,6 +19,8 @@ from robotether_server.contract.control import StopObject
 from robotether_server.contract.robots import LiveState
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.messages import (
+    PeerApp,
+    PeerApps,
     PeerHello,
     PeerMessage,
     PeerRobot,
@@ -39,6 +41,7 @@ class Peer:
     name: str
     address: str
     robots: dict[int, PeerRobot] = field(default_factory=dict)
+    apps: list[PeerApp] = field(default_factory=list)
 
 
 class Peers:
@@ -115,6 +118,8 @@ class Peers:
                 self._stops.learn(message.stop)
             case PeerStopEnd(robot_id):
                 self._stops.learn_end(robot_id, message.stop_id)
+            case PeerApps():
+                peer.apps = message.apps
             case PeerHello():
                 pass
 
@@ -126,6 +131,14 @@ class Peers:
         if peer is None or (presence.online and presence.epoch >= peer.robots[robot_id].epoch):
             return None
         return peer
+
+    def owner_of_app(self, user_id: int, name: str) -> tuple[Peer, PeerApp] | None:
+        """Return an app of a user that is connected to another cell, with the first that has it."""
+        for peer in self._connected.values():
+            for app in peer.apps:
+                if (app.user_id, app.name) == (user_id, name):
+                    return peer, app
+        return None
 
     def described(self, robot_id: int) -> LiveState | None:
         """Return what the robot's cell reports of it; None: no other cell has the robot."""

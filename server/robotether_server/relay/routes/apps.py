@@ -21,6 +21,7 @@ from robotether_server.db.fleet import AuditEntry
 from robotether_server.problems import HttpError, TokenInvalidError
 from robotether_server.relay.auth.access import Access, credential_in, request_of
 from robotether_server.relay.auth.credentials import Credentials
+from robotether_server.relay.cells.messages import PeerApp
 from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON, close_reason_of_broken
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
@@ -331,6 +332,10 @@ class Apps:
     def get(self, user_id: int, name: str) -> App | None:
         """Return a user's app, if it is connected."""
         return self._apps.get((user_id, name))
+
+    def list_all(self) -> list[PeerApp]:
+        """List all for other cells."""
+        return [PeerApp(*key, app.address) for key, app in sorted(self._apps.items())]
 
     def of_user(self, user_id: int) -> list[App]:
         """Return a user's apps."""

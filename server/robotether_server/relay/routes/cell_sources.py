@@ -22,7 +22,8 @@ from robotether_server.db.routes import RelayRoute
 from robotether_server.problems import HttpError, RobotetherError
 from robotether_server.relay.cells.cell_client import CellClient
 from robotether_server.relay.cells.cell_topics import listen
-from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.cells.messages import PeerApp
+from robotether_server.relay.cells.peers import Peer, Peers
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.channels.rosbridge.topic_link import date
@@ -34,6 +35,7 @@ from robotether_server.relay.http.sockets import (
     RobotSocket,
     own_words,
 )
+from robotether_server.relay.routes.apps import App
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
 from robotether_server.tasks import end_tasks, run_until_first, wait_for_event
 from robotether_server.times import delays
@@ -53,7 +55,7 @@ class ReadableSource(NamedTuple):
     """A route whose source is here, for the cell that runs it. `is_drive`: it leads to a drive topic."""
 
     route: RelayRoute
-    robot: RelayRobot
+    source: RelayRobot | App
     is_drive: bool
 
 
@@ -64,6 +66,17 @@ class CellSources:
     cells: CellClient | None
     peers: Peers
     message_limit: int
+
+    def owner(self, route: RelayRoute) -> Peer | None:
+        """Return the other cell that has a route's source; None: none has."""
+        if route.source_id is not None:
+            return self.peers.owner(route.source_id)
+        app = self.app(route)
+        return None if app is None else app[0]
+
+    def app(self, route: RelayRoute) -> tuple[Peer, PeerApp] | None:
+        """Return the app of another cell that is a route's source, with its cell; None: no other cell has it."""
+        return self.peers.owner_of_app(route.user_id, route.source_app or "")
 
     async def bring(self, source: RouteSource) -> None:
         """Bring a route's messages until this is cancelled."""
@@ -79,8 +92,7 @@ class CellSources:
 
     async def _bring(self, source: RouteSource) -> str:
         """Bring messages until the connection ends; return why."""
-        robot_id = source.route.source_id
-        peer = None if robot_id is None else self.peers.owner(robot_id)
+        peer = self.owner(source.route)
         if peer is None or self.cells is None:
             return "the source's cell is not connected"
         # The other cell may send at once, before this one knows that the connection is open.
@@ -137,14 +149,17 @@ class CellSourceHandler:
         due = asyncio.Event()
         source = RouteSource(readable.route, due.set, is_drive=readable.is_drive)
         try:
-            source.open(readable.robot, self.shared_topics)
+            if isinstance(readable.source, App):
+                source.follow(readable.source.read, readable.source.leave, readable.source.address)
+            else:
+                source.open(readable.source, self.shared_topics)
         except RobotetherError as problem:
             source.problem = problem.detail
         try:
             await run_until_first(self._send(socket, source, due, readable), listen(socket))
         finally:
             source.close(self.shared_topics)
-        await socket.finish(close_reasons.client_left(readable.robot.name))
+        await socket.finish(close_reasons.client_left(readable.source.name))
         return socket
 
     async def _send(

@@ -140,7 +140,10 @@ class RouteRunner:
         if route is None or route_id in self._ended or _why_over(route, snapshot, utc_now()):
             return None
         source_id = route.source_id
-        if source_id is None or self._context.peers.owner(source_id) is not None:
+        if source_id is None:
+            app = self._app(route, route.source_app)
+            return None if app is None else ReadableSource(route, app, self._is_drive(route))
+        if self._context.peers.owner(source_id) is not None:
             return None
         if not self._context.handlers.registry.presence(source_id).online:
             return None
@@ -213,16 +216,19 @@ class RouteRunner:
     def _open(self, route: RelayRoute, wake: Callable[[], None]) -> RouteSource:
         """Let a route read its source: a robot here or at another cell, or an app."""
         context, robot_id = self._context, route.source_id
+        bring = context.cell_sources.bring
         source = RouteSource(route, wake, is_drive=self._is_drive(route), rules=self._rules(route))
         try:
             if robot_id is None:
                 if (app := self._app(route, route.source_app)) is not None:
                     source.follow(app.read, app.leave, app.address)
+                elif (elsewhere := context.cell_sources.app(route)) is not None:
+                    source.bring(bring, elsewhere[1].address)
             elif context.peers.owner(robot_id) is None:
                 source.open(context.snapshot().robots[robot_id], context.rules.shared_topics)
             else:
-                robot = context.snapshot().robots[robot_id]
-                source.bring(robot, context.cell_sources.bring)
+                source.request(context.snapshot().robots[robot_id])
+                source.bring(bring)
         except RobotetherError as problem:
             source.problem = problem.detail
         return source
@@ -239,11 +245,12 @@ class RouteRunner:
     def _rules(self, route: RelayRoute) -> object:
         """Return what a route's connections depend on."""
         apps = (self._app(route, route.source_app), self._app(route, route.target_app))
+        peer = self._context.cell_sources.owner(route)
+        cell = None if peer is None else peer.name
         if route.source_id is None:
-            return apps
+            return cell, apps
         robot = self._context.snapshot().robots[route.source_id]
-        peer = self._context.peers.owner(robot.id)
-        return robot.name, robot.settings.policy, None if peer is None else peer.name, apps
+        return robot.name, robot.settings.policy, cell, apps
 
     def _keep_only(self, running: RunningRoutes, route_ids: Iterable[int]) -> None:
         """Publish nothing more of other routes; without any the robot is released."""
@@ -332,16 +339,14 @@ class RouteRunner:
                 name = self._name_of(robot_id, None) or "a robot"
                 return LiveRoute(route.id, "waits", 0.0, f"{name} is offline")
         if route.target_id is not None and peers.owner(route.target_id) is not None:
-            if self._app(route, route.source_app) is None:
-                return LiveRoute(route.id, "elsewhere")
-            why = f"app {route.source_app} is here, and the robot at another machine of the site"
-            return LiveRoute(route.id, "waits", 0.0, why)
+            return LiveRoute(route.id, "elsewhere")
         for app in (route.source_app, route.target_app):
-            if app is not None and self._app(route, app) is None:
-                if route.target_app is not None and peers.count():
-                    return LiveRoute(route.id, "elsewhere")
-                where = " to the robot's machine of the site" if peers.count() else ""
-                return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected{where}")
+            if app is None or self._app(route, app) is not None:
+                continue
+            if app == route.target_app and peers.count():
+                return LiveRoute(route.id, "elsewhere")
+            if app == route.target_app or self._context.cell_sources.app(route) is None:
+                return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected")
         return None
 
     def _describe(self, route: RelayRoute) -> LiveRoute:

@@ -96,10 +96,12 @@ class RouteSource:
         return TopicRequest.of(checked.subscription or {})
 
     def bring(
-        self, robot: RelayRobot, messages: Callable[[RouteSource], Coroutine[Any, Any, None]]
+        self,
+        messages: Callable[[RouteSource], Coroutine[Any, Any, None]],
+        address: str | None = None,
     ) -> None:
-        """Get the messages from the robot's cell; raise the problem when the robot's policy does not allow it."""
-        self.request(robot)
+        """Get the messages from the cell of the robot or the app, which connects from an address."""
+        self.address = address
         self._bringing = asyncio.create_task(messages(self), name=f"route {self.route.id}")
 
     def follow(

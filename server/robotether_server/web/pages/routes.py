@@ -4,7 +4,7 @@ from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
 from robotether_server.contract.routes import end_words
-from robotether_server.db import Transaction, cells, seen_robots
+from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
 from robotether_server.problems import FieldInvalidError, RobotetherError
 from robotether_server.schemas import APP
@@ -30,11 +30,9 @@ def show(problem: RobotetherError | None = None) -> str:
     with context().database.transaction() as tx:
         present = routes.list_seen(tx, user)
         seen = seen_robots.list_seen(tx, user)
-        machine_count = len(cells.read(tx))
     return render_template(
         "routes.html",
         routes=present,
-        machine_count=machine_count,
         robots=[each for each in seen if each.level == "manage" and each.robot.state == "active"],
         most_unfolded=MOST_UNFOLDED,
         routed={

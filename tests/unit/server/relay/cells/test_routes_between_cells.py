@@ -104,25 +104,23 @@ async def test_only_cells_read_sources_and_only_of_routes_that_begin_there(world
         assert await refusal(http, url, headers) == status
 
 
-async def test_an_app_drives_a_robot_of_its_own_cell_alone(world, memory_database, http):
+async def test_an_app_drives_a_robot_of_another_cell_until_it_leaves(world, http):
     for cell in (world.a, world.b):
         cell.database.routes = [replace(FOLLOW, source_id=None, source_app="joy")]
-    url = world.b.server.app_url("joy", EVE)
-    async with http.ws_connect(url) as app:
+    away = {1: ("waits", "app joy is not connected")}
+    await until(lambda: world.live(world.a) == away, "it waits for the app")
+    async with http.ws_connect(world.b.server.app_url("joy", EVE)) as app:
+        await until(lambda: world.live(world.a) != away, "a knows that b has the app")
         await app.send_json({"op": "advertise", "topic": "/cmd_vel", "type": FOLLOW.type})
-        elsewhere = "app joy is here, and the robot at another machine of the site"
-        await until(lambda: world.live(world.b) == {1: ("waits", elsewhere)}, "b says so")
-        away = "app joy is not connected to the robot's machine of the site"
-        await until(lambda: world.live(world.a) == {1: ("waits", away)}, "a says so")
-        await _publish_for(app, 0.5)
-        assert world.a.relay.control.describe(TARGET).driver is None
-        assert world.published() == []
-        await world.target.listen_no_more()
-        world.target = await world.b.robot(memory_database.robots[TARGET], epoch=2)
         async with asyncio.timeout(WAIT_S):
             while not world.published():
                 await _publish_for(app, 0.05)
-        assert world.b.relay.control.describe(TARGET).driver.user == "eve (route)"
+        assert world.a.relay.control.describe(TARGET).driver.user == "eve (route)"
+        assert world.live(world.b) == {1: ("elsewhere", "")}
+        await app.send_json({"op": "unadvertise", "topic": "/cmd_vel"})
+        why = "the app does not offer /cmd_vel"
+        await until(lambda: world.why() == why, "a says what b knows")
+    await until(lambda: world.live(world.a) == away, "it waits for the app again")
 
 
 async def test_an_app_gets_what_a_robot_of_another_cell_sends(world, http):
