@@ -21,7 +21,7 @@ unexport PYTHONDONTWRITEBYTECODE
 
 comma := ,
 
-.PHONY: help demo up down docker images robot-host-image test-hosts ready compiled-tests test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments screenshots venv frontend-test docs clean
+.PHONY: help demo up down docker images robot-host-image test-hosts compiled-tests test test-release test-unit test-images test-e2e test-running test-ansible test-server lint check check-lint check-unit coverage mutants bench experiments screenshots venv frontend-test docs clean
 
 help: ## print this list
 	@grep -hE '^[a-z0-9-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z0-9-]+):[^#]*## /\1\t/' | expand -t 16
@@ -52,30 +52,29 @@ venv: $(VENV)/.complete ## the Python tools that tests and checks need
 $(VENV)/.complete: requirements/dev.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
-# Beside each other: what waits for a network or a disk, and what needs a processor.
-ready: lint frontend-test images test-hosts robot-host-image compiled-tests
-
 # Else each worker compiles each test file for itself, as they all start at once.
 compiled-tests: venv
 	@said=$$($(PYTEST) --collect-only -q --snapshot-warn-unused tests benchmarks/tests) || { echo "$$said"; exit 1; }
 
-test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 14 minutes on two cores)
+test: ## everything that any change may break: checks, unit, images, end to end, playbooks (some 11 minutes on two cores)
 	@[ -n "$$CI" ] || tools/ensure_docker  # its questions, which several jobs at once cannot ask
-	@$(MAKE) --no-print-directory --jobs=4 --output-sync=target ready
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-unit
-	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory --jobs=2 --output-sync=target test-running test-ansible
+	@$(MAKE) --no-print-directory --jobs=3 --output-sync=target IN_TURN=yes test-unit test-ansible test-running frontend-test lint
 
-test-release: venv images robot-host-image ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
-	@tools/ensure_test_hosts
+# Unit tests wait for most of their time: beside them images are built, robots installed and sources checked. Drives and
+# pages, which end when the machine is late, come when they are over.
+ifdef IN_TURN
+test-running: test-unit
+endif
+
+test-release: venv images robot-host-image test-hosts ## before a release, after make test: long tests, experiments in small, server.yml, site.yml (some 40 minutes)
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,900) -m release tests/unit tests/images tests/e2e tests/ansible $(SERVERS:%=--ignore %)
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory test-server
 	@IMAGES_ARE_BUILT=yes $(MAKE) --no-print-directory experiments QUICK=1
 
 lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
-	@tools/lint
+	@nice tools/lint
 
-test-unit: venv ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
-	@tools/ensure_test_hosts
+test-unit: compiled-tests test-hosts ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
 	@$(PYTEST) -n 4 --dist worksteal $(call ENDS_AFTER,120) -m "not release" tests/unit benchmarks/tests tests/fuzz
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
@@ -87,8 +86,7 @@ check-lint:
 check-unit:
 	@$(PYTEST) -q -n 2 --dist worksteal -p no:schemathesis --hypothesis-profile quick --timeout 60 -m "not daemon and not waits" tests/unit
 
-coverage: venv ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
-	@tools/ensure_test_hosts
+coverage: venv test-hosts ## branch coverage of the product by its unit tests, into tests/artifacts/coverage (some 20 minutes)
 	@$(VENV)/bin/python tools/coverage.py
 
 mutants: venv ## how many faults in the rules that keep robots safe the unit tests notice (up to an hour; ONLY=guard,leases,...)
@@ -103,35 +101,28 @@ frontend-test: docker ## the browser modules' own tests, in the image's Node.js
 test-images: venv images ## ask the daemons in the images what is in force
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/images
 
-test-e2e: venv images ## a browser and programs over a running stack of its own
-	@tools/ensure_test_hosts
+test-e2e: venv images test-hosts ## a browser and programs over a running stack of its own
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/e2e
 
-test-running: venv images ## the tests of images and end to end in one go, with fewer stacks to start
-	@tools/ensure_test_hosts
+test-running: venv images test-hosts ## the tests of images and end to end in one go, with fewer stacks to start
 	@IMAGES_ARE_BUILT=yes $(PYTEST) $(BY_FILE) $(call ENDS_AFTER,300) -m "not release" tests/images tests/e2e $(ALONE:%=--ignore %)
 
 # Nice: an installation can wait for the drives that are tested beside it, which end when the machine is late.
-test-ansible: venv images robot-host-image ## playbooks and install line on hosts that boot systemd, against a stack of their own; and images alone
-	@tools/ensure_test_hosts
+test-ansible: venv images robot-host-image test-hosts ## playbooks and install line on hosts that boot systemd, against a stack of their own; and images alone
 	@IMAGES_ARE_BUILT=yes nice $(PYTEST) $(BY_FILE) -n 1 $(call ENDS_AFTER,600) -m "not release" tests/ansible $(ALONE) $(SERVERS:%=--ignore %)
 
-test-server: venv images robot-host-image ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
-	@tools/ensure_test_hosts
+test-server: venv images robot-host-image test-hosts ## server.yml and site.yml on machines of their own with a Docker engine inside (some 18 minutes)
 	@$(PYTEST) $(SERVERS)
 
-bench: venv ## latency, recovery, video and loads, into docs/measurements.md (about an hour; BENCH="--only A,B": these alone); needs make demo and root
-	@tools/ensure_test_hosts
+bench: venv test-hosts ## latency, recovery, video and loads, into docs/measurements.md (about an hour; BENCH="--only A,B": these alone); needs make demo and root
 	@PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot $(VENV)/bin/python benchmarks/bench.py $(BENCH)
 
-experiments: venv images ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,PART-STEP,...); needs root
-	@tools/ensure_test_hosts
+experiments: venv images test-hosts ## a machine's limits, and cells that break, into docs/experiments (hours; QUICK=1: minutes; FULL=1, ONLY=PART,PART-STEP,...); needs root
 	@IMAGES_ARE_BUILT=yes PYTHONPATH=$(SUPPORT):common:agent:server:images/sim_robot:benchmarks \
 	  $(VENV)/bin/python -m paper.experiments $(if $(ONLY),--only $(subst $(comma), ,$(ONLY))) \
 	  $(if $(QUICK),--quick) $(if $(FULL),--full)
 
-screenshots: venv ## the documents' pictures, into docs; needs make demo, with COMPOSE_PROFILES=metrics
-	@tools/ensure_test_hosts
+screenshots: venv test-hosts ## the documents' pictures, into docs; needs make demo, with COMPOSE_PROFILES=metrics
 	@PYTHONPATH=$(SUPPORT) $(VENV)/bin/python tests/support/browser/screenshots.py
 
 clean: ## remove what tests and tools made here (not the stack's data)
