@@ -83,85 +83,60 @@ while True:
 """
 
 
-class OpenSshServer:
-    """One sshd; `port` is where it listens, `host_keys` what a client may pin."""
+class Sshd:
+    """One sshd with its files in a folder; `rules` are the lines of its configuration that no other has."""
 
-    def __init__(
-        self,
-        relay_port: int,
-        *,
-        address: str = "127.0.0.1",
-        session_key: str = "none",
-    ) -> None:
+    def __init__(self, folder: Path, rules: str, address: str = "127.0.0.1") -> None:
         if not SSHD.exists():
             raise RuntimeError(
                 f"cannot start an SSH server: {SSHD} is missing; install openssh-server"
             )
-        self.port = free_port()
-        self.address = address
-        self.user = getpass.getuser()
-        self._relay_port = relay_port
-        self._session_key = session_key
-        self._place = Path(tempfile.mkdtemp(prefix="rt-sshd-"))
+        folder.mkdir(exist_ok=True)
+        self.folder, self._rules, self.address = folder, rules, address
+        self.port, self.user = free_port(), getpass.getuser()
+        self.authorized = folder / "authorized_keys"
         self._process: subprocess.Popen[bytes] | None = None
-        self._authorized = self._place / "authorized_keys"
-        self._authorized.touch(0o600)
-        (self._place / "session.py").write_text(SESSION_COMMAND)
         self.new_host_key()
 
+    @property
+    def host_key(self) -> str:
+        return (self.folder / "host_key.pub").read_text().strip()
+
     def new_host_key(self) -> None:
-        path = self._place / "host_key"
-        for old in (path, path.with_suffix(".pub")):
-            old.unlink(missing_ok=True)
-        self.host_keys = [make_key(path)]
-
-    def take_host_key(self, other: OpenSshServer) -> None:
-        for name in ("host_key", "host_key.pub"):
-            shutil.copy(other._place / name, self._place / name)
-        self.host_keys = other.host_keys
-
-    def authorize(self, public_key: str, ports: tuple[int, ...]) -> None:
-        """Let a robot's key in and no other, with the line that the key look-up prints."""
-        self._authorized.write_text(self._line(public_key, ports, robot_id=7))
-
-    def authorize_too(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> None:
-        with self._authorized.open("a") as lines:
-            lines.write(self._line(public_key, ports, robot_id))
-
-    def _line(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> str:
-        listens = ",".join(f'permitlisten="*:{port}"' for port in ports)
-        script = self._place / "session.py"
-        command = f"exec {sys.executable} -S -E {script} {self._relay_port} {robot_id}"
-        command += f" '{self._session_key}'"
-        return f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
-
-    def refuse_all(self) -> None:
-        self._authorized.write_text("")
+        path = self.folder / "host_key"
+        path.unlink(missing_ok=True)
+        make_key(path)
 
     def start(self) -> None:
-        self._process = start_sshd(self._place, self._config())
+        if os.geteuid() == 0:
+            Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
+        config = self.folder / "sshd_config"
+        config.write_text(textwrap.dedent(self._config()) + textwrap.dedent(self._rules))
+        with (self.folder / "log").open("ab") as log:
+            self._process = subprocess.Popen(
+                [str(SSHD), "-D", "-e", "-f", str(config)], stderr=log, stdin=subprocess.DEVNULL
+            )
         wait_until(self._listens, lambda: f"sshd listens; its log:\n{self.log_text()}")
 
     def stop(self) -> None:
-        if self._process is not None:
-            stop_sshd(self._process)
-            self._process = None
-
-    def drop_connections(self) -> None:
-        assert self._process is not None
-        for pid in descendants(self._process.pid):
+        if self._process is None:
+            return
+        # Held first, so that a client that comes back at once starts no process that is not in the list.
+        self._process.send_signal(signal.SIGSTOP)
+        connections = descendants(self._process.pid)
+        self._process.kill()
+        self._process.wait(WAIT_S)
+        for pid in connections:
             kill(pid)
-
-    def close(self) -> None:
-        self.stop()
-        shutil.rmtree(self._place)
+        wait_until(lambda: not any(map(is_alive, connections)), lambda: "its children have ended")
+        self._process = None
 
     def pids(self) -> list[int]:
         own = self._process
         return [] if own is None else [own.pid, *descendants(own.pid)]
 
     def log_text(self) -> str:
-        path = self._place / "log"
+        path = self.folder / "log"
         return path.read_text(errors="replace") if path.exists() else ""
 
     def _listens(self) -> bool:
@@ -171,12 +146,11 @@ class OpenSshServer:
         return listens(self.port, self.address)
 
     def _config(self) -> str:
-        return textwrap.dedent(
-            f"""
+        return f"""
             ListenAddress {self.address}
             Port {self.port}
-            HostKey {self._place}/host_key
-            AuthorizedKeysFile {self._authorized}
+            HostKey {self.folder}/host_key
+            AuthorizedKeysFile {self.authorized}
             AuthenticationMethods publickey
             PermitRootLogin prohibit-password
             PasswordAuthentication no
@@ -185,42 +159,72 @@ class OpenSshServer:
             StrictModes no
             PidFile none
             LogLevel VERBOSE
-            GatewayPorts clientspecified
-            AllowTcpForwarding remote
-            AllowStreamLocalForwarding no
-            PermitTTY no
-            MaxSessions 2
-            # Else bash takes the session command for a log-in and runs the person's own .bashrc first.
-            SetEnv SHLVL=2
             """
-        )
+
+
+# The forwards of the server's image. Without the last line bash takes the session command for a log-in and runs the
+# person's own .bashrc first.
+TUNNEL_RULES = """
+    GatewayPorts clientspecified
+    AllowTcpForwarding remote
+    AllowStreamLocalForwarding no
+    PermitTTY no
+    MaxSessions 2
+    SetEnv SHLVL=2
+    """
+
+
+class OpenSshServer(Sshd):
+    """The server's sshd; `port` is where it listens, `host_keys` what a client may pin."""
+
+    def __init__(
+        self, relay_port: int, *, address: str = "127.0.0.1", session_key: str = "none"
+    ) -> None:
+        super().__init__(Path(tempfile.mkdtemp(prefix="rt-sshd-")), TUNNEL_RULES, address)
+        self._relay_port = relay_port
+        self._session_key = session_key
+        self.authorized.touch(0o600)
+        (self.folder / "session.py").write_text(SESSION_COMMAND)
+
+    @property
+    def host_keys(self) -> list[str]:
+        return [self.host_key]
+
+    def take_host_key(self, other: OpenSshServer) -> None:
+        for name in ("host_key", "host_key.pub"):
+            shutil.copy(other.folder / name, self.folder / name)
+
+    def authorize(self, public_key: str, ports: tuple[int, ...]) -> None:
+        """Let a robot's key in and no other, with the line that the key look-up prints."""
+        self.authorized.write_text(self._line(public_key, ports, robot_id=7))
+
+    def authorize_too(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> None:
+        with self.authorized.open("a") as lines:
+            lines.write(self._line(public_key, ports, robot_id))
+
+    def _line(self, public_key: str, ports: tuple[int, ...], robot_id: int) -> str:
+        listens = ",".join(f'permitlisten="*:{port}"' for port in ports)
+        script = self.folder / "session.py"
+        command = f"exec {sys.executable} -S -E {script} {self._relay_port} {robot_id}"
+        command += f" '{self._session_key}'"
+        return f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
+
+    def refuse_all(self) -> None:
+        self.authorized.write_text("")
+
+    def drop_connections(self) -> None:
+        for pid in self.pids()[1:]:
+            kill(pid)
+
+    def close(self) -> None:
+        self.stop()
+        shutil.rmtree(self.folder)
 
 
 def make_key(path: Path, passphrase: str = "", *, kind: str = "ed25519", comment: str = "") -> str:
     command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", comment, "-f", str(path)]
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
     return path.with_suffix(".pub").read_text().strip()
-
-
-def start_sshd(folder: Path, config: str) -> subprocess.Popen[bytes]:
-    """Start sshd with this configuration, which goes into the folder as its `log` does."""
-    if os.geteuid() == 0:
-        Path("/run/sshd").mkdir(mode=0o755, exist_ok=True)
-    (folder / "sshd_config").write_text(config)
-    command = [str(SSHD), "-D", "-e", "-f", str(folder / "sshd_config")]
-    with (folder / "log").open("ab") as log:
-        return subprocess.Popen(command, stderr=log, stdin=subprocess.DEVNULL)
-
-
-def stop_sshd(process: subprocess.Popen[bytes]) -> None:
-    # Held first, so that a client that comes back at once starts no process that is not in the list.
-    process.send_signal(signal.SIGSTOP)
-    connections = descendants(process.pid)
-    process.kill()
-    process.wait(WAIT_S)
-    for pid in connections:
-        kill(pid)
-    wait_until(lambda: not any(map(is_alive, connections)), lambda: "sshd's children have ended")
 
 
 def listens(port: int, address: str = "127.0.0.1") -> bool:

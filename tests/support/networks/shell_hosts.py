@@ -7,65 +7,22 @@ image does; robots let a person's key in and run what it asks.
 from __future__ import annotations
 
 import getpass
-import subprocess
-import textwrap
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from local_network import free_port
-from openssh_server import listens, make_key, start_sshd, stop_sshd, wait_until
+from openssh_server import Sshd, make_key
 
 
-@dataclass
-class ShellHost:
-    folder: Path
-    rules: str
-    port: int = field(default_factory=free_port)
-    host_key: str = ""
-    _process: subprocess.Popen[bytes] | None = None
+class ShellHost(Sshd):
+    def __init__(self, folder: Path, rules: str) -> None:
+        # Whoever runs the tests may have start-up files that take their time or print something.
+        super().__init__(folder, f"SetEnv HOME={folder}\n{rules}\n")
 
-    @property
-    def authorized(self) -> Path:
-        return self.folder / "authorized_keys"
-
-    def start(self) -> None:
-        self.folder.mkdir(exist_ok=True)
-        if not (self.folder / "host_key").exists():
-            make_key(self.folder / "host_key")
-        self.host_key = (self.folder / "host_key.pub").read_text().strip()
-        self._process = start_sshd(self.folder, self._config())
-        wait_until(lambda: listens(self.port), lambda: f"sshd listens:\n{self.log()}", within_s=10)
-
-    def log(self) -> str:
-        return (self.folder / "log").read_text(errors="replace")
-
-    def new_host_key(self) -> None:
+    def come_back_as_another(self) -> None:
+        """As after a new installation, or as an attacker."""
         self.stop()
-        for name in ("host_key", "host_key.pub"):
-            (self.folder / name).unlink()
+        self.new_host_key()
         self.start()
-
-    def stop(self) -> None:
-        if self._process is not None:
-            stop_sshd(self._process)
-            self._process = None
-
-    def _config(self) -> str:
-        fixed = f"""
-            ListenAddress 127.0.0.1
-            Port {self.port}
-            HostKey {self.folder}/host_key
-            AuthorizedKeysFile {self.authorized}
-            AuthenticationMethods publickey
-            PermitRootLogin prohibit-password
-            UsePAM no
-            StrictModes no
-            PidFile none
-            LogLevel VERBOSE
-            # Whoever runs the tests may have start-up files that take their time or print something.
-            SetEnv HOME={self.folder}
-            """
-        return textwrap.dedent(fixed) + self.rules + "\n"
 
 
 @dataclass

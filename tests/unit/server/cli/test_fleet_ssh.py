@@ -60,7 +60,7 @@ def test_robots_share_one_login_at_the_jump_host(network, connections):
     with ThreadPoolExecutor(6) as pool:
         opened = list(pool.map(connections.open, targets))
     assert all(connection.is_connected for connection in opened)
-    assert network.jump.log().count("Accepted publickey") == 1
+    assert network.jump.log_text().count("Accepted publickey") == 1
     connections.close_all()
     assert not any(connection.is_connected for connection in opened)
 
@@ -107,7 +107,7 @@ def test_jump_host_that_is_away_is_asked_once(network, connections):
 def test_changed_host_key_ends_the_connection(network, which):
     before = network.known_hosts.read_text()
     host = network.jump if which == "jump" else network.robots["sim1"]
-    host.new_host_key()
+    host.come_back_as_another()
     for accept_new in (False, True):
         connections = SshConnections(accept_new=accept_new)
         detail = refused(network, connections).detail
@@ -115,8 +115,8 @@ def test_changed_host_key_ends_the_connection(network, which):
         assert CHANGED in detail
         assert "ssh-keygen -R '" in detail
     assert network.known_hosts.read_text() == before
-    assert "Accepted publickey" not in host.log()
-    assert "Postponed publickey" not in host.log()
+    assert "Accepted publickey" not in host.log_text()
+    assert "Postponed publickey" not in host.log_text()
     # A server that cannot show the key that is known is not taken for the same.
     if which == "robot":
         other = make_key(network.folder / "other", kind="ecdsa")
