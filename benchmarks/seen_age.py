@@ -61,9 +61,6 @@ class Seen:
     guards_ms: float
     codec: str
 
-    def error_ms(self, delay_ms: float) -> float:
-        return self.guards_ms - self.sent_ms - delay_ms
-
 
 @dataclass(frozen=True)
 class DriverView:
@@ -149,7 +146,7 @@ async def run_behind(
 
 
 def row(where: str, seen: list[Seen], delay_ms: float = 0.0) -> Row:
-    errors = [command.error_ms(delay_ms) for command in seen]
+    errors = [command.guards_ms - command.sent_ms - delay_ms for command in seen]
     (age_ms,) = quantiles([command.sent_ms for command in seen], 0.5, unit="ms").values()
     named = quantiles(errors, 0, 0.5, 0.99, 1, unit="ms")
     return {

@@ -103,10 +103,6 @@ def page_loses(loss: Callable[[Browser, Page, ExitStack], None], demo: Demo) -> 
         return stop
 
 
-def close_page(_: Browser, page: Page, __: ExitStack) -> None:
-    page.close()
-
-
 def freeze_tab(browser: Browser, _: Page, undo: ExitStack) -> None:
     """The tab's process stands still; Chromium's own way to freeze one is for tabs that nobody sees."""
     for pid in _processes(browser, "renderer"):
@@ -128,10 +124,6 @@ def _processes(browser: Browser, kind: str) -> list[int]:
 def press_stop(demo: Demo, _: ProgramDriver, undo: ExitStack) -> None:
     undo.callback(demo.ask, "POST", f"/robots/{ROBOT}/release")
     demo.ask("POST", f"/robots/{ROBOT}/stop")
-
-
-def end_program(_: Demo, driver: ProgramDriver, __: ExitStack) -> None:
-    driver.cut()
 
 
 def cut_operator(_: Demo, driver: ProgramDriver, undo: ExitStack) -> None:
@@ -181,10 +173,10 @@ def dropped(table: str, chain: str, *what: str, at: Sequence[str] = ()) -> Itera
 
 CAUSES: Mapping[str, Callable[[Demo], Stop]] = {
     "stop pressed": partial(program_loses, press_stop),
-    "page closed": partial(page_loses, close_page),
+    "page closed": partial(page_loses, lambda _, page, __: page.close()),
     "tab frozen": partial(page_loses, freeze_tab),
     "browser killed": partial(page_loses, kill_browser),
-    "program's connection cut": partial(program_loses, end_program),
+    "program's connection cut": partial(program_loses, lambda _, driver, __: driver.cut()),
     "operator's network cut": partial(program_loses, cut_operator),
     "relay killed": partial(program_loses, partial(kill_service, "relay")),
     "sshd killed": partial(program_loses, partial(kill_service, "sshd")),

@@ -51,16 +51,10 @@ class Chapter:
         return [f"{plain(step.title)}: {plain(step.failure)}" for step in self.failed]
 
     @property
-    def shortfalls(self) -> list[str]:
-        failed = [f"{len(self.failed)} of {len(self.outcomes)} steps failed."] * bool(self.failed)
-        return [*failed, *map(plain, [*self.report.problems, *self.report.shortfalls])]
-
-    @property
     def faults(self) -> list[str]:
         """All that makes a run fail: steps that failed, and what has to be equal and is not."""
         return [
             *(f"{step.title}: {step.failure}" for step in self.failed),
-            *self.report.problems,
             *(
                 f"{row.what} is {cell(row.ours)} and has to be {cell(row.reference)} {row.unit}"
                 for row in self.report.comparisons
@@ -71,16 +65,6 @@ class Chapter:
     @property
     def took_s(self) -> float:
         return sum(outcome.took_s for outcome in self.outcomes.values())
-
-
-def chapter(part: Part, outcomes: Mapping[str, Outcome]) -> Chapter:
-    values = {name: step.values for name, step in outcomes.items() if step.values is not None}
-    try:
-        report = part.report(values)
-    except Exception as error:  # noqa: BLE001 (the border of a part)
-        traceback.print_exc()
-        report = Report(problems=[f"its report could not be made: {sentence(error)}"])
-    return Chapter(part=part, outcomes=outcomes, report=report)
 
 
 def sentence(error: BaseException) -> str:
@@ -197,7 +181,8 @@ def run_part(part: Part, steps: Sequence[Step], world: World) -> Chapter:
     SAMPLES.mkdir(parents=True, exist_ok=True)
     samples = {name: asdict(outcome) for name, outcome in outcomes.items()}
     (SAMPLES / f"{part.name}.json").write_text(json.dumps(samples))
-    return chapter(part, outcomes)
+    values = {name: step.values for name, step in outcomes.items() if step.values is not None}
+    return Chapter(part=part, outcomes=outcomes, report=part.report(values))
 
 
 def main() -> int:

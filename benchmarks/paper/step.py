@@ -54,15 +54,18 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A row of the page's first table: our figure beside that of the paper, of an aim or of a rule."""
+    """A row of the page's first table: our figure beside that of an aim or of a rule."""
 
     what: str
     against: str
     reference: float
     ours: float
     unit: str
-    # Which way is better: "lower", or "equal", which has to be met exactly.
-    better: str
+
+    @property
+    def better(self) -> str:
+        """Which way: an aim is reached by less too, a rule has to be met exactly."""
+        return "lower" if self.against == "aim" else "equal"
 
     @property
     def is_short(self) -> bool:
@@ -85,11 +88,11 @@ class Comparison:
 
 def against_aim(what: str, aim: float, ours: float | None, unit: str) -> Comparison:
     """Our value beside the most that it should be; one that was not reached at all is no number, which falls short."""
-    return Comparison(what, "aim", aim, math.nan if ours is None else ours, unit, "lower")
+    return Comparison(what, "aim", aim, math.nan if ours is None else ours, unit)
 
 
 def never(what: str, ours: float, unit: str = "times") -> Comparison:
-    return Comparison(what, "rule", 0, ours, unit, "equal")
+    return Comparison(what, "rule", 0, ours, unit)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +102,6 @@ class Report:
     comparisons: Sequence[Comparison] = ()
     # What falls short beside the comparisons that do, in sentences.
     shortfalls: Sequence[str] = ()
-    # Why there is no report.
-    problems: Sequence[str] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 from commands import output_of_command, run_command
 
 from paper.cells.history import History
-from paper.cells.site import OF_DATABASE, OF_PEERS, SERVICES, Cell, Site, drop
+from paper.cells.site import DATABASE_PORT, OF_DATABASE, OF_PEERS, SERVICES, Cell, Site, drop
 
 if TYPE_CHECKING:
     from paper.cells.workload import RobotProcess
@@ -102,7 +102,8 @@ def _cut_robots(context: Context, target: Target, *, to_drop: bool) -> None:
 
 
 def _cut_database(context: Context, target: Target, *, to_drop: bool) -> None:
-    context.cell(target).drop_to(OF_DATABASE, context.site.database_ports, to_drop=to_drop)
+    ports = [DATABASE_PORT, int(str(context.site.cells[0].stack.settings["DB_PORT"]))]
+    context.cell(target).drop_to(OF_DATABASE, ports, to_drop=to_drop)
 
 
 def _cut_peers(context: Context, target: Target, *, to_drop: bool) -> None:
@@ -194,7 +195,9 @@ class Nemesis:
         try:
             while time.monotonic() < end:
                 await asyncio.sleep(self.context.rng.uniform(*BETWEEN_S))
-                await self._mend_those_due()
+                for fault in list(self._open):
+                    if fault.until_s <= time.monotonic() or len(self._open) >= MOST_AT_ONCE:
+                        await asyncio.to_thread(self._mend, fault)
                 if (chosen := self.choose()) is not None:
                     await self.begin(*chosen)
             await asyncio.sleep(LASTS_S[0])
@@ -233,11 +236,6 @@ class Nemesis:
         self._open.append(_Open(name, target, time.monotonic() + lasts_s))
         self.done.append(name)
         await asyncio.to_thread(self.faults[name].do, self.context, target)
-
-    async def _mend_those_due(self) -> None:
-        for fault in list(self._open):
-            if fault.until_s <= time.monotonic() or len(self._open) >= MOST_AT_ONCE:
-                await asyncio.to_thread(self._mend, fault)
 
     def mend_all(self) -> None:
         """Mend what is broken still, the last first; what cannot be mended does not keep the others from it."""

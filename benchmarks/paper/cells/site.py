@@ -16,7 +16,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from signal import SIGCONT, SIGSTOP, Signals
 from typing import TYPE_CHECKING, Any
@@ -25,6 +24,7 @@ from cells import first_cell, second_cell
 from commands import output_of_command, run_command
 from inside import run_inside
 from local_network import request_json
+from openssh_server import words_of_all
 
 from paper.world import World
 
@@ -178,14 +178,6 @@ class Site:
         names = [f"{prefix}-{number}" for number in range(1, count + 1)]
         return [{"name": name, "token": self.world.admin_token(name)} for name in names]
 
-    @cached_property
-    def ssh_addresses(self) -> dict[str, str]:
-        return {f"{cell.host}:{port}": cell.name for cell in self.cells for port in cell.ssh_ports}
-
-    @property
-    def database_ports(self) -> list[int]:
-        return [DATABASE_PORT, int(str(self.cells[0].stack.settings["DB_PORT"]))]
-
     def wait_live(self) -> None:
         for cell in self.cells:
             cell.wait_live()
@@ -217,15 +209,11 @@ def _signal(container: Container, which: Signals) -> None:
     """
     inside = _namespace(container.attrs["State"]["Pid"])
     sent: set[int] = set()
-    while found := {pid for pid in _pids() if _namespace(pid) == inside} - sent:
+    while found := {pid for pid, _ in words_of_all() if _namespace(pid) == inside} - sent:
         for pid in found:
             with suppress(ProcessLookupError):
                 os.kill(pid, which)
         sent |= found
-
-
-def _pids() -> Iterator[int]:
-    return (int(path.name) for path in Path("/proc").iterdir() if path.name.isdigit())
 
 
 def _namespace(pid: int) -> str:

@@ -129,8 +129,9 @@ class Workload:
     def start(self) -> None:
         for process in self.processes.values():
             process.has_done("open", OPENS_WITHIN_S)
+        cells = {f"{at.host}:{port}": at.name for at in self.site.cells for port in at.ssh_ports}
         for process in self.processes.values():
-            process.do("start", DONE_WITHIN_S, cells=self.site.ssh_addresses)
+            process.do("start", DONE_WITHIN_S, cells=cells)
         self.wait_online(ONLINE_WITHIN_S)
         source, target = self.routed
         topics = {"source_topic": TOPIC, "target_topic": TOPIC, "type": TYPE}

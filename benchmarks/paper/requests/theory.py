@@ -41,7 +41,8 @@ def simulate(jobs: Sequence[Job], crew: Sequence[Pools], every_s: float = 0.0) -
     waiting: dict[int, WaitingRequest] = {}
     waited = [math.nan] * len(jobs)
     while events:
-        now = _planned_at(events[0][0], every_s)
+        now = events[0][0]
+        now = math.ceil(now / every_s) * every_s if every_s else now
         while events and events[0][0] <= now:
             at_s, number, user = heapq.heappop(events)
             if user < 0:
@@ -57,10 +58,6 @@ def simulate(jobs: Sequence[Job], crew: Sequence[Pools], every_s: float = 0.0) -
             ends_s = now + jobs[offer.request_id].takes_s
             heapq.heappush(events, (ends_s, offer.request_id, offer.user_id))
     return waited
-
-
-def _planned_at(at_s: float, every_s: float) -> float:
-    return math.ceil(at_s / every_s) * every_s if every_s else at_s
 
 
 def poisson_jobs(rng: Random, count: int, rate: float, mean_s: float) -> list[Job]:

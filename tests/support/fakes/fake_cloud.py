@@ -141,7 +141,7 @@ class FakeCloud(TcpService):
     def remove_robot(self) -> None:
         """Forget the key, so that the robot has to be approved again."""
         self.mode, self._approved = "pending", False
-        self.ssh.refuse_all()
+        self.ssh.authorized.write_text("")
 
     @property
     def cell(self) -> dict[str, Any]:

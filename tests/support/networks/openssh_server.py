@@ -209,9 +209,6 @@ class OpenSshServer(Sshd):
         command += f" '{self._session_key}'"
         return f'restrict,port-forwarding,{listens},command="{command}" {public_key}\n'
 
-    def refuse_all(self) -> None:
-        self.authorized.write_text("")
-
     def drop_connections(self) -> None:
         for pid in self.pids()[1:]:
             kill(pid)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
 from docker.models.containers import Container
-from openssh_server import words_of
+from openssh_server import is_alive, words_of
 
 # Of proc(5)'s stat, counted from the state, which follows the name.
 START = 19
@@ -28,12 +27,4 @@ def matching(container: Container, pattern: str) -> list[int]:
         for pid, *named in table
         if re.search(pattern, " ".join(named)) and "tini" not in named[-1]
     ]
-    return sorted(filter(_lives, found), key=_started)
-
-
-def _lives(pid: int) -> bool:
-    return Path(f"/proc/{pid}").exists()
-
-
-def _started(pid: int) -> int:
-    return int(words_of(pid)[START])
+    return sorted(filter(is_alive, found), key=lambda pid: int(words_of(pid)[START]))

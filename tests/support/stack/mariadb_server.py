@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import os
 import secrets
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ from dated_certificate import make_certificate
 from docker.errors import ImageNotFound
 from docker.models.containers import Container
 from inside import run_inside
+from openssh_server import wait_until
 from robotether_server.settings.server import DatabaseSettings
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -25,7 +25,6 @@ IMAGE_DIR = ROOT / "images" / "mysql"
 SUITE = "trixie"
 ACCOUNTS = ("web", "relay", "recorder", "keylookup", "migrate")
 HEALTHY_WITHIN_S = 90
-POLL_S = 0.1
 
 
 @dataclass(frozen=True)
@@ -132,15 +131,15 @@ def start(
 
 
 def wait_healthy(container: Container) -> None:
-    end = time.monotonic() + HEALTHY_WITHIN_S
-    while True:
+    def is_healthy() -> bool:
         container.reload()
-        if container.attrs["State"].get("Health", {}).get("Status") == "healthy":
-            return
-        if container.status == "exited" or time.monotonic() > end:
-            log = container.logs(tail=60).decode(errors="replace")
-            raise AssertionError(f"MariaDB is {container.status} and not healthy:\n{log}")
-        time.sleep(POLL_S)
+        assert container.status != "exited", report()
+        return container.attrs["State"].get("Health", {}).get("Status") == "healthy"
+
+    def report() -> str:
+        return f"MariaDB healthy:\n{container.logs(tail=60).decode(errors='replace')}"
+
+    wait_until(is_healthy, report, HEALTHY_WITHIN_S, every_s=0.1)
 
 
 def _build(tag: str, suite: str) -> None:
