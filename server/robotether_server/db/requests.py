@@ -26,7 +26,7 @@ Priority = Annotated[int, Meta(ge=1, le=3, description="1 is urgent, 3 is low")]
 IS_OPEN = "h.state IN ('waiting', 'offered', 'accepted')"
 # Its robots are those that the viewer may see.
 SELECT = (
-    "SELECT h.id, r.name AS robot, h.reason, h.source, h.priority, h.pool, h.asked_by, h.created_at, "
+    "SELECT h.id, r.name AS robot, r.mac, h.reason, h.source, h.priority, h.pool, h.asked_by, h.created_at, "
     "TIMESTAMPDIFF(MICROSECOND, h.created_at, IFNULL(h.closed_at, CURRENT_TIMESTAMP(6))) / 1e6 AS age_s, "
     "h.state, o.name AS offered_to, h.offer_until, a.name AS accepted_by, h.accepted_at, h.closed_at, h.note, "
     "h.robot_id, h.accepted_by AS accepted_by_id, g.level, "
@@ -84,6 +84,7 @@ class HelpRequest:
 
     id: Count
     robot: RobotName
+    mac: str
     reason: str
     source: RequestSource
     priority: Priority

@@ -234,11 +234,12 @@ const GOOD_MS = 10_000;
 const AGAIN = ["reload", "back_forward"];
 
 export class ReloadStore {
-  constructor(robot, { store = new LocalStore(() => globalThis.sessionStorage), arrival = arrived, now = () => Date.now() } = {}) {
+  // `mac` is the robot's: another one may have its name by the time that the page is there.
+  constructor(mac, { store = new LocalStore(() => globalThis.sessionStorage), arrival = arrived, now = () => Date.now() } = {}) {
     this.store = store;
     this.arrival = arrival;
     this.now = now;
-    this.name = `drove ${robot}`;
+    this.name = `drove ${mac}`;
   }
 
   // `drove` is `saved` of DriveMode, or null when the page did not drive; with `asked` where a person pressed Drive.

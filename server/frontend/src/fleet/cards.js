@@ -28,8 +28,9 @@ export function utcText(robot) {
 }
 
 // A robot as the server wrote it into its card, until the events come.
-export const robotOf = ({ robot, state, online, since, site, offlineReason }) => ({
+export const robotOf = ({ robot, mac, state, online, since, site, offlineReason }) => ({
   name: robot,
+  mac,
   state,
   online: online === "true",
   since,
@@ -76,9 +77,9 @@ export function newCard(template, { name }) {
 }
 
 // Drive is a request that the next page of this tab grants. What opens another tab is none.
-export function offerDrive(card, name) {
+export function offerDrive(card, mac) {
   part(card, "drive")?.addEventListener("click", ({ ctrlKey, metaKey, shiftKey, altKey }) => {
-    if (!(ctrlKey || metaKey || shiftKey || altKey)) new ReloadStore(name).save({ armed: true, asked: true });
+    if (!(ctrlKey || metaKey || shiftKey || altKey)) new ReloadStore(mac).save({ armed: true, asked: true });
   });
 }
 

@@ -119,7 +119,7 @@ function wireList(table) {
 
 // Drive on the pages of one robot.
 function wireDrive(page) {
-  for (const robot of page.querySelectorAll("[data-robot]")) offerDrive(robot, robot.dataset.robot);
+  for (const robot of page.querySelectorAll("[data-mac]")) offerDrive(robot, robot.dataset.mac);
 }
 
 // What fills the uplink, on the page of one robot.

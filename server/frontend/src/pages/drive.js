@@ -41,7 +41,7 @@ const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxA
 const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false, unseen: false };
 
 const loginUse = new LoginUse();
-const reloadStore = new ReloadStore(robot);
+const reloadStore = new ReloadStore(mac);
 const driveMode = new DriveMode({
   me: user,
   level,

@@ -57,7 +57,7 @@ function prepare(element, name) {
   element.dataset.level ||= level;
   stopOf(name).join(element);
   thumbs.add(element, name);
-  offerDrive(element, name);
+  offerDrive(element, robots.get(name)?.mac);
 }
 
 function stopOf(name) {
@@ -88,6 +88,8 @@ function showFleet(all) {
 }
 
 function receive(robot) {
+  const { mac } = robots.get(robot.name) ?? robot;
+  if (mac !== robot.mac) remove(robot.name); // another robot got the name
   if (!robots.has(robot.name)) inOrderOfNames = null;
   robots.set(robot.name, robot);
   batch.add(robot.name);
@@ -106,7 +108,7 @@ function update(names) {
 }
 
 function remove(name) {
-  for (const known of [robots, stops, datasets]) known.delete(name); // another robot may get the name
+  for (const known of [robots, stops, datasets]) known.delete(name);
   inOrderOfNames = null;
   for (const list of Object.values(lists)) list.remove(name, pause.active);
   arrangeSoon();

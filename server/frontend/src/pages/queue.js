@@ -124,23 +124,23 @@ function showOfferLeft(seconds) {
 
 async function answerOffer(button, action, done) {
   if (!offer || isNew(button) || keyOf(offer) === answered) return;
-  const { id, robot } = offer;
-  answered = keyOf(offer);
+  const chosen = offer;
+  answered = keyOf(chosen);
   const outcome = byTestId(main, "offer-outcome");
-  const { ok, detail } = await api.post(`/api/v1/requests/${id}/${action}`);
+  const { ok, detail } = await api.post(`/api/v1/requests/${chosen.id}/${action}`);
   if (!ok) {
     answered = "";
     return setText(outcome, texts.refused(detail));
   }
   endOffer();
-  setText(outcome, done(robot));
-  if (action === "accept") drive(robot);
+  setText(outcome, done(chosen.robot));
+  if (action === "accept") drive(chosen);
   else poller.askNow();
 }
 
 // As Drive on the fleet page: the next page of this tab takes the control, if it is free.
-function drive(robot) {
-  new ReloadStore(robot).save({ armed: true, asked: true });
+function drive({ robot, mac }) {
+  new ReloadStore(mac).save({ armed: true, asked: true });
   location.assign(`/robots/${encodeURIComponent(robot)}`);
 }
 
@@ -179,7 +179,7 @@ for (const name of ["sound", "title"]) {
 }
 accept.addEventListener("click", () => answerOffer(accept, "accept", texts.accepting));
 decline.addEventListener("click", () => answerOffer(decline, "decline", texts.declined));
-byTestId(main, "current-drive").addEventListener("click", () => view?.current && drive(view.current.robot));
+byTestId(main, "current-drive").addEventListener("click", () => view?.current && drive(view.current));
 part(main, "close").addEventListener("submit", close);
 for (const name of ["pointerdown", "keydown"]) window.addEventListener(name, () => alerts.isSilenced && alerts.unlock());
 document.addEventListener("visibilitychange", tick);

@@ -17,7 +17,7 @@ const SHOW_EVERY_MS = 500;
 const REQUESTS_EVERY_MS = 2000;
 
 const main = /** @type {HTMLElement} */ (document.querySelector("main"));
-const facts = JSON.parse(main.dataset.robots ?? "{}"); // level and camera, which the events do not have
+const facts = JSON.parse(main.dataset.robots ?? "{}"); // level and camera, which the events do not have, and of which robot
 const most = Number(main.dataset.most); // number of robots that one person watches, by the site's settings
 const choices = new Choices("wall");
 const [feedState, requestState] = [byTestId(main, "wall-feed"), byTestId(main, "wall-requests")];
@@ -38,7 +38,7 @@ const list = new RobotList({
   onNew: (tile, name) => {
     tile.dataset.camera = facts[name]?.camera ?? "";
     thumbs.add(tile, name);
-    if (mayDrive(name)) offerDrive(tile, name);
+    if (mayDrive(name)) offerDrive(tile, robots.get(name).mac);
   },
 });
 const showSoon = throttled(show, SHOW_EVERY_MS);
@@ -95,24 +95,29 @@ function namesToShow(fitting) {
 
 function receiveFleet(all) {
   robots.clear();
-  for (const robot of all) robots.set(robot.name, robot);
+  all.forEach(receive);
+}
+
+// Another robot may have got the name of one that is shown.
+function receive(robot) {
+  const { name, mac } = robot;
+  if ((facts[name]?.mac ?? mac) !== mac) forget(name);
+  (facts[name] ??= {}).mac = mac;
+  robots.set(name, robot);
   showSoon();
 }
 
-function receive(robot) {
-  robots.set(robot.name, robot);
+function forget(name) {
+  for (const known of [robots, keys]) known.delete(name);
+  delete facts[name];
+  list.remove(name, false);
   showSoon();
 }
 
 const feed = new Feed({
   onFleet: receiveFleet,
   onRobot: receive,
-  onRemoved: ({ name }) => {
-    robots.delete(name);
-    delete facts[name]; // another robot may get the name
-    list.remove(name, false);
-    showSoon();
-  },
+  onRemoved: ({ name }) => forget(name),
   onState: (state) => {
     feedState.dataset.feed = state;
     main.dataset.feed = state;

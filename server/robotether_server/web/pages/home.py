@@ -160,7 +160,12 @@ def show_wall() -> AnyResponse:
 
 def _tiles(seen: list[SeenRobot]) -> dict[str, dict[str, str]]:
     return {
-        robot.robot.name: {"level": robot.level, "camera": _first_camera(robot)} for robot in seen
+        robot.robot.name: {
+            "level": robot.level,
+            "camera": _first_camera(robot),
+            "mac": robot.robot.mac,
+        }
+        for robot in seen
     }
 
 
@@ -224,6 +229,7 @@ def _in_force(seen: SeenRobot) -> dict[str, object]:
 def _card(seen: SeenRobot) -> dict[str, object]:
     return {
         "name": seen.robot.name,
+        "mac": seen.robot.mac,
         "state": seen.robot.state,
         "online": seen.online,
         "since": rfc3339(seen.since),
