@@ -1,9 +1,5 @@
 """Real agents in networks of their own, with a real sshd and the real relay in this process; no demo is needed.
 
-    with emulated() as link:
-        async with linked_robot(link) as (site, subject):
-            address = site.address_of(subject.robot)
-
 The robots' ROS side is the simulator. Needs root for the networks.
 """
 

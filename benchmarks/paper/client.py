@@ -1,10 +1,5 @@
 """Programs outside at a site: tickets, connections, and numbered commands that come back to who sent them.
 
-    async with new_http() as http:
-        async with await Client(http, "172.17.0.1:443", token).connect("sim1") as socket:
-            await begin(socket)
-            await socket.send_json(command(7))
-
 A command says whose it is: its number and that of its connection travel in components that nothing limits here.
 """
 

@@ -1,8 +1,5 @@
 """The stack that experiments run against: its ports, its API as an admin, its containers, and robots enrolled there.
 
-    with World.own() as world, world.uplinks(1) as [inside]:
-        [robot] = world.enrol(world.names("fleet", 1))
-
 `World.own()` starts a stack for itself and removes it. Robots join by the agent's own code against the server itself.
 """
 

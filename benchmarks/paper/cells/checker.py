@@ -1,8 +1,5 @@
 """What must hold in every history of cells, and how soon robots were drivable again. Pure.
 
-    violations = check(history, database)
-    returns = find_returns(history, cells)
-
 A rule yields a violation for each event that breaks it, with the robot, the time and a sentence.
 """
 

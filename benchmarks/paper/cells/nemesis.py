@@ -1,7 +1,4 @@
-"""Breaks a site by a seed, one or two things at a time, and mends each again; at the end all, also when it is ended.
-
-What it can do is in FAULTS.
-"""
+"""Breaks a site by a seed, one or two things at a time, and mends each again; at the end all, also when it is ended."""
 
 from __future__ import annotations
 

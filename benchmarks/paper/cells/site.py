@@ -1,8 +1,5 @@
 """A site of several cells on this machine, each a compose project of its own, as the experiments reach and hurt it.
 
-    with Site.started(world, 3) as site:
-        site.cells[1].each(["relay"], "kill")
-
 The first cell has the database. All cells are reached by published ports of one address, as from outside.
 """
 

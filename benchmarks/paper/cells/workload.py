@@ -1,8 +1,4 @@
-"""Robots, people and nemesis of one run at a site, each from its begin to its end, and what the database says of it.
-
-with Workload.running(site, size, folder, seed) as workload:
-    await workload.nemesis(60)
-"""
+"""Robots, people and nemesis of one run at a site, each from its begin to its end, and what the database says of it."""
 
 from __future__ import annotations
 

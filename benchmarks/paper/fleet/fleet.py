@@ -1,7 +1,5 @@
 """Many robots that start and come back together: the machinery of `density`.
 
-    values = with_fleet(world, 200, AGENTS, lambda fleet: fleet.start())
-
 Agents and virtual robots run in workers (worker.py), behind the addresses of the workers' uplinks. A clock starts with
 the order to start, so that no interpreter's start is in it. Robots are enrolled once in a world; the fleet ends with
 the `with` block.

@@ -1,8 +1,4 @@
-"""What must hold of requests in every history, whatever breaks. Pure.
-
-violations = check(history, records)
-late = find_late_passes(history, records)
-"""
+"""What must hold of requests in every history, whatever breaks. Pure."""
 
 from __future__ import annotations
 

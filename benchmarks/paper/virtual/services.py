@@ -1,8 +1,5 @@
 """What lies behind a virtual robot's forwards: a guard's answers, a rosbridge that echoes, and its topics.
 
-    async with Services() as services:
-        await VirtualRobot(account, services, rng).run()
-
 Who may enter is decided by the guard's own rules. A published message goes to all who subscribe to its topic, without
 the relay's stamp; a command is neither limited nor followed by zeros, and the guard never says that the robot moves.
 """

@@ -4,10 +4,6 @@ A page that did not look for a while may have missed a release, and one whose pi
 by; both let go, and whoever drives has to press anew. A test of what happens as long as something is held needs a
 stretch of time without that: it looks, and takes another one if there was.
 
-note(page)
-hold something, and see what the robot does
-if had_to_let_go(page): let go, and hold it once more
-
 `hold` is that for anything that is pressed, `drive` for a key and a robot that has to move, `release_stop` for the
 button that releases a stop.
 """

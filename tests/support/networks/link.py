@@ -1,8 +1,5 @@
 """An emulated network link between two namespaces, for experiments; needs root and /dev/net/tun.
 
-    with Link(up=UP, down=DOWN) as link:
-        link.robot.run("ping", "-c1", link.server.address)
-
 `up` is from the namespace `robot` to `server`. Each has a TUN device; a process of its own (`main`) carries the packets
 between them, so that neither the experiment's own work nor its end disturbs the link or leaves it behind. Where
 the kernel has netem it could do the same; this one has none, and one way that is the same on every machine is worth

@@ -1,7 +1,4 @@
-"""A program that drives: publishes the same twist at 20 Hz on a drive connection, from a thread of its own.
-
-A double of an operator's program for tests and experiments that take the robot, the server or the network away from it.
-"""
+"""A program that drives: publishes the same twist at 20 Hz on a drive connection, from a thread of its own."""
 
 from __future__ import annotations
 

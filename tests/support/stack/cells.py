@@ -1,7 +1,6 @@
 """A site of cells on this machine: a compose project each, with the database in the first one.
 
-The others reach the database, and each reaches the other, by published ports of this machine's address on Docker's
-bridge, as machines in one network do.
+They reach each other by published ports of this machine's address on Docker's bridge.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""Runs playbooks of ansible/ or of the installed collection as a site's administrator does; reads what they say.
-
-site = Site(folder, stack, hosts)
-recap = site.play("enroll.yml", turtle)
-assert recap["turtle"].changed == 0
-"""
+"""Runs playbooks of ansible/ or of the installed collection as a site's administrator does; reads what they say."""
 
 from __future__ import annotations
 

@@ -2,11 +2,6 @@
 
 A host has SSH, Python and a simulated ROS (images/robot_host), an interface with a MAC of a maker, and no agent. It
 reaches the server that is published on this machine as `cloud`, and the internet as this machine does.
-
-    with RobotHosts(tmp_path) as hosts:
-        turtle = hosts.boot("turtle")
-        turtle.run("systemctl is-active ssh")
-        turtle.reboot()
 """
 
 from __future__ import annotations
