@@ -88,6 +88,11 @@ class Snapshot:
         """Robots by their names."""
         return {robot.name: robot for robot in self.robots.values()}
 
+    def meant(self, name: str, mac: str | None) -> RelayRobot | None:
+        """Return the robot with this MAC, whatever its name is by now; without one that of the name."""
+        with_mac = (robot for robot in self.robots.values() if robot.mac == mac)
+        return next(with_mac, None) or self.by_name.get(name)
+
     def level(self, user_id: int, robot_id: int) -> Level | None:
         """What the user may do with the robot, at most; None: not even see it."""
         if user_id == RECORDER.id:

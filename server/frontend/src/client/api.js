@@ -51,9 +51,10 @@ export class Api {
     return this.post(path(robot, "lease"), { action, ...more });
   }
 
-  // `press` as of Session.stopRobot; beside the body, which a machine of an older version would refuse with it.
-  stop(robot, press) {
-    return this.post(withQuery(path(robot, "stop"), { press }), {}, { keepalive: true, timeoutMs: 3000 });
+  // `press` as of Session.stopRobot; `mac`: of the robot meant, as another one may have its name by now. Both beside the
+  // body, which a machine of an older version would refuse with them.
+  stop(robot, press, mac) {
+    return this.post(withQuery(path(robot, "stop"), { press, mac }), {}, { keepalive: true, timeoutMs: 3000 });
   }
 
   // The server answers by itself after `wait_s`, or 5 s.

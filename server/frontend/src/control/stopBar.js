@@ -9,7 +9,7 @@ import { Stopping, sameStop } from "./stopping.js";
 export class StopBar {
   // `halt()` ends what this page commands; `send(press)` says the stop on the page's own connection;
   // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
-  constructor(root, { robot, halt, send, onReleased }) {
+  constructor(root, { robot, mac, halt, send, onReleased }) {
     this.robot = robot;
     this.halt = halt;
     this.onReleased = onReleased;
@@ -19,7 +19,7 @@ export class StopBar {
     this.failure = "";
     this.offered = "idle";
     this.asked = 0; // number of releases without an answer
-    this.stopping = new Stopping({ send, post: (press) => api.stop(robot, press), onChange: () => this.show() });
+    this.stopping = new Stopping({ send, post: (press) => api.stop(robot, press, mac), onChange: () => this.show() });
     this.listen(byTestId(root, "stop"));
   }
 

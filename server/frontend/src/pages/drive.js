@@ -89,6 +89,7 @@ arming.use(controls);
 const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, isLimitedByAge, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
+  mac,
   halt: () => controls.halt(),
   send: (press) => session.stopRobot(press),
   onReleased: (again) => driveMode.released(again),

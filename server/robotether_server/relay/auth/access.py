@@ -371,11 +371,11 @@ class Access:
         level = granted if use == "drive" else "observe"
         return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 
-    def visible_robot(self, user: RelayUser, name: str) -> RelayRobot:
-        """Return the robot; RobotUnknownError when there is none for this user."""
+    def visible_robot(self, user: RelayUser, name: str, mac: str | None = None) -> RelayRobot:
+        """Return the robot, as `Snapshot.meant` says; RobotUnknownError when there is none for this user."""
         _check_name(name)
         snapshot = self._snapshot()
-        robot = snapshot.by_name.get(name)
+        robot = snapshot.meant(name, mac)
         if robot is None or snapshot.level(user.id, robot.id) is None:
             raise RobotUnknownError(f"cannot open robot {name}: there is no such robot for you")
         return robot

@@ -17,6 +17,7 @@ from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.peers import Peers
+from robotether_server.relay.control.control_api import mac_of
 
 FORWARDED = re.compile(
     r"/robots/(?P<robot>[^/]+)/(?P<path>.+)|/api/v1/robots/(?P<controlled>[^/]+)/"
@@ -41,11 +42,12 @@ class Forwarding:
         match = FORWARDED.fullmatch(request.path)
         if match is None or not self.peers.count():
             return None
-        robot = self.snapshot().by_name.get(match["robot"] or match["controlled"])
+        stops = match["action"] == "stop"
+        mac = mac_of(request) if stops else None
+        robot = self.snapshot().meant(match["robot"] or match["controlled"], mac)
         peer = None if robot is None else self.peers.owner(robot.id)
         if robot is None or peer is None:
             return None
-        stops = match["action"] == "stop"
         access_request = request_of(request, stops=stops)
         ticket = self.access.observer_ticket(access_request) if match["path"] == "ros" else None
         if ticket is not None and web.WebSocketResponse().can_prepare(request):

@@ -50,6 +50,18 @@ async def test_a_manager_stops_what_it_manages(relay, guarded, sim1, memory_data
     assert relay.relay.control.stops.of(8) is None
 
 
+async def test_a_stop_follows_a_robot_whose_name_another_has(relay, sim1, memory_database, ask):
+    """A page may have the name from before; without a robot of its MAC the name counts."""
+    memory_database.add_robot(8, "sim2", u1="drive")
+    await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both")
+    stops = relay.relay.control.stops
+    assert (await ask("POST", f"/api/v1/robots/sim2/stop?mac={sim1.mac}", "ann"))[0] == 200
+    assert (stops.of(sim1.id) is None, stops.of(8)) == (False, None)
+    path = "/api/v1/robots/sim2/stop?mac=02:00:00:00:00:99"
+    assert (await ask("POST", path, "ann"))[0] == 200
+    assert stops.of(8) is not None
+
+
 async def test_bad_bodies_are_named(relay, sim1, ask):
     relay.relay.control.stops.stop(sim1, "ben")
     for path, body, status in (
@@ -89,7 +101,8 @@ async def test_who_stops_over_http_waits_behind_no_other_question(
 
 async def test_no_stop_fails_for_lack_of_a_reason(relay, guarded, sim1, ask):
     for body in ({}, {"reason": None}, {"reason": " "}):
-        for path, by in ((f"{SIM1}/stop?press={'x' * 99}", "bob"), ("/api/v1/stop", "carl")):
+        odd = f"{SIM1}/stop?press={'x' * 99}&mac=x"
+        for path, by in ((odd, "bob"), ("/api/v1/stop", "carl")):
             assert (await ask("POST", path, by, body))[0] == 200
             assert relay.relay.control.stops.of(sim1.id) is not None
             await relay.relay.control.stops.release(sim1, "ann")
