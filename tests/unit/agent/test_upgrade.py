@@ -119,15 +119,6 @@ def test_next_version_has_video_without_a_network(pyav, tmp_path):
         assert (new / file).samefile(old / file)
 
 
-def test_video_that_cannot_be_had_is_explained(pyav, tmp_path, monkeypatch):
-    site = add_version(tmp_path / "versions/1", pyav)
-    before = set(site.iterdir())
-    assert "av==1.0" in install_video(tmp_path / "versions/1", ("--no-index",))
-    monkeypatch.setattr("robotether_agent.install_video.NEEDED_MB", 10**9)
-    assert "MB free" in install_video(tmp_path / "versions/1", ("--no-index",))
-    assert set(site.iterdir()) == before
-
-
 WAS, TARGET = Path("/opt/a/versions/1"), Path("/opt/a/versions/2")
 
 

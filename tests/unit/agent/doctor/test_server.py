@@ -197,10 +197,8 @@ def guard(setting: str) -> Check:
 @pytest.mark.parametrize(
     ("check", "status", "expected", "words"),
     [
-        (service("active"), UP, OK, ""),
         (service(None), UP, OK, ""),
         (service("failed"), UP, FAIL, ""),
-        (service("inactive"), None, FAIL, ""),
         (service("active"), None, FAIL, ""),
         (tunnel.check_session, UP, OK, "connected to b.example port 443 as sim1"),
         (tunnel.check_session, None, SKIPPED, "no agent"),
@@ -217,7 +215,6 @@ def guard(setting: str) -> Check:
         # The server's own view counts; a shell only where one is wanted, video only where the robot has it.
         (tunnel.check_end_to_end, UP, OK, ""),
         (tunnel.check_end_to_end, None, SKIPPED, ""),
-        (tunnel.check_end_to_end, replace(UP, state="waiting"), SKIPPED, ""),
         (tunnel.check_end_to_end, replace(UP, end_to_end_video="unknown"), SKIPPED, ""),
         (tunnel.check_end_to_end, replace(UP, end_to_end_ros="down"), FAIL, ""),
         (tunnel.check_end_to_end, replace(UP, video="ok", end_to_end_video="down"), FAIL, ""),

@@ -166,22 +166,6 @@ def test_interfaces_that_come_change_nothing(machine, name, mac, device):
     assert machine.is_now() == Identity(WIFI, "wlan0")
 
 
-def test_a_card_that_went_away_leaves_the_robot_what_it_is(machine):
-    machine.remove("wlan0")
-    machine.add("eth0", WIRED, 2)
-    assert machine.is_now() == Identity(WIFI, "wlan0", is_present=False)
-    machine.add("wlan0", WIFI, 7)
-    assert machine.is_now().is_present
-
-
-def test_a_replaced_card_under_the_same_name_is_no_other_robot(machine):
-    machine.remove("wlan0")
-    machine.add("wlan0", USB, 3, wireless=True)
-    expected = Identity(WIFI, "wlan0", is_present=False)
-    assert machine.is_now() == expected
-    assert machine.is_now(interface="wlan0") == expected
-
-
 def test_the_setting_mac_wins(machine):
     """A person who names an address gets that one, whether this machine has it or not; nothing is kept."""
     assert machine.is_now(mac=USB) == Identity(USB, "")

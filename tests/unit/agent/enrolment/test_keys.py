@@ -28,14 +28,6 @@ from robotether_agent.problems import (
 )
 
 
-async def test_made_once_and_kept(place):
-    first = await ensure_key(place)
-    assert first.public.startswith("ssh-ed25519 AAAA")
-    assert first.path.stat().st_mode & 0o777 == 0o600
-    assert await ensure_key(place) == first
-    assert sorted(path.name for path in place.iterdir()) == ["id_ed25519", "id_ed25519.pub"]
-
-
 async def test_open_mode_and_missing_public_half_are_mended(place):
     first = await ensure_key(place)
     first.path.chmod(0o644)
@@ -151,14 +143,6 @@ def test_a_broken_pin_is_not_as_good_as_none(place, text):
     (place / "known_hosts").write_text(text)
     with pytest.raises(StateUnusableError, match="cannot use the pinned host keys"):
         pinned_host_keys(place / "known_hosts")
-
-
-def test_other_host_keys_of_the_same_server_are_refused(place):
-    store = EnrolmentStore(place)
-    store.keep(ENROLMENT, [PINNED])
-    with pytest.raises(ServerKeyChangedError):
-        store.keep(Enrolment("a.example", "renamed", ENROLMENT.mac, ACCESS), [OTHER])
-    assert store.load("a.example") == ENROLMENT
 
 
 def test_a_broken_enrolment_keeps_the_pin(place):

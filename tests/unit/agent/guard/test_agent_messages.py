@@ -11,7 +11,6 @@ import pytest
 from fake_pipe import FakePipe
 from robotether_agent.fields import FieldError
 from robotether_agent.guard.agent_messages import (
-    COUNTS_EVERY_S,
     MAX_QUEUE_BYTES,
     MOTION_EVERY_S,
     SEEN_EVERY_S,
@@ -151,22 +150,6 @@ def test_a_newer_lease_is_told_at_once() -> None:
     for fence in (13, 14):
         reports.state(replace(STANDS, fence=fence), COUNTS, STOPS)
     assert [line["fence"] for line in pipe.lines] == [13, 14]
-
-
-def test_what_is_refused_is_told_without_a_motion_too() -> None:
-    now, counts = 5.0, dict(COUNTS)
-    reports = GuardReporter(pipe := FakePipe(), lambda: now)
-    reports.state(STANDS, counts, STOPS)
-    for _ in range(1000):
-        counts["held"] += 1
-        now += COUNTS_EVERY_S / 500
-        reports.state(STANDS, counts, STOPS)
-    assert 1 < len(pipe.lines) <= 3
-    now += COUNTS_EVERY_S
-    for _ in range(2):
-        reports.state(STANDS, counts, STOPS)
-    assert pipe.lines[-1]["refused"]["held"] == 1000
-    assert len(pipe.lines) <= 4
 
 
 def test_an_agent_that_does_not_read_holds_nothing_up() -> None:

@@ -145,16 +145,6 @@ def test_a_time_beyond_its_bound_is_reported_as_the_bound() -> None:
     assert ages.report()["slowed_s"] == MAX_SLOWED_S
 
 
-def test_nothing_is_reported_of_a_program_on_the_robot() -> None:
-    """A report without a lease's number ends the session, also of a driver whose topic is slowed beside the program."""
-    ages = SeenAges()
-    ages.begin(13)
-    ages.add(0.14)
-    ages.begin(0)
-    ages.slowed_s += 0.05
-    assert not ages.has_news
-
-
 @pytest.mark.parametrize("first", [0.0, 0.1])
 @pytest.mark.parametrize("worst", [9.0, None])
 def test_the_worst_age_is_never_lost(worst: float | None, first: float) -> None:

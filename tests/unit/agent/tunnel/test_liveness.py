@@ -59,7 +59,6 @@ def test_an_address_that_ipv6_renews(monkeypatch, now, path):
 @pytest.mark.parametrize(
     ("signs", "problem", "certain"),
     [
-        (Signs(Path.SAME, 0.4, is_stuck=False), None, False),
         (Signs(Path.SAME, 9.0, is_stuck=False), None, False),
         (Signs(Path.SAME, 1.1, is_stuck=True), None, False),
         (Signs(Path.SAME, 1.3, is_stuck=True), ServerSilentError, False),
@@ -68,8 +67,6 @@ def test_an_address_that_ipv6_renews(monkeypatch, now, path):
         (Signs(Path.SAME, 4.5, is_stuck=True), ServerSilentError, True),
         (Signs(Path.SAME, 2.6, is_stuck=True, idle_delay_s=1.5), None, False),
         (Signs(Path.SAME, 2.8, is_stuck=True, idle_delay_s=1.5), ServerSilentError, False),
-        (Signs(Path.SAME, 2.0, is_stuck=True, is_distrusted=True, idle_delay_s=1.5), None, False),
-        (Signs(Path.SAME, 4.5, is_stuck=True, idle_delay_s=1.5), ServerSilentError, True),
         (Signs(Path.MOVED, 0.1, is_stuck=False), NetworkChangedError, False),
         (Signs(Path.MOVED, 4.5, is_stuck=True), ServerSilentError, True),
         (Signs(Path.GONE, 0.1, is_stuck=False), NetworkChangedError, True),

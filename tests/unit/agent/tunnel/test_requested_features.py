@@ -11,7 +11,6 @@ from fake_cloud import echo, eventually
 from local_network import free_port
 from openssh_server import listens
 from robotether_agent.enrolment import keys
-from robotether_agent.enrolment.keys import ensure_key
 from robotether_agent.tunnel.audit_heads import sign_heads
 from robotether_agent.tunnel.session import HeadRequest
 from robotether_common.audit_head import NAMESPACE, statement
@@ -63,20 +62,6 @@ async def test_video_has_a_connection_while_somebody_watches(cloud, start_agent)
     assert len(cloud.of_kind("session", live=False)) == 1
     assert agent.status().shell_tunnel == "off"
     assert cloud.of_kind("shell", live=False) == []
-
-
-async def test_a_new_key_on_request_without_losing_a_tunnel(cloud, start_agent):
-    agent = start_agent(cloud)
-    old = (await agent.until_connected()).fingerprint
-    cloud.configure(rotate_key=True)
-    status = await agent.until(lambda status: status.fingerprint != old, "a new key")
-    key = await ensure_key(agent.settings.state_dir)
-    assert (status.fingerprint, cloud.robot_key) == (key.fingerprint, key.public)
-    assert [len(cloud.of_kind(kind)) for kind in ("session", "media")] == [1, 1]
-    cloud.ssh.drop_connections()
-    await cloud.link("session", number=2)
-    await agent.until_connected()
-    assert len(cloud.joins) == 2
 
 
 async def test_a_new_key_that_fails_is_told_and_tried_again(cloud, start_agent):

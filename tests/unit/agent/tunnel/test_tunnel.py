@@ -106,7 +106,6 @@ def test_forwards_listen_on_all_addresses(url, spec):
 def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
     monkeypatch.setenv("SSH_AUTH_SOCK", "/x")
     assert set(child_environment()) == {"PATH", "LC_ALL"}
-    assert Forward(1, "h", 2).spec == "0.0.0.0:1:h:2"
 
 
 @pytest.mark.parametrize(
@@ -114,7 +113,6 @@ def test_the_client_inherits_nothing_that_changes_it(monkeypatch):
     [
         (f"{CHANGED}\nHost key verification failed.", 255, "host_key_changed"),
         ("No RSA host key is known for robotether-server and you have", 255, "host_key_changed"),
-        ("tunnel@a: Permission denied (publickey).", 255, "key_refused"),
         ("Received disconnect: Too many authentication failures", 255, "key_refused"),
         (
             "Permissions 0644 for '/state/id_ed25519' are too open.\n"
