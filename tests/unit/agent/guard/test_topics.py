@@ -36,6 +36,16 @@ def test_the_next_rosbridge_knows_no_topic() -> None:
     assert [(topic.name, topic.announced) for topic in topics] == [("/stays", False)]
 
 
+def test_named_topics_have_places_of_their_own() -> None:
+    topics = Topics()
+    topics.named = frozenset({"/cmd_vel"})
+    topics.ensure("/cmd_vel", 0.0, goes)
+    for number in range(MAX_TOPICS + 1):
+        topics.ensure(f"/t{number}", 1.0, goes)
+    topics.free_unmoved(goes)
+    assert [topic.name for topic in topics] == ["/cmd_vel"]
+
+
 def test_a_topic_that_comes_back_is_not_unadvertised() -> None:
     topics = Topics()
     topics.ensure("/t", 0.0, goes).announced = True
