@@ -218,8 +218,11 @@ class OpenSshServer(Sshd):
         shutil.rmtree(self.folder)
 
 
-def make_key(path: Path, passphrase: str = "", *, kind: str = "ed25519", comment: str = "") -> str:
+def make_key(
+    path: Path, passphrase: str = "", *, kind: str = "ed25519", bits: int = 0, comment: str = ""
+) -> str:
     command = ["ssh-keygen", "-q", "-t", kind, "-N", passphrase, "-C", comment, "-f", str(path)]
+    command += ["-b", str(bits)] if bits else []
     subprocess.run(command, check=True, stdin=subprocess.DEVNULL)
     return path.with_suffix(".pub").read_text().strip()
 

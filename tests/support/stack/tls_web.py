@@ -1,4 +1,4 @@
-"""Web over TLS on a free port, as a program of a site reaches it through nginx."""
+"""Web on a free port, over TLS as a program of a site reaches it through nginx, or without."""
 
 from __future__ import annotations
 
@@ -10,8 +10,6 @@ from pathlib import Path
 from typing import Any
 
 from api_visitor import Program, program_of
-from flask import Flask
-from robotether_server.db import Database
 from web_visitor import Browser
 from werkzeug.serving import make_server
 
@@ -20,9 +18,9 @@ ENDS_WITHIN_S = 10.0
 
 @dataclass
 class TlsWeb:
-    app: Flask
-    database: Database
-    certificate: Path
+    app: Any
+    database: Any
+    certificate: Path | None
     address: str = ""
     requests: list[str] = field(default_factory=list)
     _programs: dict[str, Program] = field(default_factory=dict)
@@ -46,9 +44,9 @@ class TlsWeb:
 
 
 @contextmanager
-def running(app: Flask, database: Database, certificate: Path) -> Iterator[TlsWeb]:
+def running(app: Any, database: Any = None, certificate: Path | None = None) -> Iterator[TlsWeb]:
     web = TlsWeb(app, database, certificate)
-    files = (str(certificate), str(certificate))
+    files = None if certificate is None else (str(certificate), str(certificate))
     server = make_server("127.0.0.1", 0, web.as_nginx_asks, threaded=True, ssl_context=files)
     web.address = f"127.0.0.1:{server.port}"
     thread = threading.Thread(target=server.serve_forever)

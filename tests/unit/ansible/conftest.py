@@ -2,23 +2,16 @@
 
 import pytest
 import tls_web
+from dated_certificate import make_certificate
 from robotether_server.db import users
 from robotether_server.web import create_app
-from tls_front import openssl
 from web_visitor import HASH, web_settings_of, write_host_key
 
 
 @pytest.fixture(scope="session")
 def certificate(tmp_path_factory):
     """One for 127.0.0.1, with its key."""
-    key, file = (tmp_path_factory.mktemp("tls") / name for name in ("key.pem", "cert.pem"))
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", "/CN=localhost", "-keyout", str(key), "-out", str(file)),
-        *("-addext", "subjectAltName=IP:127.0.0.1"),
-    )
-    file.write_bytes(file.read_bytes() + key.read_bytes())
-    return file
+    return make_certificate(tmp_path_factory.mktemp("tls"))
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import subprocess
 
 import pytest
+from openssh_server import make_key
 from robotether_server.signatures import SigningKey, is_signed, key_of
 
 NAMESPACE = "robotether-rotation"
@@ -16,10 +17,9 @@ def ssh_keygen(*words, message=""):
     ).stdout.decode()
 
 
-def make_key(file, kind, bits):
-    """Return the public key of a new key."""
-    ssh_keygen("-q", "-t", kind, *(["-b", bits] if bits else []), "-N", "", "-C", "x", "-f", file)
-    return " ".join(file.with_suffix(".pub").read_text().split()[:2])
+def key_in(file, kind, bits):
+    """Make a key; return its public half."""
+    return " ".join(make_key(file, kind=kind, bits=bits).split()[:2])
 
 
 def sign(file, namespace, message, *options):
@@ -32,7 +32,7 @@ def sign(file, namespace, message, *options):
 )
 def test_only_the_keys_own_signature_over_the_message_holds(tmp_path, kind, bits):
     own, foreign = tmp_path / "own", tmp_path / "foreign"
-    key, other = make_key(own, kind, bits), make_key(foreign, kind, bits)
+    key, other = key_in(own, kind, bits), key_in(foreign, kind, bits)
     good = sign(own, NAMESPACE, MESSAGE)
     assert key_of(good) == key
     for signature in (good, sign(own, NAMESPACE, MESSAGE, "-O", "hashalg=sha256")):

@@ -1,9 +1,10 @@
 """Ports that the database allots: pairs for ROS and video, and shell ports, in many transactions at once."""
 
 import threading
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from allotment import at_once, insert_at_once, mac, pair_owners, shell_owners
+from allotment import mac, pair_owners
 from robotether_server.db import migrate, robots, seen_robots
 from robotether_server.problems import RecordExistsError, RecordRefusedError
 
@@ -18,31 +19,40 @@ def purged(mariadb, admin_database):
     mariadb.as_root("SET GLOBAL innodb_max_purge_lag_wait = 0")
 
 
+def shell_owners(admin_database):
+    """Shell port -> robot, of those that are in use."""
+    with admin_database.transaction() as tx:
+        rows = tx.rows("SELECT port, robot_id FROM shell_ports WHERE robot_id IS NOT NULL")
+    return {row["port"]: row["robot_id"] for row in rows}
+
+
+def at_once(database, count, action):
+    """Do something in as many threads, all inside their transactions at the same time."""
+    together = threading.Barrier(count)
+
+    def run(number):
+        with database.transaction() as tx:
+            together.wait(20)
+            action(tx, number)
+
+    with ThreadPoolExecutor(count) as threads:
+        list(threads.map(run, range(count)))
+
+
 @pytest.mark.usefixtures("purged")
 def test_forty_inserts_at_once_get_distinct_pairs(database, admin_database):
     """Concurrent transactions neither share a pair nor fail, and none waits for another's commit."""
     inserted = threading.Barrier(40)
-    names = [f"robot-{number}" for number in range(40)]
-    failures = insert_at_once(database, names, lambda _: inserted.wait(20))
-    assert failures == []
+
+    def insert(tx, number):
+        robots.add(tx, mac(number), f"robot-{number}")
+        inserted.wait(20)
+
+    at_once(database, 40, insert)
     owners = pair_owners(admin_database)
     assert len(owners) == 40
     with database.transaction() as tx:
         assert {r.robot.ros_port: r.robot.id for r in seen_robots.list_all(tx)} == owners
-
-
-@pytest.mark.usefixtures("purged")
-def test_rolled_back_inserts_lose_no_pair(database, admin_database):
-    def fail_odd(number):
-        if number % 2:
-            raise LookupError("on purpose")
-
-    failures = insert_at_once(database, [f"r{number}" for number in range(20)], fail_odd)
-    assert failures == ["LookupError: on purpose"] * 10
-    assert len(pair_owners(admin_database)) == 10
-    with database.transaction() as tx:
-        for number in range(90):
-            robots.add(tx, mac(1000 + number), f"later-{number}")
 
 
 def test_last_pair_waits_for_the_one_who_holds_it(database, admin_database):
@@ -113,7 +123,7 @@ def test_shells_switched_on_at_once_get_distinct_ports(database, admin_database)
         robots.set_shell(tx, ids[number], on=True)
         done.wait(20)
 
-    assert at_once(database, 20, switch_on) == []
+    at_once(database, 20, switch_on)
     assert sorted(shell_owners(admin_database).values()) == sorted(ids)
 
 

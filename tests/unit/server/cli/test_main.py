@@ -40,15 +40,6 @@ def test_migrate_makes_the_first_admin_with_a_password_alone(run_as_migrate, dat
         assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)
 
 
-def test_database_that_is_away_is_told_with_its_host(run, monkeypatch):
-    """An admin may know more than a visitor."""
-    monkeypatch.setenv("DB_PORT", "1")
-    done = run("robot", "list")
-    assert done.status == 1
-    assert "cannot reach the database" in done.err
-    assert "127.0.0.1" in done.err
-
-
 @pytest.fixture
 def started(monkeypatch):
     monkeypatch.setenv("TICKET_KEY", "t" * 32)

@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from admin_records import ADD, MAC, OTHER_KEY, activate, claim, kinds, robot, show_key
+from admin_records import ADD, OTHER_KEY, activate, claim, kinds, robot, show_key
 from robotether_server.cli import robot_keys
 
 
@@ -26,30 +26,9 @@ def test_what_waits_is_listed(run, database):
     fields = shown(run("robot", "approve", "sim1", terminal="n\n").out)
     assert (fields["key"], fields["host name"]) == ("SHA256:other", "copy")
     assert "another key, SHA256:abc, and keeps it" in fields["beware"]
+    assert (fields["joined"][-4:], robot(database).fingerprint) == (" UTC", "SHA256:abc")
     done = run("robot", "approve", "sim1", terminal="y\n")
     assert done.out.endswith("robot sim1 is active with key SHA256:other\n")
-
-
-def test_approve_shows_who_joined_and_asks(run, database):
-    """All that tells one robot from another stands there before the question; only a yes approves."""
-    run(*ADD)
-    show_key(database)
-    for answer in ("", "\n", "n\n"):
-        done = run("robot", "approve", "sim1", terminal=answer)
-        assert done.status == 1
-        assert robot(database).state == "pending"
-    fields = shown(done.out)
-    assert fields.pop("joined").endswith(" UTC")
-    assert fields == {
-        "robot": "sim1 (pending)",
-        "MAC": MAC,
-        "host name": "turtle",
-        "address": "192.0.2.1",
-        "key": "SHA256:abc",
-    }
-    assert "did not approve robot sim1" in done.err
-    done = run("robot", "approve", "sim1", terminal="y\n")
-    assert (done.status, robot(database).state) == (0, "active")
 
 
 def test_approve_without_a_terminal_needs_the_fingerprint(run, database):

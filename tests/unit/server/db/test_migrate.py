@@ -75,17 +75,6 @@ def shell_ports(admin_database, first, last):
         return [row["port"] for row in tx.rows("SELECT port FROM shell_ports ORDER BY port")]
 
 
-def test_shell_range_keeps_what_is_in_use(database, admin_database):
-    """A second run changes nothing; a robot keeps its port when the range moves away."""
-    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
-    assert shell_ports(admin_database, 24000, 24002) == [24000, 24001, 24002]
-    with database.transaction() as tx:
-        robots.set_shell(tx, robots.add(tx, "02:00:00:00:00:01", "a"), on=True)
-    assert shell_ports(admin_database, 30000, 30001) == [24000, 30000, 30001]
-    with database.transaction() as tx:
-        assert robots.get(tx, "a").shell_port == 24000
-
-
 def test_ranges_that_move_onto_each_other_share_no_port(database, admin_database):
     """A port by hand is left out of the shells', and a shell's port is in no pair that is allotted."""
     with database.transaction() as tx:

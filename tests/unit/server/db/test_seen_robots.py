@@ -18,27 +18,6 @@ KEY = PublicKey("ssh-ed25519 AAAA", "SHA256:abc")
 REPORT = Report("turtle", "0.1.0", "192.0.2.1")
 
 
-def test_presence_is_the_newest_session(database, admin_database):
-    with database.transaction() as tx:
-        robot_id = robots.add(tx, MAC, "a")
-    seen = []
-    for statement in (
-        "INSERT INTO robot_sessions (robot_id, address) VALUES (%s, '')",
-        "UPDATE robot_sessions SET ended_at = started_at + INTERVAL 1 HOUR WHERE robot_id = %s",
-    ):
-        with database.transaction() as tx:
-            seen += seen_robots.list_all(tx)
-        with admin_database.transaction() as tx:
-            tx.change(statement, (robot_id,))
-    with database.transaction() as tx:
-        seen += seen_robots.list_all(tx)
-    never, online, offline = seen
-    assert [item.online for item in seen] == [False, True, False]
-    waits = "This robot awaits approval."
-    assert [item.offline_reason for item in seen] == [waits, None, waits]
-    assert (never.since, offline.since - online.since) == (None, HOUR)
-
-
 @pytest.fixture
 def sim1(database, relay_database):
     """A robot of cell a, where ann has been driving it since noon."""
