@@ -20,8 +20,6 @@ from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.cells import cell_metrics, cell_topics
 from robotether_server.relay.cells.cell_client import CellClient, CellTopicDialer
-from robotether_server.relay.cells.cell_metrics import CellMetrics
-from robotether_server.relay.cells.cell_topics import PeerTopicsHandler
 from robotether_server.relay.cells.cells import Cells
 from robotether_server.relay.cells.dialer import PeerDialer
 from robotether_server.relay.cells.drain import CellDrain
@@ -34,7 +32,6 @@ from robotether_server.relay.cells.rebalancing import Rebalancing
 from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels import recorder
 from robotether_server.relay.channels.kinds import channel_routes
-from robotether_server.relay.channels.recorder import RecorderHandler
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
@@ -63,9 +60,6 @@ from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.routes import apps, cell_sources, live_routes
-from robotether_server.relay.routes.apps import Apps
-from robotether_server.relay.routes.cell_sources import CellSourceHandler, CellSources
-from robotether_server.relay.routes.live_routes import LiveRoutes
 from robotether_server.relay.routes.routes import RouteContext, RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tasks import end_tasks
@@ -226,7 +220,7 @@ class Relay:
         topics_key = token_hex(16).encode()
         cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
         parts = self.metrics.parts
-        self._cell_metrics = CellMetrics(settings.cell.name, parts, self.peers, cells)
+        self._cell_metrics = cell_metrics.CellMetrics(settings.cell.name, parts, self.peers, cells)
         topics = CellTopicDialer(media, self.peers, cells)
         topic_links = TopicLinks(topics.open, self.registry, limit_bytes, topics_key)
         self.shared_topics = SharedTopics(self.registry, topic_links)
@@ -246,7 +240,7 @@ class Relay:
             context, self.control, self.fleet_events, rules=rules, report=self.observer.connection
         )
         self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
-        self._peer_topics = PeerTopicsHandler(
+        self._peer_topics = cell_topics.PeerTopicsHandler(
             self.fleet.state, self.registry, self.peers, rules, topic_links
         )
         control_api = ControlApi(
@@ -270,20 +264,20 @@ class Relay:
             clock=utc_now,
             online_s=self.peers.here_for_s,
         )
-        self.recorder_handler = RecorderHandler(
+        self.recorder_handler = recorder.RecorderHandler(
             self.access, self.registry, self.fleet_events, self.fleet.snapshot
         )
 
     def _make_routes(
         self, context: VideoContext, rules: BridgeRules, cells: CellClient | None
     ) -> None:
-        self.apps = Apps(self.access, self.credentials, self.event_writer, rules)
+        self.apps = apps.Apps(self.access, self.credentials, self.event_writer, rules)
         self.routes = RouteRunner(
             RouteContext(
                 handlers=context,
                 control=self.control,
                 rules=rules,
-                cell_sources=CellSources(cells, self.peers, rules.message_limit),
+                cell_sources=cell_sources.CellSources(cells, self.peers, rules.message_limit),
                 apps=self.apps,
                 peers=self.peers,
                 event_writer=self.event_writer,
@@ -292,12 +286,12 @@ class Relay:
             )
         )
         self.peer_feeds.list_apps = self.apps.list_all
-        self._live_routes = LiveRoutes(self.access, self.routes.live, self.peers, cells)
+        self._live_routes = live_routes.LiveRoutes(self.access, self.routes.live, self.peers, cells)
         self._routes += [
             web.get(live_routes.PATH, self._live_routes.show, allow_head=False),
             web.get(apps.PATH, self.apps.handle, allow_head=False),
         ]
-        self._cell_source_handler = CellSourceHandler(
+        self._cell_source_handler = cell_sources.CellSourceHandler(
             self.routes.readable, self.shared_topics, self.traffic.piece_turns
         )
 
