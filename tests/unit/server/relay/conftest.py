@@ -1,21 +1,16 @@
 """A running relay with one robot, for tests of the whole of it; and a watch on what tests leave."""
 
-from __future__ import annotations
-
 import asyncio
-import json
 import time
 import warnings
 from contextlib import AsyncExitStack
 from dataclasses import replace
-from typing import Any
 from urllib.parse import urlencode
 
 import aiohttp
 import pytest
 import pytest_asyncio
 import uvloop
-from aiohttp import WSMsgType
 from fake_robot import FakeRobot, RobotSession
 from frames_viewer import FramesViewer
 from local_network import free_ports
@@ -27,75 +22,56 @@ from robotether_server.settings import robot as robot_settings
 from timed_websocket import timed_session
 from yarl import URL
 
-WAIT_S = 30.0
-
 
 class FakeOperator:
     """A driver's WebSocket that sends clock syncs and stamped commands, as the drive page does."""
 
-    def __init__(self, http: aiohttp.ClientSession, url: str) -> None:
-        self._http = http
-        self._url = url
-        self.messages: list[dict[str, Any]] = []
-        self.closed: tuple[int | None, str] | None = None
-        self._ahead_ms: list[float] = []
-        self._socket: aiohttp.ClientWebSocketResponse
-        self._reader: asyncio.Task[None]
+    def __init__(self, connecting):
+        self.messages = []
+        self._connecting = connecting
+        self._ahead_ms = []
 
-    async def __aenter__(self) -> FakeOperator:
-        self._socket = await self._http.ws_connect(self._url, autoping=False, max_msg_size=0)
+    async def __aenter__(self):
+        self._socket = await self._connecting
         self._reader = asyncio.create_task(self._read())
         return self
 
-    async def __aexit__(self, *_exc: object) -> None:
+    async def __aexit__(self, *_exc):
         self._reader.cancel()
         await asyncio.gather(self._reader, return_exceptions=True)
         await self._socket.close()
 
     @staticmethod
-    def clock_ms() -> float:
+    def clock_ms():
         """What the page's clock shows; it began when the page did."""
         return time.monotonic() * 1000 - 5e6
 
-    async def send(self, **message: object) -> None:
-        await self._socket.send_str(json.dumps(message))
+    async def send(self, **message):
+        await self._socket.send_json(message)
 
-    async def clock_sync(self) -> None:
+    async def clock_sync(self):
         await self.send(op="robotether.clock_sync", t_ms=self.clock_ms())
         await self.until("robotether.clock_sync")
 
-    async def drive(
-        self, speed: float, *, age_ms: float = 0.0, topic: str = "/cmd_vel", **stamp: object
-    ) -> None:
+    async def drive(self, speed, *, age_ms=0.0, **stamp):
         """Send a command of an input event that was so long ago; `stamp` are more members beside its time."""
         stamp["t_ms"] = self.clock_ms() - age_ms + max(self._ahead_ms)
         msg = {"linear": {"x": speed}}
-        await self.send(op="publish", topic=topic, msg=msg, robotether=stamp)
+        await self.send(op="publish", topic="/cmd_vel", msg=msg, robotether=stamp)
 
-    async def until(self, what: str) -> dict[str, Any]:
-        async with asyncio.timeout(WAIT_S):
-            while True:
-                for message in self.messages:
-                    if message["op"] == what:
-                        self.messages.remove(message)
-                        return message
-                await asyncio.sleep(0.005)
+    async def until(self, what):
+        """Wait for the next message of this operation."""
+        await until(lambda: any(each["op"] == what for each in self.messages), f"{what} came")
+        message = next(each for each in self.messages if each["op"] == what)
+        self.messages.remove(message)
+        return message
 
-    async def _read(self) -> None:
-        while True:
-            message = await self._socket.receive()
-            if message.type is WSMsgType.PING:
-                await self._socket.pong(message.data)
-            elif message.type is WSMsgType.TEXT:
-                self._handle(json.loads(message.data))
-            elif message.type is not WSMsgType.PONG:
-                self.closed = (self._socket.close_code, message.extra or "")
-                return
-
-    def _handle(self, message: dict[str, Any]) -> None:
-        if message["op"] == "robotether.clock_sync":
-            self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
-        self.messages.append(message)
+    async def _read(self):
+        async for data in self._socket:
+            message = data.json()
+            if message["op"] == "robotether.clock_sync":
+                self._ahead_ms.append(message["relay_ms"] - self.clock_ms())
+            self.messages.append(message)
 
 
 class StrictLoop(uvloop.Loop):
@@ -210,9 +186,9 @@ def ros(relay, sim1, http):
 
 
 @pytest.fixture
-def program(relay, sim1, http):
+def program(ros):
     """Connect a program that sends clock syncs."""
-    return lambda mode="drive", user=ANN: FakeOperator(http, relay.ros_url(sim1, mode, user))
+    return lambda mode="drive", user=ANN: FakeOperator(ros(mode, user))
 
 
 @pytest.fixture

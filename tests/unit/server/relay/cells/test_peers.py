@@ -1,15 +1,9 @@
 """What cells know of each other's robots and stops, through whole relays and real sockets."""
 
-import asyncio
-
 import pytest
-from msgspec.structs import replace
 from relay_clients import ended
 from relay_server import until
-from robotether_server.contract.control import NO_CONTROL, StopObject
-from robotether_server.contract.robots import LiveState
 from robotether_server.db.control import Stop
-from robotether_server.relay.cells.messages import PeerRobot
 from robotether_server.times import utc_now
 
 
@@ -71,27 +65,6 @@ async def test_a_robot_that_was_stopped_offline_is_stopped_wherever_it_connects(
     await until(lambda: robot.session.stopped_by == "ben", "the robot is stopped")
     assert cell_b.relay.control.stops.of(sim1.id).reason == "smoke"
     cell_a.database.down = cell_b.database.down = False
-
-
-async def test_who_waits_for_a_guard_ignores_the_reports_of_other_robots(cell_a, sim1):
-    """After a stop of a whole fleet all wait, and each robot is reported."""
-    peers = cell_a.relay.peers
-    peer = peers.connected("c", "c.example:8444")
-
-    def report(robot_id, *, confirmed):
-        stopped = StopObject("ben", "2026-01-01T12:00:00Z", confirmed)
-        live = LiveState(control=replace(NO_CONTROL, stopped=stopped))
-        peers.on_message(peer, PeerRobot(robot_id, 1, online=True, object=live))
-
-    for robot_id in (sim1.id, sim1.id + 1):
-        report(robot_id, confirmed=False)
-    waiting = asyncio.ensure_future(peers.confirmation(sim1.id))
-    await asyncio.sleep(0)
-    (confirmation,) = cell_a.relay.registry.robot(sim1.id).stops.confirmations
-    report(sim1.id + 1, confirmed=True)
-    assert not confirmation.done()
-    report(sim1.id, confirmed=True)
-    assert await waiting
 
 
 async def test_no_answer_of_the_database_keeps_later_stops_or_robots_out(

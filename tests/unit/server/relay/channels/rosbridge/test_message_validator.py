@@ -1,14 +1,12 @@
 """Which operations pass for which level, and what of them, and nothing beside in any spelling."""
 
-import json
 import re
 
 import pytest
-from robotether_server.relay.channels.rosbridge.drive_path import DriveStamp, stamped
 from robotether_server.relay.channels.rosbridge.operations import (
     ROSAPI_LOOKUPS_OF_DRIVERS,
 )
-from validators import DRIVING, MANAGING, OBSERVING, check, name_of, refused, sent, validator
+from validators import DRIVING, MANAGING, OBSERVING, name_of, refused, sent, validator
 
 
 def test_look_ups_write_nothing():
@@ -78,22 +76,3 @@ def test_who_may_call_nothing_calls_look_ups(level):
     for service in [*(f"/rosapi/{name}" for name in others), *ELSEWHERE]:
         message = {"op": "call_service", "service": service}
         assert refused(message, validator(level))[0] == "service"
-
-
-def test_a_drive_command_is_recognised():
-    message = {
-        "op": "publish",
-        "topic": "left/cmd_vel",
-        "msg": {"linear": {"x": 3, "y": 4}, "angular": {"z": -0.5}},
-        "robotether": {"t_ms": 12.5, "fence": 99},
-    }
-    checked = check(message, validator("drive"))
-    command = checked.drive
-    assert (command.topic, command.stamp) == ("/left/cmd_vel", DriveStamp(12.5))
-    assert (command.speed_m_s, command.turn_rad_s) == (5.0, 0.5)
-    assert "robotether" not in json.loads(checked.data)
-    assert json.loads(stamped(command, 81.25, 13)) == {
-        **message,
-        "topic": "/left/cmd_vel",
-        "robotether": {"t_ms": 81.25, "fence": 13},
-    }
