@@ -4,6 +4,7 @@ import contextlib
 from datetime import timedelta
 
 import pytest
+from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from relay_server import ANN, BEN, CARL, utc
@@ -267,3 +268,5 @@ class LeaseMachine(RuleBasedStateMachine):
 
 
 TestLeaseMachine = LeaseMachine.TestCase
+# Faults of claims and grants are found within 25.
+TestLeaseMachine.settings = settings(max_examples=settings.default.max_examples // 2)
