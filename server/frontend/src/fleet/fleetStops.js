@@ -122,7 +122,7 @@ export class CardStop {
     this.state = "";
     this.stopping = new Stopping({
       send: () => {}, // this page has no connection to the robot
-      post: (press) => api.stop(robot, press),
+      post: (press) => api.stop(robot, press, this.mac),
       onChange: () => this.show(),
     });
   }
@@ -136,7 +136,8 @@ export class CardStop {
   }
 
   // `robot` as of the events. One that waits for approval, or is disabled, has no connection to stop.
-  receive({ state, control }) {
+  receive({ mac, state, control }) {
+    this.mac = mac;
     this.state = state;
     this.guard = control?.guard;
     this.stopping.receive(control?.stopped);

@@ -96,6 +96,7 @@ function namesToShow(fitting) {
 function receiveFleet(all) {
   robots.clear();
   all.forEach(receive);
+  showSoon();
 }
 
 // Another robot may have got the name of one that is shown.

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { mock, test } from "node:test";
 
 import { part } from "../../src/dom/page.js";
-import { FleetStops, outcome } from "../../src/fleet/fleetStops.js";
+import { CardStop, FleetStops, outcome } from "../../src/fleet/fleetStops.js";
 import { FakeElement, settle } from "../fakes.js";
 
 test("what became of a stop follows the robot's own news", () => {
@@ -99,4 +99,16 @@ test("its attempts end after a while, or when the server refuses", async () => {
   const refused = await pressed(403);
   assert.equal(refused.times, 1);
   assert.match(refused.said[0], /^Not stopped/);
+});
+
+test("the stop of a card means the robot with its MAC, also when another one has its name by then", async () => {
+  const asked = mock.method(globalThis, "fetch", () => Promise.reject(new Error("no network")));
+  const stop = new CardStop("sim1");
+  stop.receive({ mac: "00:1b:44:11:3a:b7", state: "active" });
+  stop.stopping.press();
+  await settle();
+  const { searchParams } = new URL(asked.mock.calls[0].arguments[0], "https://server");
+  assert.equal(searchParams.get("mac"), "00:1b:44:11:3a:b7");
+  clearTimeout(stop.stopping.timer);
+  mock.restoreAll();
 });
