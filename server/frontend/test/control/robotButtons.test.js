@@ -1,9 +1,8 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
 
-import { Buttons, RobotButtons, answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
-import { part } from "../../src/dom/page.js";
-import { FakeElement, settle } from "../fakes.js";
+import { RobotButtons, answerWords, refusalWords, succeeded } from "../../src/control/robotButtons.js";
+import { settle } from "../fakes.js";
 
 const LIGHTS = { name: "Lights on", kind: "publish", topic: "/lights", type: "std_msgs/Bool", msg: { data: true }, confirm: false };
 const DOCK = { name: "Dock", kind: "call", service: "/dock", type: "std_srvs/Trigger", args: {}, confirm: true };
@@ -55,6 +54,14 @@ test("a publisher stands from when the page drives until it does no more", () =>
   assert.deepEqual([publishers[0].published, lights.state], [[{ data: true }, { data: true }], "sent"]);
   robotButtons.use({ live: false, driving: true });
   assert.equal(publishers[0].ended, true);
+});
+
+test("a button that asks sends once it is answered", () => {
+  drive();
+  press(dock);
+  tick(500);
+  confirm();
+  assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger", 31]);
 });
 
 // Of the button that asks: what it is after some steps; none of them sends anything.
@@ -144,55 +151,3 @@ test("what a robot says is cut before it fills the page", () => {
   assert.equal(answerWords({ values: { message: "x".repeat(1000) } }).length, 301);
   assert.deepEqual([refusalWords("x".repeat(1000)).length, refusalWords(undefined)], [301, ""]);
 });
-
-// The panel with the button that asks and the one that does not; each element can be pressed.
-function openPanel(connection, buttons = [DOCK, SCAN]) {
-  globalThis.document = /** @type {any} */ ({
-    createElement: () => Object.assign(new FakeElement(), { hidden: false }),
-    activeElement: null,
-  });
-  const root = new FakeElement();
-  const panel = new Buttons(root, { buttons, connection });
-  return { root, panel, cells: [...panel.cells.values()], outcome: () => part(root, "button-outcome").textContent };
-}
-
-const click = (button) => button.dispatchEvent(new Event("click"));
-
-test("on the page, a question takes the button's place, is answered once it is open, and what becomes of it is said once", async () => {
-  const connection = { call: (...how) => new Promise((resolve) => calls.push({ how, resolve })) };
-  const { root, panel, cells, outcome } = openPanel(connection);
-  const [{ press, question, yes, no, state }, other] = cells;
-  const shown = () => [press.hidden, question.hidden, yes.disabled];
-  assert.deepEqual([root.hidden, press.getAttribute("aria-disabled")], [false, "true"]);
-  click(press);
-  assert.deepEqual(shown(), [false, true, true]);
-  panel.use({ live: true, driving: true });
-  assert.equal(press.getAttribute("aria-disabled"), "false");
-  const focused = [];
-  Object.assign(no, { focus: () => focused.push("no"), closest: () => null });
-  Object.assign(press, { focus: () => focused.push("press"), closest: () => (press.hidden ? press : null) });
-  Object.assign(globalThis.document, { activeElement: press });
-  click(press);
-  assert.deepEqual([shown(), focused], [[true, false, true], ["no"]]);
-  click(yes);
-  assert.deepEqual(calls, []);
-  tick(500);
-  assert.deepEqual(shown(), [true, false, false]);
-  click(no);
-  assert.deepEqual(shown(), [false, true, true]);
-  click(press);
-  tick(500);
-  click(yes);
-  assert.deepEqual([shown(), state.textContent, press.getAttribute("aria-disabled")], [[false, true, true], "Waiting", "true"]);
-  assert.deepEqual(calls[0].how, ["/dock", {}, "std_srvs/Trigger", 31]);
-  await answer(0, { success: true });
-  assert.deepEqual([state.textContent, press.dataset.state, outcome()], ["Done", "done", "Dock: done."]);
-  click(other.press);
-  assert.equal(outcome(), "Scan: waiting for the robot.");
-  panel.show(panel.robotButtons.all[0]);
-  assert.equal(outcome(), "Scan: waiting for the robot.", "what was said of the first is not said again");
-  panel.use({ live: true, driving: false });
-  assert.match(part(root, "button-hint").textContent, /while you drive/);
-});
-
-test("a robot without buttons has no panel of them", () => assert.equal(openPanel({}, []).root.hidden, true));

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
-import { beforeEach, describe, mock, test } from "node:test";
+import { mock, test } from "node:test";
 
 import { healthText, robotOf } from "../../src/fleet/cards.js";
-import { PointerPause, throttled } from "../../src/fleet/list.js";
+import { PointerPause } from "../../src/fleet/list.js";
 import { nearestOf, showNearest } from "../../src/fleet/nearest.js";
 import { MovingHand, heirs, keyOfPress, keysFor, requestsByRobot, wallNames } from "../../src/fleet/wall.js";
 import { FakeElement } from "../fakes.js";
@@ -120,56 +120,19 @@ test("the shortest of three round trips counts, and of a machine that falls sile
   }
 });
 
-describe("a list", () => {
-  test("what is costly is done at once, and then seldom, but never left undone", () => {
-    let acts = 0;
-    const seldom = throttled(
-      () => (acts += 1),
-      1000,
-      () => clock,
-    );
-    seldom();
-    assert.equal(acts, 1);
-    for (let i = 0; i < 9; i++) {
-      seldom();
-      pass(100);
-    }
-    assert.equal(acts, 1);
-    pass(100);
-    assert.equal(acts, 2);
-    pass(5000);
-    assert.equal(acts, 2);
-  });
-
-  let clock, rests, list, focused, pause;
-
-  beforeEach(() => {
-    mock.timers.reset();
-    mock.timers.enable({ apis: ["setTimeout"] });
-    clock = 10_000;
-    rests = 0;
-    focused = null;
-    list = Object.assign(new EventTarget(), { querySelector: () => focused });
-    pause = new PointerPause({ onEnd: () => (rests += 1), now: () => clock });
-    pause.listen(list);
-  });
-
-  const say = (name, more = {}) => list.dispatchEvent(Object.assign(new Event(name), more));
-
-  function pass(ms) {
-    clock += ms;
-    mock.timers.tick(ms);
-  }
-
-  test("a finger disturbs it for some seconds after it has touched", () => {
-    say("pointerover", { pointerType: "touch" });
-    say("pointerdown", { pointerType: "touch" });
-    assert.equal(pause.active, true);
-    pass(2999);
-    assert.equal(pause.active, true);
-    const before = rests;
-    pass(1);
-    assert.equal(pause.active, false);
-    assert.equal(rests, before + 1);
-  });
+test("a finger disturbs a list for three seconds after it has touched", (t) => {
+  t.mock.timers.enable({ apis: ["setTimeout"] });
+  let now = 10_000;
+  const onEnd = mock.fn();
+  const list = Object.assign(new EventTarget(), { querySelector: () => null });
+  const pause = new PointerPause({ onEnd, now: () => now });
+  pause.listen(list);
+  for (const name of ["pointerover", "pointerdown"]) list.dispatchEvent(Object.assign(new Event(name), { pointerType: "touch" }));
+  now += 2999;
+  t.mock.timers.tick(2999);
+  assert.equal(pause.active, true);
+  const before = onEnd.mock.callCount();
+  now += 1;
+  t.mock.timers.tick(1);
+  assert.deepEqual([pause.active, onEnd.mock.callCount()], [false, before + 1]);
 });

@@ -97,18 +97,6 @@ test("a gamepad that goes is lost at once, also on a page that draws no frame", 
   assert.deepEqual(frames, []);
 });
 
-test("a second gamepad changes nothing until it is chosen, and one look is made in a frame", () => {
-  connect(0, "first");
-  draw();
-  connect(1, "second");
-  draw();
-  const chosen = loop.all.map(({ id, chosen }) => `${id} ${chosen}`);
-  assert.deepEqual(chosen, ["first true", "second false"]);
-  loop.choose(1);
-  assert.match(report(), /lost second$/);
-  assert.equal(frames.length, 1);
-});
-
 describe("on the page", () => {
   const DEVICE = { id: "pad", mapping: "standard", axes: 4, buttons: 17 };
 

@@ -88,53 +88,19 @@ test("a stick that the page moves while it is pressed does not steer, and a hold
   assert.deepEqual(told.at(-1), { up: 0, left: 0 });
 });
 
-function bothSticks(kind, teleop, choices) {
-  const root = new FakeElement();
-  const made = new Map();
-  root.querySelector = (selector) => {
-    const part =
-      made.get(selector) ?? Object.assign(new FakeElement(), { style: {}, parentElement: new FakeElement(), setPointerCapture() {} });
-    made.set(selector, part);
-    part.hasPointerCapture = () => false;
-    part.getBoundingClientRect = () => ({ left: 0, top: 0, width: 240, height: 240 });
-    part.querySelector = () => ({ offsetWidth: 40, style: {} });
-    return part;
-  };
-  return new Sticks(root, { kind, teleop, choices });
-}
-
-test("one stick or two: what is held is let go, and each then asks for its own", () => {
-  const [done, choices] = [[], { all: {}, keep: (chosen) => done.push(Object.assign(choices.all, chosen)) }];
-  const teleop = { accepts: true, letGo: () => done.push("let go"), hold: (_, wanted) => told.push(wanted), release() {} };
-  const sticks = bothSticks("differential", teleop, choices);
-  const ask = () => {
-    for (const stick of [sticks.main, sticks.second]) {
-      element = stick.element;
-      pointer("down", 1, 0, 0);
-      up();
-    }
-    return told.splice(0).map(({ forward, left, turn }) => [forward > 0, left, turn > 0]);
-  };
-  assert.deepEqual([sticks.second.element.hidden, ask()[0]], [true, [true, 0, true]]);
-  sticks.choice.dispatchEvent(new Event("click"));
-  assert.deepEqual(done.splice(0), ["let go", { two: true }]);
-  assert.deepEqual([sticks.second.element.hidden, sticks.side.disabled], [false, true]);
-  assert.deepEqual(ask(), [
-    [true, 0, false],
-    [false, 0, true],
-  ]);
-  sticks.choice.dispatchEvent(new Event("click"));
-  sticks.side.dispatchEvent(new Event("click"));
-  assert.deepEqual(done.splice(0).at(-1), { two: false, right: true });
-  assert.deepEqual([sticks.area.dataset.sticks, sticks.right], ["right", true]);
-  const sideways = bothSticks("holonomic", teleop, { all: {}, keep() {} });
-  Object.assign(sticks, { main: sideways.main, second: sideways.second });
-  assert.deepEqual(ask()[0].map(Boolean), [true, true, false]);
-});
-
 test("of both sticks, a drag that was dropped holds nothing, nor does a press that does not count", () => {
+  const root = new FakeElement();
+  const { getBoundingClientRect } = element;
+  const pad = {
+    getBoundingClientRect,
+    setPointerCapture() {},
+    hasPointerCapture: () => false,
+    querySelector: () => ({ offsetWidth: 40, style: {} }),
+  };
+  const makePart = () => Object.assign(new FakeElement(), pad, { parentElement: root });
+  root.querySelector = (selector) => root.parts.get(selector) ?? root.parts.set(selector, makePart()).get(selector);
   const teleop = { accepts: true, letGo() {}, hold: () => told.push("held"), release: () => told.push("released") };
-  const sticks = bothSticks("holonomic", teleop, { all: {}, keep() {} });
+  const sticks = new Sticks(root, { kind: "holonomic", teleop, choices: { all: {}, keep() {} } });
   for (const stick of [sticks.main, sticks.second]) {
     element = stick.element;
     down();

@@ -59,18 +59,3 @@ test("a probe that a person opened is closed, and is not waited for", () => {
   topicSwitch.switchTo("/scan", false);
   assert.deepEqual([probes.close.mock.calls[0].arguments, topicSwitch.off.size], [["/scan"], 0]);
 });
-
-test("nothing is asked while the list is closed or the page hidden", async () => {
-  const get = mock.fn(async () => answer);
-  list.get = get;
-  root.open = false;
-  await list.renew();
-  root.open = true;
-  globalThis.document.hidden = true;
-  await list.renew();
-  globalThis.document.hidden = false;
-  assert.equal(get.mock.callCount(), 0);
-  await list.renew();
-  mock.timers.tick(2000);
-  assert.equal(get.mock.callCount(), 2);
-});

@@ -71,20 +71,6 @@ test("which odometry is the robot's is asked also where a laser makes the map", 
   assert.match(view.questions.join(), /laser scan .*: \/s0\/scan or .* or 496 more\?/);
 });
 
-test("a topic whose messages cannot be read is named once, beside what else is asked about topics", () => {
-  const [said, element] = [[], { textContent: "" }];
-  const root = { querySelector: () => element };
-  const view = Object.assign(Object.create(View.prototype), {
-    root,
-    questions: ["Which one?"],
-    unread: new Set(),
-    note: (text) => said.push(text),
-  });
-  for (let i = 0; i < 2; i += 1) view.failToRead("/odom");
-  const words = "Which one? A message of /odom could not be read, so it is not shown.";
-  assert.deepEqual([said, element.textContent], [[words], words]);
-});
-
 for (const [robot, holds, state] of [
   ["has not said which topics it has", true, { answered: false }],
   ["has said that it has no camera", false, { answered: true }],
