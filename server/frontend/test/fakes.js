@@ -190,8 +190,6 @@ export class FakeVideoDecoder {
   /** @type {FakeVideoDecoder[]} */
   static made = [];
 
-  static isConfigSupported = async () => ({ supported: false });
-
   static install() {
     FakeVideoDecoder.made = [];
     globalThis.VideoDecoder = FakeVideoDecoder;

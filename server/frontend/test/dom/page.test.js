@@ -1,9 +1,10 @@
 import assert from "node:assert/strict";
-import { mock, test } from "node:test";
+import { describe, mock, test } from "node:test";
 
 import { LoginUse, ServerClock } from "../../src/dom/calls.js";
 import { KeyedRows } from "../../src/dom/keyedRows.js";
 import { Choices, LocalStore, freshPage, shortNumber } from "../../src/dom/page.js";
+import { Presses, askOnce, markOpened, sendOnce } from "../../src/dom/presses.js";
 import { FakeElement, storageOf } from "../fakes.js";
 
 test("what is not JSON, what was never written, and all of a browser that keeps nothing, is nothing", () => {
@@ -83,15 +84,6 @@ test("a page that is used asks once in five minutes, and one that nobody touches
   }
 });
 
-test("a network that is cut disturbs nothing", async () => {
-  const made = make();
-  made.answer = Promise.reject(new TypeError("network"));
-  made.clock += 5 * MINUTE;
-  made.use.note();
-  await new Promise(setImmediate);
-  assert.equal(made.asked, 1);
-});
-
 for (const [name, before, after, moves] of [
   ["what stays is not moved, so that focus and choices stay with it", "abc", "bc", 0],
   ["what is new is put in its place", "bc", "ubcd", 2],
@@ -111,3 +103,117 @@ for (const [name, before, after, moves] of [
     for (const [item, row] of rows.elements) assert.ok(!elements.has(item) || elements.get(item) === row);
   });
 }
+
+describe("presses", () => {
+  // As much of the document as presses see: what an element is, and which control it is part of.
+  const element = (control, selectors = []) => {
+    const closest = (selector) => (selectors.some((one) => selector.includes(one)) ? (control ?? made) : null);
+    const made = Object.assign(new FakeElement(), { closest });
+    return made;
+  };
+  const button = () => element(undefined, ["button"]);
+
+  function page() {
+    const listeners = {};
+    new Presses().watch({ addEventListener: (name, act) => (listeners[name] = act) });
+    const fire = (name, more) => {
+      const event = { detail: 1, isTrusted: true, ignored: false, ...more };
+      event.preventDefault = event.stopImmediatePropagation = () => (event.ignored = true);
+      listeners[name](event);
+      return !event.ignored;
+    };
+    return { down: (target) => fire("pointerdown", { target }), click: (target, more) => fire("click", { target, ...more }), fire };
+  }
+
+  const TARGETS = {
+    plain: element(null),
+    drive: button(),
+    leave: button(),
+    stop: element(undefined, ["button", ".stop"]),
+    field: element(undefined, ["input"]),
+  };
+  TARGETS.icon = element(TARGETS.drive, ["button"]); // a part of it
+  TARGETS.label = Object.assign(element(undefined, ["label"]), { control: TARGETS.field });
+
+  // Where presses began, one after the other, and whether a click there counts.
+  for (const [name, downs, target, counts, more] of [
+    ["a press counts on the control on which it began", ["drive"], "drive", true],
+    ["also from a part of it", ["icon"], "drive", true],
+    ["a control that appears under the finger takes nothing", ["drive"], "leave", false],
+    ["nor does one beside which the press began", ["drive", "plain"], "leave", false],
+    ["a press anew counts", ["drive", "plain", "leave"], "leave", true],
+    ["what is not a control passes", ["drive"], "plain", true],
+    ["so does a click of a key or of assistive technology", ["drive"], "leave", true, { detail: 0 }],
+    ["so does one of a script", ["drive"], "leave", true, { isTrusted: false }],
+    ["a label's press counts on its field", ["label"], "field", true],
+    ["Stop acts whatever the press began on", ["drive"], "stop", true],
+  ]) {
+    test(name, () => {
+      const { down, click } = page();
+      for (const place of downs) down(TARGETS[place]);
+      assert.equal(click(TARGETS[target], more), counts);
+    });
+  }
+
+  test("a second finger elsewhere leaves the first one's press as it is", () => {
+    const { fire, click } = page();
+    const { drive, leave } = TARGETS;
+    fire("pointerdown", { target: drive, pointerId: 1, isPrimary: true });
+    fire("pointerdown", { target: leave, pointerId: 2, isPrimary: false });
+    assert.deepEqual([click(drive, { pointerId: 1 }), click(drive, { pointerId: 2 })], [true, false]);
+  });
+
+  // What lies there at the second of two presses, at which place and time, and whether it gets that one.
+  for (const [name, first, second, place, counts] of [
+    ["a control that takes the place of another", "drive", "leave", { clientX: 105, timeStamp: 1300 }, false],
+    ["the same control", "drive", "drive", { clientX: 105, timeStamp: 1300 }, true],
+    ["a control beside it", "drive", "leave", { clientX: 130, timeStamp: 1300 }, true],
+    ["one that is pressed later", "drive", "leave", { clientX: 105, timeStamp: 1600 }, true],
+    ["one where no control was", "plain", "leave", { clientX: 105, timeStamp: 1300 }, true],
+  ]) {
+    test(`${name} gets ${counts ? "the" : "no"} second press`, () => {
+      const { fire, click } = page();
+      fire("pointerdown", { target: TARGETS[first], isPrimary: true, clientX: 100, clientY: 50, timeStamp: 1000 });
+      fire("pointerdown", { target: TARGETS[second], isPrimary: true, clientX: 100, clientY: 50, ...place });
+      assert.equal(click(TARGETS[second]), counts);
+    });
+  }
+
+  test("a key that is held presses nothing that gets the focus meanwhile", () => {
+    const pressed = (code, repeat) => page().fire("keydown", { code, repeat, target: button() });
+    assert.deepEqual([pressed("Enter", false), pressed("Enter", true), pressed("KeyW", true)], [true, false, true]);
+  });
+
+  test("a page that was just opened takes no second press of a double one, and what a key does", (context) => {
+    context.mock.timers.enable({ apis: ["setTimeout"] });
+    const { down, click } = page();
+    const asks = button();
+    markOpened(asks);
+    const acts = (detail) => (down(asks), click(asks, { detail }));
+    assert.deepEqual([acts(1), acts(0)], [false, true]);
+    context.mock.timers.tick(500);
+    assert.equal(acts(1), true);
+  });
+
+  test("what is under way or done is not asked for again, and what failed is", async () => {
+    const asked = [];
+    const ask = (ok) => askOnce("a", async () => (asked.push(ok), { ok }));
+    assert.deepEqual(await Promise.all([ask(false), ask(true)]), [{ ok: false }, null]);
+    assert.deepEqual([await ask(true), await ask(true), asked], [{ ok: true }, null, [false, true]]);
+  });
+
+  test("a form that changes something is not sent twice by a double press", () => {
+    let submit = /** @type {(event: object) => void} */ (() => {});
+    sendOnce({ addEventListener: (_, listener) => (submit = listener) });
+    const sends = (form, timeStamp, defaultPrevented = false) => {
+      const event = { target: form, timeStamp, defaultPrevented, isSent: true, preventDefault: () => (event.isSent = false) };
+      submit(event);
+      return event.isSent;
+    };
+    const formOf = (method) => ({ getAttribute: () => method });
+    const [post, get] = [formOf("post"), formOf("get")];
+    assert.deepEqual([sends(post, 0, true), sends(post, 0), sends(post, 100), sends(formOf("post"), 100)], [true, true, false, true]);
+    assert.deepEqual([sends(get, 0), sends(get, 100)], [true, true]);
+    assert.equal(sends(post, 3000), true, "its answer did not come");
+  });
+});

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
 import { LaserRing, ringPoints } from "../../src/overlays/laserRing.js";
-import { MapTile, isEmpty, isLost, multiples, wordsOf } from "../../src/overlays/mapTile.js";
+import { MapTile, isLost, multiples, wordsOf } from "../../src/overlays/mapTile.js";
 import { Transforms, projected } from "../../src/overlays/transforms.js";
 
 let shown, tile;
@@ -21,16 +21,6 @@ test("a small map that is not running takes nothing from the large one", () => {
   assert.deepEqual(shown, [{ scan: true, path: true, map: true }]);
   small.stop();
   assert.equal(shown.length, 1);
-});
-
-test("nothing is to draw while neither the robot's place nor a wanted part is known", () => {
-  const all = { scan: true, path: true, map: true };
-  const nowhere = { robot: { unknown: true }, map: null, points: null };
-  assert.equal(isEmpty(nowhere, all), true);
-  assert.equal(isEmpty({ ...nowhere, robot: { x: 0, y: 0 } }, all), false);
-  assert.equal(isEmpty({ ...nowhere, map: {} }, all), false);
-  assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, all), false);
-  assert.equal(isEmpty({ ...nowhere, points: [1, 1] }, { ...all, scan: false }), true);
 });
 
 test("a robot is not drawn in a map in which its place is unknown", () => {

@@ -7,7 +7,7 @@ import { AskForHelp } from "../../src/queue/askForHelp.js";
 import { Availability } from "../../src/queue/availability.js";
 import { Poller, startTicking } from "../../src/queue/poller.js";
 import { requestFacts, stateText } from "../../src/queue/requestRows.js";
-import { chartsOf, figureTexts, operatorFacts, periodWords } from "../../src/queue/supervision.js";
+import { figureTexts, operatorFacts, periodWords } from "../../src/queue/supervision.js";
 import { FakeElement } from "../fakes.js";
 
 test("an offer sounds at once and every two seconds, and its name and the page's take turns in the title", () => {
@@ -44,22 +44,11 @@ test("what is not known of a request or of an operator is said to be", () => {
 });
 
 test("figures and operators that are not known are -", () => {
+  assert.equal(periodWords({ name: "made", values: [null] }, "count"), "Asked: - in all, at most -");
   const figures = { open: 0, oldest_open_s: null, waiting_p50_s: 10.6, waiting_p95_s: 63, answered: 12 };
   assert.deepEqual(figureTexts(figures), { open: "0", oldest: "-", p50: "11 s", p95: "1 min 3 s", answered: "12" });
   const away = { user: "ben", state: "away", since: null, request: null, pools: [] };
   assert.deepEqual(operatorFacts(away), { user: "ben", "operator-state": "Away", since: "-", request: "-", pools: "-" });
-});
-
-test("figures over time are said in words, and what is unknown is no 0", () => {
-  const begins_at = "2026-11-29T01:00:00Z";
-  const unknown = { begins_at, made: null, closed: null, cancelled: null, waiting_p50_s: null, waiting_p95_s: null };
-  const known = { begins_at, made: 3, closed: 2, cancelled: 0, waiting_p50_s: 20, waiting_p95_s: 125 };
-  const { charts } = chartsOf([unknown, known, { ...known, made: 1, waiting_p95_s: null }]);
-  const said = charts.flatMap(({ lines, unit }) => lines.map((line) => periodWords(line, unit)));
-  assert.equal(said[0], "Asked: 4 in all, at most 3; unknown for the first 1");
-  assert.equal(said[2], "Cancelled: 0 in all, at most 0; unknown for the first 1");
-  assert.equal(said[4], "95 % within: at most 2 min 5 s");
-  assert.equal(periodWords({ name: "made", values: [null] }, "count"), "Asked: - in all, at most -");
 });
 
 describe("availability", () => {

@@ -106,17 +106,6 @@ test("a frame that is decoded after the stream has ended counts no more", async 
   assert.deepEqual([streams[0].started, streams[1].started], [false, true]);
 });
 
-test("a small tile asks for less as soon as the camera's size is known, once, and for what the browser decodes", async () => {
-  Object.assign(element, { clientWidth: 300, clientHeight: 225 });
-  await paint(900);
-  await paint(950, { width: 320, height: 240 });
-  tile.ask();
-  assert.deepEqual(streams[0].asked.slice(1), [{ fps: 15, codecs: ["h264", "jpeg"], width: 320, height: 240 }]);
-  choice.codecs = ["jpeg"];
-  tile.ask();
-  assert.deepEqual(streams[0].asked.at(-1).codecs, ["jpeg"]);
-});
-
 for (const [name, codec, codecs, status, note] of [
   ["the encoder", "h264", ["h264", "jpeg"], { encoder: "libx264", no_encoder: "" }, "H.264, encoded by libx264"],
   ["a camera's own", "h264", ["h264", "jpeg"], { encoder: null, no_encoder: "" }, "H.264"],
