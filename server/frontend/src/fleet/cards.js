@@ -21,7 +21,7 @@ export function presenceText({ state, online, since }, written = localTime) {
 
 // Its times in UTC, as lists have them on hover.
 // Why it is offline, too, which may be too long for its place.
-export function utcText(robot) {
+function utcText(robot) {
   const { by, at } = robot.control?.stopped ?? {};
   const stopped = at && stopTexts.stopped({ by, at: utcTimestamp(at) });
   return [robot.since && presenceText(robot, utcTimestamp), stopped, !robot.online && robot.offline_reason].filter(Boolean).join("\n");

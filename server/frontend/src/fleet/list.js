@@ -64,14 +64,13 @@ function vacate(element) {
 // Gathers changes until the next frame, and calls for what is costly seldom. Pure except for its timers.
 export class Batch {
   // `apply(names)` gets what changed since the last time, once a frame.
-  constructor({ apply, frame = (act) => requestAnimationFrame(act) }) {
+  constructor(apply) {
     this.apply = apply;
-    this.frame = frame;
     this.names = new Set();
   }
 
   add(name) {
-    if (this.names.size === 0) this.frame(() => this.flush());
+    if (this.names.size === 0) requestAnimationFrame(() => this.flush());
     this.names.add(name);
   }
 

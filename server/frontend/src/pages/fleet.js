@@ -30,7 +30,7 @@ const datasets = new Map([...containers.cards.children].map(({ dataset }) => [da
 const lists = { cards: listIn(containers.cards, "robot-card"), table: listIn(containers.table, "robot-row") };
 
 const toolbar = new Toolbar(main, { onFilter: arrangeNow, onView: showView });
-const batch = new Batch({ apply: update });
+const batch = new Batch(update);
 const arrangeSoon = throttled(arrangeUnlessPaused, ARRANGE_EVERY_MS);
 const pause = new PointerPause({ onEnd: () => arrangeLater && arrangeSoon() });
 /** @type {string[] | null} */
