@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from openssh_server import make_key
+from robot_signer import RobotSigner
 from robotether_server.identity import (
     check_universal_mac,
     key_comment,
@@ -55,11 +56,6 @@ def fingerprint_of(file):
     """What ssh-keygen prints."""
     done = subprocess.run(["ssh-keygen", "-lf", file], check=True, capture_output=True, text=True)
     return done.stdout.split()[1]
-
-
-@pytest.fixture(scope="module")
-def ed25519(tmp_path_factory):
-    return make_key(tmp_path_factory.mktemp("key") / "key", comment="a comment")
 
 
 @pytest.mark.parametrize(
@@ -116,11 +112,11 @@ def test_short_rsa_key_is_refused(tmp_path):
         lambda line: line + " " + "x" * 3000,
     ],
 )
-def test_what_is_no_plain_key_is_refused(ed25519, change):
+def test_what_is_no_plain_key_is_refused(change):
     """Options, a second line, control characters, damage and other types do not reach sshd."""
     for read in (parse_robots_key, parse_persons_key):
         with pytest.raises(FieldInvalidError, match="cannot use public_key"):
-            read(change(ed25519))
+            read(change(f"{RobotSigner(1).line} a comment"))
 
 
 @given(st.binary(max_size=120), st.sampled_from(["ssh-ed25519", "ssh-rsa", "ecdsa-sha2-nistp256"]))

@@ -89,25 +89,20 @@ def add_answer(transcript, status, kind, shown, text):
 
 
 @pytest.fixture
-def front(tmp_path):
-    with tls_front.running(tmp_path) as running:
-        yield running
-
-
-@pytest.fixture
-def talk(mariadb, database, front, tmp_path):
+def talk(mariadb, database, tmp_path):
     """Web's pages and API: root is admin, ann and olga are users, and no robot is known."""
     write_host_key(tmp_path)
-    settings = replace(
-        web_settings_of(mariadb.settings("web"), tmp_path),
-        site_address=SiteAddressSettings(None, 443, front.endpoint),
-        allowed_origins=("https://lab.example",),
-    )
     with database.transaction() as tx:
         users.add(tx, "root", HASH, "admin")
         users.add(tx, "ann", HASH, "user")
         users.add(tx, "olga", HASH, "user")
-    return Conversation(Browser(create_app(settings).test_client()), database)
+    with tls_front.running(tmp_path) as front:
+        settings = replace(
+            web_settings_of(mariadb.settings("web"), tmp_path),
+            site_address=SiteAddressSettings(None, 443, front.endpoint),
+            allowed_origins=("https://lab.example",),
+        )
+        yield Conversation(Browser(create_app(settings).test_client()), database)
 
 
 @pytest.fixture

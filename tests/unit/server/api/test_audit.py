@@ -13,15 +13,11 @@ from drive_settings import DOCK
 from robot_signer import RobotSigner
 
 
-@pytest.fixture
-def events(root):
-    """Three events: sim1 gets a shell, sim2 gets one, sim1 loses it; the newest first."""
+def test_events_are_chosen_and_paged(root):
+    """Sim1 gets a shell, sim2 gets one, sim1 loses it; the newest first."""
     for robot, shell in (("sim1", True), ("sim2", True), ("sim1", False)):
         root.ask("PATCH", f"/robots/{robot}", {"shell": shell})
-    return root.get("/audit")["events"]
-
-
-def test_events_are_chosen_and_paged(root, events):
+    events = root.get("/audit")["events"]
     assert root.get("/audit?robot=sim1&actor=root")["events"] == [events[0], events[2]]
     assert root.get(f"/audit?kind={events[0]['kind']}&robot=sim2&actor=ann")["events"] == []
     assert root.get("/audit?limit=2")["events"] == events[:2]

@@ -45,15 +45,11 @@ def at(root):
 
 
 @pytest.fixture
-def older_log(admin_database, root):
-    """The lines that the other fixtures wrote are an hour old."""
+def first_line(write, admin_database, root):
+    """Write a line; those that the other fixtures wrote are an hour old."""
     with admin_database.transaction() as tx:
         tx.change("UPDATE audit_events SET at = at - INTERVAL 60 MINUTE")
         tx.change("UPDATE robots SET created_at = created_at - INTERVAL 60 MINUTE")
-
-
-@pytest.fixture
-def first_line(write, older_log):
     write(line("robot_added", minutes(50), "root"))
 
 

@@ -13,12 +13,6 @@ from web_visitor import HASH
 
 
 @pytest.fixture
-def recorder(recorder_database):
-    """The database as the recorder has it."""
-    return recorder_database
-
-
-@pytest.fixture
 def people(root, ann, program, database):
     """Ann drives sim1, ben does, too, and mia manages it; eve may drive nothing."""
     assert root
@@ -32,21 +26,21 @@ def people(root, ann, program, database):
 
 
 @pytest.fixture
-def begun(people, recorder):
+def begun(people, recorder_database):
     """Ann's recording of sim1, which the recorder has begun."""
     recording = people["ann"].ask("POST", "/robots/sim1/recordings").json
-    with recorder.transaction() as tx:
+    with recorder_database.transaction() as tx:
         assert recordings.begin(tx, recording["id"], "main")
         recordings.write_progress(tx, recording["id"], Progress(1000, 10, ("ann", "ben")))
     return recording["id"]
 
 
-def test_a_driver_records_a_robot_once(people, recorder):
+def test_a_driver_records_a_robot_once(people, recorder_database):
     recording = people["ann"].ask("POST", "/robots/sim1/recordings").json
     assert (recording["state"], recording["cause"]) == ("requested", "asked")
     assert (recording["robot"], recording["asked_by"]) == ("sim1", "ann")
     assert people["ben"].refused("POST", "/robots/sim1/recordings") == (409, "not_possible")
-    with recorder.transaction() as tx:
+    with recorder_database.transaction() as tx:
         [row] = recordings.read_open(tx, "main")
         assert (row.id, row.may_go_on) == (recording["id"], True)
         assert not recordings.begin(tx, row.id + 1, "main")
@@ -57,14 +51,14 @@ def test_a_driver_records_a_robot_once(people, recorder):
 
 @pytest.mark.parametrize("passed_s", [61, -120])
 def test_a_request_that_nobody_took_within_a_minute_keeps_no_other_out(
-    people, recorder, admin_database, passed_s
+    people, recorder_database, admin_database, passed_s
 ):
     """Only the database's clock counts, and that may have been set back: web and recorder may run on other machines."""
     assert people["ann"].ask("POST", "/robots/sim1/recordings").status_code == 201
     with admin_database.transaction() as tx:
         tx.change("UPDATE recordings SET asked_at = asked_at - INTERVAL %s SECOND", (passed_s,))
     assert people["ben"].ask("POST", "/robots/sim1/recordings").status_code == 201
-    with recorder.transaction() as tx:
+    with recorder_database.transaction() as tx:
         assert [row.is_late for row in recordings.read_open(tx, "main")] == [True, False]
 
 
@@ -112,10 +106,10 @@ def test_a_list_has_what_the_caller_may_drive(people, begun):
     assert people["eve"].refused("GET", "/recordings?robot=sim1") == (404, "robot_unknown")
 
 
-def test_a_recording_does_not_outlive_its_right(people, begun, recorder, database):
+def test_a_recording_does_not_outlive_its_right(people, begun, recorder_database, database):
     with database.transaction() as tx:
         take(tx, users.get(tx, "ann").id, robots.get(tx, "sim1").id)
-    with recorder.transaction() as tx:
+    with recorder_database.transaction() as tx:
         [row] = recordings.read_open(tx, "main")
         assert not row.may_go_on
         recordings.end(tx, row.id, "right_ended", None)
@@ -139,12 +133,12 @@ def test_many_pieces_are_one_download_of_each_person(people, root, begun, databa
     assert ("mia", "recording_deleted", "sim1") in events(database)
 
 
-def test_a_robots_setting_reaches_the_recorder(people, root, recorder):
+def test_a_robots_setting_reaches_the_recorder(people, root, recorder_database):
     assert people
     page = {"cameras": [{"topic": topic, "name": topic} for topic in ("/a", "/b")]}
     settings = {"recording": {"when": "on_stop"}, "page": page}
     assert root.ask("PATCH", "/robots/sim1", {"settings": settings}).status_code == 200
-    with recorder.transaction() as tx:
+    with recorder_database.transaction() as tx:
         found = {robot.name: robot for robot in recordings.read_robots(tx)}
     assert found["sim1"].recording_when == "on_stop"
     assert found["sim1"].cameras == ("/a", "/b")

@@ -6,6 +6,7 @@ from io import StringIO
 from threading import Lock, Thread, main_thread
 
 import pytest
+from commands import write_programs
 from openssh_server import is_alive, wait_until
 from robotether_server.cli import fleet, fleet_ssh
 from robotether_server.cli.fleet import (
@@ -89,20 +90,6 @@ def do(connection):
     return run
 
 
-@pytest.fixture
-def fake_sudo(network):
-    """A `sudo` that notes its arguments and, where it is told to, reads a password as the real one does."""
-    folder = network.folder / "bin"
-    folder.mkdir()
-    sudo = folder / "sudo"
-    sudo.write_text(
-        '#!/bin/sh\necho "sudo $1" >&2\n[ "$1" != -S ] || { read -r pw; echo "got $pw" >&2; shift 2; }\n'
-        'shift 2\nexec "$@"\n'
-    )
-    sudo.chmod(0o755)
-    return folder
-
-
 def test_command_runs_as_it_was_typed(do):
     for command, status, out, err in (
         ("echo hi", 0, "hi\n", ""),
@@ -125,14 +112,21 @@ def test_lost_link_is_no_exit_status(do, network, tmp_path):
         do(stop)
 
 
-def test_sudo_gets_its_password_and_the_command_does_not(connection, fake_sudo):
+def test_sudo_gets_its_password_and_the_command_does_not(connection, network):
     """The password is the first line of standard input, of which the command sees nothing, asked for or not."""
+    # It notes its arguments, and reads a password where it is told to.
+    sudo = (
+        'echo "sudo $1" >&2\n[ "$1" != -S ] || { read -r pw; echo "got $pw" >&2; shift 2; }\n'
+        'shift 2\nexec "$@"'
+    )
+    folder = network.folder / "bin"
+    write_programs(folder, {"sudo": sudo})
     for option, said in (("-S", "sudo -S\ngot secret\n"), ("-n", "sudo -n\n")):
         out, err = Captured(), Captured()
         command = fleet.on_lifeline("cat; exit 5", sudo=True, password=option == "-S")
         status = fleet.run_on(
             connection,
-            f"PATH={fake_sudo}:$PATH {command}",
+            f"PATH={folder}:$PATH {command}",
             out=out,
             err=err,
             timeout_s=20,

@@ -219,12 +219,8 @@ def test_revoked_key_is_never_taken(target, key, accept_new):
         check(target, key, accept_new=accept_new)
 
 
-@pytest.fixture
-def config(tmp_path):
-    return tmp_path / "config"
-
-
-def test_sentence_says_what_is_wrong_here(config, monkeypatch):
+def test_sentence_says_what_is_wrong_here(tmp_path, monkeypatch):
+    config = tmp_path / "config"
     for line, says in (
         ("ProxyCommand nc %h %p", r"sim1: its entry has a ProxyCommand.*ProxyJump"),
         ("Prot 22", r"(?s)cannot reach sim1: ssh says: .*line 2.*prot"),

@@ -17,24 +17,21 @@ def test_wrong_setting_stops_every_start(run, monkeypatch):
         assert "cannot use DB_PORT='many'" in done.err
 
 
-@pytest.fixture
-def run_as_migrate(run, mariadb, monkeypatch, sql_dir):
+def test_migrate_makes_the_first_admin_with_a_password_alone(
+    *, run, mariadb, database, monkeypatch, sql_dir
+):
     settings = mariadb.settings("migrate")
     monkeypatch.setenv("DB_USER", settings.user)
     monkeypatch.setenv("DB_PASSWORD", settings.password)
     monkeypatch.setenv("MIGRATIONS_DIR", str(sql_dir))
     monkeypatch.setenv("PORT_RANGE_LAST", "20199")
-    return run
-
-
-def test_migrate_makes_the_first_admin_with_a_password_alone(run_as_migrate, database, monkeypatch):
-    run_as_migrate("migrate")
+    run("migrate")
     with database.transaction() as tx:
         assert users.list_all(tx) == []
     monkeypatch.setenv("ADMIN_PASSWORD", "a-password-of-ones-own")
-    assert "made the first user: admin\n" in run_as_migrate("migrate").out
+    assert "made the first user: admin\n" in run("migrate").out
     monkeypatch.setenv("ADMIN_PASSWORD", "another-password")
-    done = run_as_migrate("migrate")
+    done = run("migrate")
     assert (done.status, "admin" in done.out) == (0, False)
     with database.transaction() as tx:
         assert passwords.matches("a-password-of-ones-own", users.get(tx, "admin").password_hash)

@@ -18,16 +18,11 @@ from robotether_server.services.ssh_keys import ShellEntry
 ANN = Source("ann")
 
 
-@pytest.fixture(scope="module")
-def signer():
-    return RobotSigner()
-
-
-def test_other_peoples_keys_are_out_of_reach_and_ones_own_bounded(site, signer, monkeypatch):
+def test_other_peoples_keys_are_out_of_reach_and_ones_own_bounded(site, monkeypatch):
     """The numbers of others' keys are as unknown as those of no key."""
     with site.database.transaction() as tx:
         ann, root = users.get(tx, "ann"), users.get(tx, "root")
-        key = ssh_keys.add(tx, ANN, ann, "desk", signer.line)
+        key = ssh_keys.add(tx, ANN, ann, "desk", RobotSigner().line)
         with pytest.raises(RecordMissingError):
             ssh_keys.delete(tx, Source("root"), root, key.id)
         monkeypatch.setattr(ssh_keys, "MAX_KEYS", 1)

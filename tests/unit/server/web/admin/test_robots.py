@@ -1,8 +1,7 @@
 """The robots' list, search and pages, and what an admin changes after a question."""
 
 import pytest
-from admin_visitor import fingerprint, join, send
-from robotether_server.db import robots
+from admin_visitor import join, send
 from robotether_server.db.robots import Report, RobotRow
 from robotether_server.db.seen_robots import SeenRobot
 from robotether_server.web.admin.robots import RobotSearch
@@ -52,12 +51,6 @@ def test_page_warns_of_a_rosbridge_that_its_network_reaches(admin, admin_databas
         assert ("<code>address:=127.0.0.1</code>" in page) == warns
 
 
-@pytest.fixture
-def active(admin, program):
-    join(program, MAC, 1)
-    send(admin, "/admin/pending", robot="sim1", fingerprint=fingerprint(1), name="sim1")
-
-
 @pytest.mark.parametrize(
     ("page", "path"),
     [
@@ -68,9 +61,7 @@ def active(admin, program):
         ("/admin/robots/sim1/access", "/admin/robots/sim1/grants"),
     ],
 )
-def test_a_page_of_a_robot_changes_none_that_got_its_name_since(
-    active, admin, database, page, path
-):
+def test_a_page_of_a_robot_changes_none_that_got_its_name_since(admin, database, page, path):
     send(admin, "/admin/sites", name="hall")
     assert f'name="meant" value="{MAC}"' in admin.ask("GET", page).text
     send(admin, "/admin/robots/sim1/rename", new_name="other")
@@ -82,11 +73,6 @@ def test_a_page_of_a_robot_changes_none_that_got_its_name_since(
         True,
     )
     assert audit_kinds(database) == before
-
-
-def get(database, name):
-    with database.transaction() as tx:
-        return robots.get(tx, name)
 
 
 def test_ticks_stay_where_a_search_shows_others(admin):

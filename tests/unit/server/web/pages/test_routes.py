@@ -1,18 +1,7 @@
 """The page of routes; the API's are in transcripts/test_rest.py."""
 
-import pytest
 from granted import give
 from robotether_server.db import robots, users
-
-
-@pytest.fixture
-def both(manager, database):
-    """May manages sim2, too."""
-    with database.transaction() as tx:
-        for name in ("sim1", "sim2"):
-            robots.set_state(tx, robots.get(tx, name).id, "active")
-        give(tx, users.get(tx, "may").id, robots.get(tx, "sim2").id, "manage")
-    return manager
 
 
 def sent(browser, start, end):
@@ -20,10 +9,12 @@ def sent(browser, start, end):
     return browser.ask("POST", "/routes", data=form, follow_redirects=True)
 
 
-def test_markup_is_text_everywhere(both):
+def test_markup_is_text_everywhere(manager, database):
     """A robot names its topics and types itself."""
-    page = sent(both, "sim1 /a <b>x</b>", "sim2 /a <b>x</b>").text
+    with database.transaction() as tx:
+        give(tx, users.get(tx, "may").id, robots.get(tx, "sim2").id, "manage")
+    page = sent(manager, "sim1 /a <b>x</b>", "sim2 /a <b>x</b>").text
     assert "<code>/a</code>" in page
-    wrong = sent(both, "sim1 /<script>x</script> t", "sim2 /a t").text
+    wrong = sent(manager, "sim1 /<script>x</script> t", "sim2 /a t").text
     assert "<script>x" not in wrong
     assert "it must be a topic" in wrong
