@@ -359,12 +359,6 @@ class FakeRobot:
             await self._watch
         await self._close_ports()
 
-    async def listen_no_more(self) -> None:
-        """Leave the ports to another robot; connections that are open stay."""
-        for runner in self._runners:
-            for site in runner.sites:
-                await site.stop()
-
     async def _close_ports_with_session(self) -> None:
         await self.session.closed.wait()
         if self.mode != "port_taken":

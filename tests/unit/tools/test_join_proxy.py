@@ -2,12 +2,11 @@
 
 import asyncio
 import os
-import ssl
 import subprocess
 from pathlib import Path
 
 import pytest
-from aiohttp import web
+import tls_web
 from fake_cloud import certificate, fingerprint
 from fake_proxy import PASSWORD, USER, FakeProxy
 
@@ -15,21 +14,15 @@ SCRIPT = Path(__file__).resolve().parents[3] / "agent/join.sh"
 
 
 @pytest.fixture
-async def server():
+def server():
     """A server that has one file."""
 
-    async def manifest(_):
-        return web.Response(text="all of it")
+    def manifest(_environ, respond):
+        respond("200 OK", [])
+        return [b"all of it"]
 
-    app = web.Application()
-    app.router.add_get("/agent/manifest", manifest)
-    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-    context.load_cert_chain(certificate())
-    runner = web.AppRunner(app, access_log=None, shutdown_timeout=0.1)
-    await runner.setup()
-    await web.TCPSite(runner, "127.0.0.1", 0, ssl_context=context).start()
-    yield f"localhost:{runner.addresses[0][1]}"
-    await runner.cleanup()
+    with tls_web.running(manifest, certificate=certificate()) as web:
+        yield web.address.replace("127.0.0.1", "localhost")
 
 
 async def fetch(server, place, *options, **environ):
