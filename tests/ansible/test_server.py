@@ -22,7 +22,7 @@ from commands import run_command
 from robot_hosts import RobotHost, RobotHosts
 
 pytestmark = pytest.mark.release
-SERVICES = {"mysql", "nginx", "relay", "sshd", "web"}
+SERVICES = {"mysql", "nginx", "recorder", "relay", "sshd", "web"}
 
 
 @dataclass
@@ -132,8 +132,8 @@ def test_timer_makes_a_backup(server: Server) -> None:
     assert server.host.run("systemctl is-enabled robotether-backup.timer").strip() == "enabled"
     assert "robotether-backup.service" in server.host.run("systemctl list-timers --no-pager")
     server.host.run("systemctl start robotether-backup.service")
-    [made] = server.compose("exec -T web ls /var/lib/robotether/backups").split()
-    assert made == "made"
+    records = server.compose("exec -T web ls /var/lib/robotether/backups").split()
+    assert records == ["disk", "made"]
 
 
 def test_stack_and_firewall_come_back_at_boot(server: Server) -> None:

@@ -21,7 +21,7 @@ from commands import run_command
 from robot_hosts import RobotHost, RobotHosts
 
 pytestmark = pytest.mark.release
-SERVICES = {"nginx", "relay", "sshd", "web"}
+SERVICES = {"nginx", "recorder", "relay", "sshd", "web"}
 NAMES = ("cell-a", "cell-b", "cell-c")
 
 
