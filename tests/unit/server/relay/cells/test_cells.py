@@ -46,23 +46,20 @@ async def test_a_dead_peer_is_still_one_and_one_without_an_address_is_none(cells
     assert [address.host for address in cells.addresses(7)] == ["a.example", "b.example"]
 
 
-@pytest.mark.parametrize(
-    ("alive_s", "hosts"),
-    [(relay_cells.ALIVE_S, ["a.example", "b.example"]), (0.0, ["a.example"])],
-    ids=["in time", "too late"],
-)
 async def test_other_cells_get_a_while_to_come_back_with_the_database(
-    *, cells, memory_database, monkeypatch, alive_s, hosts
+    cells, memory_database, monkeypatch
 ):
     """They could not write their heartbeats either."""
-    monkeypatch.setattr(relay_cells, "ALIVE_S", alive_s)
-    await cells.poll()
-    memory_database.down = True
-    await cells.poll()
-    memory_database.down = False
-    memory_database.cells["b"] = replace(OTHER, is_alive=False)
-    await cells.poll()
-    assert [address.host for address in cells.addresses(7)] == hosts
+    for alive_s, hosts in ((relay_cells.ALIVE_S, ["a.example", "b.example"]), (0.0, ["a.example"])):
+        monkeypatch.setattr(relay_cells, "ALIVE_S", alive_s)
+        memory_database.cells["b"] = OTHER
+        for is_down in (False, True):
+            memory_database.down = is_down
+            await cells.poll()
+        memory_database.down = False
+        memory_database.cells["b"] = replace(OTHER, is_alive=False)
+        await cells.poll()
+        assert [address.host for address in cells.addresses(7)] == hosts
 
 
 async def test_disk_and_recorders_are_said_while_they_are_known(

@@ -64,32 +64,19 @@ async def test_what_the_line_carries_is_what_the_robot_says(robot, show, monkeyp
 
 
 async def test_a_rate_is_that_of_the_last_seconds():
+    """What the kernel does not say is not measured; the recorder is no person, but said to read."""
     now_s, received = 100.0, 0
     uplink = Uplink(lambda: now_s)
-    with uplink.counted("topic", "/scan", lambda: received, lambda: {1}):
+    with uplink.counted("topic", "/scan", lambda: received, lambda: {1, RECORDER.id}):
         for _ in range(20):
             now_s, received = now_s + 1, received + 500
             [stream] = await uplink.measured(1)
         assert stream.bytes_per_s == 500
         now_s += 5
-        [stream] = await uplink.measured(1)
+        [stream] = await uplink.measured(2)
         assert stream.bytes_per_s == 0
+        assert (stream.people, stream.yours, stream.recorded) == (1, False, True)
     assert await uplink.measured(1) == []
-
-
-async def test_the_recorder_is_no_person_but_said_to_read():
-    now_s, received = 100.0, 0
-    uplink = Uplink(lambda: now_s)
-    with uplink.counted("topic", "/scan", lambda: received, lambda: {RECORDER.id}):
-        await uplink.measured(1)
-        now_s, received = now_s + 2, 1000
-        [stream] = await uplink.measured(1)
-    assert (stream.people, stream.yours, stream.recorded) == (0, False, True)
-
-
-async def test_what_the_kernel_does_not_say_is_not_measured():
-    now_s = 100.0
-    uplink = Uplink(lambda: now_s)
     with uplink.counted("topic", "/scan", lambda: None, lambda: {1}):
         now_s += 2
         [stream] = await uplink.measured(1)
