@@ -16,7 +16,6 @@ ROOM_BYTES = 184
 ROOM = struct.Struct("184s")
 SYNC = 0x47
 PAT_PID, VIDEO_PID, PMT_PID = 0, 0x100, 0x1000
-STREAM_TYPE_H264 = 0x1B
 STREAM_ID_VIDEO = 0xE0
 CLOCK_HZ = 90_000
 # Number of a clock's values.
@@ -32,35 +31,10 @@ RANDOM_ACCESS, HAS_CLOCK = 0x40, 0x10
 # The access unit delimiter, with which each frame in a transport stream begins (ISO/IEC 14496-10, 7.3.2.4).
 DELIMITER = b"\0\0\0\1\x09\xf0"
 DELIMITERS = (DELIMITER[:5], DELIMITER[1:5])
-# Divisor of the tables' CRC (annex A).
-POLYNOMIAL = 0x04C11DB7
-
-
-def crc32(data: bytes) -> int:
-    """Return the checksum of a table: not reflected, begins with ones, and is not inverted at the end."""
-    crc = 0xFFFFFFFF
-    for byte in data:
-        crc ^= byte << 24
-        for _ in range(8):
-            crc = (crc << 1) ^ (POLYNOMIAL if crc & 0x80000000 else 0)
-            crc &= 0xFFFFFFFF
-    return crc
-
-
-def _section(table: int, body: bytes) -> bytes:
-    """Write the only section of a table (2.4.4) of stream or program 1."""
-    # Number, version 0 in force, section 0 of 0.
-    rest = b"\0\1\xc1\0\0" + body
-    head = bytes((table,)) + (0xB000 | len(rest) + 4).to_bytes(2, "big") + rest
-    return head + crc32(head).to_bytes(4, "big")
-
-
-# Program 1 is described there; its clock and its only stream are the video's.
-PAT = _section(0, b"\0\1" + (0xE000 | PMT_PID).to_bytes(2, "big"))
-VIDEO_PID_BYTES = (0xE000 | VIDEO_PID).to_bytes(2, "big")
-PMT = _section(
-    2, VIDEO_PID_BYTES + b"\xf0\0" + bytes((STREAM_TYPE_H264,)) + VIDEO_PID_BYTES + b"\xf0\0"
-)
+# The tables, each of one section with its CRC (2.4.4): program 1 is described at PMT_PID; its clock and its only
+# stream, H.264 (type 1b), are at VIDEO_PID.
+PAT = bytes.fromhex("00 b00d 0001 c10000 0001 f000 2ab104b2")
+PMT = bytes.fromhex("02 b012 0001 c10000 e100 f000 1b e100 f000 15bd4d56")
 # Of packets inside a frame that have neither a start nor a field, by continuity counter.
 FULL_HEADERS = tuple(
     bytes((SYNC, VIDEO_PID >> 8, VIDEO_PID & 0xFF, HAS_PAYLOAD | counter)) for counter in range(16)
