@@ -4,30 +4,10 @@ from __future__ import annotations
 
 import json
 
-import aiohttp
 import pytest
-from fake_cloud import echo, eventually
-from openssh_server import listens
 from robotether_agent import backoff
 from robotether_agent.files import LOCK, ensure_directory, only_one
 from robotether_agent.problems import AgentError, AlreadyRunningError, Retry
-
-
-async def test_joins_connects_and_forwards_both_services(cloud, start_agent):
-    agent = start_agent(cloud, guard="on")
-    status = await agent.until_connected()
-    assert status.robot == "sim1"
-    # The agent is connected before its guard is ready, and the port leads to the guard.
-    await eventually(lambda: listens(cloud.ports[0]), lambda: "the port of rosbridge is open")
-    assert await echo(cloud.ports[0], "x" * 100_000) == "x" * 100_000
-    async with (
-        aiohttp.ClientSession() as http,
-        http.get(f"http://127.0.0.1:{cloud.ports[1]}/") as page,
-    ):
-        assert await page.text() == "the list of topics"
-    await agent.until(lambda status: status.ros == status.video == "ok", "both are ok")
-    assert cloud.joins[0]["mac"] == "00:1b:44:11:3a:b7"
-    assert "token" not in cloud.joins[0]
 
 
 async def test_taken_port_is_told_and_tried_again(make_cloud, start_agent):

@@ -269,18 +269,6 @@ async def test_frames_reach_the_guard_and_its_ages_the_session(keep, place):
         assert [lines.get_nowait()["type"] for _ in range(lines.qsize())] == ["guard"]
 
 
-async def test_a_killed_guard_is_back_with_all_that_it_must_know(running, place, caplog):
-    running.supervisor.on_config(WANTS, direct=False)
-    running.supervisor.on_lease(13, held=True)
-    os.kill(births(place)[0]["pid"], signal.SIGKILL)
-    await running.ready(2)
-    assert "ended by SIGKILL [guard_down]; another one follows in 0.0 s" in caplog.text
-    config, session, lease = await running.hears("config", "session", "lease")
-    assert (config["guard"], session["up"]) == (WANTS, True)
-    assert (lease["fence"], lease["held"]) == (13, True)
-    assert [view.port is None for view in running.views if view.state == "down"] == [True]
-
-
 @pytest.mark.parametrize("harm", [signal.SIGKILL, signal.SIGSTOP])
 async def test_a_fork_server_that_fails_is_replaced(keep, place, monkeypatch, harm):
     """Its guard stays, also while another one starts, and the next guard is the other one's."""
@@ -377,17 +365,6 @@ async def test_a_release_never_comes_late(keep, place):
     await running.ready(4)
     await running.is_stopped()
     assert not [line for line in heard(place) if line["type"] == "release"]
-
-
-async def test_a_lease_of_a_lost_session_is_not_held_for_the_next_guard(keep, place):
-    """A guard that starts while the session is away lets the last driver's number do nothing."""
-    running = keep("serves")
-    running.supervisor.on_config(WANTS, direct=False)
-    running.supervisor.on_lease(13, held=True)
-    running.supervisor.on_session_lost()
-    await running.ready()
-    session, lease = await running.hears("session", "lease")
-    assert (session["up"], lease["fence"], lease["held"]) == (False, 13, False)
 
 
 def test_a_list_of_topics_that_is_cut_shows_it():

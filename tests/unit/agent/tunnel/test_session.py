@@ -14,7 +14,7 @@ import pytest
 from fake_cloud import eventually
 from robotether_agent import clock
 from robotether_agent.clock import EpochClock, robot_time
-from robotether_agent.fields import FieldError, ListedCell
+from robotether_agent.fields import FieldError
 from robotether_agent.problems import (
     ProtocolBrokenError,
     Retry,
@@ -102,23 +102,11 @@ def drive_handler() -> Mock:
 
 
 @pytest.fixture
-def lists() -> list[tuple[ListedCell, ...]]:
-    return []
-
-
-@pytest.fixture
-async def ends(
-    drive_handler: Mock, lists: list[tuple[ListedCell, ...]]
-) -> AsyncIterator[tuple[Session, Peer]]:
+async def ends(drive_handler: Mock) -> AsyncIterator[tuple[Session, Peer]]:
     ours, theirs = socket.socketpair()
     reader, writer = await asyncio.open_connection(sock=ours, limit=64 * 1024)
     peer_reader, peer_writer = await asyncio.open_connection(sock=theirs)
-    session = Session(
-        reader,
-        writer,
-        drive_handler=drive_handler,
-        on_config=lambda config: lists.append(config.cells),
-    )
+    session = Session(reader, writer, drive_handler=drive_handler)
     yield session, Peer(peer_reader, peer_writer)
     for each in (writer, peer_writer):
         each.close()
@@ -265,6 +253,8 @@ async def test_broken_lines_end_it(ends, line, why):
     [
         ("superseded", Retry.SLOWLY, "two robots use one key"),
         ("robot_disabled", Retry.SLOWLY, "enable the robot"),
+        ("cell_draining", Retry.AT_ONCE, ""),
+        ("rebalanced", Retry.AT_ONCE, ""),
         ("of_a_later_version", Retry.SOON, ""),
     ],
 )
@@ -282,19 +272,6 @@ def test_it_goes_on_while_the_robot_sleeps(monkeypatch: pytest.MonkeyPatch) -> N
     shown = {time.CLOCK_MONOTONIC: 5.0, time.CLOCK_BOOTTIME: 65.0}
     monkeypatch.setattr(clock.time, "clock_gettime", shown.get)
     assert robot_time() == 65.0
-
-
-@pytest.mark.parametrize("code", ["cell_draining", "rebalanced"])
-async def test_the_list_of_cells_is_read_before_the_bye_that_follows(ends, lists, code):
-    session, peer = ends
-    peer.send(CONFIG)
-    peer.send({**CONFIG, "cells": []})
-    peer.send({**CONFIG, "cells": [{"host": "b.example", "ports": [2222]}]})
-    peer.send({"type": "bye", "code": code, "detail": "connect to the next"})
-    with pytest.raises(SessionEndedError) as caught:
-        await asyncio.wait_for(session.run(), 5)
-    assert caught.value.retry is Retry.AT_ONCE
-    assert lists == [(), (), (ListedCell("b.example", (2222,)),)]
 
 
 def test_a_later_session_has_a_greater_number(monkeypatch):

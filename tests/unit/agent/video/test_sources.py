@@ -29,7 +29,6 @@ from robotether_agent.video.sources import (
     Sources,
     SourceSettings,
     camera_http,
-    stream_url,
 )
 from robotether_agent.video.timestamps import (
     MAX_LAG_S,
@@ -167,12 +166,6 @@ async def test_frames_of_web_video_server(run, names_length):
         assert (taken.kinds, server.asked[0]["quality"]) == (["web_video_server"], "70")
         server.stamp = lambda: time.time() - NEAR_S - 1
         await fails(running, "later than they did")
-
-
-def test_quality_and_size_stand_in_the_url():
-    assert stream_url("http://h:1", SourceRequest("/a&b", 20, 320, 240, 1)).endswith(
-        "topic=/a%26b&type=mjpeg&quality=20&width=320&height=240&qos_profile=sensor_data"
-    )
 
 
 @pytest.mark.usefixtures("no_pyav", "early_stall")
