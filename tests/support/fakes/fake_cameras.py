@@ -1,6 +1,6 @@
-"""Doubles of the sources of a robot's video: web_video_server, and rosbridge with topics.
+"""A double of web_video_server.
 
-FakeVideoServer's modes: `streams`; `silent` sends headers and no picture; `ends` ends each stream at once; `refuses`
+Its modes: `streams`; `silent` sends headers and no picture; `ends` ends each stream at once; `refuses`
 answers 500; `lists` is another type than multipart. Its pictures are a JPEG's headers, with as many bytes as their
 quality would have.
 """
@@ -8,19 +8,16 @@ quality would have.
 from __future__ import annotations
 
 import asyncio
-import json
 import struct
 import time
 from collections.abc import Callable
 from typing import Any, Literal
 
-from aiohttp import WSMsgType, web
+from aiohttp import web
 from tcp_service import WebService
 
 Mode = Literal["streams", "silent", "ends", "refuses", "lists"]
 BYTES_A_QUALITY = 400
-TOPICS_SERVICE = "/rosapi/topics"
-WAIT_S = 30.0
 
 
 def fake_jpeg(number: int, *, size: tuple[int, int] = (640, 480), length: int = 2000) -> bytes:
@@ -119,91 +116,3 @@ class FakeVideoServer(WebService):
             if self.names_length:
                 head += f"Content-Length: {len(jpeg)}\r\n"
             await answer.write(head.encode() + b"\r\n" + jpeg + b"\r\n--b\r\n")
-
-
-class TopicRosbridge(WebService):
-    """A rosbridge with `topics` by name and type; None is one without rosapi. Publishes what a test says.
-
-    A connection that has called a rosapi which is not there handles nothing else. `parameters` are of rosbridge itself.
-    """
-
-    scheme = "ws"
-
-    def __init__(self, topics: dict[str, str] | None = None, **parameters: bool) -> None:
-        super().__init__()
-        self.topics = topics
-        self.parameters = parameters
-        # What rosapi says of who publishes and who subscribes; None: rosbridge finds no such service.
-        self.publishers: list[str] | None = None
-        self.subscribers: list[str] | None = None
-        # The ids with which a call is answered, one answer each.
-        self.answer_ids: Callable[[str], list[Any]] = lambda call_id: [call_id]
-        self.got: list[dict[str, Any]] = []
-        self._sockets: set[web.WebSocketResponse] = set()
-        self._stopped = asyncio.Event()
-
-    @property
-    def open(self) -> int:
-        return len(self._sockets)
-
-    async def start(self) -> None:
-        self._stopped.clear()
-        await super().start()
-
-    async def stop(self) -> None:
-        self._stopped.set()
-        for socket in tuple(self._sockets):
-            await socket.close()
-        await super().stop()
-
-    def _routes(self) -> dict[str, Any]:
-        return {"/": self._serve}
-
-    def subscribed(self, topic: str) -> list[dict[str, Any]]:
-        return [m for m in self.got if m["op"] == "subscribe" and m["topic"] == topic]
-
-    async def subscription(self, topic: str, number: int = 1) -> dict[str, Any]:
-        """Wait for the subscription `number` to a topic, counted from 1."""
-        deadline = time.monotonic() + WAIT_S
-        while len(self.subscribed(topic)) < number:
-            assert time.monotonic() < deadline, f"not {number} subscriptions to {topic}: {self.got}"
-            await asyncio.sleep(0.02)
-        return self.subscribed(topic)[number - 1]
-
-    async def publish(self, topic: str, message: dict[str, Any]) -> None:
-        for socket in tuple(self._sockets):
-            await socket.send_json({"op": "publish", "topic": topic, "msg": message})
-
-    async def _serve(self, request: web.Request) -> web.StreamResponse:
-        socket = web.WebSocketResponse(timeout=0.1)
-        await socket.prepare(request)
-        self._sockets.add(socket)
-        try:
-            async for message in socket:
-                if message.type is WSMsgType.TEXT:
-                    operation = json.loads(message.data)
-                    if operation["op"] == "call_service" and self.topics is None:
-                        await self._stopped.wait()
-                    await self._take(socket, operation)
-        finally:
-            self._sockets.discard(socket)
-        return socket
-
-    async def _take(self, socket: web.WebSocketResponse, operation: dict[str, Any]) -> None:
-        self.got.append(operation)
-        if operation["op"] == "call_service":
-            answer = {"op": "service_response", "result": True}
-            answer |= {"service": operation["service"], "values": self._look_up(operation)}
-            for answer_id in self.answer_ids(operation["id"]):
-                await socket.send_json({**answer, "id": answer_id})
-
-    def _look_up(self, operation: dict[str, Any]) -> dict[str, Any]:
-        if operation["service"] == TOPICS_SERVICE:
-            assert self.topics is not None
-            return {"topics": list(self.topics), "types": list(self.topics.values())}
-        kind = operation["service"].rpartition("/")[2]
-        if kind in {"publishers", "subscribers"}:
-            return {kind: getattr(self, kind)}
-        assert operation["service"] == "/rosapi/get_param"
-        name = operation["args"]["name"].partition(":")[2]
-        return {"value": json.dumps(self.parameters.get(name, ""))}

@@ -1,7 +1,7 @@
-"""A rosbridge with named misbehaviours, for tests of what stands before it.
+"""A rosbridge that keeps what it gets and publishes what a test says, with named misbehaviours.
 
-`good` keeps what it gets and echoes what is published on /echo; `slow_reader` reads nothing from the first message on,
-until `read_on`; `refuses` takes no WebSocket.
+`good` echoes what is published on /echo; `slow_reader` reads nothing from the first message on, until `read_on`;
+`refuses` takes no WebSocket; `stuck` handles nothing more on a connection that has called a rosapi which is not there.
 """
 
 from __future__ import annotations
@@ -9,26 +9,45 @@ from __future__ import annotations
 import asyncio
 import json
 import time
+from collections.abc import Callable
 from typing import Any, Literal
 
 from aiohttp import WSMsgType, web
 from tcp_service import WebService
 
-Mode = Literal["good", "slow_reader", "refuses"]
+Mode = Literal["good", "slow_reader", "refuses", "stuck"]
+WAIT_S = 30.0
 
 
 class FakeRosbridge(WebService):
+    """Its rosapi has `topics` by name and type; None: it has none. `parameters` are of rosbridge itself."""
+
     scheme = "ws"
 
-    def __init__(self, mode: Mode = "good") -> None:
+    def __init__(
+        self, topics: dict[str, str] | None = None, mode: Mode = "good", **parameters: bool
+    ) -> None:
         super().__init__()
         self.mode = mode
-        self.got: list[tuple[float, dict[str, Any]]] = []
+        self.topics = topics
+        self.parameters = parameters
+        # What rosapi says of who publishes and who subscribes; None: rosbridge finds no such service.
+        self.publishers: list[str] | None = None
+        self.subscribers: list[str] | None = None
+        # The ids with which a call is answered, one answer each.
+        self.answer_ids: Callable[[str], list[Any]] = lambda call_id: [call_id]
+        self.got: list[dict[str, Any]] = []
         self.raw: list[bytes | str] = []
-        self.connections = 0
         self.sockets: list[web.WebSocketResponse] = []
         self._reads = asyncio.Event()
-        self._reads.set()
+
+    @property
+    def connections(self) -> int:
+        return len(self.sockets)
+
+    @property
+    def open(self) -> int:
+        return sum(not socket.closed for socket in self.sockets)
 
     async def __aexit__(self, *_: object) -> None:
         self.read_on()
@@ -48,6 +67,22 @@ class FakeRosbridge(WebService):
         self.mode = "good"
         self._reads.set()
 
+    def subscribed(self, topic: str) -> list[dict[str, Any]]:
+        return [m for m in self.got if m["op"] == "subscribe" and m["topic"] == topic]
+
+    async def subscription(self, topic: str, number: int = 1) -> dict[str, Any]:
+        """Wait for the subscription `number` to a topic, counted from 1."""
+        deadline = time.monotonic() + WAIT_S
+        while len(self.subscribed(topic)) < number:
+            assert time.monotonic() < deadline, f"not {number} subscriptions to {topic}: {self.got}"
+            await asyncio.sleep(0.02)
+        return self.subscribed(topic)[number - 1]
+
+    async def publish(self, topic: str, message: dict[str, Any]) -> None:
+        for socket in self.sockets:
+            if not socket.closed:
+                await socket.send_json({"op": "publish", "topic": topic, "msg": message})
+
     async def _serve(self, request: web.Request) -> web.StreamResponse:
         if self.mode == "refuses":
             return web.Response(status=503)
@@ -55,7 +90,6 @@ class FakeRosbridge(WebService):
         if not socket.can_prepare(request):
             return web.Response(status=400)
         await socket.prepare(request)
-        self.connections += 1
         self.sockets.append(socket)
         while True:
             message = await socket.receive()
@@ -69,12 +103,30 @@ class FakeRosbridge(WebService):
     async def _take(self, socket: web.WebSocketResponse, data: bytes | str) -> None:
         self.raw.append(data)
         operation = json.loads(data)
-        self.got.append((time.monotonic(), operation))
+        self.got.append(operation)
         if self.mode == "slow_reader":
             self._reads.clear()
             if socket._req and isinstance(socket._req.transport, asyncio.ReadTransport):
                 socket._req.transport.pause_reading()
                 await self._reads.wait()
                 socket._req.transport.resume_reading()
-        if operation.get("topic") == "/echo":
+        if operation["op"] == "call_service" and self.topics is not None:
+            answer = {"op": "service_response", "result": True, "service": operation["service"]}
+            answer["values"] = self._look_up(operation)
+            for answer_id in self.answer_ids(operation["id"]):
+                await socket.send_json({**answer, "id": answer_id})
+        elif operation["op"] == "call_service" and self.mode == "stuck":
+            await self._reads.wait()
+        elif operation.get("topic") == "/echo":
             await (socket.send_str if isinstance(data, str) else socket.send_bytes)(data)  # type: ignore[arg-type]
+
+    def _look_up(self, operation: dict[str, Any]) -> dict[str, Any]:
+        topics = self.topics or {}
+        kind = operation["service"].removeprefix("/rosapi/")
+        if kind == "topics":
+            return {"topics": list(topics), "types": list(topics.values())}
+        if kind in {"publishers", "subscribers"}:
+            return {kind: getattr(self, kind)}
+        assert kind == "get_param"
+        name = operation["args"]["name"].partition(":")[2]
+        return {"value": json.dumps(self.parameters.get(name, ""))}

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
 from fake_rosbridge import FakeRosbridge
 from robotether_agent import battery, rosbridge
@@ -64,7 +63,7 @@ NONE = {"type": "vitals", "battery": None}
 
 async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
     is_over = asyncio.Event()
-    async with TopicRosbridge(TOPICS) as robot:
+    async with FakeRosbridge(TOPICS) as robot:
         vitals = vitals_of(robot.url, lambda _pause_s: is_over.wait())
         reported = reports_of(vitals, spawn)
         assert (await robot.subscription("/battery_state"))["throttle_rate"] == 5000
@@ -82,7 +81,7 @@ async def test_changes_are_told_and_nothing_else(vitals_of, spawn):
 
 
 async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
-    async with TopicRosbridge(TOPICS) as robot:
+    async with FakeRosbridge(TOPICS) as robot:
         reported = report(robot.url)
         await robot.subscription("/battery_state")
         await robot.publish("/battery_state", state(0.5))
@@ -94,7 +93,7 @@ async def test_a_battery_that_falls_silent_is_unknown(report, monkeypatch):
 
 
 async def test_a_robot_without_a_battery_tells_nothing(report):
-    async with TopicRosbridge({"/scan": "sensor_msgs/LaserScan"}) as robot:
+    async with FakeRosbridge({"/scan": "sensor_msgs/LaserScan"}) as robot:
         reported = report(robot.url)
         await eventually(lambda: len(robot.got) > 2, lambda: str(robot.got))
         assert {operation["op"] for operation in robot.got} == {"call_service"}
@@ -108,7 +107,7 @@ async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, 
     monkeypatch.setattr(rosbridge, "CHOSEN_AGAIN_EVERY_S", 0.05)
     kind, other = TOPICS["/battery_state"], "/robot1/battery_state"
     reported: Told = []
-    async with TopicRosbridge({other: kind}) as robot:
+    async with FakeRosbridge({other: kind}) as robot:
         settings = BatterySettings(drive_topic="/robot2/cmd_vel")
         spawn(vitals_of(robot.url).report(reported.append, lambda: settings))
         await robot.subscription(other)
@@ -127,7 +126,7 @@ async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, 
 
 async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
     """The guard is told of a lost session after this has ended."""
-    async with FakeRosbridge("slow_reader") as robot:
+    async with FakeRosbridge(mode="slow_reader") as robot:
         graph = RosGraph(f"ws://127.0.0.1:{robot.port}")
         vitals = Vitals(graph, tmp_path)
         task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
@@ -227,7 +226,7 @@ def test_several_levels_show_the_unit(levels, status, unit):
 
 
 async def test_a_driver_without_a_voltage_is_believed_after_a_while(report, tmp_path, monkeypatch):
-    async with TopicRosbridge(TOPICS) as robot:
+    async with FakeRosbridge(TOPICS) as robot:
         reported = report(robot.url)
         await robot.subscription("/battery_state")
         await robot.publish("/battery_state", state(0.6) | {"voltage": None})

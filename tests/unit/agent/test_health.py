@@ -12,8 +12,8 @@ from pathlib import Path
 
 import namespaces
 import pytest
-from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
+from fake_rosbridge import FakeRosbridge
 from local_network import free_port
 from robotether_agent import health as health_module
 from robotether_agent.exposure import ADDRESS_ADVICE, FIREWALL_ADVICE, exposed_at, rosbridge_advice
@@ -80,7 +80,7 @@ async def test_video_comes_from_rosbridge_while_no_server_answers(
 ):
     monkeypatch.setattr(health_module, "SELDOM", 2)
     monkeypatch.setattr(sources_module, "has_pyav", lambda: has_pyav)
-    async with TopicRosbridge({} if has_pyav else RAW) as robot:
+    async with FakeRosbridge({} if has_pyav else RAW) as robot:
         health = watch(robot.url, nowhere)
         only_server = watch(robot.url, nowhere, "web_video_server")
         for item in (health, only_server):
@@ -93,7 +93,7 @@ async def test_video_comes_from_rosbridge_while_no_server_answers(
 
 async def test_video_of_rosbridge_alone(watch, services, monkeypatch):
     monkeypatch.setattr(health_module, "SELDOM", 2)
-    async with TopicRosbridge({}) as robot:
+    async with FakeRosbridge({}) as robot:
         health = watch(robot.url, services.http_url, "rosbridge")
         report = await until(
             health, lambda report: "no images of this robot" in report.video_detail

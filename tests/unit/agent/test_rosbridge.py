@@ -10,8 +10,8 @@ from typing import Any
 import aiohttp
 import pytest
 from aiohttp import web
-from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
+from fake_rosbridge import FakeRosbridge
 from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent import rosbridge_socket
 from robotether_agent.fields import FieldError
@@ -26,13 +26,13 @@ BYTES_MAX = 100_000
 
 async def test_messages_of_a_subscription(caplog):
     async with (
-        TopicRosbridge({}) as robot,
+        FakeRosbridge({}) as robot,
         connected(robot.url, max_message_bytes=BYTES_MAX) as rosbridge,
     ):
         await rosbridge.subscribe("/battery", "sensor_msgs/BatteryState", throttle_ms=5000)
         wish = await robot.subscription("/battery")
         assert (wish["throttle_rate"], wish["queue_length"]) == (5000, 1)
-        (socket,) = robot._sockets
+        (socket,) = robot.sockets
         for text in ("no JSON", "[]", '{"op": "status"}', '{"op": "publish", "msg": 5}'):
             await socket.send_str(text)
         await robot.publish("/battery", {"percentage": 0.5})
@@ -51,8 +51,8 @@ def test_of_a_broken_answer_the_topics_count_that_are_as_they_should_be():
 
 
 @pytest.fixture
-async def asking() -> AsyncIterator[tuple[TopicRosbridge, RosGraph]]:
-    async with TopicRosbridge({"/a": "a/msg/A"}) as robot:
+async def asking() -> AsyncIterator[tuple[FakeRosbridge, RosGraph]]:
+    async with FakeRosbridge({"/a": "a/msg/A"}) as robot:
         graph = RosGraph(robot.url)
         yield robot, graph
         await graph.close()
@@ -120,7 +120,7 @@ ODOM = {"op": "subscribe", "topic": "/odom"}
 
 
 class World:
-    def __init__(self, rosbridge: TopicRosbridge, http: aiohttp.ClientSession, port: int) -> None:
+    def __init__(self, rosbridge: FakeRosbridge, http: aiohttp.ClientSession, port: int) -> None:
         self.rosbridge = rosbridge
         self._http = http
         self.url = f"http://127.0.0.1:{port}{PATH}"
@@ -139,7 +139,7 @@ class World:
 
 @pytest.fixture
 async def world() -> AsyncIterator[World]:
-    async with TopicRosbridge({}) as rosbridge, timed_session() as http:
+    async with FakeRosbridge({}) as rosbridge, timed_session() as http:
         service = TopicsService(rosbridge.url)
         app = web.Application()
         app.router.add_get(PATH, service.answer)

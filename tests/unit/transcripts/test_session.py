@@ -13,9 +13,10 @@ from pathlib import Path
 
 import aiohttp
 import pytest
-from fake_cameras import FakeVideoServer, TopicRosbridge
+from fake_cameras import FakeVideoServer
 from fake_cloud import agent_environ, eventually
 from fake_robot import HOST, RobotSession
+from fake_rosbridge import FakeRosbridge
 from recording_server import RecordingServer, running_agent
 from relay_server import SESSION_KEY, MemoryDatabase, running_relay
 from robotether_server.db.fleet import RelayUser
@@ -76,7 +77,7 @@ async def session(patient):
     robot = database.add_robot(7, "sim1", u1="drive")
     async with (
         running_relay(database, patient) as relay,
-        TopicRosbridge(TOPICS) as rosbridge,
+        FakeRosbridge(TOPICS) as rosbridge,
         FakeVideoServer() as video,
     ):
         server = RecordingServer(relay, robot.id)

@@ -11,8 +11,8 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fake_cameras import TopicRosbridge
 from fake_root import FakeRoot
+from fake_rosbridge import FakeRosbridge
 from local_network import free_port
 from robotether_agent import rosbridge as rosbridge_module
 from robotether_agent.doctor import FAIL, OK, SKIPPED, WARNING, Finding, checks, encoder
@@ -128,7 +128,7 @@ async def test_the_robots_services(settings, services, monkeypatch):
 async def test_rosapi_is_asked(settings, monkeypatch, robot, state, detail):
     if robot["topics"] is None:
         monkeypatch.setattr(rosbridge_module, "ANSWER_WITHIN_S", 0.5)
-    async with TopicRosbridge(**robot) as rosbridge:
+    async with FakeRosbridge(**robot) as rosbridge:
         checked = await checks.check_rosapi(replace(settings, rosbridge_url=rosbridge.url))
     assert checked.state == state
     assert detail in checked.detail
@@ -174,7 +174,7 @@ async def test_robot_without_an_encoder_is_told_why(monkeypatch, setting, change
 
 
 async def test_a_rosapi_that_rosbridge_does_not_find_is_no_rosapi(settings, monkeypatch) -> None:
-    async with TopicRosbridge({}) as rosbridge:
+    async with FakeRosbridge({}) as rosbridge:
         monkeypatch.setattr(
             rosbridge, "_look_up", lambda _: "Service /rosapi/topics does not exist"
         )

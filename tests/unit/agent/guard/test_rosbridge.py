@@ -11,7 +11,6 @@ from unittest.mock import Mock
 
 import pytest
 from aiohttp import WSMsgType
-from fake_cameras import TopicRosbridge
 from fake_rosbridge import FakeRosbridge
 from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch
 from robotether_agent.rosbridge_socket import (
@@ -25,7 +24,7 @@ from sim_client import until
 
 async def test_a_rosbridge_that_does_not_read_is_seen_and_left_soon() -> None:
     """What waits is counted, and a goodbye that it does not take is cut short."""
-    async with FakeRosbridge("slow_reader") as rosbridge, new_http() as http:
+    async with FakeRosbridge(mode="slow_reader") as rosbridge, new_http() as http:
         socket = await open_rosbridge(http, f"ws://127.0.0.1:{rosbridge.port}/")
         await socket.send_frame(b"{}", WSMsgType.TEXT)
         frame = b"{}" + b" " * SEND_BUFFER_BYTES
@@ -72,7 +71,7 @@ async def test_what_is_sent_is_known_to_be_read() -> None:
 async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(monkeypatch):
     """Long before TCP would tell; and it is used again when it reads."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.IDLE_PING_EVERY_S", 0.05)
-    async with FakeRosbridge("slow_reader") as rosbridge, running(rosbridge) as (line, _):
+    async with FakeRosbridge(mode="slow_reader") as rosbridge, running(rosbridge) as (line, _):
         await line.send(b'{"op":"x"}')
         await until("it is full", lambda: not line.can_send)
         assert line.up
@@ -108,7 +107,7 @@ async def test_the_watch_says_what_nothing_listens_to(monkeypatch, spawn):
     """A rosapi that has never said, or hides the topic, is no reason for a word; one that says no more is."""
     monkeypatch.setattr("robotether_agent.guard.rosbridge.WATCH_EVERY_S", 0.01)
     driver = Mock(**{"driven_now.return_value": ["/cmd_vel"]})
-    async with TopicRosbridge({}) as rosbridge:
+    async with FakeRosbridge({}) as rosbridge:
         watch = spawn(SubscriberWatch(driver, lambda: rosbridge.url).run())
 
         def unheard() -> frozenset[str] | None:

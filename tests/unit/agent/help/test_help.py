@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
-from fake_cameras import TopicRosbridge
 from fake_cloud import eventually
+from fake_rosbridge import FakeRosbridge
 from hypothesis import given
 from hypothesis import strategies as st
 from robotether_agent import rosbridge
@@ -288,7 +288,7 @@ async def test_every_source_asks(start):
         navigation_topic="/plan",
         navigation_silent_s=0.3,
     )
-    async with TopicRosbridge(ALL) as robot:
+    async with FakeRosbridge(ALL) as robot:
         world = start(robot.url, config)
         for topic in ("/robotether/help", "/diagnostics", "/odom", "/plan"):
             await robot.subscription(topic)
@@ -307,7 +307,7 @@ async def test_position_is_sent_while_somebody_uses_the_robot(start, monkeypatch
     """One that was read long ago is unknown."""
     monkeypatch.setattr(caller_module, "POSITION_EVERY_S", 0.05)
     sent, used = [], []
-    async with TopicRosbridge(ALL) as robot:
+    async with FakeRosbridge(ALL) as robot:
         world = start(robot.url, HelpConfig(geofence=FENCE))
         task = asyncio.ensure_future(world.caller.report_position(sent.append, lambda: bool(used)))
         await eventually(lambda: robot.subscribed("/odom"), lambda: str(robot.got))
@@ -331,7 +331,7 @@ async def test_pose_follows_the_drive_topic(make_graph, spawn, monkeypatch):
     monkeypatch.setattr(rosbridge, "CHOSEN_AGAIN_EVERY_S", 0.05)
     kinds = {"odom": "nav_msgs/msg/Odometry", "cmd_vel": "geometry_msgs/msg/Twist"}
     topics = {f"/{name}/{last}": kind for name in "ab" for last, kind in kinds.items()}
-    async with TopicRosbridge(topics) as robot:
+    async with FakeRosbridge(topics) as robot:
         graph = make_graph(robot.url)
         graph.drive_topic = "/a/cmd_vel"
         world = World(graph, spawn)
@@ -344,7 +344,7 @@ async def test_pose_follows_the_drive_topic(make_graph, spawn, monkeypatch):
 
 
 async def test_call_waits_for_a_server_that_reads_it(start):
-    async with TopicRosbridge(ALL) as robot:
+    async with FakeRosbridge(ALL) as robot:
         world = start(robot.url, HelpConfig(stopped=True))
         world.reads.clear()
         world.stopped = True

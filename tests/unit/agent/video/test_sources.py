@@ -13,8 +13,9 @@ from typing import Any
 
 import aiohttp
 import pytest
-from fake_cameras import FakeVideoServer, TopicRosbridge, fake_jpeg, number_of
+from fake_cameras import FakeVideoServer, fake_jpeg, number_of
 from fake_cloud import eventually
+from fake_rosbridge import FakeRosbridge
 from h264_frames import encoded_frames
 from local_network import free_port
 from PIL import Image
@@ -189,7 +190,7 @@ async def test_frames_of_web_video_server(run, names_length):
     ],
 )
 async def test_what_cannot_be_shown_is_named(run, mode, source, topics, why):
-    async with FakeVideoServer(mode) as server, TopicRosbridge(topics) as rosbridge:
+    async with FakeVideoServer(mode) as server, FakeRosbridge(topics) as rosbridge:
         running, _ = run(source_settings(server.url, rosbridge.url, source))
         await fails(running, why)
 
@@ -216,7 +217,7 @@ async def test_an_error_tells_no_password(run):
 
 
 async def test_frames_of_rosbridge(run):
-    async with TopicRosbridge(IMAGES) as rosbridge:
+    async with FakeRosbridge(IMAGES) as rosbridge:
         running, taken = run(source_settings(rosbridge=rosbridge.url, source="rosbridge"))
         topic = "/camera/image_raw/compressed"
         subscription = await rosbridge.subscription(topic)
@@ -246,7 +247,7 @@ async def test_frames_of_rosbridge(run):
 async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, asked, follows):
     """By name or with /compressed, as rosapi says, and as image_transport does where there is no rosapi."""
     monkeypatch.setattr("robotether_agent.rosbridge.ANSWER_WITHIN_S", 0.1)
-    async with TopicRosbridge(topics) as rosbridge:
+    async with FakeRosbridge(topics) as rosbridge:
         run(
             source_settings(rosbridge=rosbridge.url, source="rosbridge"),
             SourceRequest(asked, 0, None, None, 15),
@@ -254,7 +255,7 @@ async def test_the_topic_that_rosbridge_is_asked_for(run, monkeypatch, topics, a
         await rosbridge.subscription(follows)
 
 
-async def publish_png(rosbridge: TopicRosbridge, format_: str) -> None:
+async def publish_png(rosbridge: FakeRosbridge, format_: str) -> None:
     topic = "/camera/image_raw/compressed"
     await rosbridge.subscription(topic)
     png = base64.b64encode(b"\x89PNG").decode()
@@ -287,7 +288,7 @@ def raw_image(**changes: object) -> dict[str, object]:
     }
 
 
-async def shows_raw(rosbridge: TopicRosbridge, taken: Taken) -> None:
+async def shows_raw(rosbridge: FakeRosbridge, taken: Taken) -> None:
     async with asyncio.timeout(30):
         while not taken.pictures:
             stamp = {"sec": int(time.time()), "nanosec": 0}
@@ -305,7 +306,7 @@ async def shows_raw(rosbridge: TopicRosbridge, taken: Taken) -> None:
 @pytest.mark.parametrize("topics", [RAW, RAW | IMAGES])
 async def test_raw_images_of_rosbridge(run, topics):
     """They are shown where there are no others, or no JPEGs: image_transport makes PNGs of distances."""
-    async with TopicRosbridge(topics) as rosbridge:
+    async with FakeRosbridge(topics) as rosbridge:
         given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
         running, taken = run(given)
         if topics != RAW:
@@ -316,7 +317,7 @@ async def test_raw_images_of_rosbridge(run, topics):
 
 
 async def test_raw_images_that_web_video_server_cannot_convert_come_from_rosbridge(run):
-    async with FakeVideoServer("ends") as server, TopicRosbridge(RAW) as rosbridge:
+    async with FakeVideoServer("ends") as server, FakeRosbridge(RAW) as rosbridge:
         rosbridge.publishers = ["/depth"]
         _, taken = run(source_settings(server.url, rosbridge.url))
         await shows_raw(rosbridge, taken)
@@ -348,7 +349,7 @@ def early_doubt(monkeypatch: pytest.MonkeyPatch) -> None:
 async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
     run, mode, topics, wanted, follows
 ):
-    async with FakeVideoServer(mode) as server, TopicRosbridge(topics) as rosbridge:
+    async with FakeVideoServer(mode) as server, FakeRosbridge(topics) as rosbridge:
         rosbridge.publishers = []
         request = SourceRequest(wanted, 70, None, None, 15.0)
         for times in (1, 2):
@@ -364,7 +365,7 @@ async def test_a_camera_that_has_compressed_images_alone_comes_from_rosbridge(
 @pytest.mark.parametrize("source", ["auto", "web_video_server"])
 async def test_images_that_web_video_server_cannot_convert_are_named_by_their_encoding(run, source):
     """Depth is no missing topic; rosbridge sends one such image, however often the camera is opened."""
-    async with FakeVideoServer("ends") as server, TopicRosbridge() as rosbridge:
+    async with FakeVideoServer("ends") as server, FakeRosbridge(mode="stuck") as rosbridge:
         rosbridge.topics = {REQUEST.topic: "sensor_msgs/msg/Image"}
         rosbridge.publishers = ["/depth"]
         why = f"no images of {REQUEST.topic}, which have the encoding 16UC1"
@@ -393,7 +394,7 @@ def video_message(kind: str, data: bytes) -> dict[str, object]:
 @pytest.mark.parametrize("kind", VIDEO)
 async def test_h264_of_the_robot_comes_as_it_is(run, kind):
     frames = encoded_frames(3)
-    async with FakeVideoServer("ends") as server, TopicRosbridge({"/v": kind}) as rosbridge:
+    async with FakeVideoServer("ends") as server, FakeRosbridge({"/v": kind}) as rosbridge:
         request = SourceRequest("/v", 80, None, None, 15.0, passes_h264=True)
         _, taken = run(source_settings(server.url, rosbridge.url), request)
         subscription = await rosbridge.subscription("/v")
@@ -408,7 +409,7 @@ async def test_h264_of_the_robot_comes_as_it_is(run, kind):
 async def test_h264_of_the_robot_becomes_jpeg_for_who_decodes_nothing_else(run):
     kind = next(iter(VIDEO))
     frames = encoded_frames(3)
-    async with TopicRosbridge({"/v": kind}) as rosbridge:
+    async with FakeRosbridge({"/v": kind}) as rosbridge:
         given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
         _, taken = run(given, SourceRequest("/v", 80, None, None, 15.0))
         async with asyncio.timeout(30):
@@ -436,7 +437,7 @@ IDR_ALONE, B_FRAME = b"\0\0\1\x65\x88", b"\0\0\1\x41\xa0"
 )
 async def test_h264_that_no_viewer_could_show_at_once_is_named(run, changes, data, why):
     kind = next(iter(VIDEO))
-    async with TopicRosbridge({"/v": kind}) as rosbridge:
+    async with FakeRosbridge({"/v": kind}) as rosbridge:
         given = source_settings(rosbridge=rosbridge.url, source="rosbridge")
         running, _ = run(given, SourceRequest("/v", 80, None, None, 15.0, passes_h264=True))
         await rosbridge.subscription("/v")
@@ -458,7 +459,7 @@ async def test_the_first_camera_is_this_robots(monkeypatch, source, has_pyav, fi
     kinds = {"cmd_vel": "geometry_msgs/msg/Twist", "front": "sensor_msgs/msg/Image"}
     kinds["rear/image_raw/compressed"] = "sensor_msgs/msg/CompressedImage"
     topics = {f"/{robot}/{name}": kind for robot in ("r1", "r2") for name, kind in kinds.items()}
-    async with aiohttp.ClientSession() as http, TopicRosbridge(topics) as rosbridge:
+    async with aiohttp.ClientSession() as http, FakeRosbridge(topics) as rosbridge:
         graph = RosGraph(rosbridge.url)
         graph.drive_topic = "/r2/cmd_vel"
         sources = Sources(http, source_settings("", rosbridge.url, source), graph)
@@ -472,7 +473,7 @@ async def test_the_first_camera_is_this_robots(monkeypatch, source, has_pyav, fi
 
 async def test_rosbridge_while_no_server_answers_and_the_server_again(run, monkeypatch):
     monkeypatch.setattr(sources_module, "RECHECK_S", 0.1)
-    async with TopicRosbridge(IMAGES) as rosbridge, FakeVideoServer() as server:
+    async with FakeRosbridge(IMAGES) as rosbridge, FakeVideoServer() as server:
         await server.stop()
         given = source_settings(server.url, rosbridge.url)
         running, taken = run(given)
