@@ -136,13 +136,6 @@ test("nothing is sent on a socket that is not open yet, closes or is closed, wha
   assert.equal(socket.sent.length, length);
 });
 
-test("a stamped type gets the same twist in an envelope", () => {
-  const speed = { forward: 1, left: 0.5, turn: 2 };
-  const twist = { linear: { x: 1, y: 0.5, z: 0 }, angular: { x: 0, y: 0, z: 2 } };
-  assert.deepEqual(driveMessage("geometry_msgs/msg/Twist", speed), twist);
-  assert.deepEqual(driveMessage("geometry_msgs/msg/TwistStamped", speed).twist, twist);
-});
-
 const car = (twist, wheelbase) => driveMessage("ackermann_msgs/msg/AckermannDriveStamped", twist, { wheelbase }).drive;
 
 test("a car steers so that it follows the twist's curve, forwards and backwards", () => {

@@ -10,6 +10,11 @@ const NOW = Date.parse("2026-11-28T12:00:00Z");
 const RECORDING = { id: 7, cause: "asked", state: "recording", asked_by: "ann", asked_at: "2026-11-28T11:00:00Z", started_at: null };
 const asked = (more) => ({ ...RECORDING, ...more });
 
+function open(api, who = {}) {
+  const root = new FakeElement();
+  return { root, button: new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api, ...who }) };
+}
+
 for (const [me, level, underWay, words, disabled] of [
   ["ann", "drive", null, "Record", false],
   ["ann", "drive", { state: "requested" }, "Record", false], // an hour ago, and nobody began it
@@ -23,14 +28,13 @@ for (const [me, level, underWay, words, disabled] of [
 ]) {
   test(`${me} with ${level} has ${disabled ? "no use of " : ""}the button ${words} of ${JSON.stringify(underWay)}`, async (context) => {
     context.mock.timers.enable({ apis: ["setTimeout"] });
-    const root = new FakeElement();
     const calls = [];
     const body = { recordings: underWay ? [asked(underWay)] : [] };
     const api = {
       get: async () => ({ ok: underWay !== undefined, body }),
       post: async (path) => (calls.push(path), { ok: false, detail: "cannot record robot sim1: it is disabled" }),
     };
-    const button = new RecordButton(root, { robot: "sim1", me, level, api, now: () => NOW });
+    const { root, button } = open(api, { me, level });
     await button.refresh();
     const element = part(root, "record");
     assert.deepEqual([element.textContent, element.disabled], [words, disabled]);
@@ -50,8 +54,7 @@ test("the second press of a double one does not stop what the first began", asyn
     body.recordings = [asked({})];
     return { ok: true };
   };
-  const options = { robot: "sim1", me: "ann", level: "drive", now: () => NOW };
-  const button = new RecordButton(new FakeElement(), { ...options, api: { get: async () => ({ ok: true, body }), post } });
+  const { button } = open({ get: async () => ({ ok: true, body }), post });
   await button.refresh();
   await button.press();
   await button.press();
@@ -64,8 +67,7 @@ test("the second press of a double one does not stop what the first began", asyn
 test("a late answer of before a press changes nothing", async () => {
   const answers = /** @type {((answer: object) => void)[]} */ ([]);
   const api = { get: () => new Promise((resolve) => answers.push(resolve)), post: async () => ({ ok: true }) };
-  const root = new FakeElement();
-  const button = new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api });
+  const { root, button } = open(api);
   const refreshes = [button.refresh(), button.refresh()];
   answers[1]({ ok: true, body: { recordings: [asked({})] } });
   answers[0]({ ok: true, body: { recordings: [] } });
@@ -75,10 +77,9 @@ test("a late answer of before a press changes nothing", async () => {
 
 test("what no server answered is asked again, and a problem ends with what came of it", async (context) => {
   context.mock.timers.enable({ apis: ["setTimeout"] });
-  const root = new FakeElement();
   let answer = /** @type {object} */ ({ ok: false, status: 0 });
   const api = { get: async () => answer, post: async () => ({ ok: false, detail: "" }) };
-  const button = new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api });
+  const { root, button } = open(api);
   await button.refresh();
   answer = { ok: true, body: { recordings: [] } };
   context.mock.timers.tick(2000);

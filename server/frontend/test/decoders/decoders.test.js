@@ -169,10 +169,3 @@ test("what is under way when the stream ends is dropped, and is no failure", asy
   await settle();
   assert.deepEqual([newest().state, asked, choice.accelerationOf("h264")], ["closed", [], "no-preference"]);
 });
-
-test("a browser without decoders asks for JPEG alone", async () => {
-  delete globalThis.VideoDecoder;
-  const alone = new DecoderChoice();
-  await alone.ready;
-  assert.deepEqual(alone.codecs, ["jpeg"]);
-});

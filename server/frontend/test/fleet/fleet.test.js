@@ -140,6 +140,11 @@ test("a finger disturbs a list for three seconds after it has touched", (t) => {
 });
 
 describe("stops", () => {
+  function open() {
+    const root = new FakeElement();
+    return { root, stops: new FleetStops(root, { manages: true }) };
+  }
+
   test("what became of a stop follows the robot's own news", () => {
     const answer = { name: "sim1", stopped: true, confirmed: false };
     assert.match(outcome(answer, undefined), /not confirmed/);
@@ -151,8 +156,7 @@ describe("stops", () => {
   globalThis.document = { createElement: () => new FakeElement(), querySelector: () => ({ content: "" }) };
 
   test("a robot that was released is no longer among those that a stop has stopped", () => {
-    const root = new FakeElement();
-    const stops = new FleetStops(root, { manages: true });
+    const { root, stops } = open();
     const robot = (name, stopped) => ({ name, control: { stopped } });
     stops.results = ["sim1", "sim2"].map((name) => ({ name, stopped: true, confirmed: false }));
     const names = () => stops.results.map(({ name }) => name);
@@ -165,8 +169,7 @@ describe("stops", () => {
   });
 
   test("who manages some of the robots reads that the others were left out", () => {
-    const root = new FakeElement();
-    const stops = new FleetStops(root, { manages: true });
+    const { root, stops } = open();
     const robot = (name, level, site, stopped = null) => ({ name, level, site, control: { stopped } });
     const words = () => part(root, "stops").children.map(({ children }) => children[0]);
     const lines = (site) => {
@@ -184,8 +187,7 @@ describe("stops", () => {
   });
 
   test("a machine that the stop has not reached is named, until all robots have confirmed theirs", () => {
-    const root = new FakeElement();
-    const stops = new FleetStops(root, { manages: true });
+    const { root, stops } = open();
     const robot = (confirmed) => ({ name: "sim1", level: "manage", control: { stopped: { confirmed } } });
     const lines = () => part(root, "stop-result").children[0].children.map(({ children }) => children[0]);
     const robots = [{ name: "sim1", stopped: true, confirmed: false }];
@@ -204,8 +206,7 @@ describe("stops", () => {
       if (!status) throw new TypeError("no network");
       return new Response(JSON.stringify({ robots: [] }), { status });
     });
-    const root = new FakeElement();
-    const stops = new FleetStops(root, { manages: true });
+    const { root, stops } = open();
     const said = [];
     await stops.stop();
     for (let seconds = 0; seconds < 20; seconds += 1) {

@@ -52,6 +52,14 @@ const ring = (shown) => world.showRing(shown);
 const say = (topic, message) => handlers.get(topic)(message);
 const fix = () => say("/tf_static", tf(link("base_link", "laser", 0)));
 
+const sayMap = (frame_id) => say("/map", { header: { frame_id }, ...grid(0) });
+const sayFrames = (parent, child) => say("/tf", tf(link(parent, child, 2)));
+
+function seeMap(topics = {}) {
+  follow({ map: MAP, ...topics });
+  show({ map: true });
+}
+
 const LASER = { scan: SCAN, map: MAP };
 const ringOnAll = () => [follow(ALL), ring(true)];
 
@@ -117,33 +125,32 @@ test("the robot is where its odometry says, and old when that is silent", () => 
   assert.equal(world.robot.old, true);
 });
 
-test("odometry alone is no place in a map", async () => {
-  follow({ map: MAP, tf: TF });
-  show({ map: true });
-  world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
-  assert.equal(world.robot.unplaced, undefined);
-  await say("/map", { header: { frame_id: "map" }, ...grid(0) });
-  assert.equal(world.robot.unplaced, true);
-  say("/tf", tf(link("map", "odom", 3)));
-  assert.equal(world.robot.unplaced, undefined);
-});
+const turnWheels = () => world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
 
-test("a place in one map is none in the next, which has another frame", async () => {
-  follow({ map: MAP, tf: TF });
-  show({ map: true });
-  world.receivePose({ x: 1, y: 0, theta: 0, frame: "odom" });
-  say("/tf", tf(link("floor1", "odom", 3)));
-  const unplaced = [];
-  for (const frame_id of ["floor1", "floor1", "floor2"]) {
-    await say("/map", { header: { frame_id }, ...grid(0) });
-    unplaced.push(Boolean(world.robot.unplaced));
-  }
-  assert.deepEqual(unplaced, [false, false, true]);
-});
+// Whether the robot has no place in the map after each of some steps.
+for (const [name, steps, unplaced] of [
+  ["odometry alone is none", [turnWheels, () => sayMap("map"), () => sayFrames("map", "odom")], [false, true, false]],
+  [
+    "one in a map is none in the next, which has another frame",
+    [turnWheels, () => sayFrames("floor1", "odom"), () => sayMap("floor1"), () => sayMap("floor2")],
+    [false, false, false, true],
+  ],
+  ["by the wheels' frame alone there is none", [() => sayMap("map"), () => sayFrames("odom", "base_link")], [false, true]],
+  ["by the map's frame there is one", [() => sayMap("map"), () => sayFrames("map", "base_link")], [false, false]],
+]) {
+  test(`a place in a map: ${name}`, async () => {
+    seeMap({ tf: TF });
+    const found = [];
+    for (const step of steps) {
+      await step();
+      found.push(Boolean(world.robot.unplaced));
+    }
+    assert.deepEqual(found, unplaced);
+  });
+}
 
 test("the localization moves the odometry's frame, and the way with it", () => {
-  world.follow({ map: MAP, located: PLACE });
-  world.show({ map: true });
+  seeMap({ located: PLACE });
   world.receivePose({ x: 1, y: 0, theta: 0 });
   say("/amcl_pose", { pose: { pose: at(5, 5) } });
   world.receivePose({ x: 2, y: 0, theta: 0 });
@@ -151,8 +158,7 @@ test("the localization moves the odometry's frame, and the way with it", () => {
 });
 
 test("the place of a robot that has left its localization behind is old, and of one that stands is not", () => {
-  world.follow({ map: MAP, located: PLACE });
-  world.show({ map: true });
+  seeMap({ located: PLACE });
   world.receivePose({ x: 1, y: 0, theta: 0 });
   say("/amcl_pose", { pose: { pose: at(5, 5) } });
   const old = [];
@@ -170,8 +176,7 @@ test("the place of a robot that has left its localization behind is old, and of 
 });
 
 test("a newer map takes the place of the one before, whose bitmap is closed", async () => {
-  world.follow({ map: MAP });
-  world.show({ map: true });
+  seeMap();
   await say("/map", grid(0));
   const first = world.map;
   await say("/map", grid(100));
@@ -182,8 +187,7 @@ test("a newer map takes the place of the one before, whose bitmap is closed", as
 });
 
 test("a map that cannot be read is said, until one can", async () => {
-  world.follow({ map: MAP });
-  world.show({ map: true });
+  seeMap();
   const unread = [];
   for (const message of [{ info: { width: 0, height: 0 }, data: [] }, grid(0), { ...grid(0), data: "***" }, grid(100), "too long"]) {
     world.makeBitmap = message === "too long" ? () => Promise.reject(new Error("no memory")) : async () => ({});
@@ -207,9 +211,8 @@ test("a scan is where the laser is on the robot, which the odometry names or is 
 });
 
 test("the frames say where the odometry began, in whatever frame the map is, and the localization then no more", async () => {
-  world.follow({ map: MAP, located: PLACE, tf: TF });
-  world.show({ map: true });
-  await say("/map", { header: { frame_id: "/site" }, ...grid(0) });
+  seeMap({ located: PLACE, tf: TF });
+  await sayMap("/site");
   world.receivePose({ x: 1, y: 2, theta: 0, frame: "odom", base: "base_link" });
   say("/tf", tf(link("site", "odom", 3)));
   say("/amcl_pose", { pose: { pose: at(9, 9) } });
@@ -222,8 +225,7 @@ test("the frames say where the odometry began, in whatever frame the map is, and
 });
 
 test("a robot without odometry is where its frames say, and old when they are silent", () => {
-  follow({ map: MAP, tf: TF });
-  show({ map: true });
+  seeMap({ tf: TF });
   for (const parent of ["odom", "map"]) {
     say("/tf", tf(link(parent, "base_link", 2)));
     assert.deepEqual([world.robot.x, world.robot.old], [2, false]);
@@ -232,21 +234,8 @@ test("a robot without odometry is where its frames say, and old when they are si
   assert.equal(world.robot.old, true);
 });
 
-test("where the robot is by its wheels' frame alone is no place in a map", async () => {
-  follow({ map: MAP, tf: TF });
-  show({ map: true });
-  await say("/map", { header: { frame_id: "map" }, ...grid(0) });
-  const unplaced = [];
-  for (const parent of ["odom", "map"]) {
-    say("/tf", tf(link(parent, "base_link", 2)));
-    unplaced.push(Boolean(world.robot.unplaced));
-  }
-  assert.deepEqual(unplaced, [true, false]);
-});
-
 test("a pose in another frame than the map's says nothing of a place in it", () => {
-  follow({ map: MAP, located: PLACE });
-  show({ map: true });
+  seeMap({ located: PLACE });
   world.receivePose({ x: 1, y: 0, theta: 0 });
   const places = [];
   for (const frame_id of ["odom_combined", "/map"]) {

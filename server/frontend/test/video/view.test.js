@@ -81,47 +81,31 @@ for (const [robot, holds, state] of [
 ]) {
   test(`driving ${holds ? "is held without video" : "needs no video"} where a robot ${robot}`, () => {
     const { answered, known = [], cameras = [], saysNone = false } = state;
-    const [reported, view] = [[], Object.create(View.prototype)];
-    globalThis.document = { hidden: false };
-    const others = {
-      layout: { shown: [] },
-      tiles: new Map(),
-      mainTimestamp: new MainTimestamp(),
-      sleep: { isOver: () => false },
-      now: () => 0,
-    };
-    Object.assign(view, others, {
-      page: { cameras },
-      known: new Set(known),
-      answered,
-      saysNone,
-      onMain: (reading) => reported.push(reading),
-    });
+    const { view, reported } = reporting({ page: { cameras }, known: new Set(known), answered, saysNone });
     view.reportMain();
-    delete globalThis.document;
     assert.deepEqual(reported, [{ offered: holds, at: null }]);
   });
 }
 
-test("what was seen before the machine slept is not reported as seen at any time", () => {
-  const [reported, tile] = [[], { at: 10 }];
-  let slept = false;
+// A view that has only what reports its main frame.
+function reporting(more) {
   globalThis.document = { hidden: false };
-  const view = Object.assign(Object.create(View.prototype), {
-    layout: { shown: ["/front"], main: "/front" },
-    tiles: { get: () => tile, forget: () => (tile.at = null) },
-    mainTimestamp: new MainTimestamp(),
-    sleep: { isOver: () => slept },
-    now: () => 0,
-    page: {},
-    known: new Set(["/front"]),
-    onMain: ({ at }) => reported.push(at),
-  });
+  const reported = [];
+  const others = { layout: { shown: [] }, tiles: new Map(), mainTimestamp: new MainTimestamp(), page: {}, known: new Set() };
+  const clock = { sleep: { isOver: () => false }, now: () => 0 };
+  const view = Object.assign(Object.create(View.prototype), others, clock, { onMain: (reading) => reported.push(reading) }, more);
+  return { view, reported };
+}
+
+test("what was seen before the machine slept is not reported as seen at any time", () => {
+  const tile = { at: 10 };
+  const tiles = { get: () => tile, forget: () => (tile.at = null) };
+  const { view, reported } = reporting({ layout: { shown: ["/front"], main: "/front" }, tiles });
   view.reportMain();
-  slept = true;
+  view.sleep.isOver = () => true;
   view.reportMain();
-  delete globalThis.document;
-  assert.deepEqual(reported, [10, null]);
+  const timestamps = reported.map(({ at }) => at);
+  assert.deepEqual(timestamps, [10, null]);
 });
 
 // Of a view without a page: what it offers for its places.
