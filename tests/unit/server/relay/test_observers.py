@@ -62,19 +62,14 @@ def registry():
 @pytest.fixture
 def observer(memory_database, event_writer, metrics, registry, caplog):
     caplog.set_level(logging.INFO)
-    return RelayObserver(
-        event_writer,
-        metrics,
-        registry,
-        lambda: Snapshot(memory_database.robots, memory_database.grants),
-    )
+    snapshot = Snapshot(memory_database.robots, memory_database.grants)
+    return RelayObserver(event_writer, metrics, registry, lambda: snapshot)
 
 
 def test_newest_call_for_help_of_each_source_waits(observer, event_writer, memory_database):
     """However often a robot calls; its settings name the pool."""
-    robot = memory_database.add_robot(7, "sim1")
     settings = robot_settings.parse({"help": {"pool": "night"}})
-    memory_database.robots = {7: replace(robot, settings=settings)}
+    memory_database.robots[7] = replace(memory_database.robots[7], settings=settings)
     observer.help_called(7, HelpCall("stop", "stopped by ben"))
     for number in range(1000):
         observer.help_called(7, HelpCall("robot", f"call {number}", 1))
@@ -145,11 +140,8 @@ def test_a_drive_is_written_while_it_lasts(observer, event_writer, sim1):
 
 
 def guard_refused(**kinds):
-    return Change(
-        "guard_status",
-        7,
-        replace(ONLINE, report=GuardReport("ready", refused=tuple(kinds.items()))),
-    )
+    report = GuardReport("ready", refused=tuple(kinds.items()))
+    return Change("guard_status", 7, replace(ONLINE, report=report))
 
 
 def refused_in(event_writer):

@@ -7,7 +7,6 @@ import os
 import struct
 import threading
 from dataclasses import replace
-from typing import NamedTuple
 
 import aiohttp
 import pytest
@@ -141,27 +140,22 @@ def file_of(settings):
     return settings.folder / "1.mcap"
 
 
-class RecordedData(NamedTuple):
-    topic: str
-    data: bytes
-
-
 def messages_of(settings):
     """All that was written as a whole, also in a file that is still written, or whose recorder was killed."""
     found = []
     if file_of(settings).exists():
         with file_of(settings).open("rb") as file, contextlib.suppress(McapError, struct.error):
             for _, channel, message in NonSeekingReader(file).iter_messages(log_time_order=False):
-                found.append(RecordedData(channel.topic, message.data))
+                found.append((channel.topic, message.data))
     return found
 
 
 def topics_of(settings):
-    return {message.topic for message in messages_of(settings)}
+    return {topic for topic, _ in messages_of(settings)}
 
 
 def frames_of(settings):
-    return [each for each in messages_of(settings) if each.topic == "/camera/video"]
+    return [data for topic, data in messages_of(settings) if topic == "/camera/video"]
 
 
 async def test_a_recorder_that_is_refused_logs_no_ticket(relay, settings, monkeypatch, caplog):
@@ -204,10 +198,10 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     await until(lambda: not describe(sim1).recording, "nobody records")
     messages = messages_of(settings)
     # The robot's double sends it on the connections of both topics.
-    speeds = {each.data for each in messages if each.topic == "/speed"}
+    speeds = {data for topic, data in messages if topic == "/speed"}
     assert speeds == {b"\0\1\0\0" + struct.pack("<f", 0.5)}
-    [picture] = [each for each in messages if each.topic == "/camera/compressed"]
-    assert picture.data.endswith(struct.pack("<I", 9) + b"a picture")
+    [picture] = [data for topic, data in messages if topic == "/camera/compressed"]
+    assert picture.endswith(struct.pack("<I", 9) + b"a picture")
     assert sum(relay.relay.traffic.command_ages.counts) == 1
     with AnyReader([file_of(settings)]) as bag:
         names = {each.topic: each.msgtype for each in bag.connections}
@@ -218,10 +212,8 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
             for connection, _, data in bag.messages()
             if connection.topic == "/robotether/commands"
         ]
-    assert [(each.person, each.outcome) for each in commands] == [
-        ("ann", "sent"),
-        ("ann", "too_old"),
-    ]
+    outcomes = [(each.person, each.outcome) for each in commands]
+    assert outcomes == [("ann", "sent"), ("ann", "too_old")]
     assert commands[0].seen_cameras == ["/camera"]
 
 
@@ -337,7 +329,7 @@ async def test_a_robot_is_recorded_by_its_setting(
     await until(lambda: "/robotether/control" in topics_of(settings), "it is in a file")
     assert store.rows[1].cause == when
     if when == "on_stop":
-        assert any(b"before the stop" in each.data for each in messages_of(settings))
+        assert any(b"before the stop" in data for _, data in messages_of(settings))
     store.robots = [replace(store.robots[0], recording_when=None)]
     await until(lambda: store.code() == "setting_changed", "it ended")
 
