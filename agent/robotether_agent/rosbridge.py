@@ -15,16 +15,16 @@ from contextlib import asynccontextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import aiohttp
+from aiohttp.http_websocket import WSMessageNoDecodeText
 from robotether_common.frames import MAX_FRAME_BYTES
 from robotether_common.own_topics import own_topics, same_type
 
 from robotether_agent.fields import FieldError, JsonObject, parse_object
+from robotether_agent.rosbridge_socket import RosbridgeSocket, new_http, open_rosbridge
 from robotether_agent.tasks import within
 
-CONNECT_WITHIN_S = 3.0
 ANSWER_WITHIN_S = 3.0
 HEARTBEAT_S = 10.0
-CLOSE_WITHIN_S = 0.5
 CALL_ID = "robotether_agent:call"
 # Interval before a rosapi that did not answer is asked again, on a new connection.
 SILENT_S = 120.0
@@ -43,7 +43,7 @@ log = logging.getLogger(__name__)
 class Rosbridge:
     """One connection."""
 
-    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+    def __init__(self, socket: RosbridgeSocket) -> None:
         self._socket = socket
         # What a message is of that cannot be read; None: that was logged.
         self._what: str | None = "rosapi"
@@ -112,7 +112,7 @@ class Rosbridge:
             self._what = None
 
 
-def _why_ended(message: aiohttp.WSMessage) -> str:
+def _why_ended(message: WSMessageNoDecodeText) -> str:
     if message.type is aiohttp.WSMsgType.ERROR:
         return f"rosbridge's connection broke: {message.data}"
     return "rosbridge closed the connection"
@@ -248,36 +248,12 @@ async def connected(url: str, *, max_message_bytes: int) -> AsyncIterator[Rosbri
     A cancelled one leaves without a close frame: a rosbridge that hangs must not delay what waits for that, which may
     be the notice to the guard that the session is lost.
     """
-    # As in rosbridge_socket.py: aiohttp's own socket cannot be dropped.
-    socket_class = cast("type[aiohttp.ClientWebSocketResponse]", _Socket)
-    async with aiohttp.ClientSession(ws_response_class=socket_class) as http:
-        socket = await within(CONNECT_WITHIN_S, _open(http, url, max_message_bytes))
+    async with new_http() as http:
+        socket = await open_rosbridge(
+            http, url, max_message_bytes=max_message_bytes, heartbeat_s=HEARTBEAT_S
+        )
         try:
             yield Rosbridge(socket)
             await socket.close()
         finally:
             socket.drop()
-
-
-class _Socket(aiohttp.ClientWebSocketResponse):
-    """One that can be dropped; aiohttp makes it as the session's `ws_response_class`."""
-
-    def __init__(
-        self, reader: Any, writer: Any, protocol: Any, response: Any, *args: Any, **kwargs: Any
-    ) -> None:
-        super().__init__(reader, writer, protocol, response, *args, **kwargs)
-        self._answer: aiohttp.ClientResponse = response
-
-    def drop(self) -> None:
-        """End the connection at once."""
-        self._answer.close()
-
-
-async def _open(http: aiohttp.ClientSession, url: str, max_message_bytes: int) -> _Socket:
-    timeouts = aiohttp.ClientWSTimeout(ws_close=CLOSE_WITHIN_S)
-    socket = await http.ws_connect(
-        url, heartbeat=HEARTBEAT_S, max_msg_size=max_message_bytes, timeout=timeouts
-    )
-    if not isinstance(socket, _Socket):
-        raise TypeError("the session makes sockets of another class")
-    return socket

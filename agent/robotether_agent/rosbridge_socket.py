@@ -1,4 +1,4 @@
-"""A WebSocket to rosbridge that passes frames on as they are, for the guard and for the topics service.
+"""A WebSocket to rosbridge that passes frames on as they are; `rosbridge` reads those of the agent's own.
 
 Text stays bytes, nothing is compressed, and a socket knows how much of what was sent is still in this process.
 """
@@ -91,15 +91,25 @@ def new_http() -> ClientSession:
     )
 
 
-async def open_rosbridge(http: ClientSession, url: str) -> RosbridgeSocket:
-    """Return a new connection; aiohttp.ClientError, OSError or asyncio.TimeoutError when there is none."""
+async def open_rosbridge(
+    http: ClientSession,
+    url: str,
+    *,
+    max_message_bytes: int | None = None,
+    heartbeat_s: float | None = None,
+) -> RosbridgeSocket:
+    """Return a new connection; aiohttp.ClientError, OSError or asyncio.TimeoutError when there is none.
+
+    Pings and pongs are its user's, unless it is pinged each `heartbeat_s`.
+    """
     connection = await within(
         CONNECT_WITHIN_S,
         http.ws_connect(
             url,
             timeout=Timeouts(ws_close=FAREWELL_S),
-            autoping=False,
-            max_msg_size=FROM_ROBOT_BYTES,
+            autoping=heartbeat_s is not None,
+            heartbeat=heartbeat_s,
+            max_msg_size=max_message_bytes or FROM_ROBOT_BYTES,
             decode_text=False,
         ),
     )

@@ -18,7 +18,6 @@ from aiohttp import (
     web,
 )
 from fake_cloud import certificate
-from robotether_agent import rosbridge as _agent_sockets  # noqa: F401 - for its classes
 from robotether_agent.guard import process as _guard_sockets  # noqa: F401 - for its classes
 from robotether_server.relay import main as _relay_sockets  # noqa: F401 - for its classes
 

@@ -22,7 +22,8 @@ from robotether_common.ros import VIDEO_TYPES
 
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject
-from robotether_agent.rosbridge import CONNECT_WITHIN_S, MAX_IMAGE_MESSAGE_BYTES, connected
+from robotether_agent.rosbridge import MAX_IMAGE_MESSAGE_BYTES, connected
+from robotether_agent.rosbridge_socket import CONNECT_WITHIN_S
 from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
