@@ -16,11 +16,7 @@ from fake_guard import births, fake_guard_command, heard
 from openssh_server import is_alive
 from robotether_agent.fields import FieldError
 from robotether_agent.guard import supervisor
-from robotether_agent.guard.child_process import (
-    TICK_S,
-    GuardProcess,
-    SilenceDetector,
-)
+from robotether_agent.guard.child_process import TICK_S, GuardProcess, SilenceDetector
 from robotether_agent.guard.fork_server import START_S, ForkServer
 from robotether_agent.guard.supervisor import (
     MAX_PAUSE_S,

@@ -7,13 +7,7 @@ import asyncio
 from controller_world import FakeSource, World
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robotether_agent.guard.topics import (
-    MAX_TOPICS,
-    MAX_TYPES,
-    Authorization,
-    Topic,
-    Topics,
-)
+from robotether_agent.guard.topics import MAX_TOPICS, MAX_TYPES, Authorization, Topic, Topics
 
 
 def stays(_: Topic) -> bool:

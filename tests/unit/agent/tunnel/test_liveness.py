@@ -17,14 +17,7 @@ from robotether_agent.net import netlink
 from robotether_agent.net.server_dialer import SshAddress
 from robotether_agent.problems import NetworkChangedError, NoAnswerError, Retry, ServerSilentError
 from robotether_agent.tunnel import liveness
-from robotether_agent.tunnel.liveness import (
-    Path,
-    Signs,
-    is_certain,
-    path_of,
-    suspicion,
-    watch,
-)
+from robotether_agent.tunnel.liveness import Path, Signs, is_certain, path_of, suspicion, watch
 
 
 def ends(here: tuple[object, ...], there: tuple[object, ...], family: int = socket.AF_INET) -> Mock:

@@ -21,11 +21,7 @@ from robotether_agent.problems import (
     ServerSilentError,
     SessionEndedError,
 )
-from robotether_agent.tunnel.session import (
-    Session,
-    SessionConfig,
-    message_handlers,
-)
+from robotether_agent.tunnel.session import Session, SessionConfig, message_handlers
 
 PORTS = {"ros": 20000, "video": 20001, "shell": None}
 CONFIG = {

@@ -20,11 +20,7 @@ from openssh_server import descendants
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video import encoder_process
 from robotether_agent.video.encoder import COMMAND, VideoEncoder
-from robotether_agent.video.encoder_messages import (
-    EncodeRequest,
-    EncoderError,
-    FrameRefusedError,
-)
+from robotether_agent.video.encoder_messages import EncodeRequest, EncoderError, FrameRefusedError
 from robotether_agent.video.encoding import bits_per_s
 from robotether_agent.video.image_process import H264Frames
 from robotether_common.codecs import H264, VP8

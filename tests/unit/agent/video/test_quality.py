@@ -6,10 +6,7 @@ import itertools
 from dataclasses import dataclass, field
 
 import pytest
-from robotether_agent.video.encoding import (
-    PresetSteps,
-    encoded_size,
-)
+from robotether_agent.video.encoding import PresetSteps, encoded_size
 from robotether_agent.video.quality import RATES, SCALES, Level, Steps, ladder
 from robotether_common.frames import StreamRequest
 

@@ -9,11 +9,7 @@ import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
 from robotether_agent.video import shared_sources as shared_sources_module
-from robotether_agent.video.shared_sources import (
-    GIVE_UP_S,
-    SharedSources,
-    SourceSwitch,
-)
+from robotether_agent.video.shared_sources import GIVE_UP_S, SharedSources, SourceSwitch
 from robotether_agent.video.sources import CameraFrame, SourceRequest
 from robotether_common.frames import Source, VideoStatus
 
