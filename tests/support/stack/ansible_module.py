@@ -15,6 +15,8 @@ from commands import path_with, run_command
 
 ANSIBLE = Path(__file__).resolve().parents[3] / "ansible"
 WAIT_S = 60
+# Time limit for a play of several tasks, on a machine that runs other tests.
+PLAY_LIMIT_S = 300
 
 
 def of_role(name: str, tasks: str) -> dict[str, Any]:
@@ -40,7 +42,7 @@ def play(
         "ANSIBLE_NOCOLOR": "1",
         "ANSIBLE_LOCALHOST_WARNING": "no",
     }
-    return run_command(*words, cwd=folder, env=environ)
+    return run_command(*words, limit_s=PLAY_LIMIT_S, cwd=folder, env=environ)
 
 
 async def run_module(name: str, arguments: Mapping[str, object]) -> dict[str, Any]:

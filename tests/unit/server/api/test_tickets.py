@@ -37,12 +37,9 @@ def test_ticket_is_given_within_the_grant(program, database, user, mode):
     assert (ticket.credential, ticket.credential_sha256) == ("token", sha256)
 
 
-def test_who_may_watch_gets_no_ticket_to_drive(program, database):
-    assert answer_of(program, bearer(database, "olga"), mode="drive") == (403, "grant_missing")
-
-
-def test_ticket_for_a_robot_is_none_for_another_that_got_its_name(program, database):
+def test_no_ticket_is_beyond_the_grant_or_for_another_robot_that_got_the_name(program, database):
     token = bearer(database, "ann")
+    assert answer_of(program, bearer(database, "olga"), mode="drive") == (403, "grant_missing")
     with database.transaction() as tx:
         mac = robots.get(tx, "sim1").mac
     assert answer_of(program, token, mode="observe", mac=mac.upper()) == (201, "")
