@@ -28,11 +28,11 @@ async def test_a_defect_is_answered_without_its_details(relay, http, monkeypatch
 async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, headers):
     """A line break in a path is written as such, and ends no line of the log."""
     caplog.set_level("INFO")
-    path = f"{relay.url}/robots/x%0d%0aINFO%20forged/ros"
-    async with http.get(URL(path, encoded=True), headers=headers):
-        pass
-    (line,) = [text for text in caplog.messages if "forged" in text]
-    assert len(line.splitlines()) == 1
+    for path in ("x%0aINFO%20forged/video", "x%0d%0aINFO%20forged/ros"):
+        async with http.get(URL(f"{relay.url}/robots/{path}", encoded=True), headers=headers):
+            pass
+    lines = [text for text in caplog.messages if "forged" in text]
+    assert [len(line.splitlines()) for line in lines] == [1, 1]
 
 
 async def test_a_request_is_logged_as_json_without_its_query(http, caplog):

@@ -121,6 +121,15 @@ async def test_a_press_that_came_on_the_connection_is_no_stop_behind_its_release
         assert (status, control["stopped"] is not None) == (200, is_stopped)
 
 
+async def test_a_body_is_json(relay, http, people):
+    url = f"{relay.url}{SIM1}/stop"
+    async with http.post(url, data=b"reason=x", headers=people["ann"]) as answer:
+        assert answer.status == 415
+    headers = people["ann"] | {"Content-Type": "application/json"}
+    async with http.post(url, data=b"{", headers=headers) as answer:
+        assert answer.status == 400
+
+
 async def test_a_login_needs_a_page_of_this_site(relay, guarded, sim1, memory_database, ask):
     cookie = {"Cookie": f"__Host-robotether_login={memory_database.add_credential('login', ANN)}"}
     path = f"{SIM1}/stop"

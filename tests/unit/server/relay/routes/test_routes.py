@@ -234,3 +234,12 @@ async def test_routes_of_one_user_into_a_robot_share_its_lease(world):
     await until(lambda: given_up in world.target.received, "it is given up")
     await until(lambda: len(world.source.topics) == 1, "one is left")
     assert world.relay.relay.control.describe(TARGET).driver.fence == 1
+
+
+async def test_a_route_is_shown_to_those_who_see_both_robots(world, http):
+    await start(world, FOLLOW)
+    url, headers = f"{world.relay.url}/api/v1/routes/live", world.database.bearer(EVE)
+    async with http.get(url, headers=headers) as answer:
+        [route] = (await answer.json())["routes"]
+    assert (route["id"], route["state"], route["why"]) == (1, "runs", "")
+    assert world.relay.relay.routes.live(BEN.id).routes == []

@@ -53,6 +53,25 @@ def subscribed(robot):
     return [message for message in messages if message["op"] == "subscribe"]
 
 
+async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
+    sockets = [await observe({**ODOM, "id": number}) for number in range(3)]
+    shared = relay.relay.shared_topics
+    await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
+    [topic] = shared._tasks
+    await until(lambda: len(topic.users) == 3, "all three share it")
+    await robot.send_to_topics(b"news")
+    for socket in sockets:
+        while await socket.receive_str(timeout=WAIT_S) != "news":
+            pass
+    assert subscribed(robot) == [ODOM]
+    await sockets[0].send_json({"op": "unsubscribe", "topic": "/odom"})
+    await sockets[1].close()
+    await until(lambda: len(topic.users) == 1, "one is left")
+    assert len(robot.topics) == 1
+    await sockets[2].close()
+    await until(lambda: not robot.topics, "the subscription ends")
+
+
 def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
     both = combined(
         [
