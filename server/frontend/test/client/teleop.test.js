@@ -323,6 +323,15 @@ describe("a program", () => {
     assert.deepEqual(sent, ZEROS);
   });
 
+  test("zero stands still at once and then is silent", () => {
+    driver.drive({ forward: 0.5 });
+    forget();
+    driver.drive(STILL);
+    assert.deepEqual(sent, [STILL]);
+    pass(1000);
+    assert.deepEqual(sent, ZEROS);
+  });
+
   for (const [end, act] of [
     ["silence", () => pass(1000)],
     ["a cut", () => [driver.arm(false), driver.drive({ forward: 0.5 }), driver.arm(true)]],

@@ -106,6 +106,7 @@ test("of both sticks, a drag that was dropped holds nothing, nor does a press th
     down();
     sticks.drop();
     move();
+    assert.deepEqual(told, ["held"]);
     down();
     up();
     teleop.accepts = false;
