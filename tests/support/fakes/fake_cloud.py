@@ -14,7 +14,6 @@ import asyncio
 import atexit
 import json
 import shutil
-import socket
 import ssl
 import tempfile
 from collections.abc import Callable
@@ -26,7 +25,7 @@ import aiohttp
 from aiohttp import web
 from dated_certificate import fingerprint_of, make_certificate
 from local_network import free_port
-from openssh_server import OpenSshServer
+from openssh_server import OpenSshServer, listens
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
 from robotether_server.signatures import is_signed
 from tcp_service import TcpService
@@ -284,7 +283,7 @@ async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:
 
     A session is up before its guard is ready, and the port leads nowhere until then.
     """
-    await eventually(lambda: _is_open(port), lambda: f"port {port} leads to the robot")
+    await eventually(lambda: listens(port), lambda: f"port {port} leads to the robot")
     headers = {"Robotether-Key": key, "Robotether-Mode": "observe"}
     async with (
         timed_session(headers=headers) as http,
@@ -292,11 +291,6 @@ async def echo(port: int, text: str, *, key: str = GUARD_KEY) -> str:
     ):
         await robot.send_json({"op": "call_service", "service": "/echo", "id": text})
         return str((await robot.receive_json(timeout=5))["id"])
-
-
-def _is_open(port: int) -> bool:
-    with socket.socket() as probe:
-        return probe.connect_ex(("127.0.0.1", port)) == 0
 
 
 async def eventually(

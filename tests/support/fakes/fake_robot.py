@@ -326,17 +326,13 @@ class FakeRobot:
         self._watch = asyncio.create_task(self._close_ports_with_session())
 
     def _say_hello(self) -> None:
-        session = self.session
-        hello: dict[str, Any] = {"hostname": "turtle", "agent_version": "0.1.0"}
-        if self.epoch:
-            hello["epoch"] = self.epoch
+        session, guard = self.session, "on" if self.mode in GUARDED else "off"
+        epoch = {"epoch": self.epoch} if self.epoch else {}
+        session.send(type="hello", guard=guard, hostname="turtle", agent_version="0.1.0", **epoch)
         if self.mode in GUARDED:
-            session.send(type="hello", guard="on", **hello)
             session.send(type="ping", seq=0, t_ms=session.clock_ms())
             if self.mode != "guard_quiet":
                 session.send_guard_status()
-        else:
-            session.send(type="hello", guard="off", **hello)
 
     async def send_to_clients(self, data: bytes) -> None:
         for client in list(self.clients):

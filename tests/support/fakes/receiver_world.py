@@ -10,12 +10,21 @@ from typing import Any, cast
 from aiohttp import WSMsgType, web
 from fake_cameras import fake_jpeg, number_of
 from fake_cloud import eventually
-from frame_header import SIZE, unpacked
 from robotether_agent.video.frame_encoder import EncoderPool
+from robotether_agent.video.frame_messages import Header
 from robotether_agent.video.receiver import Receiver
 from robotether_agent.video.shared_sources import SharedSources
 from robotether_agent.video.sources import CameraFrame, OnFrame, SourceRequest
-from robotether_common.codecs import JPEG, Codec
+from robotether_common.codecs import CODECS, JPEG, Codec
+from robotether_common.frames import HEADER, KEY, STAMPED
+
+SIZE = HEADER.size
+
+
+def unpacked(message: bytes) -> Header:
+    codec, flags, quality, sequence, timestamp_ms = HEADER.unpack_from(message)
+    is_stamped, is_key = bool(flags & STAMPED), bool(flags & KEY)
+    return Header(sequence, timestamp_ms, quality, is_stamped, CODECS[codec], is_key)
 
 
 class FakeMessage:

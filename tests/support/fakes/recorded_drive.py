@@ -128,11 +128,6 @@ class RecordedDrive:
         }
         return {camera: numbers[0] for camera, numbers in newest.items() if numbers}
 
-    @property
-    def changes_ms(self) -> list[int]:
-        spans = (*self.drivers, *self.stopped)
-        return sorted({0, *(at_ms for span in spans for at_ms in span)})
-
     def fence_at(self, at_ms: float) -> int:
         spans = enumerate(self.drivers, 1)
         return next((fence for fence, span in spans if _within(at_ms, (span,))), 0)
@@ -204,7 +199,8 @@ class RecordedDrive:
         }
 
     def _controls(self) -> Iterator[RecordedMessage]:
-        for at_ms in self.changes_ms:
+        changes_ms = {0, *(at_ms for span in (*self.drivers, *self.stopped) for at_ms in span)}
+        for at_ms in sorted(changes_ms):
             fence = self.fence_at(at_ms)
             members = {
                 "online": True,
@@ -330,11 +326,12 @@ def pairing_errors(drives: Iterable[RecordedDrive], rows: Iterable[Row]) -> list
         taken_ms = [frame.taken_ms for frame in first if frame.number == row.numbers[0]]
         at_ms = taken_ms[0] + row.ages_s[0] * 1000 + ROUNDING_MS / 2 if taken_ms else -1
         truth = true_row(drive, at_ms)
-        if truth is None or row.numbers != truth.numbers or not _is_near(row, truth):
+        if (
+            truth is None
+            or row.numbers != truth.numbers
+            or not np.allclose(
+                (*row.ages_s, row.x, row.speed), (*truth.ages_s, truth.x, truth.speed), 0, 1e-5
+            )
+        ):
             errors.append(f"at {at_ms:.3f} ms {row} in place of {truth}")
     return errors
-
-
-def _is_near(row: Row, truth: Row) -> bool:
-    pairs = zip((*row.ages_s, row.x, row.speed), (*truth.ages_s, truth.x, truth.speed), strict=True)
-    return all(abs(value - true) < 1e-5 for value, true in pairs)

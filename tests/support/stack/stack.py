@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, TypeVar
 
 import docker
 import image_names
@@ -28,11 +28,8 @@ from logins import Login
 from openssh_server import wait_until
 from robotether_server.settings import robot as robot_settings
 
-
-class Request(Protocol):
-    def __call__(
-        self, method: str, path: str, body: dict[str, Any] | None, headers: dict[str, str]
-    ) -> tuple[int, Any]: ...
+# One HTTPS request to the stack: method, path, body and headers.
+Request = Callable[[str, str, dict[str, Any] | None, dict[str, str]], tuple[int, Any]]
 
 
 class Admin:

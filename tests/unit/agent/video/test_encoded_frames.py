@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 from fake_cameras import fake_jpeg
 from fake_cloud import eventually
-from frame_header import SIZE, unpacked
 from openssh_server import command_line, descendants
-from receiver_world import World
+from receiver_world import SIZE, World, unpacked
 from robotether_agent.clock import robot_time
 from robotether_agent.video import encoder as encoder_module
 from robotether_agent.video.encoder import COMMAND

@@ -8,8 +8,7 @@ from random import Random
 
 import pytest
 from fake_cloud import eventually
-from frame_header import SIZE, unpacked
-from receiver_world import FIRST, World
+from receiver_world import FIRST, SIZE, World, unpacked
 from robotether_agent.video.frame_messages import parse
 from robotether_agent.video.receiver import FrameRateLimiter
 from robotether_agent.video.sources import CameraFrame, SourceRequest
