@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import logging
 import re
-import sys
 import threading
 import time
 from contextlib import suppress
-from functools import partial
 from typing import Any
 from urllib.parse import urlsplit
 
@@ -20,13 +18,13 @@ import av
 from robotether_common.frames import MAX_SIDE
 
 from robotether_agent.clock import robot_time
-from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
+from robotether_agent.video.av_program import LOW_DELAY_FLAG
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    main,
     reason_of,
-    serve,
 )
 from robotether_agent.video.timestamps import MAX_LAG_S
 
@@ -140,15 +138,5 @@ class Lag:
             raise CameraFailedError("this robot does not decode it as fast as it comes")
 
 
-def main() -> int:
-    """Run the process."""
-    step_back()
-    av.logging.set_level(av.logging.PANIC)
-    url = sys.stdin.buffer.readline().decode().strip()
-    with suppress(BrokenPipeError):
-        serve(partial(read, url), private_output())
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main(read)

@@ -9,9 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-import sys
 from collections.abc import Mapping
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -24,23 +22,23 @@ from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject
 from robotether_agent.rosbridge import MAX_IMAGE_MESSAGE_BYTES, connected
 from robotether_agent.rosbridge_socket import CONNECT_WITHIN_S
-from robotether_agent.video.av_program import LOW_DELAY_FLAG, private_output, step_back
+from robotether_agent.video.av_program import LOW_DELAY_FLAG
 from robotether_agent.video.newest_jpegs import (
     CameraFailedError,
     DecodedFrame,
     NewestFrame,
+    main,
     reason_of,
-    serve,
 )
 from robotether_agent.video.raw_images import FrameMaker, RawImage
 from robotether_agent.video.timestamps import MAX_LAG_S, FrameClock, FramesLateError, now, stamp_of
 from robotether_agent.video.video_packets import NotShownError, h264_of
 
 
-def read(request: Mapping[str, Any], newest: NewestFrame) -> None:
+def read(request: str, newest: NewestFrame) -> None:
     """Read a topic's images until there are no more, and say why."""
     try:
-        asyncio.run(subscribe(request, newest))
+        asyncio.run(subscribe(json.loads(request), newest))
     except (CameraFailedError, FramesLateError, NotShownError) as error:
         newest.end(CameraFailedError(str(error)))
     except (av.FFmpegError, MemoryError) as error:
@@ -90,15 +88,5 @@ class H264Frames:
         return list(self._decoder.decode(av.Packet(data))) if self._has_begun else []
 
 
-def main() -> int:
-    """Run the process."""
-    step_back()
-    av.logging.set_level(av.logging.PANIC)
-    request = json.loads(sys.stdin.buffer.readline())
-    with suppress(BrokenPipeError):
-        serve(partial(read, request), private_output())
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main(read)

@@ -6,9 +6,12 @@ A frame that arrives while a JPEG is made replaces the waiting one, so that no f
 
 from __future__ import annotations
 
+import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, BinaryIO
 
 import av
@@ -16,6 +19,7 @@ from robotether_common.frames import MAX_FRAME_BYTES
 
 from robotether_agent.problems import DetailError
 from robotether_agent.video.av_messages import FRAME, FRAME_HEADER, REASON, framed
+from robotether_agent.video.av_program import private_output, step_back
 
 # Default quantiser of JPEGs, of 2 (best) to 31: about quality 90.
 JPEG_QUANTISER = 3
@@ -103,6 +107,15 @@ class JpegMaker:
         context.color_range = 2
         context.qmin = context.qmax = JPEG_QUANTISER
         return context
+
+
+def main(read: Callable[[str, NewestFrame], None]) -> None:
+    """Run the process; `read` gets the line on its standard input."""
+    step_back()
+    av.logging.set_level(av.logging.PANIC)
+    request = sys.stdin.buffer.readline().decode().strip()
+    with suppress(BrokenPipeError):
+        serve(partial(read, request), private_output())
 
 
 def serve(read: Callable[[NewestFrame], None], output: BinaryIO) -> None:

@@ -187,6 +187,7 @@ async def test_the_encoder_ends_with_its_receiver_and_with_the_wish_for_jpeg(mak
     world.socket.ask("stream_request", codecs=["jpeg"])
     await eventually(lambda: descendants(os.getpid()) == [], lambda: "the process ends")
     await until_encoding(world)
+    await eventually(lambda: bool(descendants(os.getpid())), lambda: "another one runs")
     (pid,) = descendants(os.getpid())
     assert "encoder_process" in command_line(pid)
     await world.end()
