@@ -86,7 +86,15 @@ def test_of_two_relays_with_one_name_the_older_is_refused(relay_database, admin_
     assert read(relay_database)[0].host == "old.example"
 
 
-STATES = ({}, {"draining": True}, {"region": "eu"}, {"is_alive": False}, {"host": None})
+DRAINING = {"draining": True}
+STATES = (
+    {},
+    DRAINING,
+    {"region": "eu"},
+    DRAINING | {"region": "eu"},
+    {"is_alive": False},
+    {"host": None},
+)
 
 
 @pytest.mark.parametrize("states", [*itertools.product(STATES, repeat=3)])
