@@ -75,7 +75,7 @@ lint: venv ## ruff, mypy, shellcheck, hadolint, yamllint, ansible-lint
 	@nice tools/lint
 
 test-unit: compiled-tests test-hosts ## unit tests: real sockets, real MariaDB, real OpenSSH; and the fuzzers for a while
-	@$(PYTEST) -n 4 --dist worksteal $(call ENDS_AFTER,120) -m "not release" tests/unit benchmarks/tests tests/fuzz
+	@$(PYTEST) -n 6 --dist worksteal $(call ENDS_AFTER,120) -m "not release" tests/unit benchmarks/tests tests/fuzz
 
 check: venv ## the short loop: ruff, mypy, and the unit tests that neither start processes nor wait
 	@$(MAKE) --no-print-directory --jobs=2 --output-sync=target check-lint check-unit
