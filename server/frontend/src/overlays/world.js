@@ -17,6 +17,7 @@ const LIMITS = {
 const [MAP_FRAME, ODOM_FRAME] = ["map", "odom"];
 const BASE_FRAMES = ["base_link", "base_footprint"];
 const OLD_MS = 1000;
+const FRAMES_WITHIN_MS = 2000; // time limit for a robot's frames to say where its laser is
 // A localization speaks as the robot moves, at least each half metre. One that the robot has left this far behind, in more time
 // than this, no longer says where it is.
 const SILENT_WAY_M = 2;
@@ -46,6 +47,7 @@ export class World {
     this.left = /** @type {{x: number, y: number, at: number} | null} */ (null); // where a localization last found the robot, by its odometry
     this.transforms = new Transforms();
     this.laserFixed = false; // whether /tf_static alone says where the laser is
+    this.scanSince = 0; // when the scan was subscribed to
   }
 
   // What was read is another robot's.
@@ -91,7 +93,7 @@ export class World {
     const { topics, wanted } = this;
     const limits = { ...LIMITS, map: this.mapLimits };
     const follow = (kind, handler) => this.subscriptions.follow(kind, wanted[kind] ? topics[kind] : undefined, limits[kind], handler);
-    follow("scan", (message) => this.receiveScan(message));
+    if (follow("scan", (message) => this.receiveScan(message))) this.scanSince = this.now();
     follow("map", (message) => this.receiveMap(message));
     follow("located", (message) => this.receiveLocation(message));
     follow("tfStatic", (message) => this.receiveTransforms(message, true));
@@ -105,10 +107,11 @@ export class World {
     return { scan, map, located: map, tfStatic: scan || map, tf: map || (scan && !this.laserFixed) };
   }
 
-  // A laser whose place is not known is taken to be where the robot is.
+  // A laser whose place the frames do not say is taken to be where the robot is; until they can have said it, nothing is drawn.
   receiveScan(message) {
     const points = scanPoints(message);
     const place = this.inBase(message.header?.frame_id);
+    if (!place && this.awaitsFrames) return;
     this.scan = { points: place ? projected(points, place) : points, at: this.now() };
     const { laserFixed } = this;
     this.laserFixed = Boolean(place?.fixed);
@@ -120,6 +123,10 @@ export class World {
     this.transforms.receive(message, { fixed, at: this.now() });
     this.locate();
     if (this.shown) this.onChange();
+  }
+
+  get awaitsFrames() {
+    return Boolean(this.topics.tf || this.topics.tfStatic) && this.now() - this.scanSince < FRAMES_WITHIN_MS;
   }
 
   // Where the frame is in the robot's own, which its odometry names or has a usual name; null for unknown.
