@@ -110,9 +110,10 @@ export class World {
   // A laser whose place the frames do not say is taken to be where the robot is; until they can have said it, nothing is drawn.
   receiveScan(message) {
     const points = scanPoints(message);
-    const place = this.inBase(message.header?.frame_id);
+    const frame = message.header?.frame_id;
+    const place = this.inBase(frame);
     if (!place && this.awaitsFrames) return;
-    this.scan = { points: place ? projected(points, place) : points, at: this.now() };
+    this.scan = { points: place ? projected(points, place) : points, at: this.now(), placed: Boolean(place), frame };
     const { laserFixed } = this;
     this.laserFixed = Boolean(place?.fixed);
     if (laserFixed !== this.laserFixed) this.sync();
@@ -121,6 +122,7 @@ export class World {
 
   receiveTransforms(message, fixed) {
     this.transforms.receive(message, { fixed, at: this.now() });
+    if (this.scan && !this.scan.placed && this.inBase(this.scan.frame)) this.scan = null;
     this.locate();
     if (this.shown) this.onChange();
   }

@@ -210,6 +210,7 @@ test("a scan is where the laser is on the robot, which the odometry names or is 
     say("/scan", { ...scan, header: { frame_id: base ? "rover/laser" : "laser" } });
     assert.deepEqual(rounded(world.points), [1, 0], "when they say nothing of it");
     say("/tf_static", tf(link(base ?? "base_link", base ? "rover/laser" : "laser", 0.5)));
+    assert.equal(world.points, null, "once they say it, what was drawn without them goes");
     say("/scan", { ...scan, header: { frame_id: base ? "/rover/laser" : "/laser" } });
     assert.deepEqual(rounded(world.points), [0.5, 1]);
   }

@@ -293,6 +293,10 @@ class SharedTopics(SharedCopies[SharedTopic]):
             topic.notify_of_failure(subscriber, topic.failure)
         elif topic.is_unkept:
             subscriber.on_topic_failed(subscription.topic, UNKEPT)
+        elif topic.key.topic.endswith("/tf_static"):
+            # By its name all that was published lasts: no question, which may have to wait.
+            for message in topic.by_digest().values():
+                subscriber.on_message(topic.key.topic, *message)
         elif by_digest := topic.by_digest():
             topic.newcomers[subscriber] = set(by_digest)
             if not topic.is_asked_for:
@@ -371,9 +375,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
         repeated = await self._connector.repeat(topic, by_digest.keys())
         if repeated:
             await asyncio.sleep(REPEAT_AFTER_S)
-        # Each publisher of static transforms has latched one, of which rosbridge for ROS 2 repeats the last alone.
-        digests = by_digest.keys() if repeated and name.endswith("/tf_static") else repeated
         for subscriber, missed in topic.asking.items():
-            for each in digests:
+            for each in repeated:
                 if subscriber in topic.users and each in missed:
                     subscriber.on_message(name, *by_digest[each])

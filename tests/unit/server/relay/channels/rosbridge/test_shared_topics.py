@@ -139,6 +139,22 @@ async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monke
     topics.end_all_of(sim1.id)
 
 
+async def test_a_newcomer_has_all_static_frames_at_once(relay, sim1, monkeypatch):
+    """Each publisher has latched one; rosbridge for ROS 2 repeats the last alone, and a question may wait."""
+    topics, connector, got = relay.relay.shared_topics, AskedConnector(), []
+    monkeypatch.setattr(topics, "_connector", connector)
+    monkeypatch.setattr(Client, "on_message", lambda _client, *message: got.append(message))
+    topic = topics._open(SharedTopic(sim1, TopicRequest("/arm/tf_static")))
+    for message in (b"camera", b"laser"):
+        topic.on_message(message, aiohttp.WSMsgType.TEXT)
+    topics.join(sim1, TopicRequest("/arm/tf_static"), Client(), limit=9)
+    assert got == [
+        ("/arm/tf_static", message, aiohttp.WSMsgType.TEXT) for message in (b"camera", b"laser")
+    ]
+    assert not topic.is_asked_for
+    topics.end_all_of(sim1.id)
+
+
 class RepeatingSocket:
     def __init__(self):
         self.read = 0
