@@ -7,8 +7,9 @@ from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from robotether_server.problems import FieldInvalidError
-from robotether_server.schemas import PlainName, RobotName, UserName
+from robotether_server.identity import normalise_mac
+from robotether_server.problems import FieldInvalidError, RobotetherError
+from robotether_server.schemas import Mac, PlainName, RobotName, UserName
 
 MAX_REASON = 255
 MAX_PRESS = 64
@@ -94,14 +95,26 @@ class StopReason(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class StopQuery(Struct, frozen=True):
-    """Which press it is, by any text: one that the server has had in another way is no other stop."""
+    """Which press it is, by any text: one that the server has had in another way is no other stop.
+
+    `mac`: the robot with this MAC is meant, if there is one, whatever its name is.
+    """
 
     press: Annotated[str, Meta(max_length=MAX_PRESS)] | UnsetType = UNSET
+    mac: Mac | UnsetType = UNSET
 
 
 def press_of(value: object) -> str | None:
     """Return the id of a press; None for what is none, which refuses no stop."""
     return value if isinstance(value, str) and len(value) <= MAX_PRESS else None
+
+
+def mac_of(value: object) -> str | None:
+    """Return the MAC of the robot that is meant; None for what is none, which refuses no stop."""
+    try:
+        return normalise_mac(value) if isinstance(value, str) else None
+    except RobotetherError:
+        return None
 
 
 class SiteStop(StopReason, frozen=True, forbid_unknown_fields=True):

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 from aiohttp import web
 
+from robotether_server.contract.control import mac_of
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
 from robotether_server.relay.cells.peers import Peers
-from robotether_server.relay.control.control_api import mac_of
 
 FORWARDED = re.compile(
     r"/robots/(?P<robot>[^/]+)/(?P<path>.+)|/api/v1/robots/(?P<controlled>[^/]+)/"
@@ -43,7 +43,7 @@ class Forwarding:
         if match is None or not self.peers.count():
             return None
         stops = match["action"] == "stop"
-        mac = mac_of(request) if stops else None
+        mac = mac_of(request.query.get("mac")) if stops else None
         robot = self.snapshot().meant(match["robot"] or match["controlled"], mac)
         peer = None if robot is None else self.peers.owner(robot.id)
         if robot is None or peer is None:

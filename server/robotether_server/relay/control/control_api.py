@@ -24,17 +24,16 @@ from robotether_server.contract.control import (
     StoppedRobot,
     StoppedRobotList,
     StopReason,
+    mac_of,
     press_of,
 )
 from robotether_server.contract.uplink import UplinkObject
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.db.grants import includes
-from robotether_server.identity import normalise_mac
 from robotether_server.problems import (
     FieldInvalidError,
     GrantMissingError,
     HttpError,
-    RobotetherError,
 )
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.control.control import Control
@@ -167,7 +166,7 @@ class ControlApi:
         self, request: web.Request, *, stops: bool = False
     ) -> tuple[RelayUser, RelayRobot]:
         user = await self._changer(request, stops=stops)
-        mac = mac_of(request) if stops else None
+        mac = mac_of(request.query.get("mac")) if stops else None
         return user, self.access.visible_robot(user, request.match_info["name"], mac)
 
     async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
@@ -198,14 +197,6 @@ def answer_json(answer: Struct) -> web.Response:
     return web.Response(
         body=body, content_type="application/json", charset="utf-8", headers=NO_STORE
     )
-
-
-def mac_of(request: web.Request) -> str | None:
-    """Return the MAC of the robot that a stop means; None for what is none, which refuses no stop."""
-    try:
-        return normalise_mac(request.query.get("mac", ""))
-    except RobotetherError:
-        return None
 
 
 def _address(request: web.Request) -> str | None:
