@@ -88,10 +88,15 @@ class Snapshot:
         """Robots by their names."""
         return {robot.name: robot for robot in self.robots.values()}
 
+    @cached_property
+    def by_mac(self) -> Mapping[str, RelayRobot]:
+        """Robots by their MACs."""
+        return {robot.mac: robot for robot in self.robots.values()}
+
     def meant(self, name: str, mac: str | None) -> RelayRobot | None:
         """Return the robot with this MAC, whatever its name is by now; without one that of the name."""
-        with_mac = (robot for robot in self.robots.values() if robot.mac == mac)
-        return next(with_mac, None) or self.by_name.get(name)
+        with_mac = None if mac is None else self.by_mac.get(mac)
+        return with_mac or self.by_name.get(name)
 
     def level(self, user_id: int, robot_id: int) -> Level | None:
         """What the user may do with the robot, at most; None: not even see it."""

@@ -41,7 +41,8 @@ class Peer:
     name: str
     address: str
     robots: dict[int, PeerRobot] = field(default_factory=dict)
-    apps: list[PeerApp] = field(default_factory=list)
+    # By user's id and name.
+    apps: dict[tuple[int, str], PeerApp] = field(default_factory=dict)
 
 
 class Peers:
@@ -119,7 +120,7 @@ class Peers:
             case PeerStopEnd(robot_id):
                 self._stops.learn_end(robot_id, message.stop_id)
             case PeerApps():
-                peer.apps = message.apps
+                peer.apps = {(app.user_id, app.name): app for app in message.apps}
             case PeerHello():
                 pass
 
@@ -135,9 +136,8 @@ class Peers:
     def owner_of_app(self, user_id: int, name: str) -> tuple[Peer, PeerApp] | None:
         """Return an app of a user that is connected to another cell, with the first that has it."""
         for peer in self._connected.values():
-            for app in peer.apps:
-                if (app.user_id, app.name) == (user_id, name):
-                    return peer, app
+            if (app := peer.apps.get((user_id, name))) is not None:
+                return peer, app
         return None
 
     def described(self, robot_id: int) -> LiveState | None:

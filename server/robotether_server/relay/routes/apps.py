@@ -335,7 +335,7 @@ class Apps:
 
     def list_all(self) -> list[PeerApp]:
         """List all for other cells."""
-        return [PeerApp(*key, app.address) for key, app in sorted(self._apps.items())]
+        return [PeerApp(*key, app.address) for key, app in self._apps.items()]
 
     def of_user(self, user_id: int) -> list[App]:
         """Return a user's apps."""
