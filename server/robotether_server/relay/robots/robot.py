@@ -158,6 +158,7 @@ class Robot:
     """One robot. `always_needed`: its ports are published, and anybody may connect to them at any time."""
 
     def __init__(self, robot_id: int, *, always_needed: bool = False) -> None:
+        now = time.monotonic()
         self.id = robot_id
         self.presence = NEVER_SEEN
         # Where it is, and since when, by the monotonic clock, that is known.
@@ -179,9 +180,7 @@ class Robot:
         # Copies of what it sends, by what tells them apart; `shared_copies` keeps them.
         self.feeds: dict[Hashable, object] = {}
         self.topics: dict[Hashable, object] = {}
-        self.topic_opens = RateLimiter(
-            time.monotonic(), per_s=TOPIC_OPENS_PER_S, at_once=TOPIC_OPENS_AT_ONCE
-        )
+        self.topic_opens = RateLimiter(now, per_s=TOPIC_OPENS_PER_S, at_once=TOPIC_OPENS_AT_ONCE)
         # What observers at other cells share there; `channels/rosbridge/forwarded_topics` makes them.
         self.forwarded_topics: set[object] = set()
         self.uplink = Uplink()
@@ -198,9 +197,7 @@ class Robot:
         self.help_state = "none"
         # What it asked for last, by source: while it waits for the database, a newer call takes its place.
         self.help_entries: dict[HelpSource, HelpEntry] = {}
-        self.help_limiter = RateLimiter(
-            time.monotonic(), per_s=HELP_CALLS_PER_S, at_once=HELP_CALLS_AT_ONCE
-        )
+        self.help_limiter = RateLimiter(now, per_s=HELP_CALLS_PER_S, at_once=HELP_CALLS_AT_ONCE)
         # Counts of the guard's last report; None: it has not reported.
         self.guard_refusals: dict[str, int] | None = None
         # Time for which its guard has slowed commands since this relay began, in seconds.
