@@ -31,7 +31,7 @@ class PlainCompose:
     """A copy of this checkout, with a name and ports of its own, and images of a tag that nothing else has."""
 
     def __init__(self, folder: Path, ports_of: PlainCompose | None = None) -> None:
-        """With `ports_of`, this stack replaces another: the same images at the same address."""
+        """Take the place of the stack `ports_of`, if there is one, with its images and address."""
         self._folder = folder / "robotether"
         self._name = f"robotether-test-{uuid.uuid4().hex[:8]}"
         self._programs = folder / "programs"

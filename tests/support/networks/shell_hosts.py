@@ -19,7 +19,7 @@ class ShellHost(Sshd):
         super().__init__(folder, f"SetEnv HOME={folder}\n{rules}\n")
 
     def come_back_as_another(self) -> None:
-        """As after a new installation, or as an attacker."""
+        """Have another host key, which a new installation has, and an attacker."""
         self.stop()
         self.new_host_key()
         self.start()

@@ -37,7 +37,7 @@ ACTIONS = (
 
 
 def test_each_action_is_done_and_audited(admin, program, database):
-    """Each leads back to its subject's page, or to the list from one that is gone."""
+    """The answer leads to the page of what was changed, or to the list if that is removed."""
     join(program, "02:00:00:00:51:01", 1)
     send(admin, "/admin/pending", robot="sim1", fingerprint=fingerprint(1), name="sim1")
     for subject, action, form, kind, details in ACTIONS:

@@ -310,7 +310,7 @@ async def test_observers_call_what_they_may_over_the_websocket(
 async def test_what_is_no_request_of_a_service_reaches_no_robot(
     *, relay, guarded, http, people, login
 ):
-    """Nor does that of another site's page by a login."""
+    """A page of another site reaches none by a login, either."""
     url, as_json = f"{relay.url}{SERVICES}/a", {"Content-Type": "application/json"}
     for headers, data, status in (
         (as_json, b"{", 400),
