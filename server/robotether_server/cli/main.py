@@ -32,6 +32,9 @@ GUNICORN = (
     "--keep-alive=65",
     "--worker-tmp-dir=/tmp",
     "--no-control-socket",
+    # nginx has the limits, and answers what is over them; these are over what it lets through.
+    "--limit-request-line=0",
+    "--limit-request-field_size=16384",
 )
 LOGGERS = {
     "text": (),

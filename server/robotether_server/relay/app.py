@@ -34,6 +34,8 @@ server_log = logging.getLogger(f"{__name__}.server")
 
 # Maximum size of a body: a reason, a site or an action.
 MAX_BODY_BYTES = 4096
+# Maximum size of a request's first line and of a header: more than nginx, which has the limits, lets through.
+MAX_LINE_BYTES = 16_384
 # Time limit for the handlers when the relay stops.
 HANDLERS_STOP_WITHIN_S = 1.0
 
@@ -184,6 +186,8 @@ class Servers:
             logger=server_log,
             handler_cancellation=True,
             shutdown_timeout=HANDLERS_STOP_WITHIN_S,
+            max_line_size=MAX_LINE_BYTES,
+            max_field_size=MAX_LINE_BYTES,
         )
         await runner.setup()
         self._runners.append(runner)

@@ -57,6 +57,8 @@ def test_web_prints_the_first_admin_once(run, started, database, monkeypatch):
     assert run("web") == (0, "", "")
     assert [words[:3] for words in started] == [[sys.executable, "-m", "gunicorn"]] * 2
     assert {"--workers=1", "--worker-class=gthread", "--threads=8"} <= set(started[0])
+    # nginx lets lines through that are longer than gunicorn's own limits.
+    assert {"--limit-request-line=0", "--limit-request-field_size=16384"} <= set(started[0])
     assert started[0][-1] == "robotether_server.web.app:start_app()"
 
 
