@@ -191,7 +191,12 @@ class ForwardedObserver(OperatorConnection):
             if message.type is WSMsgType.BINARY and message.data.startswith(self._key):
                 notice = read_notice(self._key, message.data)
                 if isinstance(notice, ShareNotice):
-                    self._topics.share(notice.topic, notice.subscription, notice.message_id)
+                    self._topics.share(
+                        notice.topic,
+                        notice.subscription,
+                        notice.message_id,
+                        is_new=notice.is_new,
+                    )
             elif message.type is WSMsgType.TEXT or message.type is WSMsgType.BINARY:
                 await self._deliver(message.data, message.type)
             elif message.type is WSMsgType.CLOSE and message.data in NAMES:

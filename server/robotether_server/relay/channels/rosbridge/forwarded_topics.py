@@ -32,12 +32,13 @@ KEY = re.compile("[0-9a-f]{32}")
 class ShareNotice(Struct, frozen=True, tag="share"):
     """What an observer may have of a topic now, in place of its messages; None: nothing.
 
-    Statuses of the topic have `message_id` as their id.
+    Statuses of the topic have `message_id` as their id. With `is_new` it gets what a newcomer does.
     """
 
     topic: str
     subscription: TopicRequest | None
     message_id: MessageId = None
+    is_new: bool = False
 
 
 class FailureNotice(Struct, frozen=True, tag="failure"):
@@ -89,18 +90,24 @@ class ForwardedTopics:
         self._due = asyncio.Event()
 
     def share(
-        self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
+        self,
+        topic: str,
+        subscription: TopicRequest | None,
+        message_id: MessageId = None,
+        *,
+        is_new: bool = False,
     ) -> None:
         """Let the cell share what is requested of a topic now; None: nothing."""
         self._members.add(self)
-        self._notices.pop(topic, None)
+        unsent = self._notices.pop(topic, None)
+        is_new = is_new or (unsent is not None and unsent.is_new)
         if subscription is not None:
             self._shared[topic] = subscription
         else:
             self._shared.pop(topic, None)
             if topic not in self._notified:
                 return
-        self._notices[topic] = ShareNotice(topic, subscription, message_id)
+        self._notices[topic] = ShareNotice(topic, subscription, message_id, is_new)
         self._due.set()
 
     async def send(self, deliver: Deliver, _at_once: DeliverAtOnce = never) -> CloseReason:

@@ -289,10 +289,15 @@ class SharedTopics(SharedCopies[SharedTopic]):
     ) -> SharedTopic:
         """Share a topic, with what a newcomer missed; raise TopicRefusedError for a new one beyond the limit."""
         topic = self.watch(robot, subscription, subscriber, limit)
+        self.give_missed(topic, subscriber)
+        return topic
+
+    def give_missed(self, topic: SharedTopic, subscriber: TopicClient) -> None:
+        """Give a client that shares it what rosbridge repeats to each new subscription, also to a client's second."""
         if topic.failure is not None:
             topic.notify_of_failure(subscriber, topic.failure)
         elif topic.is_unkept:
-            subscriber.on_topic_failed(subscription.topic, UNKEPT)
+            subscriber.on_topic_failed(topic.key.topic, UNKEPT)
         elif topic.key.topic.endswith("/tf_static"):
             # By its name all that was published lasts: no question, which may have to wait.
             for message in topic.by_digest().values():
@@ -302,7 +307,6 @@ class SharedTopics(SharedCopies[SharedTopic]):
             if not topic.is_asked_for:
                 topic.is_asked_for = True
                 self._start(self._repeat(topic))
-        return topic
 
     def watch(
         self, robot: RelayRobot, subscription: TopicRequest, subscriber: TopicClient, limit: int

@@ -50,9 +50,17 @@ class TopicSharing(Protocol):
         """What it published that waits for them."""
 
     def share(
-        self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
+        self,
+        topic: str,
+        subscription: TopicRequest | None,
+        message_id: MessageId = None,
+        *,
+        is_new: bool = False,
     ) -> None:
-        """Share what is requested of a topic now; None: nothing. Statuses of it have this id."""
+        """Share what is requested of a topic now; None: nothing. Statuses of it have this id.
+
+        `is_new`: the client subscribes once more, and gets what a newcomer does.
+        """
 
     async def send(self, deliver: Deliver, at_once: DeliverAtOnce = never) -> CloseReason:
         """Send the client its messages, until this is cancelled."""
@@ -83,7 +91,8 @@ class TopicSubscriptions:
         else:
             requested.pop(message_id, None)
         if requested:
-            self._sharing.share(topic, combined(requested.values()), next(iter(requested)))
+            subscription, is_new = combined(requested.values()), message["op"] == "subscribe"
+            self._sharing.share(topic, subscription, next(iter(requested)), is_new=is_new)
         else:
             del self._requested[topic]
             self._sharing.share(topic, None)
@@ -150,13 +159,20 @@ class TopicCopies:
             self.share(topic, None)
 
     def share(
-        self, topic: str, subscription: TopicRequest | None, message_id: MessageId = None
+        self,
+        topic: str,
+        subscription: TopicRequest | None,
+        message_id: MessageId = None,
+        *,
+        is_new: bool = False,
     ) -> None:
         """Share what is requested of a topic now; None: nothing."""
         self._message_ids[topic] = message_id
         joined = self.joined.get(topic)
         if joined is not None:
             if joined.key == subscription:
+                if is_new:
+                    self._shared_topics.give_missed(joined, self)
                 return
             del self.joined[topic]
             self._shared_topics.leave(joined, self)

@@ -135,10 +135,13 @@ async def test_what_an_observer_gave_up_waits_for_no_slow_line():
     for number in range(100):
         topics.share(f"/{number}", TopicRequest(f"/{number}"))
         topics.share(f"/{number}", None)
-    topics.share("/odom", TopicRequest("/odom"))
+    # Nor is one of several subscriptions less new because another ends.
+    for is_new in (True, False):
+        topics.share("/odom", TopicRequest("/odom"), "s", is_new=is_new)
     assert list(topics._notices) == ["/odom"]
     sending = asyncio.create_task(topics.send(deliver))
-    assert read_notice(b"k", await sent.get()) == ShareNotice("/odom", TopicRequest("/odom"))
+    notice = ShareNotice("/odom", TopicRequest("/odom"), "s", is_new=True)
+    assert read_notice(b"k", await sent.get()) == notice
     topics.share("/odom", None)
     assert read_notice(b"k", await sent.get()) == ShareNotice("/odom", None)
     sending.cancel()

@@ -24,6 +24,10 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRequest,
     combined,
 )
+from robotether_server.relay.channels.rosbridge.subscriptions import (
+    TopicCopies,
+    TopicSubscriptions,
+)
 from robotether_server.relay.channels.rosbridge.topic_link import (
     MessageTooLargeError,
     TopicLinks,
@@ -139,18 +143,25 @@ async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monke
     topics.end_all_of(sim1.id)
 
 
-async def test_a_newcomer_has_all_static_frames_at_once(relay, sim1, monkeypatch):
+async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, monkeypatch):
     """Each publisher has latched one; rosbridge for ROS 2 repeats the last alone, and a question may wait."""
-    topics, connector, got = relay.relay.shared_topics, AskedConnector(), []
-    monkeypatch.setattr(topics, "_connector", connector)
-    monkeypatch.setattr(Client, "on_message", lambda _client, *message: got.append(message))
-    topic = topics._open(SharedTopic(sim1, TopicRequest("/arm/tf_static")))
+    topics, name, got = relay.relay.shared_topics, "/arm/tf_static", []
+    monkeypatch.setattr(topics, "_connector", AskedConnector())
+    monkeypatch.setattr(TopicCopies, "on_message", lambda _client, *message: got.append(message))
+    topic = topics._open(SharedTopic(sim1, TopicRequest(name)))
     for message in (b"camera", b"laser"):
         topic.on_message(message, aiohttp.WSMsgType.TEXT)
-    topics.join(sim1, TopicRequest("/arm/tf_static"), Client(), limit=9)
-    assert got == [
-        ("/arm/tf_static", message, aiohttp.WSMsgType.TEXT) for message in (b"camera", b"laser")
-    ]
+    client = TopicSubscriptions(TopicCopies(sim1, lambda: (1,), topics))
+    both = [(name, message, aiohttp.WSMsgType.TEXT) for message in (b"camera", b"laser")]
+    # Two parts of one page have a subscription each, as they have with rosbridge.
+    for op, number, received in (
+        ("subscribe", 1, both),
+        ("subscribe", 2, both),
+        ("unsubscribe", 1, []),
+    ):
+        client.change({"op": op, "topic": name, "id": number})
+        assert got == received
+        got.clear()
     assert not topic.is_asked_for
     topics.end_all_of(sim1.id)
 
