@@ -85,5 +85,5 @@ new LoginUse().watch(window);
 setText(part(main, "history-state"), historyTexts.loading);
 tickWhileSeen(() => {
   poller.tick();
-  if (Date.now() - historyAt >= HISTORY_EVERY_MS) showHistory();
+  if (Math.abs(Date.now() - historyAt) >= HISTORY_EVERY_MS) showHistory(); // the clock may be set back
 });

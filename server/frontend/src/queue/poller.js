@@ -37,7 +37,7 @@ export class Poller {
   // As often as the page's clock ticks.
   tick() {
     if (this.state === "login") return;
-    const askedFor = this.now() - this.askedAt;
+    const askedFor = this.elapsedMs(this.askedAt);
     const isLate = this.isAsking && askedFor >= LATE_MS;
     if (isLate || this.isOld) this.setState("lost");
     if (isLate || (!this.isAsking && askedFor >= this.everyMs - HALF_TICK_MS)) this.askNow();
@@ -45,7 +45,12 @@ export class Poller {
 
   // Also of a page that was hidden or asleep, and asked nothing.
   get isOld() {
-    return this.answeredAt !== null && this.now() - this.answeredAt.getTime() >= this.everyMs + LATE_MS;
+    return this.answeredAt !== null && this.elapsedMs(this.answeredAt.getTime()) >= this.everyMs + LATE_MS;
+  }
+
+  // The clock may be set back, and then nobody knows how long ago it was.
+  elapsedMs(at) {
+    return Math.abs(this.now() - at);
   }
 
   // What was asked before and has not come yet counts no more: it may be from before a person's press.

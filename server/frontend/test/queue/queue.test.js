@@ -166,6 +166,9 @@ describe("questions to the server", () => {
     tick(600);
     assert.equal(asked.length, 2);
     assert.deepEqual([bodies, poller.isLive], [["first"], true]);
+    await ok("second");
+    tick(-3_600_000);
+    assert.equal(asked.length, 3, "the clock was set back");
   });
 
   test("without an answer for 4 s, or with a refusal, what is shown is old since the last answer", async () => {
