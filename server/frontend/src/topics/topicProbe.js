@@ -103,10 +103,13 @@ export class TopicProbe {
     this.change("refused");
   }
 
-  // What nothing came of is a gap of the plot.
+  // What nothing came of is a gap of the plot, and its silence is not the topic's.
   change(state) {
     this.state = state;
-    if (state !== "open") this.samples.push(NaN, this.now());
+    if (state !== "open") {
+      this.samples.push(NaN, this.now());
+      this.rate = new Rate();
+    }
     this.onChange();
   }
 
@@ -127,13 +130,14 @@ export class TopicProbe {
     if (field === this.field) return;
     this.field = field;
     this.samples = new LastMinute();
-    if (field && this.message) this.samples.push(numberAt(this.message, field), this.rate.at);
+    if (field && this.rate.at !== null) this.samples.push(numberAt(this.message, field), this.rate.at);
     this.onChange();
   }
 
   // {kind: "none"|"measuring"|"measured"|"slow"|"least"|"rate", perSecond, seconds}
   get pace() {
     if (this.measuring) return { kind: "measuring" };
+    if (this.large) return { kind: "none" };
     const silence = this.rate.silenceMs(this.now());
     if (silence !== null && silence > 5000) return { kind: "slow", seconds: Math.round(silence / 1000) };
     const { measured } = this;
@@ -143,7 +147,7 @@ export class TopicProbe {
 
   throttledPace() {
     const perSecond = this.rate.perSecond(this.now());
-    if (this.large || perSecond === null) return { kind: "none" };
+    if (perSecond === null) return { kind: "none" };
     return { kind: perSecond > 850 / THROTTLE_MS ? "least" : "rate", perSecond };
   }
 

@@ -48,7 +48,8 @@ test("a frame is asked for only when the person says so, and one at a time", () 
   probe.getOne();
   assert.deepEqual(open(), [60_000]);
   watched[0].onMessage({ data: "x".repeat(1000) });
-  assert.deepEqual([open(), probe.size > 1000], [[], true]);
+  clock = 9000;
+  assert.deepEqual([open(), probe.size > 1000, probe.pace.kind], [[], true, "none"], "its silence is the page's own");
   probe.getOne();
   watched[1].spec.onUnread();
   assert.deepEqual([open(), probe.unread], [[], true]);
@@ -129,7 +130,8 @@ test("while nothing comes, as on a page in the background, the plot has a gap, a
   probe.plot("v");
   watched[0].onMessage({ v: 1 });
   watched[0].onState("lost");
-  assert.equal(probe.samples.extent(0).now, null);
+  clock = 9000;
+  assert.deepEqual([probe.samples.extent(clock).now, probe.pace.kind], [null, "none"], "nor is the topic slow");
   watched[0].onState("open");
   watched[0].onMessage({ v: 3 });
   assert.deepEqual(
