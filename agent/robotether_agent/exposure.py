@@ -111,7 +111,9 @@ async def rosbridge_advice(url: str) -> str:
     try:
         async with (
             aiohttp.ClientSession(timeout=timeout) as http,
-            http.get(url.replace("ws", "http", 1), headers=headers) as answer,
+            http.get(
+                url.replace("ws", "http", 1), headers=headers, allow_redirects=False
+            ) as answer,
         ):
             server = answer.headers.get("Server", "")
     except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:

@@ -26,6 +26,7 @@ from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
 from robotether_agent.problems import AgentError, RosbridgeDownError, VideoSourceDownError
 from robotether_agent.rosbridge import RosGraph
+from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings, cameras_by_rosbridge
 
@@ -83,7 +84,7 @@ class Health:
 
     async def run(self) -> None:
         """Probe both without end."""
-        async with aiohttp.ClientSession() as http:
+        async with new_http() as http:
             await first_of(
                 self._again(lambda: self._hold_rosbridge(http), self._ros_is),
                 self._again(lambda: self._ask_video(http), self._video_is),
@@ -194,8 +195,9 @@ class Health:
 
     async def _request_page(self, http: aiohttp.ClientSession) -> None:
         try:
+            timeout = aiohttp.ClientTimeout(total=TIMEOUT_S)
             async with http.get(
-                self._video_url, timeout=aiohttp.ClientTimeout(total=TIMEOUT_S)
+                self._video_url, timeout=timeout, allow_redirects=False
             ) as response:
                 status = response.status
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:

@@ -14,9 +14,12 @@ from aiohttp import (
     ClientSession,
     ClientWebSocketResponse,
     TCPConnector,
+    TraceConfig,
+    TraceRequestRedirectParams,
     WebSocketError,
     WSCloseCode,
     WSMsgType,
+    WSServerHandshakeError,
 )
 from aiohttp import ClientWSTimeout as Timeouts
 from aiohttp.http_websocket import WSMessageNoDecodeText
@@ -84,11 +87,23 @@ class RosbridgeSocket(ClientWebSocketResponse[Literal[False]]):
 
 
 def new_http() -> ClientSession:
-    """Return the session with which all connections to rosbridge are made."""
+    """Return the session with which all connections to rosbridge are made; it follows no redirect."""
+    trace = TraceConfig()
+    trace.on_request_redirect.append(_refuse_redirect)
     return ClientSession(
         connector=TCPConnector(limit=0),
+        trace_configs=[trace],
         ws_response_class=cast("type[ClientWebSocketResponse]", RosbridgeSocket),
     )
+
+
+async def _refuse_redirect(
+    _client: object, _context: object, redirect: TraceRequestRedirectParams
+) -> None:
+    """Raise that this is no rosbridge: it may lead to another robot's, or to a name that ends the process."""
+    answer = redirect.response
+    answer.close()
+    raise WSServerHandshakeError(answer.request_info, answer.history, status=answer.status)
 
 
 async def open_rosbridge(

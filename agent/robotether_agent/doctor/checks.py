@@ -24,6 +24,7 @@ from robotether_agent.fields import printable
 from robotether_agent.files import FULL_ADVICE, NO_INODES, READ_ONLY
 from robotether_agent.problems import AgentError
 from robotether_agent.rosbridge import RosGraph
+from robotether_agent.rosbridge_socket import new_http
 from robotether_agent.settings import Settings
 from robotether_agent.status import is_alive, read_status
 from robotether_agent.tasks import within
@@ -228,7 +229,7 @@ async def check_shell(settings: Settings) -> Finding:
 
 
 async def _open_socket(url: str) -> None:
-    async with aiohttp.ClientSession() as http, http.ws_connect(url):
+    async with new_http() as http, http.ws_connect(url):
         return
 
 

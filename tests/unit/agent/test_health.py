@@ -204,17 +204,26 @@ def test_a_port_that_answers_over_ipv6_alone_is_told():
         assert exposed_at(url) == "2001:db8::1"
 
 
-class NamedServer(TcpService):
-    def __init__(self, server: str) -> None:
+class OneAnswer(TcpService):
+    def __init__(self, *lines: str) -> None:
         super().__init__()
-        self._server_name = server
+        self._answer = "\r\n".join((*lines, "", "")).encode()
 
     async def _talk(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readuntil(b"\r\n\r\n")
-        lines = ("HTTP/1.1 101 Switching Protocols", f"Server: {self._server_name}")
-        lines += ("Upgrade: websocket", "Connection: Upgrade", "Sec-WebSocket-Accept: x", "", "")
-        writer.write("\r\n".join(lines).encode())
+        writer.write(self._answer)
         await reader.read()
+
+
+async def test_what_redirects_is_no_rosbridge(watch):
+    """Following it would lead to another machine's, or end the agent at a name that none can have."""
+    redirect = ("HTTP/1.1 302 Found", "Location: http://a..b/", "Content-Length: 0")
+    async with OneAnswer(*redirect) as other:
+        where = f"127.0.0.1:{other.port}"
+        health = watch(f"ws://{where}", f"http://{where}")
+        report = await until(health, lambda report: "unknown" not in (report.ros, report.video))
+        assert "it answers with HTTP status 302, not with a WebSocket" in report.ros_detail
+        assert await rosbridge_advice(f"ws://{where}") == ADDRESS_ADVICE
 
 
 @pytest.mark.parametrize(
@@ -222,7 +231,8 @@ class NamedServer(TcpService):
     [("AutobahnPython/17.10.1", FIREWALL_ADVICE), ("TornadoServer/6.4", ADDRESS_ADVICE)],
 )
 async def test_advice_is_what_works_for_this_rosbridge(server: str, advice: str):
-    async with NamedServer(server) as rosbridge:
+    switch = ("HTTP/1.1 101 Switching Protocols", f"Server: {server}", "Connection: Upgrade")
+    async with OneAnswer(*switch, "Upgrade: websocket", "Sec-WebSocket-Accept: x") as rosbridge:
         assert await rosbridge_advice(f"ws://127.0.0.1:{rosbridge.port}") == advice
 
 
