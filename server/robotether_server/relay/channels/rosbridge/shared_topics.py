@@ -160,6 +160,9 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         self.newcomers: dict[TopicClient, set[str]] = {}
         self.asking: dict[TopicClient, set[str]] = {}
         self.is_asked_for = False
+        # What the robot repeated when it was asked last. Another takes its place when a message comes or the connection
+        # ends: from then on the robot may repeat something else.
+        self.repeated: list[tuple[bytes, WSMsgType]] = []
         # Since when its messages may have been on the way, of the robot's own connection; set for those who need ages.
         self.timestamps: CommandTimestamps | None = None
         self.is_dated = asyncio.Event()
@@ -180,6 +183,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         if not self.is_ready:
             self.on_ready()
         self._notified.clear()
+        self.repeated = []
         self._remember(message, kind)
         if self.is_asked_for:
             self._note_received(digest(message))
@@ -189,6 +193,7 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     def on_failed(self, why: str) -> None:
         """Tell all, once, that it brings nothing for now."""
         has_recovered, self.failure, self.is_ready = self.failure is None, why, False
+        self.repeated = []
         for subscriber in list(self.users):
             last = self._notified.get(subscriber)
             if last is None or (has_recovered and last != why):
@@ -220,6 +225,12 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
     def by_digest(self) -> dict[str, tuple[bytes, WSMsgType]]:
         """Return the messages that newcomers may get, by digest."""
         return {digest(message.data): (message.data, message.kind) for message in self._remembered}
+
+    def lasting(self) -> list[tuple[bytes, WSMsgType]]:
+        """Return the messages that newcomers get without a question, which may have to wait."""
+        # By its name all that was published lasts.
+        is_static = self.key.topic.endswith("/tf_static")
+        return list(self.by_digest().values()) if is_static else self.repeated
 
     @property
     def newest(self) -> ReceivedMessage | None:
@@ -298,9 +309,8 @@ class SharedTopics(SharedCopies[SharedTopic]):
             topic.notify_of_failure(subscriber, topic.failure)
         elif topic.is_unkept:
             subscriber.on_topic_failed(topic.key.topic, UNKEPT)
-        elif topic.key.topic.endswith("/tf_static"):
-            # By its name all that was published lasts: no question, which may have to wait.
-            for message in topic.by_digest().values():
+        elif lasting := topic.lasting():
+            for message in lasting:
                 subscriber.on_message(topic.key.topic, *message)
         elif by_digest := topic.by_digest():
             topic.newcomers[subscriber] = set(by_digest)
@@ -375,10 +385,14 @@ class SharedTopics(SharedCopies[SharedTopic]):
             topic.is_asked_for = False
 
     async def _repeat_to_asking(self, topic: SharedTopic) -> None:
-        name, by_digest = topic.key.topic, topic.by_digest()
+        name, by_digest, lasting = topic.key.topic, topic.by_digest(), topic.repeated
         repeated = await self._connector.repeat(topic, by_digest.keys())
         if repeated:
             await asyncio.sleep(REPEAT_AFTER_S)
+        lasting[:] = [by_digest[each] for each in repeated]
+        if topic.repeated:
+            topic.asking |= topic.newcomers
+            topic.newcomers = {}
         for subscriber, missed in topic.asking.items():
             for each in repeated:
                 if subscriber in topic.users and each in missed:

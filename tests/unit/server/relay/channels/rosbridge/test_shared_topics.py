@@ -120,6 +120,17 @@ async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, 
     await until(lambda: not topic.is_asked_for, "nothing is asked any more")
     assert connector.questions == 2
     assert set(got) == set(clients)
+    got.clear()
+    topics.join(sim1, TopicRequest("/odom"), clients[0], limit=9)
+    assert got == [clients[0]] * 2, "what it repeats is known"
+    topic.on_failed("gone")
+    topic.on_ready()
+    topics.join(sim1, TopicRequest("/odom"), clients[1], limit=9)
+    await until(lambda: connector.questions == 3, "it may have ended with the connection")
+    topic.on_message(b"newest", aiohttp.WSMsgType.TEXT)
+    connector.answers.release()
+    await until(lambda: not topic.is_asked_for, "it is asked")
+    assert not topic.lasting(), "nobody has said that the newest lasts"
     topics.end_all_of(sim1.id)
 
 
