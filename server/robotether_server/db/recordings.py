@@ -33,7 +33,8 @@ class Recording:
     `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
     who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
     interrupted: nothing is heard of the recorder. `messages_left_out`: of topics for which the file had no room.
-    `cell`: whose machine has the file.
+    `topics_left_out`: the first 50 topics that the file lacks, at least for a part of its time, as it has at most 16 at
+    a time and 200 in all. `cell`: whose machine has the file.
     """
 
     id: Count
@@ -49,6 +50,7 @@ class Recording:
     bytes: Count
     messages: Count
     messages_left_out: Count | None
+    topics_left_out: list[str] | None
     cell: str | None
 
     @property
@@ -92,15 +94,18 @@ class RecordableRobot:
 
 @dataclass(frozen=True)
 class Progress:
-    """What the recorder writes of a recording while it lasts; `messages_left_out` None: unknown."""
+    """What the recorder writes of a recording while it lasts; None of what is left out: unknown."""
 
     bytes: int
     messages: int
     drivers: Sequence[str] = ()
     messages_left_out: int | None = 0
+    topics_left_out: Sequence[str] | None = ()
 
 
 MAX_DRIVERS_LENGTH = 255
+# Maximum number of topics that a recording names as left out.
+MAX_TOPICS_LEFT_OUT = 50
 _IS_NEW = is_current("asked_at", BEGIN_WITHIN_S)
 # Rights go by the robot's number. A recording of a robot that is gone is the admins'.
 _OF_VIEWER = (
@@ -195,7 +200,9 @@ def _select(
 
 
 def _recording(row: Row) -> Recording:
-    return Recording(**row | {"drivers": (row["drivers"] or "").split()})
+    left_out = row["topics_left_out"]
+    topics = None if left_out is None else json.loads(left_out)
+    return Recording(**row | {"drivers": (row["drivers"] or "").split(), "topics_left_out": topics})
 
 
 def request_stop(tx: Transaction, recording_id: int) -> None:
@@ -281,12 +288,13 @@ def write_progress(tx: Transaction, recording_id: int, progress: Progress) -> No
     """Write how far a recording is."""
     tx.change(
         "UPDATE recordings SET bytes = %s, messages = %s, messages_left_out = %s, drivers = %s,"
-        " progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
+        " topics_left_out = %s, progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
         (
             progress.bytes,
             progress.messages,
             progress.messages_left_out,
             _drivers(progress),
+            None if progress.topics_left_out is None else json.dumps(progress.topics_left_out),
             recording_id,
         ),
     )

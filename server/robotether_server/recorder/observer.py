@@ -24,7 +24,7 @@ from robotether_common.own_topics import own_topics
 from robotether_common.ros import camera_topics
 
 from robotether_server.contract.recordings import NAMESPACE
-from robotether_server.db.recordings import RecordableRobot
+from robotether_server.db.recordings import MAX_TOPICS_LEFT_OUT, RecordableRobot
 from robotether_server.problems import reason_in
 from robotether_server.recorder.cdr import EncodingError, encoder_of
 from robotether_server.recorder.channels import JSON_TEXT, CameraWriter, channel_of
@@ -37,6 +37,7 @@ from robotether_server.tasks import end_tasks
 log = logging.getLogger(__name__)
 
 Write = Callable[[RecordedMessage], None]
+OnLeftOut = Callable[[Sequence[str]], None]
 
 # Interval at which a robot is asked again which topics it has.
 DISCOVER_EVERY_S = 10.0
@@ -136,7 +137,10 @@ class TopicWriter:
 
 
 class RobotObserver:
-    """Everything that one robot sends to observers, until `run` is cancelled; `drive_topic` gives its drive topic."""
+    """Everything that one robot sends to observers, until `run` is cancelled; `drive_topic` gives its drive topic.
+
+    `on_left_out` gets the topics that find no place now.
+    """
 
     def __init__(
         self,
@@ -144,11 +148,13 @@ class RobotObserver:
         robot: RecordableRobot,
         write: Write,
         drive_topic: Callable[[], str],
+        on_left_out: OnLeftOut,
     ) -> None:
         self._client = client
         self._robot = robot
         self._write = write
         self._drive_topic = drive_topic
+        self._on_left_out = on_left_out
         self._cameras: dict[str, asyncio.Task[None]] = {}
 
     async def run(self) -> None:
@@ -172,7 +178,12 @@ class RobotObserver:
     async def _observe_topics(self) -> None:
         async with await self._client.open_rosbridge(self._robot) as socket:
             observer = RosbridgeObserver(
-                self._robot.name, socket, self._write, self._observe_cameras, self._drive_topic
+                self._robot.name,
+                socket,
+                self._write,
+                self._observe_cameras,
+                drive_topic=self._drive_topic,
+                on_left_out=self._on_left_out,
             )
             await observer.run()
 
@@ -201,13 +212,16 @@ class RosbridgeObserver:
         socket: ClientWebSocketResponse,
         write: Write,
         on_cameras: Callable[[Sequence[str]], None],
+        *,
         drive_topic: Callable[[], str],
+        on_left_out: OnLeftOut,
     ) -> None:
         self._robot = robot
         self._socket = socket
         self._write = write
         self._on_cameras = on_cameras
         self._drive_topic = drive_topic
+        self._on_left_out = on_left_out
         self._writers: dict[str, TopicWriter] = {}
         self._types: dict[str, RosType | None] = {}
         self._numbers = itertools.count(1)
@@ -254,21 +268,33 @@ class RosbridgeObserver:
             drive_topic = self._drive_topic()
             own = own_topics(types, drive_topic if drive_topic in types else "")
             self._on_cameras(camera_topics(own))
-            for topic in sorted(own, key=lambda name: (_rank(topics[name]), name)):
+            recordable = [
+                topic
+                for topic, kind in own.items()
+                if not topic.startswith(NAMESPACE) and kind not in LARGE
+            ]
+            # Of those that are worth the same, the ones that are recorded stay.
+            recordable.sort(key=lambda name: (_rank(own[name]), name not in self._writers, name))
+            chosen = recordable[:MAX_RECORDED_TOPICS]
+            self._on_left_out(recordable[MAX_RECORDED_TOPICS:][:MAX_TOPICS_LEFT_OUT])
+            for topic in chosen:
+                if topic not in self._writers and len(self._writers) >= MAX_RECORDED_TOPICS:
+                    await self._unsubscribe(
+                        next(each for each in self._writers if each not in chosen)
+                    )
                 await self._subscribe(topic, topics[topic])
             await asyncio.sleep(DISCOVER_EVERY_S)
+
+    async def _unsubscribe(self, topic: str) -> None:
+        del self._writers[topic]
+        await self._send(op="unsubscribe", topic=topic)
 
     async def _subscribe(self, topic: str, kind: str) -> None:
         if (writer := self._writers.get(topic)) is not None:
             if writer.kind == kind:
                 return
             # Its publisher has come back with another type; rosbridge passes none on while somebody has the old one.
-            del self._writers[topic]
-            await self._send(op="unsubscribe", topic=topic)
-        if len(self._writers) >= MAX_RECORDED_TOPICS:
-            return
-        if topic.startswith(NAMESPACE) or short_name(kind) in LARGE:
-            return
+            await self._unsubscribe(topic)
         self._writers[topic] = TopicWriter(self._robot, topic, kind, await self._type(kind))
         # In whichever namespace.
         throttle_ms = 0 if topic.rpartition("/")[2] in UNTHROTTLED else THROTTLE_MS
@@ -375,10 +401,7 @@ class CameraObserver:
 
 
 def _rank(kind: str) -> int:
-    name = short_name(kind)
-    if name in FIRST:
-        return FIRST.index(name)
-    return len(FIRST) + (name in LAST)
+    return FIRST.index(kind) if kind in FIRST else len(FIRST) + (kind in LAST)
 
 
 def _pairs(topics: object, types: object) -> Iterator[tuple[str, str]]:

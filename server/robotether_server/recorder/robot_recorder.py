@@ -10,13 +10,13 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from robotether_server.db.recordings import Progress, RecordableRobot
+from robotether_server.db.recordings import MAX_TOPICS_LEFT_OUT, Progress, RecordableRobot
 from robotether_server.recorder.cdr import EncodingError
 from robotether_server.recorder.channels import OWN_TOPICS, left_out_note
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
@@ -61,11 +61,12 @@ class OpenRecording:
     drivers: list[str] = field(default_factory=list)
     failure: str | None = None
     messages_left_out: int = 0
+    topics_left_out: dict[str, None] = field(default_factory=dict)
 
     def progress(self) -> Progress:
         """Return how far it is."""
-        drivers = tuple(self.drivers)
-        return Progress(self.file.size, self.file.messages, drivers, self.messages_left_out)
+        drivers, topics = tuple(self.drivers), tuple(self.topics_left_out)
+        return Progress(self.file.size, self.file.messages, drivers, self.messages_left_out, topics)
 
     def add(self, message: RecordedMessage) -> None:
         """Add a message; of a topic that finds no room the first one is noted in the file."""
@@ -76,6 +77,13 @@ class OpenRecording:
         if not self.messages_left_out:
             self.file.add(left_out_note(message))
         self.messages_left_out += 1
+        self.note_left_out([message.channel.topic])
+
+    def note_left_out(self, topics: Sequence[str]) -> None:
+        """The file gets nothing of these topics from now on, maybe for a while."""
+        for topic in topics:
+            if len(self.topics_left_out) < MAX_TOPICS_LEFT_OUT:
+                self.topics_left_out[topic] = None
 
     def note_driver(self, name: str) -> None:
         """Somebody drives the robot."""
@@ -153,6 +161,8 @@ class RobotRecorder:
         self._client = client
         self._folder = folder
         self._observing: asyncio.Task[None] | None = None
+        # The topics that find no place now.
+        self._left_out: Sequence[str] = ()
         # The last message of the topic control, with which each file begins, and what it says.
         self._control: RecordedMessage | None = None
         self._control_members: Mapping[str, Any] | None = None
@@ -185,6 +195,7 @@ class RobotRecorder:
         file = McapFile(path)
         recording = OpenRecording(recording_id, file, time.monotonic())
         recording.note_driver(self.state.driver)
+        recording.note_left_out(self._left_out)
         self.recordings[recording_id] = recording
         recent = self._recent.all() if with_recent and self._recent is not None else []
         if not recent and self._control is not None:
@@ -224,6 +235,12 @@ class RobotRecorder:
             if topic == "control":
                 self._control = recorded
             self.write(recorded)
+
+    def on_left_out(self, topics: Sequence[str]) -> None:
+        """The robot has topics that find no place now."""
+        self._left_out = topics
+        for recording in self.recordings.values():
+            recording.note_left_out(topics)
 
     def write(self, message: RecordedMessage) -> None:
         """Write a message into all files."""
@@ -266,8 +283,10 @@ class RobotRecorder:
 
     def _observe(self) -> None:
         if self.is_collecting and self._observing is None:
-            observer = RobotObserver(self._client, self.robot, self.write, self._drive_topic)
+            observer = RobotObserver(
+                self._client, self.robot, self.write, self._drive_topic, self.on_left_out
+            )
             self._observing = asyncio.create_task(observer.run())
         elif not self.is_collecting and self._observing is not None:
             self._observing.cancel()
-            self._observing = None
+            self._observing, self._left_out = None, ()

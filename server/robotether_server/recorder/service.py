@@ -324,9 +324,8 @@ class RecorderService:
             index = await asyncio.to_thread(repair, path)
             if index is not None and index.end_ns:
                 ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
-                progress = Progress(
-                    path.stat().st_size, index.counts.total(), messages_left_out=None
-                )
+                size, messages = path.stat().st_size, index.counts.total()
+                progress = Progress(size, messages, messages_left_out=None, topics_left_out=None)
         except OSError as exc:
             log.warning("recording %d: cannot make its file whole: %s", row.id, exc)
         self._note_end(

@@ -139,7 +139,9 @@ def test_a_robot_with_new_topics_all_the_time_keeps_no_command_out(tmp_path):
         topics = [channel.topic for _, channel, _ in make_reader(file).iter_messages()]
     assert len(topics) == MAX_CHANNELS + 2
     assert topics[MAX_CHANNELS:] == ["/robotether/left_out", command.topic]
-    assert recording.progress().messages_left_out == MAX_CHANNELS
+    progress = recording.progress()
+    assert progress.messages_left_out == MAX_CHANNELS
+    assert progress.topics_left_out == tuple(f"/{MAX_CHANNELS + n}" for n in range(50))
 
 
 def test_what_waits_for_a_stop_is_bounded():

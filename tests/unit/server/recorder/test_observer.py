@@ -35,6 +35,7 @@ class RosbridgeSocket:
                 await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {content}}}')
             return
         if message["op"] == "unsubscribe":
+            del self.throttles[message["topic"]]
             return
         values = {
             "topics": list(self._topics),
@@ -54,13 +55,21 @@ class RosbridgeSocket:
         return await self._texts.get()
 
 
-async def recorded(socket, count, *, cameras=None, drive_topic=""):
+def observing_robot(socket, write, on_cameras=list, *, drive_topic="", on_left_out=list):
+    return RosbridgeObserver(
+        "sim1",
+        socket,
+        write,
+        on_cameras,
+        drive_topic=lambda: drive_topic,
+        on_left_out=on_left_out,
+    )
+
+
+async def recorded(socket, count, *, on_cameras=list, drive_topic=""):
     """Return the messages that are recorded, until there are so many."""
     messages = asyncio.Queue()
-    on_cameras = [].extend if cameras is None else cameras.extend
-    observer = RosbridgeObserver(
-        "sim1", socket, messages.put_nowait, on_cameras, lambda: drive_topic
-    )
+    observer = observing_robot(socket, messages.put_nowait, on_cameras, drive_topic=drive_topic)
     observing = asyncio.create_task(observer.run())
     try:
         async with asyncio.timeout(5):
@@ -87,9 +96,7 @@ async def test_a_topic_that_comes_back_with_another_type_is_recorded_with_that(m
         topics["/speed"] = "demo/Speed"
 
     socket = RosbridgeSocket(topics, '{"value": 0.5}')
-    observing = asyncio.create_task(
-        RosbridgeObserver("sim1", socket, write, [].extend, lambda: "").run()
-    )
+    observing = asyncio.create_task(observing_robot(socket, write).run())
     async with asyncio.timeout(5):
         assert await channels.get() != "demo/msg/Speed"
         assert await channels.get() == "demo/msg/Speed"
@@ -109,12 +116,37 @@ async def test_of_a_graph_with_many_robots_one_is_recorded():
         }
     cameras = []
     socket = RosbridgeSocket(topics, "{}")
-    messages = await recorded(socket, 3, cameras=cameras, drive_topic="/robot8/cmd_vel")
+    messages = await recorded(socket, 3, on_cameras=cameras.extend, drive_topic="/robot8/cmd_vel")
     names = [message.channel.topic for message in messages]
     assert names == ["/robot8/odom", "/robot8/tf_static", "/robot8/cmd_vel"]
     # Each publisher's transforms come once.
     assert socket.throttles == {"/robot8/odom": 100, "/robot8/tf_static": 0, "/robot8/cmd_vel": 100}
     assert cameras == ["/robot8/image_raw"]
+
+
+async def test_what_comes_first_takes_a_place_and_what_has_none_is_named(monkeypatch):
+    """Odometry may come minutes after sixteen others, and these stay in their places but for it."""
+    monkeypatch.setattr(observer, "DISCOVER_EVERY_S", 0)
+    names, rounds = [f"/{number:02}" for number in range(17)], asyncio.Queue()
+    topics = dict.fromkeys(names[1:], "demo/Speed") | {"/image": "sensor_msgs/msg/Image"}
+    socket = RosbridgeSocket(topics, "{}")
+    observing = asyncio.create_task(
+        observing_robot(socket, [].append, on_left_out=rounds.put_nowait).run()
+    )
+    async with asyncio.timeout(5):
+        assert await rounds.get() == []
+        topics[names[0]] = "demo/Speed"
+        while (left_out := await rounds.get()) == []:
+            pass
+        assert left_out == names[:1]
+        topics["/odom"] = "nav_msgs/msg/Odometry"
+        while (left_out := await rounds.get()) == names[:1]:
+            pass
+        assert left_out == [names[16], names[0]]
+        await rounds.get()
+    observing.cancel()
+    await asyncio.gather(observing, return_exceptions=True)
+    assert socket.throttles.keys() == {"/odom", *names[1:16]}
 
 
 @pytest.mark.parametrize("broken", ['{"value": "fast"}', "{]"])

@@ -21,7 +21,7 @@ def number(app, database, recorder_database):
         number = recordings.ask(tx, robot.id, robot.name, ann)
     with recorder_database.transaction() as tx:
         recordings.begin(tx, number, "main")
-        recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",), 12))
+        recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",), 12, ("/<b>",)))
     return number
 
 
@@ -35,6 +35,7 @@ def test_a_recording_is_drawn_of_what_the_settings_name(browser, number, databas
     browser.log_in("olga")
     page = browser.ask("GET", f"/recordings/{number}").text
     [topics] = re.findall(r"data-topics='([^']*)'", page)
+    assert "at least for a part of the time: /&lt;b&gt;." in page
     named = {"odometry": None, "scan": "/front/scan", "map": None, "cameras": ["/rear"]}
     assert json.loads(topics) == named
     for name in ("sim1", "sim9"):
@@ -76,7 +77,7 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert f"recording-{number}" in page
     assert "asked by ann" in page
     assert "2.0 MB" in page
-    assert "12 messages: the file has no room for more topics" in page
+    assert "/&lt;b&gt;: a file has room for 16 topics at a time" in page
     assert f'href="/recordings/{number}/file"' not in page
     assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
     assert send(browser, f"/recordings/{number}/delete").status_code == 404
