@@ -213,8 +213,11 @@ AUDIT_KINDS: Mapping[str, tuple[str, str | Callable[[AuditEvent], str]]] = {
     "user_pools_set": ("User's pools changed", "changed the pools of {user}"),
     "recording_started": ("Recording started", "started recording {recording} of {robot}"),
     "recording_ended": ("Recording ended", _recording_sentence),
-    "recording_downloaded": ("Recording downloaded", "downloaded recording {recording} of {robot}"),
-    "recording_viewed": ("Recording viewed", "viewed recording {recording} of {robot}"),
+    "recording_downloaded": (
+        "Recording's file requested",
+        "requested the file of recording {recording} of {robot}",
+    ),
+    "recording_viewed": ("Recording opened", "opened recording {recording} of {robot}"),
     "recording_deleted": ("Recording deleted", "deleted recording {recording} of {robot}"),
     "app_connected": ("App connected", "connected app {app}"),
     "app_disconnected": ("App disconnected", _app_sentence),
