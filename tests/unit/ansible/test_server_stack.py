@@ -1,5 +1,6 @@
 """What server.yml decides by: Docker, settings and what was deployed; tests/ansible/test_server.py runs it."""
 
+import base64
 import re
 
 import pytest
@@ -45,6 +46,41 @@ def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
     tell = {"ansible.builtin.debug": {"msg": "sets={{ robotether_server_has_firewall | bool }}"}}
     output = said(tmp_path, [look, decide, tell], robotether_server_firewall="auto")
     assert re.findall(r"sets=(\w+)", output) == [str(sets)]
+
+
+SETTINGS = """# DB_PARTNER=192.0.2.9:3306
+HTTPS_PORT="8443"   # behind a proxy
+SSH_PORT = 2022
+export PEER_PORT='9444'
+HTTP_PORT=
+DB_PARTNER=192.0.2.2:3306 # the standby
+"""
+
+
+def test_firewall_admits_what_the_settings_say(tmp_path):
+    """They are read as compose reads them; only the site's machines reach relays and database."""
+    tasks = [
+        task_of("Keep the address and the published ports as facts", "settings.yml"),
+        {
+            "ansible.builtin.template": {
+                "src": str(ROLE / "templates/firewall.nft.j2"),
+                "dest": str(tmp_path / "rules"),
+            }
+        },
+    ]
+    said(
+        tmp_path,
+        tasks,
+        robotether_server_env={"content": base64.b64encode(SETTINGS.encode()).decode()},
+        robotether_server_settings={},
+        robotether_server_peers=["192.0.2.3"],
+        robotether_server_open_ports=[],
+        robotether_server_came_to="22",
+        robotether_server_close_containers=False,
+    )
+    rules = (tmp_path / "rules").read_text()
+    assert "tcp dport { 22, 80, 2022, 8443 } accept" in rules
+    assert "ip saddr { 192.0.2.2, 192.0.2.3 } tcp dport { 9444, 3306 } accept" in rules
 
 
 # What was deployed, which services are healthy, and whether the database is dumped.
