@@ -40,5 +40,5 @@ def get_history(caller: Caller, query: HistoryQuery) -> History:
 
     It needs the profile `metrics`. A value is null where it is not known.
     """
-    robot = robots.get(caller.tx, query.robot).name if query.robot else None
-    return context().prometheus.history(SPANS[query.range], robot)
+    robot_id = robots.get(caller.tx, query.robot).id if query.robot else None
+    return context().prometheus.history(SPANS[query.range], robot_id)

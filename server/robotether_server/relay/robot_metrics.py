@@ -20,7 +20,7 @@ ENCODERS = frozenset(
     ("h264_v4l2m2m", "h264_nvenc", "h264_qsv", "h264_vaapi", "libx264", "libvpx", "h264_omx")
 )
 
-# The labels of a value beside the robot's name, and the value.
+# The labels of a value beside the robot's, and the value.
 Value = tuple[str, float]
 
 
@@ -122,8 +122,12 @@ FAMILIES = (
 def write_robots(snapshot: Snapshot, registry: SessionRegistry) -> Iterator[bytes]:
     """Write the numbers of all active robots, a few at a time."""
     rows = [row for row in snapshot.robots.values() if row.state == "active"]
-    robots = [(_escaped(row.name), registry.robot(row.id)) for row in rows]
-    online = [(name, robot) for name, robot in robots if robot.presence.online]
+    # Another robot may get the name.
+    robots = [
+        (f'robot="{_escaped(row.name)}",robot_id="{row.id}"', registry.robot(row.id))
+        for row in rows
+    ]
+    online = [(labels, robot) for labels, robot in robots if robot.presence.online]
     yield from _written(UP, robots)
     for family in FAMILIES:
         yield from _written(family, online)
@@ -132,9 +136,9 @@ def write_robots(snapshot: Snapshot, registry: SessionRegistry) -> Iterator[byte
 def _written(family: Family, robots: Sequence[tuple[str, Robot]]) -> Iterator[bytes]:
     name = f"robotether_robot_{family.name}"
     lines = [f"# HELP {name} {family.meaning}\n# TYPE {name} {family.type}\n"]
-    for robot_name, robot in robots:
+    for robot_labels, robot in robots:
         for labels, value in family.read(robot):
-            lines.append(f'{name}{{robot="{robot_name}"{labels}}} {float(value)}\n')
+            lines.append(f"{name}{{{robot_labels}{labels}}} {float(value)}\n")
         if len(lines) > LINES_IN_PART:
             yield "".join(lines).encode()
             lines = []

@@ -1,7 +1,7 @@
 """Reads what Prometheus has kept of this site's numbers, if it runs: fixed queries alone, for one robot or all.
 
-Used by the API for the page Health. A robot's name is the only thing in a query that comes from outside, and stands
-there as an escaped value. What Prometheus does not know is None, never 0.
+Used by the API for the page Health. A robot is named by its id, as another one may get its name. What Prometheus does
+not know is None, never 0.
 """
 
 from __future__ import annotations
@@ -127,12 +127,12 @@ class Prometheus:
     def __init__(self, endpoint: tuple[str, int]) -> None:
         self._endpoint = endpoint
 
-    def history(self, span: Span, robot: str | None, now_s: float | None = None) -> History:
+    def history(self, span: Span, robot_id: int | None, now_s: float | None = None) -> History:
         """Read the charts of a robot, or of all."""
         end_s = int((time.time() if now_s is None else now_s) // span.step_s * span.step_s)
         times = list(range(end_s - span.length_s, end_s + 1, span.step_s))
-        charts = CHARTS_OF_SITE if robot is None else CHARTS_OF_ROBOT
-        return History(times, [self._chart(chart, times, span, robot) for chart in charts])
+        charts = CHARTS_OF_SITE if robot_id is None else CHARTS_OF_ROBOT
+        return History(times, [self._chart(chart, times, span, robot_id) for chart in charts])
 
     def alerts(self) -> list[FiringAlert]:
         """Read what alerts last."""
@@ -143,10 +143,10 @@ class Prometheus:
         ]
 
     def _chart(
-        self, chart: Chart, times: Sequence[int], span: Span, robot: str | None
+        self, chart: Chart, times: Sequence[int], span: Span, robot_id: int | None
     ) -> ChartData:
         query = {
-            "query": query_of(chart, span, robot),
+            "query": query_of(chart, span, robot_id),
             "start": times[0],
             "end": times[-1],
             "step": span.step_s,
@@ -179,10 +179,9 @@ class Prometheus:
         return body
 
 
-def query_of(chart: Chart, span: Span, robot: str | None) -> str:
+def query_of(chart: Chart, span: Span, robot_id: int | None) -> str:
     """Return the query of a chart for a robot, or for all."""
-    # A string of PromQL has the escapes of JSON's.
-    selection = "" if robot is None else f"robot={json.dumps(robot, ensure_ascii=False)}"
+    selection = "" if robot_id is None else f'robot_id="{robot_id}"'
     return Template(chart.query).substitute(of=selection, step=f"{span.step_s}s")
 
 

@@ -124,22 +124,22 @@ async def test_robots_are_shown_and_what_is_unknown_of_them_is_not(metrics):
         watch(registry.ensure_robot(1), camera, encoder)
     watch(registry.ensure_robot(3), "/a", 'a robot may report any text"\n')
     assert [line for line in lines(metrics) if line.startswith("robotether_robot")] == [
-        'robotether_robot_up{robot="here"} 1.0',
-        'robotether_robot_up{robot="gone"} 0.0',
-        'robotether_robot_up{robot="new"} 1.0',
-        'robotether_robot_round_trip_seconds{robot="here"} 0.05',
-        'robotether_robot_battery_percent{robot="here"} 80.0',
-        'robotether_robot_stopped{robot="here"} 1.0',
-        'robotether_robot_guard_refusals_total{robot="here"} 4.0',
-        'robotether_robot_guard_stops_total{robot="here",cause="lost"} 2.0',
-        'robotether_robot_slowed_seconds_total{robot="here"} 1.5',
-        'robotether_robot_slowed_seconds_total{robot="new"} 0.0',
-        'robotether_robot_frames_total{robot="here"} 30.0',
-        'robotether_robot_frames_total{robot="new"} 0.0',
-        'robotether_robot_frame_bytes_total{robot="here"} 90000.0',
-        'robotether_robot_frame_bytes_total{robot="new"} 0.0',
-        'robotether_robot_encoder_info{robot="here",encoder="libx264"} 1.0',
-        'robotether_robot_encoder_info{robot="new",encoder="other"} 1.0',
+        'robotether_robot_up{robot="here",robot_id="1"} 1.0',
+        'robotether_robot_up{robot="gone",robot_id="2"} 0.0',
+        'robotether_robot_up{robot="new",robot_id="3"} 1.0',
+        'robotether_robot_round_trip_seconds{robot="here",robot_id="1"} 0.05',
+        'robotether_robot_battery_percent{robot="here",robot_id="1"} 80.0',
+        'robotether_robot_stopped{robot="here",robot_id="1"} 1.0',
+        'robotether_robot_guard_refusals_total{robot="here",robot_id="1"} 4.0',
+        'robotether_robot_guard_stops_total{robot="here",robot_id="1",cause="lost"} 2.0',
+        'robotether_robot_slowed_seconds_total{robot="here",robot_id="1"} 1.5',
+        'robotether_robot_slowed_seconds_total{robot="new",robot_id="3"} 0.0',
+        'robotether_robot_frames_total{robot="here",robot_id="1"} 30.0',
+        'robotether_robot_frames_total{robot="new",robot_id="3"} 0.0',
+        'robotether_robot_frame_bytes_total{robot="here",robot_id="1"} 90000.0',
+        'robotether_robot_frame_bytes_total{robot="new",robot_id="3"} 0.0',
+        'robotether_robot_encoder_info{robot="here",robot_id="1",encoder="libx264"} 1.0',
+        'robotether_robot_encoder_info{robot="new",robot_id="3",encoder="other"} 1.0',
     ]
 
 

@@ -47,12 +47,10 @@ def test_what_prometheus_does_not_know_is_none_and_in_its_place():
         assert all(not chart.lines for chart in prometheus.history(SPANS["hour"], None).charts)
 
 
-def test_a_robots_name_stays_a_value():
-    name = 'a"} or vector(1) #\\\n$step'
+def test_history_is_of_the_robot_whoever_has_its_name():
     [battery] = [chart for chart in CHARTS_OF_ROBOT if chart.name == "battery"]
-    assert query_of(battery, SPANS["hour"], name) == (
-        'max(robotether_robot_battery_percent{robot="a\\"} or vector(1) #\\\\\\n$step"})'
-    )
+    asked = query_of(battery, SPANS["hour"], 7)
+    assert asked == 'max(robotether_robot_battery_percent{robot_id="7"})'
 
 
 @pytest.mark.parametrize(
