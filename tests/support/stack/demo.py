@@ -1,10 +1,11 @@
 """A server that runs on this machine, as experiments and screenshots see it: its containers, address, API and tickets.
 
-`Demo` needs `make demo`, and changes nothing of it except an API token, which ends after two days.
+`Demo` needs `make demo`, and changes nothing of it except an API token, which is deleted at the end.
 """
 
 from __future__ import annotations
 
+import atexit
 import json
 import time
 from abc import ABC, abstractmethod
@@ -60,8 +61,8 @@ class LiveServer(ABC):
     def token(self) -> str:
         return self.token_of("admin")
 
-    def token_of(self, user: str) -> str:
-        name = f"experiments-{time.monotonic_ns()}"
+    def token_of(self, user: str, name: str = "") -> str:
+        name = name or f"experiments-{time.monotonic_ns()}"
         created = self.robotether("token", "create", "--user", user, "--name", name, "--days", "2")
         return created.split()[-1]
 
@@ -85,6 +86,12 @@ class Demo(LiveServer):
     def address_of(self, service: str) -> str:
         """The address of a service's container, which this machine reaches and nobody else does."""
         return address_of(self.container(service))
+
+    @cached_property
+    def token(self) -> str:
+        name = f"bench-{time.monotonic_ns()}"
+        atexit.register(self.robotether, "token", "delete", "--user", "admin", "--name", name)
+        return self.token_of("admin", name)
 
     @cached_property
     def admin_password(self) -> str:
