@@ -224,7 +224,10 @@ def test_half_a_restored_database_serves_nobody(real, mariadb, database, backup_
         with pytest.raises(StoreUnavailableError, match="restore has not finished"):
             Database(mariadb.settings(account)).run(lambda tx: tx.rows("SELECT 1"))
     assert "restore has not finished" in run(real, "backup", "backups", status=1).stderr
+    # A standby has this of it.
+    assert "robotether_restoring" in mariadb.as_root("SHOW DATABASES")
     run(real, "restore", "--database", str(whole))
+    assert "robotether_restoring" not in mariadb.as_root("SHOW DATABASES")
     assert database.run(lambda tx: tx.rows("SELECT 1"))
     run(real, "backup", "backups")
 

@@ -4,6 +4,7 @@ import os
 import shutil
 from pathlib import Path
 
+import pytest
 from commands import run_command, write_programs
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -11,19 +12,29 @@ COMPOSE = """#!/bin/sh
 echo "$*" >> calls
 case "$*" in
   '--env DB_READ_ONLY') echo OFF ;;
-  exec*) echo 'service "mysql" is not running' >&2; exit 1 ;;
+  ANSWER
 esac
 """
+AWAY = """exec*) echo 'service "mysql" is not running' >&2; exit 1 ;;"""
+HALF_RESTORED = "*robotether_restoring*) echo robotether_restoring ;;"
 
 
-def test_standby_that_cannot_be_asked_is_not_promoted(tmp_path):
-    """It would take records while it still follows the other one."""
+@pytest.mark.parametrize(
+    ("answer", "says"),
+    [
+        (AWAY, "it cannot be asked what it has received"),
+        (HALF_RESTORED, "tools/restore --database"),
+    ],
+)
+def test_standby_that_may_lack_records_is_not_promoted(tmp_path, answer, says):
+    """It would take records while it still follows the other one, or has half of a backup."""
     (tmp_path / "tools").mkdir()
     for name in ("standby", "common.sh"):
         shutil.copy(ROOT / "tools" / name, tmp_path / "tools")
-    write_programs(tmp_path / "tools", {"compose": COMPOSE})
+    write_programs(tmp_path / "tools", {"compose": COMPOSE.replace("ANSWER", answer)})
     environ = {"PATH": os.environ["PATH"]}
     done = run_command("tools/standby", "promote", cwd=tmp_path, env=environ)
     assert done.returncode == 1
-    assert "cannot promote this database" in done.stdout + done.stderr
+    assert "cannot promote this database" in done.stderr
+    assert says in done.stderr
     assert "up --detach" not in (tmp_path / "calls").read_text()
