@@ -115,15 +115,18 @@ def test_backup_has_all_for_its_owner_alone_and_old_ones_go(real):
     """It has database, secrets and settings; a relative folder begins where the tool is called; other files stay."""
     folder = real.parent / "backups"
     folder.mkdir()
-    # Two were made before the clock was set back.
-    for name in ("20200101", "20200102", "29990101", "29990102"):
+    # Those of 2999 were made before the clock was set back, and two are of one day.
+    of_a_day = {"robotether-20200102T000000Z.tar", "robotether-20200102T120000Z.tar"}
+    for name in ("20200101", "29990101", "29990102"):
         (folder / f"robotether-{name}T000000Z.tar").write_text("")
+    for name in of_a_day:
+        (folder / name).write_text("")
     (folder / "notes.txt").write_text("")
     begun = int(time.time())
     done = run(real, "backup", "backups", "2")
     newest = Path(done.stdout.split()[-1])
     assert newest.stat().st_mode & 0o777 == 0o600
-    assert names(folder) == {"robotether-20200102T000000Z.tar", newest.name, "notes.txt"}
+    assert names(folder) == {*of_a_day, newest.name, "notes.txt"}
     assert begun <= recorded(real)["made"] <= time.time()
     assert recorded(real).keys() == {"made"}
     assert "disk" in names(real / "record")
