@@ -21,6 +21,7 @@ from pathlib import Path
 from demo import ANSWERS_WITHIN_S, LiveServer
 from docker.models.containers import Container
 from namespaces import Namespace, make_joined, sweep
+from openssh_server import wait_until
 from robotether_agent import settings as agent_settings
 from robotether_agent.enrolment.enroller import Enroller
 from stack import Stack
@@ -28,6 +29,7 @@ from stack import Stack
 _numbers = count(1)
 # The server lets one robot in at a time; so many keys are made meanwhile.
 AT_ONCE = 4
+RECORDS_WITHIN_S = 10.0
 
 
 class World(LiveServer):
@@ -89,6 +91,24 @@ class World(LiveServer):
         self.exec("mysql", "mariadb", "robotether", "-e", statement)
         asyncio.run(join_all(made, self.token))
         return made
+
+    def record(self, robots: Sequence[str]) -> list[int]:
+        """Start a recording of each robot, online now, and return their ids once all are written."""
+        ids = [self.ask("POST", f"/robots/{robot}/recordings")["id"] for robot in robots]
+        waiting = set(ids)
+
+        def are_written() -> bool:
+            for recording in sorted(waiting):
+                if self.ask("GET", f"/recordings/{recording}")["state"] == "recording":
+                    waiting.discard(recording)
+            return not waiting
+
+        wait_until(are_written, lambda: f"recordings {waiting}", RECORDS_WITHIN_S, every_s=0.25)
+        return ids
+
+    def stop_recordings(self, ids: Sequence[int]) -> None:
+        for recording in ids:
+            self.ask("POST", f"/recordings/{recording}/stop")
 
     def remove(self, robots: Sequence[Enrolled]) -> None:
         for robot in robots:

@@ -1,7 +1,7 @@
 """How many robots a machine carries: a fleet online, idle, driven, and back after a restart.
 
-Each step starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, and then kills all
-the server's containers and starts them again.
+Each step starts a fleet of 50 agents and otherwise virtual robots, lets it idle, drives some of it, drives these again
+while the agents among them are recorded, and then kills all the server's containers and starts them again.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ SERVER_PARTS = {
     "server": SERVICES,
     "sshd": ("sshd",),
     "relay": ("relay",),
-    "nginx, web, database": ("nginx", "web", "mysql"),
+    "nginx, web, database, recorder": ("nginx", "web", "mysql", "recorder"),
 }
 ROBOTS_SIDE = {"robots' side": ("robots",)}
 BESIDE = {**ROBOTS_SIDE, "operators": ("operators",), "rest": ("rest",)}
@@ -109,7 +109,12 @@ def report(measured: Mapping[str, Values]) -> Report:
                 for title, start in titled
             ],
             "costs": [{**title, **start.costs} for title, start in titled],
-            "driven": [row for fleet in fleets for row in _driven_rows(fleet)],
+            "driven": [
+                row
+                for fleet in fleets
+                for recorded, drive in (("none", fleet["drive"]), ("agents", fleet["recorded"]))
+                for row in _driven_rows(fleet["count"], recorded, drive)
+            ],
             "returns": [
                 {
                     "robots": back.count,
@@ -140,16 +145,16 @@ def merged(drives: Drives, name: str, *parts: float) -> Mapping[str, float]:
     return quantiles([ms for drive in drives for ms in drive[name]], *parts, unit="ms")
 
 
-def _driven_rows(fleet: Values) -> Iterable[Row]:
-    drive = fleet["drive"]
+def _driven_rows(count: int, recorded: str, drive: Values) -> Iterable[Row]:
     if "failure" in drive:
-        yield {"robots": fleet["count"], "driven": plain(drive["failure"][:200])}
+        yield {"robots": count, "recorded": recorded, "driven": plain(drive["failure"][:200])}
         return
     used, took_s = drive["fleet_cpu_s"], drive["took_s"]
     for kind, words in KINDS.items():
         if some := [item for item in drive["drives"] if item["kind"] == kind]:
             yield {
-                "robots": fleet["count"],
+                "robots": count,
+                "recorded": recorded,
                 "driven": f"{len(some)} {words}",
                 "commands": sum(item["sent"] for item in some),
                 "lost": sum(item["lost"] for item in some),
@@ -224,9 +229,9 @@ def _fleet(count: int, agents: int, idle_s: float, driven_s: float, world: World
         values: dict[str, Any] = {"count": count, "agents": agents}
         values["start"] = await fleet.start()
         values["start"] |= await fleet.idle(idle_s)
-        values["drive"] = await _unless_failed(
-            _drive(world, fleet, _chosen(world, count, agents), driven_s)
-        )
+        chosen = _chosen(world, count, agents)
+        values["drive"] = await _unless_failed(_drive(world, fleet, chosen, driven_s))
+        values["recorded"] = await _unless_failed(_drive_recorded(world, fleet, chosen, driven_s))
         values["return"] = await fleet.run(lambda: asyncio.to_thread(restart_all, world))
         return values
 
@@ -285,6 +290,17 @@ async def _drive(
         drivers.send("begin")
         figures = await asyncio.to_thread(drivers.receive, "what drivers saw", seconds * 3 + MORE_S)
         return {**figures, "fleet_cpu_s": cpu_between(first, fleet.reading())}
+
+
+async def _drive_recorded(
+    world: World, fleet: Fleet, chosen: Sequence[tuple[str, str]], seconds: float
+) -> dict[str, Any]:
+    agents = [name for name, kind in chosen if kind == "agent"]
+    recordings = await asyncio.to_thread(world.record, agents)
+    try:
+        return await _drive(world, fleet, chosen, seconds)
+    finally:
+        await asyncio.to_thread(world.stop_recordings, recordings)
 
 
 PART = Part(

@@ -156,7 +156,7 @@ class Operators:
 # Robots have processors of their own. Where hundreds of their processes would push the server's off the two cores that
 # both have to share here, what is measured would be how that is decided; so the server comes first while they start.
 ASIDE = ("nice", "-n", "19")
-SERVICES = ("nginx", "web", "relay", "sshd", "mysql")
+SERVICES = ("nginx", "web", "relay", "sshd", "mysql", "recorder")
 MOST_IN_A_WORKER, LEAST_WORKERS = 50, 2
 # sshd lets 20 log-ins of one address begin at a time, of 60 in all: so few addresses must not be what limits a fleet.
 VIRTUAL_IN_A_WORKER = 100
