@@ -49,7 +49,7 @@ test-hosts: docker
 
 venv: $(VENV)/.complete ## the Python tools that tests and checks need
 
-$(VENV)/.complete: requirements/dev.txt tools/ensure_venv
+$(VENV)/.complete: requirements/dev.txt requirements/uv.txt tools/ensure_venv
 	@tools/ensure_venv $(VENV)
 
 # Else each worker compiles each test file for itself, as they all start at once.
