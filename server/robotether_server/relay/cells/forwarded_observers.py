@@ -8,11 +8,10 @@ have of topics it notifies this relay of, which takes one copy of each over the 
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import dataclass
 from functools import partial
 
-from aiohttp import ClientError, WebSocketError, WSMsgType, web
+from aiohttp import ClientError, WSMsgType, web
 
 from robotether_server.contract.codes import CLOSE_CODES
 from robotether_server.db.fleet import RelayRobot
@@ -20,11 +19,7 @@ from robotether_server.problems import reason_in
 from robotether_server.relay.auth.access import HandlerContext, credential_in
 from robotether_server.relay.cells.cell_client import CellClient
 from robotether_server.relay.cells.peers import Peer, Peers
-from robotether_server.relay.channels.rosbridge.bridge import (
-    PASSED_ON,
-    Traffic,
-    close_reason_of_broken,
-)
+from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON, Traffic
 from robotether_server.relay.channels.rosbridge.forwarded_topics import ShareNotice, read_notice
 from robotether_server.relay.channels.rosbridge.handler import OBSERVER_LIMIT, BridgeRules
 from robotether_server.relay.channels.rosbridge.message_validator import (
@@ -37,7 +32,7 @@ from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.event_loop import next_turn
 from robotether_server.relay.http.sockets import (
     SEND_BUFFER_BYTES,
-    OperatorConnection,
+    ClientConnection,
     OperatorSocket,
     RobotSocket,
 )
@@ -123,7 +118,7 @@ class ForwardedObservers:
             self.rules.shared_topics.end_all_of(robot_id)
 
 
-class ForwardedObserver(OperatorConnection):
+class ForwardedObserver(ClientConnection):
     """One observer's connection."""
 
     def __init__(
@@ -136,11 +131,9 @@ class ForwardedObserver(OperatorConnection):
         rules: BridgeRules,
         key: bytes,
     ) -> None:
-        super().__init__(robot)
-        self._operator = operator
+        super().__init__(robot, operator, rules.limits)
         self._cell = cell
         self._topics = topics
-        self._limits = rules.limits
         self._traffic: Traffic = rules.traffic
         self._key = key
         self._pings = Excess(self._received_s, per_s=MIN_FLOOD_PER_S, for_s=FLOOD_AFTER_S)
@@ -154,8 +147,6 @@ class ForwardedObserver(OperatorConnection):
                     self._pump_to_cell(),
                     self._pump_to_client(),
                     self._topics.send(self._deliver),
-                    self._watch(self._operator, self._limits),
-                    self._ping(self._operator, self._limits),
                 )
             )
         finally:
@@ -165,25 +156,20 @@ class ForwardedObserver(OperatorConnection):
         count = 0
         while True:
             count = await next_turn(count)
-            message = await self._operator.receive()
-            self._received_s = time.monotonic()
+            message = await self._receive()
             if message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
                 if self._pings.add(self._received_s, 1):
                     return close_reasons.client_floods(self.name)
                 if message.type is WSMsgType.PING:
-                    await self._operator.pong(message.data)
+                    await self._socket.pong(message.data)
             elif message.type in PASSED_ON:
                 self._bytes_to_cell += len(message.data)
                 try:
                     await self._cell.send_frame(message.data, message.type)
                 except ConnectionError:
                     return close_reasons.link_lost(self.name)
-            elif message.type is WSMsgType.CLOSE:
-                return close_reasons.client_left(self.name)
-            elif isinstance(message.data, WebSocketError):
-                return close_reason_of_broken(message.data, "you", self._operator.message_limit)
             else:
-                return close_reasons.client_vanished(self.name)
+                return self._close_reason_by_client(message)
 
     async def _pump_to_client(self) -> CloseReason:
         while True:
@@ -209,9 +195,9 @@ class ForwardedObserver(OperatorConnection):
         self._bytes_to_client += len(data)
         if len(data) > SEND_BUFFER_BYTES:
             with self._traffic.taken(self, len(data)):
-                await self._operator.send_large(data, kind, self._traffic.piece_turns)
+                await self._socket.send_large(data, kind, self._traffic.piece_turns)
         else:
-            await self._operator.send_frame(data, kind)
+            await self._socket.send_frame(data, kind)
 
     def _to_robot(self) -> tuple[int, int]:
         return self._bytes_to_cell, self._cell.waiting_bytes()

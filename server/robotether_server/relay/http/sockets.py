@@ -26,6 +26,8 @@ from aiohttp import (
     TCPConnector,
     TraceConfig,
     TraceRequestRedirectParams,
+    WebSocketError,
+    WSCloseCode,
     WSMsgType,
     WSServerHandshakeError,
     web,
@@ -235,9 +237,6 @@ class OperatorConnection:
     def __init__(self, robot: str) -> None:
         self.name = robot
         self._ended: asyncio.Future[CloseReason] = asyncio.get_running_loop().create_future()
-        # What `_watch` judges by.
-        self._received_s = time.monotonic()
-        self._bytes_to_client = 0
 
     def end(self, close_reason: CloseReason) -> None:
         """End the connection at once; the first ending counts."""
@@ -258,41 +257,6 @@ class OperatorConnection:
                 group.create_task(self._guard(part))
         return await self._ended
 
-    async def _watch(self, socket: OperatorSocket, limits: LivenessLimits) -> CloseReason:
-        """Return why, once the client is silent or slow, or the other side slow."""
-        liveness = Liveness(limits, time.monotonic())
-        while True:
-            await asyncio.sleep(limits.check_every_s)
-            verdict = liveness.check(
-                time.monotonic(),
-                received_at=self._received_s,
-                to_client=(self._bytes_to_client, socket.waiting_bytes()),
-                to_robot=self._to_robot(),
-            )
-            if verdict == "client_silent":
-                return close_reasons.client_silent(self.name, limits.silent_after_s)
-            if verdict == "client_slow":
-                return close_reasons.client_slow(self.name, limits.slow_after_s)
-            if verdict == "robot_slow":
-                return self._robot_slow(limits.slow_after_s)
-
-    async def _ping(
-        self, socket: OperatorSocket, limits: LivenessLimits, payload: Callable[[], bytes] = bytes
-    ) -> CloseReason:
-        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
-        while True:
-            await asyncio.sleep(limits.ping_every_s)
-            # Behind data that waits a ping would only wait too.
-            if limits.strict or not socket.waiting_bytes():
-                await socket.ping(payload())
-
-    def _to_robot(self) -> tuple[int, int]:
-        """Return how many bytes were written to the other side, and how many of them wait."""
-        return 0, 0
-
-    def _robot_slow(self, _limit_s: float) -> CloseReason:
-        return close_reasons.link_lost(self.name)
-
     async def _guard(self, part: Coroutine[Any, Any, CloseReason]) -> None:
         """Run a part; its end, or its defect, ends the connection."""
         try:
@@ -304,6 +268,88 @@ class OperatorConnection:
         except Exception:
             log.exception("robot %s: an operator's connection failed", self.name)
             self.end(close_reasons.relay_failed())
+
+
+class ClientConnection(OperatorConnection):
+    """A connection whose client has a WebSocket, and is watched and pinged."""
+
+    def __init__(self, robot: str, socket: OperatorSocket, limits: LivenessLimits) -> None:
+        super().__init__(robot)
+        self._socket = socket
+        self._limits = limits
+        # What `_watch` judges by.
+        self._received_s = time.monotonic()
+        self._bytes_to_client = 0
+
+    async def close_reason_of_gone(self) -> CloseReason:
+        """Return why a connection that is gone ended, by the frames that nobody has read yet."""
+        code = await self._socket.goodbye_code()
+        if code is None:
+            return close_reasons.client_vanished(self.name)
+        return self._close_reason_by_code(code)
+
+    async def _run_together(self, *parts: Coroutine[Any, Any, CloseReason]) -> CloseReason:
+        return await super()._run_together(*parts, self._watch(), self._ping())
+
+    async def _receive(self) -> WSMessageNoDecodeText:
+        message = await self._socket.receive()
+        self._received_s = time.monotonic()
+        return message
+
+    async def _watch(self) -> CloseReason:
+        """Return why, once the client is silent or slow, or the other side slow."""
+        limits = self._limits
+        liveness = Liveness(limits, time.monotonic())
+        while True:
+            await asyncio.sleep(limits.check_every_s)
+            verdict = liveness.check(
+                time.monotonic(),
+                received_at=self._received_s,
+                to_client=(self._bytes_to_client, self._socket.waiting_bytes()),
+                to_robot=self._to_robot(),
+            )
+            if verdict == "client_silent":
+                return close_reasons.client_silent(self.name, limits.silent_after_s)
+            if verdict == "client_slow":
+                return close_reasons.client_slow(self.name, limits.slow_after_s)
+            if verdict == "robot_slow":
+                return self._robot_slow(limits.slow_after_s)
+
+    async def _ping(self) -> CloseReason:
+        """Ping the client; apart from the watch, because a client that takes nothing holds this up."""
+        while True:
+            await asyncio.sleep(self._limits.ping_every_s)
+            # Behind data that waits a ping would only wait too.
+            if self._limits.strict or not self._socket.waiting_bytes():
+                await self._socket.ping(self._next_ping())
+
+    def _next_ping(self) -> bytes:
+        return b""
+
+    def _to_robot(self) -> tuple[int, int]:
+        """Return how many bytes were written to the other side, and how many of them wait."""
+        return 0, 0
+
+    def _robot_slow(self, _limit_s: float) -> CloseReason:
+        return close_reasons.link_lost(self.name)
+
+    def _close_reason_by_client(self, last: WSMessageNoDecodeText) -> CloseReason:
+        """Return why the client's end ended, by what was read last."""
+        if last.type is WSMsgType.CLOSE:
+            return self._close_reason_by_code(last.data)
+        if isinstance(last.data, WebSocketError):
+            return close_reason_of_broken(last.data, "you", self._socket.message_limit)
+        return close_reasons.client_vanished(self.name)
+
+    def _close_reason_by_code(self, _code: int) -> CloseReason:
+        return close_reasons.client_left(self.name)
+
+
+def close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
+    """Return why a connection ended on which that side sent what nobody reads, or too much of it."""
+    if error.code == WSCloseCode.MESSAGE_TOO_BIG:
+        return close_reasons.message_too_big(limit, sender)
+    return close_reasons.protocol_broken(sender)
 
 
 class RobotSocket(ClientWebSocketResponse[Literal[False]]):

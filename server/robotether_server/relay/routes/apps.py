@@ -13,7 +13,7 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any, Literal
 
-from aiohttp import WebSocketError, WSMsgType, web
+from aiohttp import WSMsgType, web
 from robotether_common.ros import full_name
 
 from robotether_server.contract.routes import AppTopic, LiveApp
@@ -22,7 +22,7 @@ from robotether_server.problems import HttpError, TokenInvalidError
 from robotether_server.relay.auth.access import Access, credential_in, request_of
 from robotether_server.relay.auth.credentials import Credentials
 from robotether_server.relay.cells.messages import PeerApp
-from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON, close_reason_of_broken
+from robotether_server.relay.channels.rosbridge.bridge import PASSED_ON
 from robotether_server.relay.channels.rosbridge.drive_path import CommandTimestamps
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.message_validator import (
@@ -40,10 +40,7 @@ from robotether_server.relay.channels.rosbridge.operations import (
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.http.event_loop import PieceTurns, next_turn
-from robotether_server.relay.http.sockets import (
-    OperatorConnection,
-    OperatorSocket,
-)
+from robotether_server.relay.http.sockets import ClientConnection, OperatorSocket
 from robotether_server.relay.http.timing import Excess, LivenessLimits, RateLimiter
 from robotether_server.relay.records.event_writer import EventWriter
 from robotether_server.relay.routes.source import LOOK_EVERY_S, RouteSource, SourceMessage
@@ -89,7 +86,7 @@ class AppQuota:
         return "flood" if self._excess.add(now, cost) else "refused"
 
 
-class App(OperatorConnection):
+class App(ClientConnection):
     """One app that is connected."""
 
     def __init__(
@@ -102,12 +99,10 @@ class App(OperatorConnection):
         *,
         address: str | None,
     ) -> None:
-        super().__init__(f"app {key[1]}")
+        super().__init__(f"app {key[1]}", socket, limits)
         self.key = key
         self.address = address
         self._quota = quota
-        self._socket = socket
-        self._limits = limits
         self._turns = turns
         # Types, by topic.
         self._offered: dict[str, str] = {}
@@ -152,33 +147,19 @@ class App(OperatorConnection):
     async def run(self) -> CloseReason:
         """Pass messages until the end; return why."""
         return await self._run_until_ended(
-            self._run_together(
-                self._receive_all(),
-                self._send_all(),
-                self._watch(self._socket, self._limits),
-                self._ping(
-                    self._socket, self._limits, lambda: self._timestamps.ping(time.monotonic())
-                ),
-            )
+            self._run_together(self._receive_all(), self._send_all())
         )
 
-    async def close_reason_of_gone(self) -> CloseReason:
-        """Return why a connection that is gone ended, also by a close frame that its handler has not read."""
-        has_left = await self._socket.goodbye_code() is not None
-        return (close_reasons.client_left if has_left else close_reasons.client_vanished)(self.name)
+    def _next_ping(self) -> bytes:
+        return self._timestamps.ping(time.monotonic())
 
     async def _receive_all(self) -> CloseReason:
         count = 0
         while True:
             count = await next_turn(count)
-            message = await self._socket.receive()
-            self._received_s = time.monotonic()
-            if message.type is WSMsgType.CLOSE:
-                return close_reasons.client_left(self.name)
-            if isinstance(message.data, WebSocketError):
-                return close_reason_of_broken(message.data, "you", self._socket.message_limit)
+            message = await self._receive()
             if message.type not in PASSED_ON:
-                return close_reasons.client_vanished(self.name)
+                return self._close_reason_by_client(message)
             # Before any of it is read.
             verdict = self._quota.message(self._received_s, message_cost(message.data))
             if verdict == "flood":
@@ -187,10 +168,10 @@ class App(OperatorConnection):
                 self._timestamps.pong(message.data)
             elif message.type is WSMsgType.PING:
                 await self._socket.pong(message.data)
-            elif (answer := self._receive(message.data, verdict)) is not None:
+            elif (answer := self._answer(message.data, verdict)) is not None:
                 await self._send(answer)
 
-    def _receive(self, data: bytes, verdict: str) -> bytes | None:
+    def _answer(self, data: bytes, verdict: str) -> bytes | None:
         """Do as a message says; return what tells the app that it is refused, or answers its clock sync."""
         if verdict == "refused":
             return self._refusal(TOO_MANY)

@@ -20,7 +20,12 @@ from aiohttp import WSMsgType
 from robotether_common.guard import STAMP
 
 from robotether_server.db.fleet import RelayRobot
-from robotether_server.relay.channels.rosbridge.bridge import LINK_GRACE_S, RobotEnd, Traffic
+from robotether_server.relay.channels.rosbridge.bridge import (
+    RobotEnd,
+    Traffic,
+    close_reason_of_gone_robot,
+    until_robot_gone,
+)
 from robotether_server.relay.channels.rosbridge.drive_path import (
     CommandTimestamps,
     DriveCommand,
@@ -167,8 +172,8 @@ class RouteDriver(OperatorConnection):
             with robot_end.counted:
                 return await self._run_together(
                     self._read(robot),
-                    self._or_robot_gone(drive.run()),
-                    self._or_robot_gone(self._publish_due(robot)),
+                    until_robot_gone(drive.run(), self.name),
+                    until_robot_gone(self._publish_due(robot), self.name),
                     self._until_silent(),
                 )
         finally:
@@ -181,12 +186,6 @@ class RouteDriver(OperatorConnection):
             if left_s <= 0 and len(self._app_sources()) == len(self._sources):
                 return close_reasons.client_silent(self.name, SILENT_AFTER_S)
             await asyncio.sleep(max(left_s, LOOK_AT_SILENCE_EVERY_S))
-
-    async def _or_robot_gone(self, work: Awaitable[CloseReason]) -> CloseReason:
-        try:
-            return await work
-        except ConnectionError:
-            return await self._close_reason_by_robot("its connection broke")
 
     async def _publish_due(self, robot: RobotSocket) -> CloseReason:
         while True:
@@ -296,9 +295,9 @@ class RouteDriver(OperatorConnection):
             if message.type is WSMsgType.TEXT:
                 self._on_answer(message.data)
             elif message.type is WSMsgType.CLOSE:
-                return await self._close_reason_by_robot(why_closed(message))
+                return await close_reason_of_gone_robot(self.name, why_closed(message))
             elif message.type is not WSMsgType.BINARY:
-                return await self._close_reason_by_robot("its connection broke")
+                return await close_reason_of_gone_robot(self.name)
 
     def _on_answer(self, data: bytes) -> None:
         """Show a complaint of the robot's guard or rosbridge at the route that it concerns."""
@@ -312,11 +311,6 @@ class RouteDriver(OperatorConnection):
         for source in self._sources.values():
             if words and answer.get("id") == _name_of(source)["id"]:
                 source.problem = words
-
-    async def _close_reason_by_robot(self, why: str) -> CloseReason:
-        # A lost link, lease or stop ends the connection itself meanwhile, which says more.
-        await asyncio.sleep(LINK_GRACE_S)
-        return close_reasons.rosbridge_down(self.name, why)
 
     def _app_sources(self) -> list[RouteSource]:
         return [each for each in self._sources.values() if each.route.source_app is not None]

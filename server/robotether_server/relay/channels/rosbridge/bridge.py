@@ -17,10 +17,10 @@ from collections import Counter, deque
 from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
-from aiohttp import WebSocketError, WSCloseCode, WSMsgType
+from aiohttp import WebSocketError, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
 
 from robotether_server.contract.codes import CLOSE_CODES
@@ -47,13 +47,17 @@ from robotether_server.relay.http.close_reasons import CloseReason, ConnectionCl
 from robotether_server.relay.http.event_loop import PieceTurns, next_turn
 from robotether_server.relay.http.sockets import (
     SEND_BUFFER_BYTES,
+    ClientConnection,
     OperatorConnection,
     OperatorSocket,
     RobotSocket,
+    close_reason_of_broken,
     why_closed,
 )
 from robotether_server.relay.http.timing import Excess, LivenessLimits, TimeHistogram
 from robotether_server.relay.robots.session_messages import SeenReport
+
+T = TypeVar("T")
 
 # Time limit for the robot's session to end after rosbridge's connection: a lost tunnel ends both in
 # either order, and the operator reads which of the two it was.
@@ -116,7 +120,21 @@ class RobotEnd:
     counted: AbstractContextManager[None]
 
 
-class Bridge(OperatorConnection):
+async def close_reason_of_gone_robot(robot: str, why: str = "its connection broke") -> CloseReason:
+    """Return why a robot's end is gone, after a while: a lost link, lease or stop ends the connection itself then."""
+    await asyncio.sleep(LINK_GRACE_S)
+    return close_reasons.rosbridge_down(robot, why)
+
+
+async def until_robot_gone(work: Awaitable[T], robot: str) -> T | CloseReason:
+    """Return what the work does, or why the robot's end is gone that it writes to."""
+    try:
+        return await work
+    except ConnectionError:
+        return await close_reason_of_gone_robot(robot)
+
+
+class Bridge(ClientConnection):
     """Passes messages between an operator and a robot until something ends it."""
 
     def __init__(
@@ -131,12 +149,10 @@ class Bridge(OperatorConnection):
         message_limit: int,
         traffic: Traffic,
     ) -> None:
-        super().__init__(robot)
+        super().__init__(robot, operator, limits)
         self._topics = topics
         self._validator = validator
-        self._operator = operator
         self._own = own
-        self._limits = limits
         self._message_limit = message_limit
         self._traffic = traffic
         self._robot: RobotSocket | None = None
@@ -168,16 +184,9 @@ class Bridge(OperatorConnection):
         """Report to the operator how old is what they saw at their newest command."""
         self._own.show_seen(report)
 
-    async def close_reason_of_gone(self) -> CloseReason:
-        """Return why a connection that is gone ended, by the frames that nobody has read yet."""
-        code = await self._operator.goodbye_code()
-        if code is None:
-            return close_reasons.client_vanished(self.name)
-        return self._close_reason_by_code(code)
-
     async def farewell(self, close_reason: CloseReason) -> None:
         """Notify both sides that it ended."""
-        await asyncio.gather(self._leave_robot(), self._operator.finish(close_reason))
+        await asyncio.gather(self._leave_robot(), self._socket.finish(close_reason))
 
     def release(self) -> None:
         """Let the robot go, also when the operator vanished and nobody could say farewell."""
@@ -194,15 +203,13 @@ class Bridge(OperatorConnection):
         parts = [
             self._pump_to_robot(robot),
             self._pump_to_client(robot),
-            self._watch(self._operator, self._limits),
-            self._ping(self._operator, self._limits, self._next_ping),
             self._send_control_updates(),
             self._topics.send(self._deliver, self._deliver_at_once),
-            self._send_released(robot),
+            until_robot_gone(self._send_released(robot), self.name),
         ]
         if robot_end.lease is not None:
             self._drive = DrivePath(robot_end.lease, robot, self._timestamps)
-            parts.append(self._send_commands(self._drive))
+            parts.append(until_robot_gone(self._drive.run(), self.name))
         with robot_end.counted:
             return await self._run_together(*parts)
 
@@ -212,7 +219,7 @@ class Bridge(OperatorConnection):
             count = await next_turn(count)
             message = self._next_ahead() if self._ahead else await self._receive()
             if message.type not in PASSED_ON:
-                return self._close_reason_by_operator(message.type, message.data)
+                return self._close_reason_by_client(message)
             if self._ended.done() and read_stop(message.data) is None:
                 # The robot may be stopped, also by the message before: what waits must not reach it.
                 continue
@@ -222,11 +229,6 @@ class Bridge(OperatorConnection):
             if (close_reason := await work) is not None:
                 return close_reason
 
-    async def _receive(self) -> WSMessageNoDecodeText:
-        message = await self._operator.receive()
-        self._received_s = time.monotonic()
-        return message
-
     def _next_ahead(self) -> WSMessageNoDecodeText:
         message = self._ahead.popleft()
         if message.type in PASSED_ON:
@@ -234,7 +236,7 @@ class Bridge(OperatorConnection):
         return message
 
     def _may_wait(self, robot: RobotSocket, message: WSMessageNoDecodeText) -> bool:
-        waiting = robot.waiting_bytes() or self._operator.waiting_bytes()
+        waiting = robot.waiting_bytes() or self._socket.waiting_bytes()
         is_full = bool(waiting) or self._topics.held.is_full
         return is_full or len(message.data) >= SEND_BUFFER_BYTES
 
@@ -272,17 +274,13 @@ class Bridge(OperatorConnection):
         if message.type is WSMsgType.PING or message.type is WSMsgType.PONG:
             await self._on_ping_or_pong(message.type, message.data)
             return None
-        try:
-            await self._pass_on(robot, message.data)
-        except ConnectionError:
-            return await self._close_reason_by_robot("its connection broke")
-        return None
+        return await until_robot_gone(self._pass_on(robot, message.data), self.name)
 
     async def _on_ping_or_pong(self, kind: WSMsgType, payload: bytes) -> None:
         if self._pings.add(self._received_s, 1):
             raise ConnectionClosedError(close_reasons.client_floods(self.name))
         if kind is WSMsgType.PING:
-            await self._operator.pong(payload)
+            await self._socket.pong(payload)
         else:
             self._on_pong(payload)
 
@@ -329,28 +327,19 @@ class Bridge(OperatorConnection):
         await robot.send_frame(data, WSMsgType.TEXT)
 
     async def _send_released(self, robot: RobotSocket) -> CloseReason:
-        try:
-            while True:
-                await self._send_as_it_is(robot, await self._topics.held.next())
-        except ConnectionError:
-            return await self._close_reason_by_robot("its connection broke")
+        while True:
+            await self._send_as_it_is(robot, await self._topics.held.next())
 
     async def _do_own(self, operation: str, own: Mapping[str, Any]) -> None:
         answer = self._own.answer(operation, own)
         # Behind data that waits it would come late, and keep what comes from the client waiting.
-        if answer is not None and not self._operator.waiting_bytes():
+        if answer is not None and not self._socket.waiting_bytes():
             await self._send_to_client(answer, WSMsgType.TEXT)
 
     async def _send_control_updates(self) -> CloseReason:
         with self._own.watched():
             while True:
                 await self._send_to_client(await self._own.next_update(), WSMsgType.TEXT)
-
-    async def _send_commands(self, drive: DrivePath) -> CloseReason:
-        try:
-            return await drive.run()
-        except ConnectionError:
-            return await self._close_reason_by_robot("its connection broke")
 
     async def _pump_to_client(self, robot: RobotSocket) -> CloseReason:
         while True:
@@ -364,12 +353,12 @@ class Bridge(OperatorConnection):
         if self._drive is None and len(data) > SEND_BUFFER_BYTES:
             self._bytes_to_client += len(data)
             with self._traffic.taken(self, len(data)):
-                await self._operator.send_large(data, kind, self._traffic.piece_turns)
+                await self._socket.send_large(data, kind, self._traffic.piece_turns)
         else:
             await self._send_to_client(data, kind)
 
     def _deliver_at_once(self, data: bytes, kind: WSMsgType) -> bool:
-        if len(data) > SEND_BUFFER_BYTES or not self._operator.send_at_once(data, kind):
+        if len(data) > SEND_BUFFER_BYTES or not self._socket.send_at_once(data, kind):
             return False
         self._traffic.count_to_client(len(data))
         self._bytes_to_client += len(data)
@@ -378,7 +367,7 @@ class Bridge(OperatorConnection):
     async def _send_to_client(self, data: bytes, kind: WSMsgType) -> None:
         self._bytes_to_client += len(data)
         try:
-            await self._operator.send_frame(data, kind)
+            await self._socket.send_frame(data, kind)
         except ConnectionError as exc:
             raise ConnectionClosedError(close_reasons.client_vanished(self.name)) from exc
 
@@ -392,13 +381,6 @@ class Bridge(OperatorConnection):
     def _next_ping(self) -> bytes:
         return self._timestamps.ping(time.monotonic())
 
-    def _close_reason_by_operator(self, kind: WSMsgType, data: Any) -> CloseReason:
-        if kind is WSMsgType.CLOSE:
-            return self._close_reason_by_code(data)
-        if isinstance(data, WebSocketError):
-            return close_reason_of_broken(data, "you", self._operator.message_limit)
-        return close_reasons.client_vanished(self.name)
-
     def _close_reason_by_code(self, code: int) -> CloseReason:
         gave_up = code == CLOSE_CODES["control_given_up"].number
         of_intent = close_reasons.control_given_up if gave_up else close_reasons.client_left
@@ -410,18 +392,7 @@ class Bridge(OperatorConnection):
         if isinstance(last.data, WebSocketError):
             sender, limit = f"robot {self.name}", self._message_limit
             return close_reason_of_broken(last.data, sender, limit)
-        return await self._close_reason_by_robot("its connection broke")
-
-    async def _close_reason_by_robot(self, why: str) -> CloseReason:
-        await asyncio.sleep(LINK_GRACE_S)
-        return close_reasons.rosbridge_down(self.name, why)
-
-
-def close_reason_of_broken(error: WebSocketError, sender: str, limit: int) -> CloseReason:
-    """Return why a connection ended on which that side sent what nobody reads, or too much of it."""
-    if error.code == WSCloseCode.MESSAGE_TOO_BIG:
-        return close_reasons.message_too_big(limit, sender)
-    return close_reasons.protocol_broken(sender)
+        return await close_reason_of_gone_robot(self.name)
 
 
 class OwnOperations:

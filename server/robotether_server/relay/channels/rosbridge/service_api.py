@@ -18,10 +18,7 @@ from robotether_server import schemas
 from robotether_server.contract.ros import MAX_ARGS_BYTES, ServiceAnswer, ServiceArgs, ServiceQuery
 from robotether_server.problems import HttpError, RobotetherError, ServiceTimeoutError
 from robotether_server.relay.auth.access import Permit, request_of
-from robotether_server.relay.channels.rosbridge.bridge import (
-    LINK_GRACE_S,
-    close_reason_of_broken,
-)
+from robotether_server.relay.channels.rosbridge.bridge import close_reason_of_gone_robot
 from robotether_server.relay.channels.rosbridge.http_calls import (
     HttpCalls,
     check_message,
@@ -29,9 +26,12 @@ from robotether_server.relay.channels.rosbridge.http_calls import (
 )
 from robotether_server.relay.channels.rosbridge.operations import NotJsonError, read_json
 from robotether_server.relay.control.control import Control
-from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import RobotSocket, why_closed
+from robotether_server.relay.http.sockets import (
+    RobotSocket,
+    close_reason_of_broken,
+    why_closed,
+)
 from robotether_server.relay.robots.connection import Connection, Use
 
 # The only one of its connection.
@@ -137,8 +137,8 @@ class ServiceApi:
                 await socket.send_frame(call.message, WSMsgType.TEXT)
                 return await self._response(socket, connection.robot.name)
         except ConnectionError as exc:
-            why = "its connection broke"
-            raise await self._closed(connection.robot.name, why) from exc
+            why = await close_reason_of_gone_robot(connection.robot.name)
+            raise ConnectionClosedError(why) from exc
         finally:
             socket.drop()
 
@@ -151,15 +151,11 @@ class ServiceApi:
             elif isinstance(message.data, WebSocketError):
                 sender, limit = f"robot {robot}", self.calls.context.dialer.message_limit
                 raise ConnectionClosedError(close_reason_of_broken(message.data, sender, limit))
+            elif message.type is WSMsgType.CLOSE:
+                why = why_closed(message)
+                raise ConnectionClosedError(await close_reason_of_gone_robot(robot, why))
             else:
-                is_said = message.type is WSMsgType.CLOSE
-                why = why_closed(message) if is_said else "its connection broke"
-                raise await self._closed(robot, why)
-
-    async def _closed(self, robot: str, why: str) -> ConnectionClosedError:
-        # A lost link, lease or stop ends the call itself meanwhile, which says more.
-        await asyncio.sleep(LINK_GRACE_S)
-        return ConnectionClosedError(close_reasons.rosbridge_down(robot, why))
+                raise ConnectionClosedError(await close_reason_of_gone_robot(robot))
 
 
 def _allowed_call(

@@ -38,7 +38,7 @@ from robotether_server.relay.channels.video.viewers import (
 )
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
-from robotether_server.relay.http.sockets import OperatorConnection, ViewerSocket
+from robotether_server.relay.http.sockets import ClientConnection, ViewerSocket
 from robotether_server.relay.http.timing import LivenessLimits, RateLimiter
 
 # Maximum rate of messages: two texts per frame at 60 frames a second, and a margin.
@@ -79,8 +79,10 @@ class FramesHandler:
         return socket
 
 
-class FramesSession(OperatorConnection):
+class FramesSession(ClientConnection):
     """One viewer of one camera, from the upgrade to the end."""
+
+    _socket: ViewerSocket
 
     def __init__(
         self,
@@ -90,13 +92,11 @@ class FramesSession(OperatorConnection):
         context: VideoContext,
         limits: LivenessLimits,
     ) -> None:
-        super().__init__(permit.robot.name)
-        self._socket = socket
+        super().__init__(permit.robot.name, socket, limits)
         self._permit = permit
         self.is_recorder, self.may_drive = permit.user.id == RECORDER.id, permit.may_drive
         self._camera = camera
         self._context = context
-        self._limits = limits
         self._limiter = RateLimiter(
             self._received_s, per_s=MESSAGES_PER_S, at_once=MESSAGES_AT_ONCE
         )
@@ -142,17 +142,11 @@ class FramesSession(OperatorConnection):
 
     async def _work(self) -> CloseReason:
         self._context.registry.online_presence(self._permit.robot)
-        return await self._run_together(
-            self._read(),
-            self._push_again(),
-            self._watch(self._socket, self._limits),
-            self._ping(self._socket, self._limits),
-        )
+        return await self._run_together(self._read(), self._push_again())
 
     async def _read(self) -> CloseReason:
         while True:
-            message = await self._socket.receive()
-            self._received_s = time.monotonic()
+            message = await self._receive()
             if not self._limiter.allow(self._received_s):
                 return close_reasons.frames_broken(f"more than {MESSAGES_PER_S} messages a second")
             if message.type is WSMsgType.TEXT:
