@@ -59,10 +59,6 @@ class PeerFeed(ChangedRobots):
         self._sent_stops: dict[int, StopState] = {}
         self.mark_all()
 
-    def mark(self, robot_id: int) -> None:
-        """Remember that a robot changed."""
-        self.add(robot_id)
-
     def mark_all(self) -> None:
         """Remember that anything may have changed."""
         self.add(*(robot.id for robot in self._registry.robots()), *self._sent)

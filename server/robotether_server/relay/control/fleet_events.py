@@ -8,9 +8,9 @@ in it, too.
 from __future__ import annotations
 
 import asyncio
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
 
 from msgspec.structs import asdict
 
@@ -32,8 +32,8 @@ HELP_STATES = ("waiting", "offered", "accepted")
 Event = tuple[str, list[RobotObject] | RobotObject | RemovedRobot]
 
 
-class ChangedRobots:
-    """Which robots changed since somebody was notified of them."""
+class ChangedRobots(ABC):
+    """A follower: which robots changed since it was notified of them."""
 
     def __init__(self) -> None:
         self._pending: set[int] = set()
@@ -44,6 +44,14 @@ class ChangedRobots:
         """Remember that robots changed."""
         self._pending.update(robot_ids)
         self._wake.set()
+
+    def mark(self, robot_id: int) -> None:
+        """Remember that a robot changed, if it concerns this follower."""
+        self.add(robot_id)
+
+    @abstractmethod
+    def mark_all(self) -> None:
+        """Remember that anything may have changed."""
 
     def pop(self) -> list[int]:
         """Return the robots that changed; afterwards nothing is pending."""
@@ -58,19 +66,6 @@ class ChangedRobots:
     async def wait(self, timeout_s: float) -> None:
         """Wait until something is to be sent, at most `timeout_s`."""
         await wait_for_event(self._wake, timeout_s)
-
-
-class Follower(Protocol):
-    """A subscriber that is notified of every change."""
-
-    def mark(self, robot_id: int) -> None:
-        """Remember that a robot changed."""
-
-    def mark_all(self) -> None:
-        """Remember that anything may have changed."""
-
-    def end(self) -> None:
-        """The relay is stopping."""
 
 
 class FleetEvents:
@@ -95,7 +90,7 @@ class FleetEvents:
         # Whether the database says which robots ask for help.
         self._knows_help = False
         self._subscribers: set[Subscriber] = set()
-        self._followers: set[Follower] = set()
+        self._followers: set[ChangedRobots] = set()
 
     @contextmanager
     def subscribed(self, user_id: int) -> Iterator[Subscriber]:
@@ -109,7 +104,7 @@ class FleetEvents:
             self._subscribers.discard(subscriber)
 
     @contextmanager
-    def followed(self, follower: Follower) -> Iterator[None]:
+    def followed(self, follower: ChangedRobots) -> Iterator[None]:
         """Notify of each change inside the block."""
         self._followers.add(follower)
         try:
@@ -259,7 +254,7 @@ class Subscriber(ChangedRobots):
 
         Names that end come first: another robot may have one of them now.
         """
-        robot_ids = list(self.pop())
+        robot_ids = self.pop()
         removed = [event for robot_id in robot_ids for event in self._removed(robot_id)]
         return removed + [event for robot_id in robot_ids for event in self._updated(robot_id)]
 
