@@ -163,6 +163,8 @@ class SharedTopic(SharedCopy[TopicRequest, TopicClient]):
         # What the robot repeated when it was asked last. Another takes its place when a message comes or the connection
         # ends: from then on the robot may repeat something else.
         self.repeated: list[tuple[bytes, WSMsgType]] = []
+        # Set by each new subscription.
+        self.has_newcomer = asyncio.Event()
         # Since when its messages may have been on the way, of the robot's own connection; set for those who need ages.
         self.timestamps: CommandTimestamps | None = None
         self.is_dated = asyncio.Event()
@@ -305,6 +307,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
 
     def give_missed(self, topic: SharedTopic, subscriber: TopicClient) -> None:
         """Give a client that shares it what rosbridge repeats to each new subscription, also to a client's second."""
+        topic.has_newcomer.set()
         if topic.failure is not None:
             topic.notify_of_failure(subscriber, topic.failure)
         elif topic.is_unkept:
@@ -332,6 +335,7 @@ class SharedTopics(SharedCopies[SharedTopic]):
             all_of_robot = partial(self._topics_of, robot.id)
             topic = self._open(SharedTopic(robot, subscription, all_of_robot))
         topic.users.add(subscriber)
+        topic.has_newcomer.set()
         return topic
 
     def leave(

@@ -10,9 +10,10 @@ import asyncio
 import logging
 import re
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
+from typing import Any
 
 from aiohttp import ClientError, WebSocketError, WSCloseCode, WSMsgType
 from aiohttp.http_websocket import WSMessageNoDecodeText
@@ -46,6 +47,9 @@ FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
 STEADY_S, SILENT_STEADY_S = 10.0, 600.0
 # Pauses after a message over the limit: the next one mostly is, too, and rosbridge does nothing else while it writes.
 FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S = 30.0, 600.0
+# Times after which a subscription that has brought nothing is made anew. rosbridge_suite silently drops one without a
+# type while nobody advertises the topic, and never repeats a message that was latched after the subscription.
+FIRST_SILENCE_S, MAX_SILENCE_S = 5.0, 60.0
 # aiohttp's words for a message over the limit, which it refuses by the size that is announced.
 ANNOUNCED = re.compile(r"Message size (\d+)")
 MEGABYTE = 1024 * 1024
@@ -94,11 +98,13 @@ class TopicLinks:
 
     async def run(self, topic: SharedTopic) -> None:
         """Bring a topic's messages until this is cancelled."""
-        pauses = Pauses()
+        pauses, silences = Pauses(), delays(FIRST_SILENCE_S, MAX_SILENCE_S)
         while True:
             opened_s, count_before, is_too_large = time.monotonic(), topic.message_count, False
             try:
-                why = await self._bring(topic)
+                why = await self._bring(topic, next(silences))
+                if why is None:
+                    continue
             except MessageTooLargeError as error:
                 why, is_too_large = error.detail, True
             except ConnectionClosedError as closed:
@@ -108,6 +114,8 @@ class TopicLinks:
             topic.on_failed(why)
             log.info("robot %s: topic %s: %s", topic.robot.name, topic.key.topic, why)
             lasted_s, has_brought = time.monotonic() - opened_s, topic.message_count > count_before
+            if has_brought:
+                silences = delays(FIRST_SILENCE_S, MAX_SILENCE_S)
             pause_s = pauses.next(lasted_s, has_brought=has_brought, is_too_large=is_too_large)
             await asyncio.sleep(pause_s)
 
@@ -129,8 +137,8 @@ class TopicLinks:
             log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
         return list(repeated)
 
-    async def _bring(self, topic: SharedTopic) -> str:
-        """Bring a topic's messages until the connection ends; return why."""
+    async def _bring(self, topic: SharedTopic, silence_s: float) -> str | None:
+        """Bring a topic's messages until the connection ends; return why, None if it brings nothing."""
         socket = await self._open(topic, {})
         uplink = self.registry.ensure_robot(topic.robot.id).uplink
         name = topic.key.topic
@@ -138,13 +146,15 @@ class TopicLinks:
         dating = asyncio.create_task(date(socket, topic.is_dated, timestamps))
         try:
             with uplink.counted("topic", name, socket.received_bytes, topic.user_ids):
-                return await self._pass_on(socket, topic)
+                return await self._pass_on(socket, topic, silence_s)
         finally:
             topic.timestamps = None
             await end_tasks([dating])
             socket.drop()
 
-    async def _pass_on(self, socket: RobotSocket, topic: SharedTopic) -> str:
+    async def _pass_on(
+        self, socket: RobotSocket, topic: SharedTopic, silence_s: float
+    ) -> str | None:
         # It reads in order: its answer says that rosbridge has got the subscription before.
         await socket.ping()
 
@@ -156,7 +166,10 @@ class TopicLinks:
 
         has_brought = False
         while True:
-            message = await socket.next_message(on_control)
+            receiving = socket.next_message(on_control)
+            message = await (receiving if has_brought else first(receiving, topic, silence_s))
+            if message is None:
+                return None
             is_binary = message.type is WSMsgType.BINARY
             if is_binary and message.data.startswith(self.notices_key):
                 notice = read_notice(self.notices_key, message.data)
@@ -194,6 +207,31 @@ class TopicLinks:
         socket = await self.open_topic(topic.robot, path, OPENS_WITHIN_S)
         await socket.send_frame(topic.key.message(), WSMsgType.TEXT)
         return socket
+
+
+async def first(
+    receiving: Coroutine[Any, Any, WSMessageNoDecodeText], topic: SharedTopic, silence_s: float
+) -> WSMessageNoDecodeText | None:
+    """Return the first message; None: the topic is silent, and is requested anew.
+
+    One with a type may be silent for good reason: it is requested anew for the next newcomer.
+    """
+
+    async def silence() -> None:
+        await asyncio.sleep(silence_s)
+        if topic.key.type is not None:
+            topic.has_newcomer.clear()
+            await topic.has_newcomer.wait()
+
+    tasks: list[asyncio.Task[Any]] = [
+        asyncio.create_task(receiving),
+        asyncio.create_task(silence()),
+    ]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        return tasks[0].result() if tasks[0].done() else None
+    finally:
+        await end_tasks(tasks)
 
 
 async def date(

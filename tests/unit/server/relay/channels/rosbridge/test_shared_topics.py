@@ -219,6 +219,29 @@ class AnsweringSocket(RepeatingSocket):
         return self.answers.pop() if self.answers else await asyncio.Event().wait()
 
 
+@pytest.mark.parametrize("kind", [None, "nav_msgs/msg/Odometry"])
+async def test_what_brings_nothing_is_requested_again(relay, sim1, monkeypatch, kind):
+    """rosbridge_suite drops a subscription without a word, and a newcomer would share that for ever."""
+    monkeypatch.setattr(topic_link, "FIRST_SILENCE_S", 0.01)
+    opened, topics = asyncio.Semaphore(0), SharedTopics(relay.relay.registry, None)
+
+    async def open_topic(*_args):
+        opened.release()
+        socket = AnsweringSocket(b"")
+        socket.answers.clear()
+        return socket
+
+    topics._connector = TopicLinks(open_topic, relay.relay.registry, 1024, b"notice")
+    topics.watch(sim1, TopicRequest("/odom", kind), Client(), 9)
+    await asyncio.wait_for(opened.acquire(), WAIT_S)
+    if kind is not None:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(opened.acquire(), 0.1)
+        topics.watch(sim1, TopicRequest("/odom", kind), Client(), 9)
+    await asyncio.wait_for(opened.acquire(), WAIT_S)
+    await topics.close()
+
+
 async def test_what_rosbridge_refuses_is_requested_again(relay, sim1):
     """Rosbridge refuses a topic without a type that nobody advertises yet, and newcomers share the copy."""
     refusal = b'{"op": "status", "level": "error", "msg": "no such topic"}'
@@ -269,7 +292,7 @@ async def test_what_breaks_before_a_message_is_through_is_requested_ever_later(
             raise asyncio.CancelledError
 
     class BreakingLinks(TopicLinks):
-        async def _bring(self, topic):
+        async def _bring(self, topic, _silence_s):
             now[0] += 60
             if end == "is too large":
                 raise MessageTooLargeError(end)
