@@ -267,20 +267,22 @@ def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
         expect(driven.get_by_test_id(choice)).to_have_attribute("aria-pressed", "true")
 
 
-def test_without_scripts_the_page_says_so_and_shows_no_dead_stop(
-    stack: Stack, page: Page, browser: Browser
+@pytest.mark.parametrize("has_javascript", [False, True])
+def test_without_its_script_the_page_says_so_and_shows_no_dead_stop(
+    stack: Stack, page: Page, browser: Browser, has_javascript: bool
 ) -> None:
-    """Neither Stop nor anything else that would do nothing is there; the way back to the robots is."""
+    """Nothing that would do nothing is there, also when the script did not arrive; the way back to the robots is."""
     state = page.context.storage_state()
     plain = browser.new_context(
-        ignore_https_errors=True, java_script_enabled=False, storage_state=state
+        ignore_https_errors=True, java_script_enabled=has_javascript, storage_state=state
     )
+    plain.route("**/dist/drive.js*", lambda route: route.abort())
     try:
         dead = plain.new_page()
         dead.goto(f"{stack.url}/robots/{ROBOT}")
-        words = dead.locator("noscript p")
+        words = dead.get_by_test_id("unscripted")
         expect(words).to_be_visible()
-        expect(words).to_contain_text("Driving and stopping need JavaScript")
+        expect(words).to_contain_text("Driving and stopping need this page's script")
         for name in ("stop", "state", "control", "joystick", "stage"):
             expect(dead.get_by_test_id(name)).to_be_hidden()
         expect(dead.get_by_role("link", name="Robots").first).to_be_visible()

@@ -15,6 +15,12 @@ export const matches = (target, selector) => Boolean(target?.closest?.(selector)
 export const asksForKeys = ({ key, ctrlKey, metaKey, altKey, target }) =>
   key === "?" && !(ctrlKey || metaKey || altKey) && !matches(target, TEXT);
 
+// From here on the page does what its markup promises.
+export function noteScript(page = document) {
+  page.body.dataset.scripted = "true";
+  part(page, "unscripted").hidden = true;
+}
+
 // Writes only what changed, so that live regions and layout stay quiet.
 export function setText(element, text) {
   if (element && element.textContent !== text) element.textContent = text;

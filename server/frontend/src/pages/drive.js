@@ -24,7 +24,7 @@ import { ObserverConnection } from "../topics/topicProbe.js";
 import { TopicSwitch, Uplink } from "../topics/uplink.js";
 import { View } from "../video/view.js";
 import { LoginUse, api, serverClock } from "../dom/calls.js";
-import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, part, setText } from "../dom/page.js";
+import { Choices, FIELDS, asksForKeys, byTestId, localTime, matches, noteScript, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 import { driveSettings } from "./settings.js";
 
@@ -94,6 +94,7 @@ const stopBar = new StopBar(root, {
   send: (press) => session.stopRobot(press),
   onReleased: (again) => driveMode.released(again),
 });
+noteScript();
 const topics = new Topics(part(root, "topics"), {
   observerConnection: new ObserverConnection({ requestUrl: () => requestUrl("observe") }),
   ask: () => discovery.refresh(),

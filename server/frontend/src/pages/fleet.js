@@ -12,7 +12,7 @@ import { Toolbar } from "../fleet/toolbar.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { fleet as texts } from "../texts/fleet.js";
 import { LoginUse } from "../dom/calls.js";
-import { byTestId, part, setText } from "../dom/page.js";
+import { byTestId, noteScript, part, setText } from "../dom/page.js";
 import { Presses } from "../dom/presses.js";
 
 const ARRANGE_EVERY_MS = 1000;
@@ -156,6 +156,7 @@ const feed = new Feed({
 });
 
 feed.start();
+noteScript();
 const nearest = part(main, "nearest"); // only where the site has other machines
 if (nearest) showNearest(nearest);
 new Presses().watch(window);

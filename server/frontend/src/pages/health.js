@@ -2,7 +2,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
-import { byTestId, part, setText } from "../dom/page.js";
+import { byTestId, noteScript, part, setText } from "../dom/page.js";
 import { drawCharts } from "../health/charts.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { showDataState } from "../queue/requestRows.js";
@@ -82,6 +82,7 @@ for (const button of rangeButtons) {
 }
 robot.addEventListener("change", showHistory);
 new LoginUse().watch(window);
+noteScript();
 setText(part(main, "history-state"), historyTexts.loading);
 tickWhileSeen(() => {
   poller.tick();

@@ -3,7 +3,7 @@
 
 import { api, LoginUse } from "../dom/calls.js";
 import { KeyedRows, madeBy } from "../dom/keyedRows.js";
-import { byTestId, localTimestamp, part, setText } from "../dom/page.js";
+import { byTestId, localTimestamp, noteScript, part, setText } from "../dom/page.js";
 import { isNew, markNew, Presses } from "../dom/presses.js";
 import { ReloadStore } from "../control/driveMode.js";
 import { Alerts } from "../queue/alerts.js";
@@ -188,4 +188,5 @@ new Presses().watch(window);
 new LoginUse().watch(window);
 showAlerts();
 startTicking(tick, main.dataset.ticker);
+noteScript();
 tick();

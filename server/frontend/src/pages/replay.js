@@ -1,7 +1,7 @@
 // The page that plays a recording back. Loaded by recording.html.
 
 import { LoginUse } from "../dom/calls.js";
-import { TYPING, make, makeButton, matches, part, setText } from "../dom/page.js";
+import { TYPING, make, makeButton, matches, noteScript, part, setText } from "../dom/page.js";
 import { COMMANDS, CONTROL, DriveState, ROUND_TRIPS, SEEN_AGES, historyOf } from "../replay/driveState.js";
 import { MapOfDrive } from "../replay/mapOfDrive.js";
 import { ReplayVideo, camerasOf, frameOf } from "../replay/replayVideo.js";
@@ -269,5 +269,6 @@ if (typeof document !== "undefined") {
   const root = /** @type {HTMLElement} */ (document.querySelector("[data-part=replay]"));
   part(root, "again").addEventListener("click", () => location.reload());
   new LoginUse().watch(window);
+  noteScript();
   open(root);
 }

@@ -2,7 +2,7 @@
 
 import { Feed } from "../client/feed.js";
 import { api, LoginUse } from "../dom/calls.js";
-import { byTestId, Choices, localTimestamp, matches, part, setText, TYPING } from "../dom/page.js";
+import { byTestId, Choices, localTimestamp, matches, noteScript, part, setText, TYPING } from "../dom/page.js";
 import { Presses, isNew, markNew } from "../dom/presses.js";
 import { offerDrive } from "../fleet/cards.js";
 import { filterOf, fromQuery, inNameOrder, toQuery } from "../fleet/filters.js";
@@ -170,4 +170,5 @@ hand.listen(part(main, "wall"));
 new Presses().watch(window);
 new LoginUse().watch(window);
 feed.start();
+noteScript();
 tickWhileSeen(() => poller.tick());
