@@ -53,6 +53,10 @@ def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, sta
     _do(page, stack, "/admin/robots/lift/rename", "Robot lift is now crane.", New_name="crane")
     expect(page.get_by_test_id("robot-name")).to_have_text("crane")
     expect(open_before.get_by_test_id("state")).to_contain_text("called crane now", timeout=15_000)
+    # Another robot may be called lift by now.
+    open_before.get_by_test_id("drawer-open").click()
+    expect(open_before.get_by_test_id("driving-help")).to_be_visible()
+    expect(open_before.get_by_test_id("record")).to_be_hidden()
     open_before.get_by_test_id("state-action").click()
     expect(open_before).to_have_url(f"{stack.url}/robots/crane")
     open_before.close()

@@ -198,9 +198,16 @@ function endAll({ login, gone }) {
   driveMode.end();
   byTestId(root, "control").hidden = true;
   stopBar.end();
-  if (gone) findRenamed();
+  if (gone) leaveRobot();
   const why = gone ? "gone" : "rights_ended";
   view.refuse(login ? "login_missing" : why);
+}
+
+// Another robot may have got the name by which all of the menu asks.
+function leaveRobot() {
+  findRenamed();
+  askForHelp.receive([]);
+  for (const element of part(root, "drawer").querySelectorAll(":scope > :is(section, details)")) element.hidden = true;
 }
 
 // A robot that got another name keeps its MAC.
@@ -341,7 +348,7 @@ window.addEventListener("pagehide", () => {
 window.addEventListener("pageshow", ({ persisted }) => persisted && location.reload());
 setInterval(() => interlock.check(), CHECK_MS);
 setInterval(checkSilence, SILENCE_CHECK_MS);
-tickWhileSeen(() => helpPoller.tick());
+tickWhileSeen(() => connection.state.gone || helpPoller.tick());
 connection.start();
 view.start();
 feed.start();
