@@ -76,11 +76,12 @@ class RouteSource:
         Nor is anything throttled at its robot, where the last one, which stops, could be the one that is left out.
         """
         request = self.request(robot)
-        share = shared_topics.watch if self.is_drive else shared_topics.join
-        self._shared = share(robot, request, self, MAX_STANDING_TOPICS)
+        self._shared = shared_topics.watch(robot, request, self, MAX_STANDING_TOPICS)
         if self.is_drive:
             self._shared.date_for(self)
             self.problem = self._shared.failure or ""
+        else:
+            shared_topics.give_missed(self._shared, self)
 
     def request(self, robot: RelayRobot) -> TopicRequest:
         """Return what it subscribes to; raise the problem when the robot's policy does not allow it."""

@@ -32,6 +32,8 @@ from robotether_server.relay.channels.rosbridge.topic_link import (
     MessageTooLargeError,
     TopicLinks,
 )
+from robotether_server.relay.routes.source import RouteSource
+from route_world import FOLLOW
 
 ODOM = {"op": "subscribe", "topic": "/odom"}
 
@@ -174,6 +176,10 @@ async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, 
         assert got == received
         got.clear()
     assert not topic.is_asked_for
+    route = RouteSource(replace(FOLLOW, source_topic=name), lambda: None, is_drive=False)
+    topics._open(SharedTopic(sim1, route.request(sim1))).on_message(b"arm", aiohttp.WSMsgType.TEXT)
+    route.open(sim1, topics)
+    assert route.take(0).data == b"arm"
     topics.end_all_of(sim1.id)
 
 
