@@ -160,7 +160,7 @@ def _parse_field(name: str, kind: str) -> RosField:
         kind, length = sequence[1], 0
     # What rosapi makes of a sequence with a bound.
     kind = kind.partition(",")[0]
-    if array := re.fullmatch(r"(.+)\[(?:<=)?(\d*)\]", kind):
+    if array := re.fullmatch(r"(.+)\[(?:<=)?(\d{0,9})\]", kind):
         is_bound = "<=" in kind
         kind, length = array[1], 0 if is_bound or not array[2] else int(array[2])
     if length is not None and length > MAX_ARRAY:

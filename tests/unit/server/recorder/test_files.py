@@ -186,6 +186,7 @@ def typedef(name, *types, length=-1):
         [typedef("x", "../C")],
         [typedef("x")],
         [typedef("x", "int8[9999999]", length=0)],
+        [typedef("x", f"int8[{'9' * 5000}]")],
         [
             {"type": f"a/{name}", "fieldnames": ["x"] * 1000, "fieldtypes": ["int8"] * 1000}
             | {"fieldarraylen": [-1] * 1000}
@@ -196,7 +197,7 @@ def typedef(name, *types, length=-1):
             | {"fieldarraylen": [-1] * 1000}
         ],
     ],
-    ids=["none", "itself", "line", "path", "few", "long", "many", "much"],
+    ids=["none", "itself", "line", "path", "few", "long", "digits", "many", "much"],
 )
 def test_a_hostile_robots_types_are_refused(typedefs):
     with pytest.raises(UnknownTypeError):
