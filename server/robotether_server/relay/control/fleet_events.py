@@ -254,22 +254,16 @@ class Subscriber(ChangedRobots):
 
         Names that end come first: another robot may have one of them now.
         """
-        robot_ids = self.pop()
-        removed = [event for robot_id in robot_ids for event in self._removed(robot_id)]
-        return removed + [event for robot_id in robot_ids for event in self._updated(robot_id)]
-
-    def _removed(self, robot_id: int) -> Iterator[Event]:
-        robot = self._fleet_events.find(self.user_id, robot_id)
-        before = self._objects.get(robot_id)
-        if before is not None and (robot is None or robot.name != before.name):
-            del self._objects[robot_id]
-            yield "removed", RemovedRobot(before.name)
-
-    def _updated(self, robot_id: int) -> Iterator[Event]:
-        robot = self._fleet_events.find(self.user_id, robot_id)
-        if robot is None:
-            return
-        robot_object = self._fleet_events.describe(robot)
-        if robot_object != self._objects.get(robot_id):
-            self._objects[robot_id] = robot_object
-            yield "robot", robot_object
+        robots = {each: self._fleet_events.find(self.user_id, each) for each in self.pop()}
+        events: list[Event] = []
+        for robot_id, robot in robots.items():
+            before = self._objects.get(robot_id)
+            if before is not None and (robot is None or robot.name != before.name):
+                del self._objects[robot_id]
+                events.append(("removed", RemovedRobot(before.name)))
+        for robot in filter(None, robots.values()):
+            robot_object = self._fleet_events.describe(robot)
+            if robot_object != self._objects.get(robot.id):
+                self._objects[robot.id] = robot_object
+                events.append(("robot", robot_object))
+        return events
