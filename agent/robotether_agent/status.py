@@ -202,9 +202,12 @@ def render(status: Status, now: float, no_encoder: str = "") -> str:
     """Return `status` for a person; `no_encoder` says why video is always JPEG."""
     state, runs = MEANINGS.get(status.state, status.state), is_alive(status, now)
     if not runs and status.state != "stopped":
-        state = f"not running (last sign of life {_when(status.written_at)})"
+        # It does not run, hangs, or cannot write the status.
+        state = f"no sign of life since {_when(status.written_at)}; see systemctl status robotether-agent"
+    else:
+        state = f"{state} since {_when(status.since)}"
     rows = [
-        ("state", f"{state} since {_when(status.since)}"),
+        ("state", state),
         ("robot", status.robot or "(no name yet)"),
         ("server", status.server),
         ("mac", _mac(status)),

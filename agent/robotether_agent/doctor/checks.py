@@ -14,7 +14,7 @@ import aiohttp
 
 from robotether_agent import systemd
 from robotether_agent.describe_error import describe_error
-from robotether_agent.doctor import Finding, fail, ok, server, skipped, tunnel, warning
+from robotether_agent.doctor import FAIL, Finding, fail, ok, server, skipped, tunnel, warning
 from robotether_agent.doctor.encoder import check_encoder
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
@@ -31,7 +31,8 @@ from robotether_agent.tasks import within
 from robotether_agent.tunnel.openssh import target_of
 
 TIMEOUT_S = 4.0
-ENOUGH_MB = 20
+# Minimum free space for the key and its like, and in memory for the status and what the guard notes.
+ENOUGH_MB, ENOUGH_RUN_MB = 20, 1
 # Parameters with which rosbridge for ROS 2 calls services and sends goals beside other messages of a connection.
 IN_NEW_THREAD = ("call_services_in_new_thread", "send_action_goals_in_new_thread")
 FORGET = "if this disk is a copy, make it a robot of its own: sudo robotether-agent forget"
@@ -71,12 +72,19 @@ async def run_checks(settings: Settings) -> AsyncIterator[Finding]:
 
 
 def check_disk(settings: Settings) -> Finding:
-    """Whether the agent could keep its state; an enrolled robot connects without."""
-    place = settings.state_dir
-    step = "disk"
+    """Whether the agent could keep its state, without which an enrolled robot connects, and the guard drive at all."""
+    place, run_dir = settings.state_dir, settings.run_dir
     if not place.is_dir():
-        return fail(step, f"there is no {place}", "start the agent, or run: robotether-agent key")
-    room = os.statvfs(place)
+        return fail("disk", f"there is no {place}", "start the agent, or run: robotether-agent key")
+    findings = [_check_room(place, ENOUGH_MB)]
+    if run_dir.is_dir():
+        # Else the agent makes it as it starts.
+        findings.append(_check_room(run_dir, ENOUGH_RUN_MB))
+    return next((finding for finding in findings if finding.state == FAIL), findings[0])
+
+
+def _check_room(place: Path, enough_mb: int) -> Finding:
+    step, room = "disk", os.statvfs(place)
     if room.f_flag & os.ST_RDONLY:
         return fail(step, f"{place} is read-only", READ_ONLY[1])
     if not os.access(place, os.W_OK):
@@ -85,7 +93,7 @@ def check_disk(settings: Settings) -> Finding:
     free_mb = room.f_bavail * room.f_frsize // 1_000_000
     if room.f_files and not room.f_favail:
         return fail(step, f"{place}: {NO_INODES[0]}, though {free_mb} MB are", NO_INODES[1])
-    if free_mb < ENOUGH_MB:
+    if free_mb < enough_mb:
         return fail(step, f"{place} has {free_mb} MB left", FULL_ADVICE)
     return ok(step, f"{place} is writable, {free_mb} MB are free")
 

@@ -125,6 +125,13 @@ def check_service(
             f"systemd says that it is {state}",
             f"{START}; journalctl -u robotether-agent",
         )
+    if status is None and state == "active":
+        why = "systemd says that it is active, but it writes no status"
+        return fail(
+            "service",
+            why,
+            "journalctl -u robotether-agent; sudo systemctl restart robotether-agent",
+        )
     if status is None:
         return fail("service", "no agent runs", START)
     return ok("service", f"robotether-agent {status.agent_version} runs (pid {status.pid:.0f})")

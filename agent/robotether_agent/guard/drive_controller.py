@@ -41,6 +41,7 @@ from robotether_agent.guard.topics import (
     Topic,
     Topics,
 )
+from robotether_agent.problems import StateUnusableError
 
 # Maximum time by which a timestamp may be ahead, for the drift of two clocks; more would hide an
 # age.
@@ -436,8 +437,10 @@ class DriveController:
         was_moving = self._deadman.is_moving(topic.name)
         if command.moves and not was_moving:
             moving = Driven(topic.name, command.shape, topic.type, command.frame_id)
-            if not self._motion.ensure(moving, self._topics):
-                why = "the guard cannot write down that the robot moves"
+            try:
+                self._motion.ensure(moving, self._topics)
+            except StateUnusableError as problem:
+                why = f"the guard {problem.message}"
                 self.refuse(waiting.source, "held", _cannot(topic, why), waiting.message_id)
                 return
             self._wake.set()

@@ -388,19 +388,14 @@ class MotionFile:
         """Keep what the last guard left as this one's own."""
         self._recorded = {entry.topic: entry for entry in driven}
 
-    def ensure(self, moving: Driven, names: Container[str]) -> bool:
-        """Write that a topic moves, before it does; False: it cannot. Others than `names` are left out."""
+    def ensure(self, moving: Driven, names: Container[str]) -> None:
+        """Write that a topic moves, before it does, without others than `names`; StateUnusableError when that fails."""
         if self._recorded.get(moving.topic) == moving:
-            return True
+            return
         others = {name: entry for name, entry in self._recorded.items() if name in names}
         recorded = {**others, moving.topic: moving}
-        try:
-            self.write(list(recorded.values()))
-        except StateUnusableError as problem:
-            log.error("%s", problem)  # noqa: TRY400 - no defect
-            return False
+        self.write(list(recorded.values()))
         self._recorded = recorded
-        return True
 
     def tend(self, now: float, *, moves: bool) -> None:
         """Remove the file when the robot has been at rest for a while."""

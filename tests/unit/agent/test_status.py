@@ -100,11 +100,11 @@ def test_a_problem_that_is_over(place):
     assert headline(writer.status) == "stopped"
 
 
-def test_an_agent_that_no_longer_writes_is_not_running():
+def test_of_an_agent_that_no_longer_writes_nothing_is_known():
     assert is_alive(UP, NOW + STALE_S - 1)
     assert not is_alive(UP, NOW + STALE_S + 1)
     shown = render(replace(UP, stopped_by="ben"), NOW + 60)
-    assert "not running (last sign of life 2023-11-14 22:13:20 UTC)" in shown
+    assert "state         no sign of life since 2023-11-14 22:13:20 UTC; see systemctl" in shown
     # What it said of guard and rosbridge is of then; a stop outlives it.
     assert [word for word in ("guard", "rosbridge", "video", "STOPPED") if word in shown] == [
         "STOPPED"

@@ -47,15 +47,20 @@ def disk(**changes: int) -> SimpleNamespace:
     [
         ({"f_flag": os.ST_RDONLY}, "is read-only"),
         ({"f_bavail": 100}, "has 0 MB left"),
-        ({"f_favail": 0}, "no inode left"),
+        ({"f_favail": 0}, "the disk has no inode left"),
     ],
 )
-def test_a_disk_without_room(settings, monkeypatch, changes, words):
+def test_a_disk_without_room(settings, tmp_path, monkeypatch, changes, words):
+    """The run directory counts, too: without a file there nobody drives, and the status is old."""
+    settings = replace(settings, run_dir=tmp_path)
     assert checks.check_disk(settings).state == OK
-    monkeypatch.setattr(os, "statvfs", lambda _: disk(**changes))
-    found = checks.check_disk(settings)
-    assert found.state == FAIL
-    assert words in found.detail
+    for full in (settings.state_dir, settings.run_dir):
+        monkeypatch.setattr(
+            os, "statvfs", lambda at, full=full: disk(**changes if at == full else {})
+        )
+        found = checks.check_disk(settings)
+        assert found.state == FAIL
+        assert f"{full} {words}" in found.detail.replace(":", "")
 
 
 def test_which_mac_names_the_robot(settings, tmp_path):

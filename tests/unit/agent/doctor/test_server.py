@@ -199,7 +199,8 @@ def guard(setting: str) -> Check:
     [
         (service(None), UP, OK, ""),
         (service("failed"), UP, FAIL, ""),
-        (service("active"), None, FAIL, ""),
+        (service("active"), None, FAIL, "it writes no status"),
+        (service(None), None, FAIL, "no agent runs"),
         (tunnel.check_session, UP, OK, "connected to b.example port 443 as sim1"),
         (tunnel.check_session, None, SKIPPED, "no agent"),
         (tunnel.check_session, replace(UP, state="connecting"), FAIL, "the agent is connecting"),

@@ -317,11 +317,16 @@ async def test_a_line_that_breaks_under_a_command_owes_zeros(world: World) -> No
 
 
 async def test_a_motion_that_cannot_be_noted_does_not_begin(tmp_path: Path) -> None:
+    """It begins once it can; until then the driver is told why."""
     world = World(MotionFile(tmp_path / "gone"))
     await world.drive(0.5)
     assert world.publisher.sent == []
     assert world.source.kinds == ["held"]
+    assert f"cannot write {tmp_path}/gone/motion.json: No such" in world.source.refused[0][1]
     assert not world.controller.moving
+    (tmp_path / "gone").mkdir()
+    await world.drive(0.5)
+    assert world.publisher.speeds == [0.5]
 
 
 async def test_the_next_guard_zeroes_what_this_one_left(world: World) -> None:
