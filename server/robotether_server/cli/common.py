@@ -12,7 +12,7 @@ import click
 
 from robotether_server.db import Database, Transaction
 from robotether_server.db.audit import Source
-from robotether_server.problems import RobotetherError
+from robotether_server.problems import RobotetherError, SettingsError
 from robotether_server.settings.server import DatabaseSettings, load
 
 T = TypeVar("T")
@@ -29,8 +29,13 @@ class NotDoneError(RobotetherError, code="not_done"):
 
 
 def open_database() -> Database:
-    """Return the database that the environment names."""
-    return Database(load(DatabaseSettings, os.environ))
+    """Return the database that the environment names, as it does in the container of web."""
+    try:
+        return Database(load(DatabaseSettings, os.environ))
+    except SettingsError as problem:
+        raise NotDoneError(
+            f"{problem.detail}. On the server, run: docker compose exec web robotether"
+        ) from problem
 
 
 def agree(action: str, question: str, without_terminal: str) -> None:
@@ -49,15 +54,22 @@ def remove_after_question(
     get: Callable[[Transaction, str], object],
     remove: Callable[..., object],
     yes: bool,
+    describe: Callable[[Any], Sequence[tuple[str, str]]] = lambda _: (),
 ) -> None:
-    """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may have fields of `record`."""
+    """Ask whether to remove what `get` finds, unless `yes`, and remove it; the question may have fields of `record`.
+
+    What got the name after the question stays.
+    """
     database = open_database()
     with database.transaction() as tx:
         record = get(tx, name)
     if not yes:
+        print_fields(describe(record))
         text = question.format(record=record)
         agree(f"remove {kind} {name}", text, f"say --yes to remove the {kind}")
     with database.transaction() as tx:
+        if getattr(get(tx, name), "id", None) != getattr(record, "id", None):
+            raise NotDoneError(f"did not remove {kind} {name}: another one has the name now")
         remove(tx, SOURCE, name=name)
     click.echo(f"removed {kind} {name}")
 
@@ -76,7 +88,7 @@ def harmless(text: str) -> str:
 
 def print_fields(fields: Sequence[tuple[str, str]]) -> None:
     """Print one record, a field a line."""
-    width = max(len(name) for name, _ in fields)
+    width = max((len(name) for name, _ in fields), default=0)
     for name, value in fields:
         click.echo(f"{name.ljust(width)}  {harmless(value)}")
 

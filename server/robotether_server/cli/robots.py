@@ -8,6 +8,7 @@ import os
 from dataclasses import asdict
 from http import HTTPStatus
 from http.client import HTTPException, HTTPSConnection
+from ssl import SSLCertVerificationError
 from urllib.parse import quote
 
 import click
@@ -20,12 +21,12 @@ from robotether_server.cli.common import (
     YES,
     NotDoneError,
     add_list,
-    agree,
     harmless,
     open_database,
     print_fields,
     print_json,
     print_table,
+    remove_after_question,
     wait_for,
 )
 from robotether_server.cli.robot_keys import (
@@ -89,6 +90,8 @@ def _post_stop(site: SiteAddress, token: str, name: str, reason: str | None) -> 
     except (OSError, HTTPException, KeyError, ValueError, msgspec.MsgspecError) as error:
         # ValueError: the token, or another word, is no text that HTTP takes.
         why = reason_in(error)
+        if isinstance(error, SSLCertVerificationError):
+            why += "; SSL_CERT_FILE can name the file of a certificate that you trust"
     finally:
         connection.close()
     raise NotDoneError(f"nothing confirms that robot {name} is stopped: {harmless(why)}")
@@ -250,15 +253,15 @@ def remove(name: str, yes: bool) -> None:
     Its MAC and ports become free, and its connection ends. An agent that still runs joins again, and waits like any
     unknown robot. There is no undo.
     """
-    database = open_database()
-    with database.transaction() as tx:
-        record = db_robots.get(tx, name)
-    if not yes:
-        print_fields(robot_texts.identity(record))
-        agree(f"remove robot {name}", "Remove it, with its grants?", "say --yes to remove it")
-    with database.transaction() as tx:
-        robots.remove(tx, SOURCE, name)
-    click.echo(f"removed robot {name}")
+    remove_after_question(
+        "robot",
+        name,
+        "Remove it, with its grants?",
+        get=db_robots.get,
+        remove=robots.remove,
+        yes=yes,
+        describe=robot_texts.identity,
+    )
 
 
 @robot.command("wait-online")

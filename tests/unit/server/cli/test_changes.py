@@ -2,6 +2,7 @@
 
 import json
 
+import click
 import pytest
 from admin_records import ADD, activate
 from robotether_server import passwords
@@ -80,3 +81,18 @@ def test_a_removal_asks_first(run, kind, add):
     run(kind, "add", "x", *add)
     assert run(kind, "remove", "x", "--yes").out == f"removed {kind} x\n"
     assert run(kind, "remove", "x", "--yes").status == 1
+
+
+def test_a_removal_is_of_the_robot_that_was_shown(run, database, monkeypatch):
+    """Another one may get its name before the answer."""
+    run("robot", "add", "x", "--mac", "00:1b:44:11:3a:b7")
+
+    def answer(_question):
+        with database.transaction() as tx:
+            tx.change("UPDATE robots SET name = 'y'")
+            tx.change("INSERT INTO robots (mac, name) VALUES ('00:1b:44:11:3a:b8', 'x')")
+        return True
+
+    monkeypatch.setattr(click, "confirm", answer)
+    assert "another one has the name now" in run("robot", "remove", "x", terminal="y\n").err
+    assert len(json.loads(run("robot", "list", "--json").out)) == 2

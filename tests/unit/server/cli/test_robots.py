@@ -104,4 +104,6 @@ def test_stop_reads_a_token_from_a_file_with_lines_and_shows_no_other(run, monke
             done = run("stop", "sim1", "--host", web.address)
             assert "nothing confirms" in done.err
             assert "rt_of" not in done.err
+        monkeypatch.delenv("SSL_CERT_FILE")
+        assert "SSL_CERT_FILE can name" in run("stop", "sim1", "--host", web.address).err
     assert tokens == ["Bearer rt_of_ann"]
