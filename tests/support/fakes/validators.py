@@ -33,7 +33,7 @@ OBSERVING = [
         "id": "call_service:/rosapi/topic_type:2",
         "service": "/rosapi/topic_type",
         "args": {"topic": "/pose"},
-        "timeout": 5.0,
+        "timeout": -1.0,
         "compression": "none",
     },
     {"op": "call_service", "service": "/rosapi/topics", "args": []},

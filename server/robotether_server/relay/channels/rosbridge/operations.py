@@ -50,7 +50,8 @@ LEVELS = ("info", "warning", "error", "none")
 # Of several of one client rosbridge takes the last.
 COMPRESSIONS = ("none", "png", "cbor", "cbor-raw")
 MAX_QUEUE = 1000
-MAX_CALL_S = 60.0
+# Maximum time limit of a call; one that is not positive is none.
+MAX_CALL_S = 86_400.0
 # Minimum and maximum size of a fragment; in a smaller one most bytes would be the fragment's own
 # frame.
 FRAGMENT_BYTES = (100, 2**31 - 1)
@@ -406,7 +407,7 @@ OPERATIONS: Mapping[str, Operation] = {
             "service": ros_name,
             "type": text,
             "args": payload,
-            "timeout": number(0, MAX_CALL_S),
+            "timeout": number(-MAX_CALL_S, MAX_CALL_S),
             **_ANSWER,
         },
         "call",
