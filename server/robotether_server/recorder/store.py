@@ -144,12 +144,8 @@ class RecorderStore:
         )
 
     async def _ask(self, work: Callable[[Transaction], T]) -> T | None:
-        def run() -> T:
-            with self._database.transaction() as tx:
-                return work(tx)
-
         try:
-            result = await asyncio.to_thread(run)
+            result = await asyncio.to_thread(self._database.run, work)
         except StoreError as exc:
             if self.is_up:
                 log.warning("the database is away: %s", exc)
