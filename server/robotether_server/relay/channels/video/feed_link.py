@@ -10,6 +10,7 @@ import asyncio
 import logging
 import math
 import time
+from dataclasses import asdict
 
 from aiohttp import WSMsgType
 from robotether_common.frames import (
@@ -25,13 +26,10 @@ from robotether_server.problems import ProtocolError
 from robotether_server.relay.channels.video.feeds import Feed
 from robotether_server.relay.channels.video.frame_protocol import (
     SenderClock,
-    clock_sync_text,
-    credit_text,
-    key_frame_text,
     parse_clock_sync_answer,
     parse_status,
     parse_text,
-    stream_request_text,
+    write_text,
 )
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
@@ -181,16 +179,17 @@ class FeedSender:
         # Before the first credit: a frame whose timestamp nobody can convert is of no use.
         if now_s - self._synced_s >= CLOCK_SYNC_EVERY_S:
             self._synced_s = now_s
-            await self._send(clock_sync_text(now_s * 1000))
+            await self._send("clock_sync", t_ms=now_s * 1000)
         request = self._feed.stream_request()
         await self._send_request(request, now_s)
         if self._sent_request is None:
             return request is not None
         if self._feed.needs_key_frame and now_s - self._key_requested_s >= KEY_FRAME_EVERY_S:
             self._feed.needs_key_frame, self._key_requested_s = False, now_s
-            await self._send(key_frame_text())
+            await self._send("key_frame")
         if (credit := self._feed.credit()) is not None:
-            await self._send(credit_text(*credit))
+            frames, sequence = credit
+            await self._send("credit", frames=frames, taken=sequence)
         return request is not None and (request != self._sent_request or self._feed.needs_key_frame)
 
     async def _send_request(self, request: StreamRequest | None, now_s: float) -> None:
@@ -199,10 +198,10 @@ class FeedSender:
         if now_s - self._requested_s < REQUEST_EVERY_S:
             return
         self._sent_request, self._requested_s = request, now_s
-        await self._send(stream_request_text(request))
+        await self._send("stream_request", **asdict(request))
 
-    async def _send(self, text: bytes) -> None:
-        await self._socket.send_frame(text, WSMsgType.TEXT)
+    async def _send(self, op: str, **members: object) -> None:
+        await self._socket.send_frame(write_text(op, **members), WSMsgType.TEXT)
 
 
 async def pause(pause_s: float) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict
 from typing import Any, TypeGuard, get_args
 
 from robotether_common.codecs import CODECS, NAMES, decoded_by
@@ -217,43 +216,15 @@ def parse_status(message: Mapping[str, Any]) -> VideoStatus:
     )
 
 
-def stream_request_text(request: StreamRequest) -> bytes:
-    """Write a stream request."""
-    return _written({"op": "stream_request", **asdict(request)})
+def write_text(op: str, **members: object) -> bytes:
+    """Write a text."""
+    return json.dumps({"op": op, **members}, separators=(",", ":")).encode()
 
 
-def credit_text(frames: int, sequence: int | None) -> bytes:
-    """Write a credit."""
-    return _written({"op": "credit", "frames": frames, "taken": sequence})
-
-
-def key_frame_text() -> bytes:
-    """Write a request for a key frame."""
-    return _written({"op": "key_frame"})
-
-
-def clock_sync_text(t_ms: float) -> bytes:
-    """Write a question for the other side's clock."""
-    return _written({"op": "clock_sync", "t_ms": t_ms})
-
-
-def status_message(status: VideoStatus) -> bytes:
-    """Write a status as it is on a viewer's connection."""
-    return _text_message({"op": "status", **asdict(status)})
-
-
-def clock_sync_message(t_ms: float, sender_ms: float) -> bytes:
-    """Write the answer to a clock sync as it is on a viewer's connection."""
-    return _text_message({"op": "clock_sync", "t_ms": t_ms, "sender_ms": sender_ms})
-
-
-def _text_message(message: Mapping[str, object]) -> bytes:
-    text = _written(message)
+def write_message(op: str, **members: object) -> bytes:
+    """Write a text as it is on a viewer's connection."""
+    text = write_text(op, **members)
     return websocket_header(WHOLE_TEXT, len(text)) + text
-
-
-def _written(message: Mapping[str, object]) -> bytes:
-    return json.dumps(message, separators=(",", ":")).encode()
 
 
 def _is_number(value: object) -> TypeGuard[float]:

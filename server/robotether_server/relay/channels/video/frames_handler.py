@@ -10,7 +10,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections import deque
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from aiohttp import WSMsgType, web
@@ -20,12 +20,11 @@ from robotether_server.db.fleet import RECORDER
 from robotether_server.problems import HttpError, ProtocolError
 from robotether_server.relay.auth.access import Permit, request_of
 from robotether_server.relay.channels.video.frame_protocol import (
-    clock_sync_message,
     parse_clock_sync,
     parse_credit,
     parse_stream_request,
     parse_text,
-    status_message,
+    write_message,
 )
 from robotether_server.relay.channels.video.viewers import (
     Cursor,
@@ -228,13 +227,13 @@ class FramesSession(ClientConnection):
         if self._clock_sync_ms is not None:
             t_ms, self._clock_sync_ms = self._clock_sync_ms, None
             sender_ms = round(time.monotonic() * 1000, 3)
-            return clock_sync_message(t_ms, sender_ms)
+            return write_message("clock_sync", t_ms=t_ms, sender_ms=sender_ms)
         if self._place is None:
             return None
         status = self._place.feed.status
         if status is not None and status is not self._sent_status:
             self._sent_status = status
-            return status_message(status)
+            return write_message("status", **asdict(status))
         return self._next_frame(self._place.cursor)
 
     def _next_frame(self, cursor: Cursor) -> bytes | None:
