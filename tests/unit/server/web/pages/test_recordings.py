@@ -71,7 +71,7 @@ def test_pieces_of_a_viewing_are_one_line_of_the_audit_log(browser, app, number,
     assert len(kinds()) == 2
 
 
-def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
+def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number, recorder_database):
     browser.log_in("ann")
     page = browser.ask("GET", "/recordings?robot=sim1").text
     assert f"recording-{number}" in page
@@ -82,4 +82,7 @@ def test_who_drives_a_robot_sees_and_stops_a_recording(browser, number):
     assert browser.ask("GET", f"/recordings/{number}/file").status_code == 404
     assert send(browser, f"/recordings/{number}/delete").status_code == 404
     assert send(browser, f"/recordings/{number}/stop").status_code == 303
+    with recorder_database.transaction() as tx:
+        tx.change("UPDATE recordings SET progress_at = progress_at - INTERVAL 1 MINUTE")
+    assert "unknown: its recorder is silent" in browser.ask("GET", "/recordings").text
     assert "Nothing matches." in browser.ask("GET", "/recordings?robot=sim2").text
