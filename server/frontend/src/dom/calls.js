@@ -7,7 +7,7 @@ export const api = new Api({ headers: () => ({ "X-CSRFToken": csrfToken() }), on
 // All that this user manages, or those of a site.
 export const stopAll = (site) => api.post("/api/v1/stop", site ? { site } : {}, { keepalive: true });
 
-// The server's time of day, for countdowns: this machine's own may be minutes off. Pure.
+// The server's time of day, for countdowns and ends: this machine's own may be minutes off. Pure.
 const HALF_SECOND_MS = 500; // the header Date has whole seconds, cut off
 
 export class ServerClock {
@@ -22,9 +22,13 @@ export class ServerClock {
     if (Number.isFinite(time)) this.aheadMs = time + HALF_SECOND_MS - this.now();
   }
 
+  get nowMs() {
+    return this.now() + this.aheadMs;
+  }
+
   // Whole seconds until a time of day as the server writes it; never less than 0.
   secondsUntil(iso) {
-    const left = Date.parse(iso) - this.now() - this.aheadMs;
+    const left = Date.parse(iso) - this.nowMs;
     return Math.max(0, Math.ceil(left / 1000)) || 0;
   }
 }

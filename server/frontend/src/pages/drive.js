@@ -106,9 +106,7 @@ new Uplink(part(root, "uplink"), {
 // Drivers have these.
 const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;
 const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
-const recordButton = driveMode.mayDrive
-  ? new RecordButton(root, { robot, me: user, level, api, now: () => Date.now() + serverClock.aheadMs })
-  : null;
+const recordButton = driveMode.mayDrive ? new RecordButton(root, { robot, me: user, level, api, now: () => serverClock.nowMs }) : null;
 
 const askForHelp = new AskForHelp(root, {
   robot,

@@ -1,5 +1,6 @@
 // The ends of grants: shown and typed in the reader's own time, sent in UTC, as the page has them without this script.
 
+import { api, serverClock } from "../dom/calls.js";
 import { make } from "../dom/page.js";
 
 const MINUTE_MS = 60_000;
@@ -49,7 +50,7 @@ function offerUsualEnds(field) {
     // A press must not take the focus: the buttons of a row show as long as its field has it.
     button.addEventListener("pointerdown", (event) => event.preventDefault());
     button.addEventListener("click", () => {
-      field.value = end(new Date());
+      field.value = end(new Date(serverClock.nowMs));
       field.dispatchEvent(new Event("input"));
     });
     return button;
@@ -58,6 +59,7 @@ function offerUsualEnds(field) {
 }
 
 if (typeof document !== "undefined") {
+  api.get("/api/v1/me"); // for the time of its answer: this machine's clock may be wrong
   for (const table of document.querySelectorAll("table.grants")) showLocalTimes(table);
   for (const field of document.querySelectorAll("table.grants input[type=datetime-local]")) offerUsualEnds(field);
 }
