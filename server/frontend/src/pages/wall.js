@@ -133,9 +133,9 @@ const poller = new Poller({
     showSoon();
   },
   onState: (state) => {
-    const lost = state.name === "lost";
-    main.dataset.stale = String(lost);
-    setText(requestState, lost ? dataTexts.lost({ ...state, since: state.since && localTimestamp(state.since) }) : "");
+    const { name, since } = state;
+    main.dataset.stale = String(name !== "live");
+    setText(requestState, name === "live" ? "" : dataTexts[name]({ ...state, since: since && localTimestamp(since) }));
     showSoon();
   },
   everyMs: REQUESTS_EVERY_MS,
