@@ -138,13 +138,13 @@ class Health:
                 self._is_rosbridge_up = False
             cause = socket.exception()
         raise self._rosbridge_down(
-            describe_error(cause, TIMEOUT_S) if cause else "it closed the connection"
+            describe_error(cause, self._every_s / 2) if cause else "it closed the connection"
         )
 
     async def _connect_rosbridge(
         self, http: aiohttp.ClientSession
     ) -> aiohttp.ClientWebSocketResponse:
-        # aiohttp's types differ before Python 3.11.
+        # It gives a pong half of that time. Its types differ before Python 3.11.
         return await http.ws_connect(  # type: ignore[return-value, unused-ignore]
             self._rosbridge_url, heartbeat=self._every_s
         )

@@ -23,7 +23,7 @@ from aiohttp import ClientSession, WSMsgType
 from robotether_agent.describe_error import describe_error
 from robotether_agent.fields import JsonObject
 from robotether_agent.rosbridge import Rosbridge, connected
-from robotether_agent.rosbridge_socket import RosbridgeSocket, open_rosbridge
+from robotether_agent.rosbridge_socket import CONNECT_WITHIN_S, RosbridgeSocket, open_rosbridge
 from robotether_agent.tasks import within
 
 RETRY_S = 0.2
@@ -121,7 +121,7 @@ class CmdVelPublisher:
             try:
                 await self._connection(listener)
             except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-                self._log_down(describe_error(error, STALLED_AFTER_S))
+                self._log_down(describe_error(error, CONNECT_WITHIN_S))
             await asyncio.sleep(RETRY_S)
 
     async def _connection(self, listener: PublisherListener) -> None:

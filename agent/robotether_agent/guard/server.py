@@ -42,6 +42,7 @@ from robotether_agent.guard.seen_age import DriverView
 from robotether_agent.guard.topics import Authorization
 from robotether_agent.problems import StateUnusableError
 from robotether_agent.rosbridge_socket import (
+    CONNECT_WITHIN_S,
     FAREWELL_S,
     SEND_BUFFER_BYTES,
     RosbridgeSocket,
@@ -327,7 +328,7 @@ class Server:
         try:
             rosbridge = await open_rosbridge(self._http, url)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            why = describe_error(error, 3)
+            why = describe_error(error, CONNECT_WITHIN_S)
             return _problem(502, f"rosbridge at {url} does not answer: {why}", why)
         try:
             await client.open(request)

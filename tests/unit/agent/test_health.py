@@ -9,6 +9,7 @@ import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from unittest.mock import AsyncMock
 
 import namespaces
 import pytest
@@ -61,6 +62,14 @@ async def test_both_ok_over_one_held_handshake(watch, services, monkeypatch, cap
         return services.handshakes - caplog.text.count("[rosbridge_down]")
 
     await eventually(lambda: held() == 2, lambda: f"{held()} clients beside those that were lost")
+
+
+async def test_the_time_without_an_answer_is_said(watch, services, monkeypatch):
+    health = watch(services.ws_url, services.http_url)
+    await until(health, lambda report: report.ros == "ok")
+    monkeypatch.setattr("aiohttp.web.WebSocketResponse.pong", AsyncMock())
+    report = await until(health, lambda report: report.ros == "down")
+    assert report.ros_detail.endswith(f"does not answer: no answer in {EVERY_S / 2:g} s")
 
 
 IMAGES = {"/camera/image_raw/compressed": "sensor_msgs/msg/CompressedImage"}
@@ -126,7 +135,7 @@ async def test_rosbridge_that_its_network_reaches_is_told_until_it_is_mended(
     await until(health, lambda report: not report.ros_exposed)
     warnings = [line for line in caplog.messages if "0.0.0.0" in line]
     assert len(warnings) == 1
-    assert "past the guard; start it with address:=127.0.0.1" in warnings[0]
+    assert "unless a firewall keeps them out; start it with address:=127.0.0.1" in warnings[0]
 
 
 FIREWALL = Path(__file__).resolve().parents[3] / "ros" / "robotether-ros.nft"

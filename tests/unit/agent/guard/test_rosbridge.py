@@ -14,6 +14,7 @@ from aiohttp import WSMsgType
 from fake_rosbridge import FakeRosbridge
 from robotether_agent.guard.rosbridge import CmdVelPublisher, SubscriberWatch
 from robotether_agent.rosbridge_socket import (
+    CONNECT_WITHIN_S,
     SEND_BUFFER_BYTES,
     RosbridgeSocket,
     new_http,
@@ -81,7 +82,7 @@ async def test_a_rosbridge_that_does_not_read_is_full_and_then_stalled(monkeypat
 
 
 async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
-    failures: list[object] = []
+    failures: list[tuple[object, float]] = []
     monkeypatch.setattr(
         "robotether_agent.guard.rosbridge.describe_error", lambda *why: failures.append(why)
     )
@@ -92,6 +93,7 @@ async def test_it_connects_again_for_ever(monkeypatch: pytest.MonkeyPatch) -> No
         assert not line.can_send
         assert not await line.send(b"{}")
         await until("it has failed", lambda: len(failures) > 1)
+        assert failures[0][1] == CONNECT_WITHIN_S, "the time that is waited for an answer"
         await rosbridge.start()
         await until("it is up again", lambda: heard.on_rosbridge_connected.call_count == 2)
 
