@@ -23,7 +23,9 @@ import aiohttp
 from robotether_agent.files import read_text
 from robotether_agent.problems import StateUnusableError
 
-PAST_GUARD = "anyone in its own network can drive this robot past the guard"
+# A firewall that spares this machine's own connections, as ufw does, does not show from here.
+UNLESS_FIREWALL = "unless a firewall keeps them out"
+PAST_GUARD = f"anyone in its own network can drive this robot past the guard, {UNLESS_FIREWALL}"
 ADDRESS_ADVICE = "start it with address:=127.0.0.1, a parameter of its launch file"
 # rosbridge from 0.11.5 on for ROS 1 is built on Autobahn and passes no address to it.
 FIREWALL_ADVICE = "this rosbridge of ROS 1 ignores address:=127.0.0.1; close its port as docs/howto/ros1-robot.md says"
@@ -55,7 +57,7 @@ def exposed_at(url: str) -> str:
 
     Blocks for TIMEOUT_S for each of the robot's own addresses at most. A service that listens on loopback alone sees no
     connection: the kernel's list says so. One that listens on all interfaces is tried at the robot's own addresses,
-    where a firewall may be in the way.
+    where a firewall may be in the way, if it is one for connections of this machine, too.
     """
     port = port_of(url)
     for address in _listens_beyond_loopback(port):

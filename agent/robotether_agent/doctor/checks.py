@@ -19,7 +19,13 @@ from robotether_agent.doctor.encoder import check_encoder
 from robotether_agent.enrolment import keys
 from robotether_agent.enrolment.enroller import EnrolmentStore
 from robotether_agent.enrolment.identity import IdentityStore, interface_with
-from robotether_agent.exposure import ADDRESS_ADVICE, PAST_GUARD, exposed_at, rosbridge_advice
+from robotether_agent.exposure import (
+    ADDRESS_ADVICE,
+    PAST_GUARD,
+    UNLESS_FIREWALL,
+    exposed_at,
+    rosbridge_advice,
+)
 from robotether_agent.fields import printable
 from robotether_agent.files import FULL_ADVICE, NO_INODES, READ_ONLY
 from robotether_agent.problems import AgentError
@@ -215,7 +221,7 @@ async def check_video(settings: Settings) -> Finding:
     if status >= HTTPStatus.INTERNAL_SERVER_ERROR:
         return fail("video", f"HTTP status {status} at {url}", "see web_video_server's log")
     if exposed := await asyncio.to_thread(exposed_at, url):
-        who = "anyone in its own network can watch"
+        who = f"anyone in its own network can watch, {UNLESS_FIREWALL}"
         return ok("video", f"answers at {url}, and at {exposed}: {who}; or {ADDRESS_ADVICE}")
     return ok("video", f"answers at {url}")
 
