@@ -105,5 +105,6 @@ def test_stop_reads_a_token_from_a_file_with_lines_and_shows_no_other(run, monke
             assert "nothing confirms" in done.err
             assert "rt_of" not in done.err
         monkeypatch.delenv("SSL_CERT_FILE")
+        monkeypatch.setenv("ROBOTETHER_TOKEN", "rt_of_ann")
         assert "SSL_CERT_FILE can name" in run("stop", "sim1", "--host", web.address).err
     assert tokens == ["Bearer rt_of_ann"]
