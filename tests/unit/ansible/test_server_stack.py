@@ -51,7 +51,7 @@ def test_another_firewall_stays_in_charge(tmp_path, active, ufw, sets):
 SETTINGS = """# DB_PARTNER=192.0.2.9:3306
 HTTPS_PORT="8443"   # behind a proxy
 SSH_PORT = 2022
-export PEER_PORT='9444'
+  export PEER_PORT='9444'
 HTTP_PORT=
 DB_PARTNER=192.0.2.2:3306 # the standby
 """
