@@ -3,14 +3,14 @@
 import json
 from collections.abc import Callable
 
-from flask import Blueprint, redirect, render_template, request
+from flask import Blueprint, render_template, request
 from robotether_common import ros
-from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server import schemas
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, seen_robots
 from robotether_server.db.audit import Source
+from robotether_server.db.robots import RobotRow
 from robotether_server.problems import FieldInvalidError, NotPossibleError, RobotetherError
 from robotether_server.services import drive_pages
 from robotether_server.settings import buttons
@@ -24,7 +24,7 @@ from robotether_server.settings.buttons import (
 )
 from robotether_server.web import confirmation, current_user, forms
 from robotether_server.web.confirmation import ConfirmedAction, Words
-from robotether_server.web.forms import METHODS, Saved, form
+from robotether_server.web.forms import Saved, form
 from robotether_server.web.pages.robot_settings import path_of, tabs_of
 from robotether_server.web.pages.setting_fields import BUTTONS
 
@@ -49,14 +49,12 @@ EMPTY = {"name": "", "kind": "publish", "target": "", "type": "", "sends": "{}",
 
 
 @blueprint.get("")
-def show_all(name: str) -> str:
+def show_all(name: str, problem: RobotetherError | None = None) -> str:
     """Show the buttons in their order."""
-    with context().database.transaction() as tx:
-        settings = seen_robots.require(tx, current_user.get(), name, "manage").robot.settings
+    robot = _robot(name)
     present: tuple[Button, ...] = ()
-    problem = None
     try:
-        present = robot_settings.parse(settings).buttons
+        present = robot_settings.parse(robot.settings).buttons
     except FieldInvalidError as error:
         # Somebody wrote by SQL what nobody may set.
         problem = error
@@ -66,14 +64,16 @@ def show_all(name: str) -> str:
         tab=BUTTONS,
         tabs_of_user=tabs_of(name),
         buttons=present,
+        meant=_meant(robot),
         problem=problem,
     )
 
 
 def show_new(name: str, problem: RobotetherError | None = None) -> str:
     """Show the empty form."""
-    _present(name)
-    return _page(name, f"Add a button to robot {name}", EMPTY, problem=problem)
+    robot = _robot(name)
+    _present(robot)
+    return _page(robot, f"Add a button to robot {name}", EMPTY, problem=problem)
 
 
 @form(blueprint, "/new", show_new)
@@ -84,9 +84,10 @@ def add(tx: Transaction, source: Source, name: str) -> Saved:
 
 def show(name: str, place: int, problem: RobotetherError | None = None) -> str:
     """Show the form of a button at its position."""
-    button = _at(name, place)
+    robot = _robot(name)
+    button = _at(robot, place)
     title = f"Button {button.name} of robot {name}"
-    return _page(name, title, _values(button), _was(button), problem)
+    return _page(robot, title, _values(button), _was(button), problem)
 
 
 @form(blueprint, "/<int:place>", show)
@@ -101,11 +102,15 @@ def change(tx: Transaction, source: Source, name: str, place: int) -> Saved:
     return _save(tx, source, name, put)
 
 
-@blueprint.route("/<int:place>/move", methods=METHODS)
-def move(name: str, place: int) -> AnyResponse:
+def show_beside(name: str, place: int, problem: RobotetherError | None = None) -> str:
+    """Show what is wrong with a button at its position beside all of them."""
+    del place
+    return show_all(name, problem)
+
+
+@form(blueprint, "/<int:place>/move", show_beside)
+def move(tx: Transaction, source: Source, name: str, place: int) -> Saved:
     """Swap a button with its neighbour."""
-    if request.method != "POST":
-        return redirect(path_of(name, BUTTONS))
     to = -1 if forms.choice("to", "Direction", ("up", "down")) == "up" else 1
     was = request.form.get("was", "")
 
@@ -116,9 +121,8 @@ def move(name: str, place: int) -> AnyResponse:
         present[at], present[at + to] = present[at + to], present[at]
         return present
 
-    with context().database.transaction() as tx:
-        _change(tx, current_user.source(), name, swapped)
-    return forms.go_on(path_of(name, BUTTONS), f"Button {was} is moved.")
+    _change(tx, source, name, swapped)
+    return path_of(name, BUTTONS), f"Button {was} is moved."
 
 
 def _remove(tx: Transaction, source: Source, name: str, place: int) -> None:
@@ -153,7 +157,7 @@ def _change(tx: Transaction, source: Source, name: str, change_: drive_pages.Cha
 
 
 def _page(
-    name: str,
+    robot: RobotRow,
     title: str,
     present: dict[str, str],
     was: str = "",
@@ -163,7 +167,8 @@ def _page(
     sent = {field: request.form.get(field, "") for field in (*EMPTY, "allow")}
     return render_template(
         "settings/button.html",
-        name=name,
+        name=robot.name,
+        meant=_meant(robot),
         title=title,
         values=sent if problem else present,
         was=was,
@@ -208,30 +213,40 @@ def _was(present: Button) -> str:
     return request.form.get("was", present.name)
 
 
-def _present(name: str) -> tuple[Button, ...]:
-    """Return the robot's buttons, for its managers."""
+def _robot(name: str) -> RobotRow:
+    """Return the robot, for its managers."""
     with context().database.transaction() as tx:
-        settings = seen_robots.require(tx, current_user.get(), name, "manage").robot.settings
+        return seen_robots.require(tx, current_user.get(), name, "manage").robot
+
+
+def _meant(robot: RobotRow) -> str:
+    """Return the MAC of the robot whose form was opened, as another one may get its name."""
+    return request.form.get("meant", robot.mac)
+
+
+def _present(robot: RobotRow) -> tuple[Button, ...]:
     try:
-        return robot_settings.parse(settings).buttons
+        return robot_settings.parse(robot.settings).buttons
     except FieldInvalidError as problem:
         raise NotPossibleError(
-            f"cannot change the buttons of robot {name} until an admin has corrected its settings: {problem.detail}"
+            f"cannot change the buttons of robot {robot.name} until an admin has corrected its settings: "
+            f"{problem.detail}"
         ) from problem
 
 
-def _at(name: str, place: int) -> Button:
-    present = _present(name)
+def _at(robot: RobotRow, place: int) -> Button:
+    present = _present(robot)
     if not 1 <= place <= len(present):
         raise NotPossibleError(
-            f"cannot find button {place} of robot {name}: it may have been removed"
+            f"cannot find button {place} of robot {robot.name}: it may have been removed"
         )
     return present[place - 1]
 
 
 def _confirmation_words(name: str, place: int) -> Words:
-    button = _at(name, place)
-    return {"name": name, "button": button.name, "was": _was(button)}
+    robot = _robot(name)
+    button = _at(robot, place)
+    return {"name": name, "meant": robot.mac, "button": button.name, "was": _was(button)}
 
 
 confirmation.register(

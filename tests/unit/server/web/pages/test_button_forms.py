@@ -55,6 +55,14 @@ def test_a_form_of_before_changes_no_other_button(manager, database):
         assert "have changed meanwhile" in answer.text
     assert names(database) == ["Dock", "Lights on"]
     assert manager.ask("GET", f"{BUTTONS}/3").status_code == 409
+    for path in ("", "/new", "/1", "/1/remove"):
+        assert 'name="meant"' in manager.ask("GET", BUTTONS + path).text, path
+    # Nor one of another robot, which has got the name meanwhile.
+    for path, was in (("new", ""), ("1", "Dock"), ("1/remove", "Dock"), ("1/move", "Dock")):
+        sent = LIGHTS_FORM | {"name": "New", "was": was, "to": "down", "meant": "02:00:00:00:00:99"}
+        answer = send(manager, f"{BUTTONS}/{path}", **sent)
+        assert "what has this name now is another one" in answer.text, path
+    assert names(database) == ["Dock", "Lights on"]
 
 
 def test_what_is_wrong_is_named_and_kept_in_the_form(manager, database):
