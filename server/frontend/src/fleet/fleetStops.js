@@ -89,10 +89,9 @@ export class FleetStops {
   }
 
   settle({ ok, status, detail, body }, site, round, tries) {
-    this.results = (ok && body.robots) || [];
-    this.unreached = (ok && body.cells_unreached) || [];
-    if (this.results.length > 0) return this.list();
-    if (ok) return setText(this.result, texts.stopNone);
+    this.results = ok ? body.robots : [];
+    this.unreached = ok ? body.cells_unreached : [];
+    if (ok) return this.list();
     const why = refusal(status, tries);
     /** @type {(facts: {detail: string, guard: string}) => string} */
     const words = stopTexts[why];

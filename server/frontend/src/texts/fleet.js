@@ -31,7 +31,6 @@ export const fleet = {
   },
   stopUnreached: (machine) =>
     `This machine does not reach ${machine}: robots there get the stop once it does. Stop them on the page of ${machine}.`,
-  stopNone: "No robot to stop.",
   stoppingAll: "Stopping.",
   count: (online, all) => `${online} of ${all} online`,
   shown: (count, listed) => `${count}, ${listed} shown`,
