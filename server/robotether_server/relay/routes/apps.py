@@ -8,6 +8,7 @@ bounded as that of a client without timestamps (docs/adr/0010-age-is-a-bound.md)
 from __future__ import annotations
 
 import asyncio
+import re
 import time
 from collections.abc import Callable
 from functools import partial
@@ -50,7 +51,8 @@ from robotether_server.times import utc_now
 PATH = "/apps/{name:[a-z0-9-]{1,63}}/ros"
 # Maximum number of a user's apps, and of an app's topics either way.
 MAX_APPS, MAX_TOPICS = 8, 32
-MAX_TYPE_LENGTH = 255
+MAX_ID_LENGTH = 255
+TYPE_NAME = re.compile(r"[\w/]{1,255}", re.ASCII)
 MAX_MESSAGE_BYTES = 256 * 1024
 # Maximum rate of messages of all apps of a user; large ones count more than once.
 MAX_MESSAGES_PER_S = 1000
@@ -62,6 +64,8 @@ CLOCK_SYNC = "robotether.clock_sync"
 
 # A user, by id, and the app's name.
 AppKey = tuple[int, str]
+# Types, by topic and by the app's id: it may advertise or subscribe to a topic several times, as with rosbridge.
+Topics = dict[str, dict[str, str]]
 
 
 class AppQuota:
@@ -104,9 +108,8 @@ class App(ClientConnection):
         self.address = address
         self._quota = quota
         self._turns = turns
-        # Types, by topic.
-        self._offered: dict[str, str] = {}
-        self._taken: dict[str, str] = {}
+        self._offered: Topics = {}
+        self._taken: Topics = {}
         # The routes from it and to it.
         self._readers: set[RouteSource] = set()
         self._sources: dict[int, RouteSource] = {}
@@ -117,7 +120,7 @@ class App(ClientConnection):
     def describe(self) -> LiveApp:
         """Describe it as it is now."""
         offered, taken = (
-            [AppTopic(topic, topics[topic]) for topic in sorted(topics)]
+            [AppTopic(topic, [*topics[topic].values()][-1]) for topic in sorted(topics)]
             for topics in (self._offered, self._taken)
         )
         return LiveApp(self.key[1], offered, taken)
@@ -196,17 +199,18 @@ class App(ClientConnection):
         op, topic = message.get("op"), full_name(message.get("topic"))
         if topic is None:
             return "cannot use the message: `topic` must be a topic's name"
+        message_id = "" if message.get("id") is None else str(message["id"])[:MAX_ID_LENGTH]
         match op:
             case "publish":
                 return self._publish(topic, data)
             case "advertise":
-                return self._note(self._offered, topic, message.get("type"))
+                return self._note(self._offered, topic, message_id, message.get("type"))
             case "subscribe":
-                return self._note(self._taken, topic, message.get("type"))
+                return self._note(self._taken, topic, message_id, message.get("type"))
             case "unadvertise":
-                self._forget(self._offered, topic)
+                self._forget(self._offered, topic, message_id)
             case "unsubscribe":
-                self._forget(self._taken, topic)
+                self._forget(self._taken, topic, message_id)
             case _:
                 return "cannot use the message: an app may only use the operations of topics"
         return None
@@ -220,19 +224,21 @@ class App(ClientConnection):
                 source.receive(SourceMessage(data, since_s))
         return None
 
-    def _note(self, topics: dict[str, str], topic: str, type_name: object) -> str | None:
-        if not isinstance(type_name, str) or not 0 < len(type_name) <= MAX_TYPE_LENGTH:
+    def _note(self, topics: Topics, topic: str, message_id: str, type_name: object) -> str | None:
+        if not isinstance(type_name, str) or not TYPE_NAME.fullmatch(type_name):
             return f"cannot use {topic}: `type` must be its type"
-        if not type_name.isprintable() or " " in type_name:
-            return f"cannot use {topic}: `type` must be its type"
-        if topic not in topics and len(topics) >= MAX_TOPICS:
+        types = topics.get(topic, {})
+        if message_id not in types and sum(map(len, topics.values())) >= MAX_TOPICS:
             return f"cannot use {topic}: an app has at most {MAX_TOPICS} topics either way"
-        topics[topic] = type_name
+        topics[topic] = types | {message_id: type_name}
         self._explain()
         return None
 
-    def _forget(self, topics: dict[str, str], topic: str) -> None:
-        topics.pop(topic, None)
+    def _forget(self, topics: Topics, topic: str, message_id: str) -> None:
+        types = topics.pop(topic, {})
+        types.pop(message_id, None)
+        if types and message_id:
+            topics[topic] = types
         self._explain()
 
     def _explain(self) -> None:
@@ -279,11 +285,11 @@ class App(ClientConnection):
         await self._socket.send_message(data, WSMsgType.TEXT, self._turns)
 
 
-def _why_unfit(topics: dict[str, str], topic: str, source: RouteSource, verb: str) -> str:
-    type_name = topics.get(topic)
-    if type_name is None:
+def _why_unfit(topics: Topics, topic: str, source: RouteSource, verb: str) -> str:
+    types = topics.get(topic, {}).values()
+    if not types:
         return f"the app does not {verb} {topic}"
-    return "" if type_name == source.route.type else f"the app has {topic} with another type"
+    return "" if source.route.type in types else f"the app has {topic} with another type"
 
 
 class Apps:

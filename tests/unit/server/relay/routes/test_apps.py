@@ -307,7 +307,9 @@ async def test_an_app_gets_what_its_user_routes_to_it(world, connect):
     await until(
         lambda: world.live() == {1: ("runs", "the app does not subscribe to /pose")}, "so it is"
     )
-    await socket.send_json(TAKE)
+    # Two parts of a page subscribe, and one of them ends.
+    for op, number in (("subscribe", 1), ("subscribe", 2), ("unsubscribe", 1)):
+        await socket.send_json({**TAKE, "op": op, "id": number})
 
     async def send():
         while True:
