@@ -130,7 +130,7 @@ class Agent:
                     self._graph,
                     self._has_video,
                     on_frame_sent=self._on_frame_sent,
-                    on_encoders=self._on_encoders,
+                    on_encoders=lambda text: self._status_writer.set(encoder=text),
                 ),
                 bye="unwatched",
                 reason="nobody watches its video any more",
@@ -263,9 +263,6 @@ class Agent:
     def _on_frame_sent(self, camera: str, frame: int, taken_s: float) -> None:
         if self._guard is not None:
             self._guard.on_frame_sent(camera, frame, taken_s)
-
-    def _on_encoders(self, text: str) -> None:
-        self._status_writer.set(encoder=text)
 
     def _on_config(self, config: SessionConfig) -> None:
         self._features.apply(config)

@@ -27,7 +27,8 @@ NEEDED_MB = 150
 
 def install_video(folder: Path, options: Sequence[str]) -> str:
     """Add PyAV to the version in `folder`, and return why that is impossible, or the empty text."""
-    lock, site = folder / LOCK, _modules_of(folder)
+    lock = folder / LOCK
+    site = folder / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
     if _versions(site):
         return ""
     if not lock.exists():
@@ -42,10 +43,6 @@ def install_video(folder: Path, options: Sequence[str]) -> str:
     finally:
         # Neither pip nor links are on the disk before.
         os.sync()
-
-
-def _modules_of(folder: Path) -> Path:
-    return folder / "lib" / f"python3.{sys.version_info.minor}" / "site-packages"
 
 
 def _versions(site: Path) -> list[str]:

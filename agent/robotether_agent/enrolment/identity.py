@@ -137,7 +137,8 @@ def find_interface(
     """Return `interface`, or the primary physical interface when None; raise InterfaceMissingError."""
     if interface is not None:
         return _named(interface, allow_local=allow_local, root=root)
-    routes = default_routes(root)
+    # Best first, IPv4 before IPv6.
+    routes = _ipv4_default_routes(root) + _ipv6_default_routes(root)
     chosen = choose(physical_interfaces(root, allow_local=allow_local), routes)
     if chosen is None and (local := choose(physical_interfaces(root, allow_local=True), routes)):
         return _named(local.name, allow_local=allow_local, root=root)
@@ -179,11 +180,6 @@ def physical_interfaces(root: Path, *, allow_local: bool) -> list[Interface]:
         except MacError:
             continue
     return interfaces
-
-
-def default_routes(root: Path) -> list[str]:
-    """Return the names of the interfaces with a default route, best first, IPv4 before IPv6."""
-    return _ipv4_default_routes(root) + _ipv6_default_routes(root)
 
 
 def _ipv4_default_routes(root: Path) -> list[str]:

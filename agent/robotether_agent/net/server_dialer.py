@@ -98,16 +98,12 @@ class Banner:
 
 async def _receives_ssh(connection: socket.socket, timeout_s: float, name: str) -> bool:
     try:
-        words = await within(timeout_s, peek(connection, _is_long_enough, 64))
+        words = await within(timeout_s, peek(connection, lambda words: len(words) >= len(SSH), 64))
     except asyncio.TimeoutError:
         return False
     if not words.startswith(SSH):
         raise _no_ssh(name, words)
     return True
-
-
-def _is_long_enough(words: bytes) -> bool:
-    return len(words) >= len(SSH)
 
 
 def _closed(name: str) -> AgentError:

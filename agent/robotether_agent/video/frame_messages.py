@@ -119,10 +119,6 @@ def _credit(message: JsonObject) -> Credit:
     )
 
 
-def _clock_sync(message: JsonObject) -> ClockSync:
-    return ClockSync(get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS))
-
-
 def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[Any, Any]) -> Any:
     """Return the field, within the bounds `of`, or its default where it is missing or null."""
     return default if message.get(name) is None else get(message, name, *of)
@@ -131,6 +127,8 @@ def _or(message: JsonObject, name: str, default: Any, get: Getter, *, of: tuple[
 READERS: dict[str, Callable[[JsonObject], Request]] = {
     "stream_request": _stream_request,
     "credit": _credit,
-    "clock_sync": _clock_sync,
+    "clock_sync": lambda message: ClockSync(
+        get_number(message, "t_ms", -MAX_CLOCK_MS, MAX_CLOCK_MS)
+    ),
     "key_frame": lambda _: KeyFrameRequest(),
 }

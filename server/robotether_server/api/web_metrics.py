@@ -50,7 +50,7 @@ class WebMetrics:
             _Reading(
                 "refused_keys",
                 "SSH keys of strangers that sshd refused, in the audit log's lines of the last hour",
-                lambda: _refused_keys(database),
+                lambda: database.run(audit.count_refused_keys, briefly=True),
             )
         )
         self.registry.register(
@@ -97,11 +97,6 @@ class _Reading(Collector):
         if value is not None:
             family.add_metric([], value)
         return [family]
-
-
-def _refused_keys(database: Database) -> float:
-    with database.transaction(briefly=True) as tx:
-        return audit.count_refused_keys(tx)
 
 
 def _certificate_end(certificates: SiteCertificates) -> float | None:

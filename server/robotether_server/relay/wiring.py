@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from functools import partial
 from secrets import token_hex
 
 from aiohttp import web
@@ -36,7 +35,7 @@ from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.channels.rosbridge.handler import BridgeRules
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
-from robotether_server.relay.channels.video.feed_link import run_feed
+from robotether_server.relay.channels.video.feed_link import FeedLink
 from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
@@ -216,7 +215,7 @@ class Relay:
         limit_bytes = settings.message_limit_bytes
         self._client = robot_client()
         media = MediaDialer(self._client, settings.tunnel_host, self.registry)
-        self.feeds = Feeds(self.registry, partial(run_feed, media))
+        self.feeds = Feeds(self.registry, lambda feed: FeedLink(feed, media).run())
         topics_key = token_hex(16).encode()
         cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
         parts = self.metrics.parts
