@@ -4,6 +4,8 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
+# Part of each refusal by the robot's policy, which lasts as long as the connection.
+POLICY_REFUSES = "the robot's policy does not let you"
 MAX_WAIT_S = 30
 USUAL_WAIT_S = 5
 MAX_THROTTLE_MS = 3_600_000

@@ -33,8 +33,8 @@ class Recording:
     `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
     who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
     interrupted: nothing is heard of the recorder. `messages_left_out`: of topics for which the file had no room.
-    `topics_left_out`: the first 50 topics that the file lacks, at least for a part of its time, as it has at most 16 at
-    a time and 200 in all. `cell`: whose machine has the file.
+    `topics_left_out`: the first 50 topics that the file lacks, at least for a part of its time: it has at most 16 at a
+    time and 200 in all, and none that its policy hides from observers. `cell`: whose machine has the file.
     """
 
     id: Count

@@ -24,6 +24,7 @@ from robotether_common.own_topics import own_topics
 from robotether_common.ros import camera_topics
 
 from robotether_server.contract.recordings import NAMESPACE
+from robotether_server.contract.ros import POLICY_REFUSES
 from robotether_server.db.recordings import MAX_TOPICS_LEFT_OUT, RecordableRobot
 from robotether_server.problems import reason_in
 from robotether_server.recorder.cdr import EncodingError, encoder_of
@@ -101,7 +102,7 @@ LAST = frozenset(
 
 
 class ObservedMessage(Struct):
-    """What rosbridge sends: a message of a topic, or an answer to a call."""
+    """What rosbridge sends: a message of a topic, an answer to a call, or why a subscription brings nothing."""
 
     op: str
     topic: str = ""
@@ -109,6 +110,7 @@ class ObservedMessage(Struct):
     id: str | None = None
     values: Any = None
     result: bool = True
+    level: str = ""
 
 
 class TopicWriter:
@@ -139,7 +141,7 @@ class TopicWriter:
 class RobotObserver:
     """Everything that one robot sends to observers, until `run` is cancelled; `drive_topic` gives its drive topic.
 
-    `on_left_out` gets the topics that find no place now.
+    `on_left_out` gets the topics that bring nothing or find no place now.
     """
 
     def __init__(
@@ -223,6 +225,9 @@ class RosbridgeObserver:
         self._drive_topic = drive_topic
         self._on_left_out = on_left_out
         self._writers: dict[str, TopicWriter] = {}
+        # The topics that bring nothing, and whether that lasts; and those without a place.
+        self._failing: dict[str, bool] = {}
+        self._beyond: Sequence[str] = ()
         self._types: dict[str, RosType | None] = {}
         self._numbers = itertools.count(1)
         # Number of texts of which nobody knows what they are.
@@ -248,6 +253,7 @@ class RosbridgeObserver:
             self._unreadable += 1
             return
         if message.op == "publish" and (writer := self._writers.get(message.topic)) is not None:
+            self._failing.pop(message.topic, None)
             recorded = writer.message(message.msg, time.time_ns())
             if recorded is not None:
                 self._write(recorded)
@@ -256,6 +262,14 @@ class RosbridgeObserver:
             is_good = message.result and isinstance(message.values, dict)
             if not answer.done():
                 answer.set_result(message.values if is_good else {})
+        elif message.op == "status" and message.level == "error" and message.id in self._writers:
+            lasts = self._failing[message.id] = POLICY_REFUSES.encode() in bytes(message.msg)
+            if lasts:
+                del self._writers[message.id]
+            self._report_left_out()
+
+    def _report_left_out(self) -> None:
+        self._on_left_out([*self._failing, *self._beyond][:MAX_TOPICS_LEFT_OUT])
 
     async def _discover(self) -> None:
         while True:
@@ -271,12 +285,13 @@ class RosbridgeObserver:
             recordable = [
                 topic
                 for topic, kind in own.items()
-                if not topic.startswith(NAMESPACE) and kind not in LARGE
+                if not (topic.startswith(NAMESPACE) or kind in LARGE or self._failing.get(topic))
             ]
             # Of those that are worth the same, the ones that are recorded stay.
             recordable.sort(key=lambda name: (_rank(own[name]), name not in self._writers, name))
             chosen = recordable[:MAX_RECORDED_TOPICS]
-            self._on_left_out(recordable[MAX_RECORDED_TOPICS:][:MAX_TOPICS_LEFT_OUT])
+            self._beyond = recordable[MAX_RECORDED_TOPICS:][:MAX_TOPICS_LEFT_OUT]
+            self._report_left_out()
             for topic in chosen:
                 if topic not in self._writers and len(self._writers) >= MAX_RECORDED_TOPICS:
                     await self._unsubscribe(
@@ -287,20 +302,22 @@ class RosbridgeObserver:
 
     async def _unsubscribe(self, topic: str) -> None:
         del self._writers[topic]
+        self._failing.pop(topic, None)
         await self._send(op="unsubscribe", topic=topic)
 
     async def _subscribe(self, topic: str, kind: str) -> None:
         if (writer := self._writers.get(topic)) is not None:
-            if writer.kind == kind:
+            if writer.kind == kind and topic not in self._failing:
                 return
             # Its publisher has come back with another type; rosbridge passes none on while somebody has the old one.
+            # Or the relay has refused it, for too many topics.
             await self._unsubscribe(topic)
         self._writers[topic] = TopicWriter(self._robot, topic, kind, await self._type(kind))
         # In whichever namespace.
         throttle_ms = 0 if topic.rpartition("/")[2] in UNTHROTTLED else THROTTLE_MS
         await self._send(
             op="subscribe",
-            id=f"recorder:{next(self._numbers)}",
+            id=topic,
             type=kind,
             topic=topic,
             compression="none",

@@ -161,7 +161,7 @@ class RobotRecorder:
         self._client = client
         self._folder = folder
         self._observing: asyncio.Task[None] | None = None
-        # The topics that find no place now.
+        # The topics of which nothing comes now.
         self._left_out: Sequence[str] = ()
         # The last message of the topic control, with which each file begins, and what it says.
         self._control: RecordedMessage | None = None
@@ -237,7 +237,7 @@ class RobotRecorder:
             self.write(recorded)
 
     def on_left_out(self, topics: Sequence[str]) -> None:
-        """The robot has topics that find no place now."""
+        """The robot has topics of which nothing comes now."""
         self._left_out = topics
         for recording in self.recordings.values():
             recording.note_left_out(topics)

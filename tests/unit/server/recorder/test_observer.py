@@ -7,6 +7,7 @@ import struct
 
 import pytest
 from aiohttp import WSMessage, WSMsgType
+from robotether_server.contract.ros import POLICY_REFUSES
 from robotether_server.recorder import observer
 from robotether_server.recorder.observer import RosbridgeObserver
 
@@ -24,18 +25,25 @@ class RosbridgeSocket:
     def __init__(self, topics, *messages):
         self._topics, self._messages = topics, messages
         self.throttles = {}
+        # Why the relay refuses topics, by their names.
+        self.refused, self.was_refused = {}, set()
         self._texts = asyncio.Queue()
 
     async def send_str(self, text):
         message = json.loads(text)
         if message["op"] == "subscribe":
-            self.throttles[message["topic"]] = message["throttle_rate"]
             topic = message["topic"]
+            if (why := self.refused.get(topic)) is not None:
+                status = {"op": "status", "level": "error", "id": message["id"], "msg": why}
+                await self._put(json.dumps(status))
+                self.was_refused.add(topic)
+                return
+            self.throttles[topic] = message["throttle_rate"]
             for content in self._messages:
                 await self._put(f'{{"op": "publish", "topic": "{topic}", "msg": {content}}}')
             return
         if message["op"] == "unsubscribe":
-            del self.throttles[message["topic"]]
+            self.throttles.pop(message["topic"], None)
             return
         values = {
             "topics": list(self._topics),
@@ -128,25 +136,34 @@ async def test_what_comes_first_takes_a_place_and_what_has_none_is_named(monkeyp
     """Odometry may come minutes after sixteen others, and these stay in their places but for it."""
     monkeypatch.setattr(observer, "DISCOVER_EVERY_S", 0)
     names, rounds = [f"/{number:02}" for number in range(17)], asyncio.Queue()
+    forbidden = f"cannot subscribe to /pose: {POLICY_REFUSES}; an admin changes it"
     topics = dict.fromkeys(names[1:], "demo/Speed") | {"/image": "sensor_msgs/msg/Image"}
     socket = RosbridgeSocket(topics, "{}")
     observing = asyncio.create_task(
         observing_robot(socket, [].append, on_left_out=rounds.put_nowait).run()
     )
+
+    async def until_left_out(*topics):
+        while await rounds.get() != [*topics]:
+            pass
+
     async with asyncio.timeout(5):
-        assert await rounds.get() == []
+        await until_left_out()
         topics[names[0]] = "demo/Speed"
-        while (left_out := await rounds.get()) == []:
-            pass
-        assert left_out == names[:1]
+        await until_left_out(names[0])
         topics["/odom"] = "nav_msgs/msg/Odometry"
-        while (left_out := await rounds.get()) == names[:1]:
-            pass
-        assert left_out == [names[16], names[0]]
-        await rounds.get()
+        await until_left_out(names[16], names[0])
+        del topics["/odom"]
+        topics["/pose"] = "turtlesim/Pose"
+        socket.refused = {"/pose": forbidden, names[0]: "it sends 48 topics already"}
+        while socket.was_refused != {"/pose", names[0]}:
+            await rounds.get()
+        await until_left_out("/pose", names[0], names[16])
+        socket.refused.clear()
+        await until_left_out("/pose", names[16])
     observing.cancel()
     await asyncio.gather(observing, return_exceptions=True)
-    assert socket.throttles.keys() == {"/odom", *names[1:16]}
+    assert socket.throttles.keys() == {*names[:16]}
 
 
 @pytest.mark.parametrize("broken", ['{"value": "fast"}', "{]"])

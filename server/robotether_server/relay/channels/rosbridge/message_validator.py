@@ -24,6 +24,7 @@ from typing import Any, Literal, NamedTuple
 from robotether_common.guard import STAMP
 from robotether_common.ros import Globs
 
+from robotether_server.contract.ros import POLICY_REFUSES
 from robotether_server.problems import RobotetherError
 from robotether_server.relay.channels.rosbridge.drive_path import DriveCommand, DriveStamp
 from robotether_server.relay.channels.rosbridge.operations import (
@@ -205,7 +206,7 @@ class MessageValidator:
             return (
                 "an observing connection only subscribes and calls rosapi's look-ups of the graph"
             )
-        return "the robot's policy does not let you; an admin changes it on the robot's page"
+        return f"{POLICY_REFUSES}; an admin changes it on the robot's page"
 
     def _count_subscription(self, fields: Mapping[str, Any]) -> None:
         topic, subscription_id = fields["topic"], fields.get("id")
