@@ -41,7 +41,8 @@ MIN_BLIND = 0.001
 MAX_CAMERA_MS = 5000
 ROSBRIDGE_URL = re.compile(r"wss?://\S{1,500}")
 MAX_KEY_LENGTH = 500
-MAX_BY_LENGTH = 100
+# Maximum length of a name: the server ends the session of a robot that reports a longer one.
+MAX_BY_LENGTH = 63
 MAX_CAMERA_LENGTH = 256
 # Maximum time in ms of the robot's clock, of one that has run for 30 years.
 MAX_UPTIME_MS = 1e12

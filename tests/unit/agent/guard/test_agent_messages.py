@@ -30,6 +30,7 @@ from robotether_agent.guard.agent_messages import (
 from robotether_agent.guard.drive_messages import DriveLimits, DriveTopics
 from robotether_agent.guard.seen_age import BlindLimits, SeenAges
 from robotether_common.guard import REFUSED_KINDS, STOP_CAUSES
+from robotether_server.db.control import MAX_NAME
 
 URL = "ws://127.0.0.1:9090"
 STANDS = State(stopped=False, by="", moving=False, fence=0)
@@ -50,6 +51,8 @@ def read(**line: Any) -> AgentMessage | None:
         ({"type": "lease", "fence": 13, "held": True}, LeaseUpdate(13, held=True)),
         ({"type": "stop", "id": "5f", "by": "ben"}, StopRequest("5f", "ben")),
         ({"type": "stop"}, StopRequest("", "")),
+        # The server must read what the guard reports of it.
+        ({"type": "stop", "by": "x" * 99}, StopRequest("", "x" * (MAX_NAME - 3) + "...")),
         ({"type": "release", "id": "77", "by": "ann"}, ReleaseRequest("77", "ann")),
         (
             {"type": "frame", "camera": "/a", "frame": 2**32 - 1, "taken_ms": 12.5},
