@@ -26,7 +26,7 @@ from robotether_agent.describe_error import describe_error
 from robotether_agent.exposure import PAST_GUARD, exposed_at, port_of, rosbridge_advice
 from robotether_agent.problems import AgentError, RosbridgeDownError, VideoSourceDownError
 from robotether_agent.rosbridge import RosGraph
-from robotether_agent.rosbridge_socket import new_http
+from robotether_agent.rosbridge_socket import CONNECT_WITHIN_S, new_http, open_rosbridge
 from robotether_agent.tasks import first_of, within
 from robotether_agent.video.sources import SourceSettings, cameras_by_rosbridge
 
@@ -125,9 +125,9 @@ class Health:
     async def _hold_rosbridge(self, http: aiohttp.ClientSession) -> None:
         """Hold one WebSocket as long as rosbridge answers its pings."""
         try:
-            socket = await within(TIMEOUT_S, self._connect_rosbridge(http))
+            socket = await open_rosbridge(http, self._rosbridge_url, heartbeat_s=self._every_s)
         except (aiohttp.ClientError, OSError, asyncio.TimeoutError) as error:
-            raise self._rosbridge_down(describe_error(error, TIMEOUT_S)) from error
+            raise self._rosbridge_down(describe_error(error, CONNECT_WITHIN_S)) from error
         async with socket:
             await self._ros_is(None)
             self._is_rosbridge_up = True
@@ -137,16 +137,9 @@ class Health:
             finally:
                 self._is_rosbridge_up = False
             cause = socket.exception()
+        # aiohttp gives a pong half of the heartbeat's time.
         raise self._rosbridge_down(
             describe_error(cause, self._every_s / 2) if cause else "it closed the connection"
-        )
-
-    async def _connect_rosbridge(
-        self, http: aiohttp.ClientSession
-    ) -> aiohttp.ClientWebSocketResponse:
-        # It gives a pong half of that time. Its types differ before Python 3.11.
-        return await http.ws_connect(  # type: ignore[return-value, unused-ignore]
-            self._rosbridge_url, heartbeat=self._every_s
         )
 
     async def _ask_video(self, http: aiohttp.ClientSession) -> None:
