@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from robotether_server import identity, schemas
-from robotether_server.db import Transaction, audit, seen_robots, users
+from robotether_server.db import Transaction, audit, cells, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import RobotRow
@@ -19,11 +19,15 @@ JUMP_USER = "jump"
 
 @dataclass(frozen=True)
 class ShellEntry:
-    """A robot's shell; `shell_user` None: the account that ssh would take anyway."""
+    """A robot's shell; `shell_user` None: the account that ssh would take anyway.
+
+    `server`: host and port of the sshd where the robot is online; None: any, or unknown.
+    """
 
     robot: str
     shell_port: int
     shell_user: str | None
+    server: tuple[str, int] | None = None
 
 
 def add(tx: Transaction, source: Source, user: User, name: str | None, line: str) -> SshKey:
@@ -54,8 +58,14 @@ def _details(user: User, key: SshKey) -> dict[str, object]:
 
 def shell_entries(tx: Transaction, user: User) -> list[ShellEntry]:
     """Return the shells that this user may reach, by the robots' names."""
+    has_cells = len(cells.read(tx)) > 1
     return [
-        ShellEntry(seen.robot.name, seen.robot.shell_port, _shell_user(seen.robot))
+        ShellEntry(
+            seen.robot.name,
+            seen.robot.shell_port,
+            _shell_user(seen.robot),
+            _server_of(tx, seen.robot.id) if has_cells else None,
+        )
         for seen in seen_robots.list_seen(tx, user)
         if seen.robot.shell_port is not None
         and seen.robot.state == "active"
@@ -65,21 +75,26 @@ def shell_entries(tx: Transaction, user: User) -> list[ShellEntry]:
 
 def render_config(entries: Sequence[ShellEntry], host: str, port: int) -> str:
     """Return the text for ~/.ssh/config; `host` and `port` are where this site's sshd is reached."""
+    return "\n".join(_entry(entry, *(entry.server or (host, port))) for entry in entries)
+
+
+def _entry(entry: ShellEntry, host: str, port: int) -> str:
     address = f"[{host}]" if ":" in host else host
-    return "\n".join(_entry(entry, f"{JUMP_USER}@{address}:{port}") for entry in entries)
-
-
-def _entry(entry: ShellEntry, jump: str) -> str:
     lines = [
         f"Host {entry.robot}",
         "    HostName 127.0.0.1",
         f"    Port {entry.shell_port}",
         f"    HostKeyAlias robotether-{entry.robot}",
-        f"    ProxyJump {jump}",
+        f"    ProxyJump {JUMP_USER}@{address}:{port}",
     ]
     if entry.shell_user is not None:
         lines.append(f"    User {entry.shell_user}")
     return "\n".join(lines) + "\n"
+
+
+def _server_of(tx: Transaction, robot_id: int) -> tuple[str, int] | None:
+    cell = cells.find_of_robot(tx, robot_id)
+    return None if cell is None or cell.host is None else (cell.host, cell.ssh_ports[0])
 
 
 def _shell_user(robot: RobotRow) -> str | None:

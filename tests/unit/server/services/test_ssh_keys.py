@@ -1,13 +1,16 @@
 """People's SSH keys, and the entries for their ssh."""
 
+import datetime as dt
 import subprocess
 
 import pytest
 from granted import give
 from joins import OTHER_MAC
+from relay_server import cell_settings
 from robot_signer import RobotSigner
-from robotether_server.db import robots, users
+from robotether_server.db import cells, fleet, robots, users
 from robotether_server.db.audit import Source
+from robotether_server.db.fleet import SessionEntry
 from robotether_server.problems import (
     NotPossibleError,
     RecordMissingError,
@@ -50,6 +53,20 @@ def test_entries_are_the_shells_that_one_manages(site):
         for wrong in ("pi\n    ProxyCommand sh", 5, None):
             robots.set_settings(tx, sim1, {"shell_user": wrong})
             assert ssh_keys.shell_entries(tx, ann) == [ENTRY]
+
+
+def test_an_entry_leads_to_the_machine_where_the_robot_is(site, relay_database):
+    with site.database.transaction() as tx:
+        root, sim1 = users.get(tx, "root"), robots.get(tx, "sim1").id
+        robots.set_shell(tx, sim1, on=True)
+    for name in ("a", "b"):
+        with relay_database.transaction() as tx:
+            now, cell = dt.datetime.now(dt.UTC), cell_settings(name, f"{name}.example")
+            cells.write_heartbeat(tx, cell, cells.CellCounts(), now)
+            fleet.write(tx, [SessionEntry(sim1, now, "192.0.2.1")], name)
+    with site.database.transaction() as tx:
+        text = ssh_keys.render_config(ssh_keys.shell_entries(tx, root), "a.example", 2222)
+    assert "ProxyJump jump@b.example:2222" in text
 
 
 @pytest.mark.parametrize("host", ["cloud.example", "192.0.2.1", "2001:db8::1"])
