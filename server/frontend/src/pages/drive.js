@@ -230,7 +230,7 @@ function showBanner() {
   const stopped = control.stopped && { ...control.stopped, at: localTime(control.stopped.at) };
   const drive = { driving, armed, control, stopped, mayDrive, free, again: driveMode.wasStopped };
   banner.show(connection.state, { ...facts, ...drive, video: interlock.kind, hasCamera: view.hasCamera });
-  setText(byTestId(root, "recording"), facts.recording ? recorded(Boolean(control.driver)) : "");
+  setText(byTestId(root, "recording"), recorded(connection.live ? facts.recording : Boolean(facts.recording), Boolean(control.driver)));
   stopBar.offer(driveMode.wasStopped ? "again" : "idle");
 }
 
@@ -303,8 +303,10 @@ const feed = new Feed({
 // What the events alone report is unknown without them.
 function forgetRobot() {
   Object.assign(facts, { rttMs: null, observers: 0 });
+  receiveRecording(null);
   view.overlays.showBattery({ online: false });
   showWatchers();
+  showBanner();
 }
 
 // All that is rarely needed. It is left by its button and by Esc, which a field in it takes first.

@@ -221,8 +221,12 @@ export const seen = {
   parts: (video, held, rest) => `about ${video} ms until it is shown, ${held} ms until the command, ${rest} ms on to the robot`,
 };
 
-// So that nobody is recorded without knowing.
-export const recorded = (drives) => (drives ? "This drive is being recorded." : "This robot is being recorded.");
+// So that nobody is recorded without knowing. `records` is null where nobody says so.
+export function recorded(records, drives) {
+  if (records === null) return "Whether this robot is recorded is not known.";
+  if (!records) return "";
+  return drives ? "This drive is being recorded." : "This robot is being recorded.";
+}
 
 // Not counting this page.
 export const watchers = (count) => (count > 0 ? `${count} watching.` : "");
