@@ -98,7 +98,8 @@ def read_health(
     """Judge all parts of the site."""
     parts = [
         PartHealth("web", "good", "It answers."),
-        _database(recorded_space(database_record, DATABASE_CURRENT_S)),
+        PartHealth("database", "good", "It answers."),
+        _database_disk(recorded_space(database_record, DATABASE_CURRENT_S)),
         *chain.from_iterable(map(_of_cell, cells.read(tx))),
         _sshd(ssh_probe.answers()),
         _certificate(certificates),
@@ -111,12 +112,12 @@ def read_health(
     return SiteHealth([*parts, _prometheus(answers=True)], alerts)
 
 
-def _database(disk: DiskSpace | None) -> PartHealth:
+def _database_disk(disk: DiskSpace | None) -> PartHealth:
+    name = "disk of the database"
     if disk is None:
-        words = "It answers. How full its disk is, is not known on this machine."
-        return PartHealth("database", "good", words)
-    words = f"It answers. {disk.free_part:.0%} of its disk is free."
-    return _judge_free("database", disk.free_part, words, MAKE_ROOM)
+        words = "How full it is, is not known on this machine."
+        return PartHealth(name, "unknown", words, "On the database's machine, see df.")
+    return _judge_free(name, disk.free_part, f"{disk.free_part:.0%} of it is free.", MAKE_ROOM)
 
 
 def _of_cell(cell: Cell) -> list[PartHealth]:
