@@ -25,7 +25,8 @@ short_description: Lists the robots of a Robotether server
 description:
   - Lists the robots that the token's user may see. Each is a host of the group C(robots), with which the playbooks of
     this collection work.
-  - A robot of the name C(localhost) is left out, since Ansible would take it for this machine.
+  - A robot of the name C(localhost), C(robots) or C(all) is left out, since Ansible would take it for this machine, or
+    in place of the group.
   - Each member of a robot's object in the API is a variable with the prefix C(robot_), such as C(robot_mac),
     C(robot_site), C(robot_state), C(robot_online), C(robot_agent_version), C(robot_address) or C(robot_settings).
     Members that only admins may see are missing for others.
@@ -82,8 +83,9 @@ cache_timeout: 60
 """
 
 ROBOTS = "robots"
-# On a host of this name runs what the roles leave to this machine, with an admin's token.
-CONTROLLER = "localhost"
+# On the first runs what the roles leave to this machine, with an admin's token. The others are groups, whose place in
+# Ansible a host of their name takes.
+TAKEN = ("localhost", ROBOTS, "all")
 # What may become a part of ssh's command line; nothing else is taken from a server.
 PLAIN = re.compile(r"[A-Za-z0-9_\[][A-Za-z0-9_.:@\[\]-]*")
 
@@ -143,9 +145,10 @@ class InventoryModule(BaseInventoryPlugin, Constructable, Cacheable):
                 self.inventory.set_variable(ROBOTS, ROLE_PREFIX + name, value)
         shells = shells_of(answers["shells"])
         for robot in answers["robots"]:
-            if robot["name"] == CONTROLLER:
+            if robot["name"] in TAKEN:
                 self.display.warning(
-                    f"left the robot {CONTROLLER} out: Ansible would take it for this machine. Rename it on the server"
+                    f"left the robot {robot['name']} out: Ansible would take it for this machine, or in place of all. "
+                    "Rename it on the server"
                 )
                 continue
             has_groups = self._groups_by("group")

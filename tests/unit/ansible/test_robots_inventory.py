@@ -127,20 +127,25 @@ def test_robots_have_their_sites_states_and_shells(listed, fleet):
         assert not [name for name in variables[other] if name.startswith("ansible")]
 
 
-def test_groups_server_and_pin_are_there_and_no_robot_takes_the_place_of_this_machine(
-    fleet, tmp_path
-):
+# What Ansible takes for this machine, or in place of a group.
+TAKEN = ("localhost", "robots", "all")
+
+
+def test_groups_server_and_pin_are_there_and_no_robot_takes_the_place_of_others(fleet, tmp_path):
     """User groups are those with a grant; a pinned certificate needs no authority; `jump: false` leaves shells out.
 
-    Whoever has a join token chooses a robot's name, and what the roles do on this machine has an admin's token.
+    Whoever has a join token chooses a robot's name. What the roles do on this machine has an admin's token, and with a
+    robot of the group's name the playbooks would work on that one alone.
     """
-    body = {"mac": "00:1b:44:00:00:0a", "public_key": new_public_key()}
-    assert fleet.program("root").ask("PUT", "/robots/localhost", body).status_code == 201
+    for number, name in enumerate(TAKEN):
+        body = {"mac": f"00:1b:44:00:00:1{number}", "public_key": new_public_key()}
+        assert fleet.program("root").ask("PUT", f"/robots/{name}", body).status_code == 201
     der = ssl.PEM_cert_to_DER_cert(fleet.certificate.read_text().partition("-----BEGIN PRIV")[0])
     pin = hashlib.sha256(der).hexdigest()
     options = {"group_by": ["group"], "ca_file": None, "tls_fingerprint": pin, "jump": False}
     done = run(fleet, tmp_path, **options)
-    assert "left the robot localhost out" in " ".join(done.stderr.split())
+    said = " ".join(done.stderr.split())
+    assert all(f"left the robot {name} out" in said for name in TAKEN)
     found = json.loads(done.stdout, object_hook=_plain)
     assert groups_of(found) == {
         "robots": ["rover", "scout", "turtle"],
