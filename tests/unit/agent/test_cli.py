@@ -8,7 +8,6 @@ import json
 import logging
 import os
 import pwd
-import signal
 import subprocess
 import sys
 from collections.abc import AsyncIterator
@@ -183,13 +182,6 @@ def test_not_while_the_agent_runs(robot_environ, place, capsys):
         assert main(["forget", "--yes"], robot_environ) == 75
     assert "sudo systemctl stop robotether-agent" in capsys.readouterr().err
     assert (place / "state/id_ed25519").exists()
-
-
-@pytest.fixture(autouse=True)
-def hangup():
-    before = signal.getsignal(signal.SIGHUP)
-    yield
-    signal.signal(signal.SIGHUP, before)
 
 
 def as_child(code: str) -> str:

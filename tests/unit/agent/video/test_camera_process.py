@@ -202,8 +202,3 @@ async def test_a_silent_camera_is_given_up(monkeypatch):
     monkeypatch.setattr(sources_module, "PROCESS_START_S", 2.0)
     async with FakeRtspCamera(JPEGS[:1], "silent") as camera:
         assert await down_reason(camera.url) == "camera rear sent no frame for 2 s"
-
-
-async def test_without_pyav_the_reason_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(sources_module, "has_pyav", lambda: False)
-    assert "robotether-agent install-video" in await down_reason("rtsp://127.0.0.1/")
