@@ -151,7 +151,9 @@ class Access:
         _check_name(name)
         self.check_origin(request)
         if request.ticket is None:
-            raise TicketMissingError(f"cannot open robot {name}: the request has no ticket")
+            raise TicketMissingError(
+                f"cannot open robot {name}: the request has no ticket; get one by POST /api/v1/tickets, for ?ticket="
+            )
         if (permit := self._permit_of_recorder(request.ticket, name, "observe")) is not None:
             return permit
         ticket, issued_at = self._verified(request.ticket)
@@ -165,7 +167,9 @@ class Access:
         """Let a ticket open its one WebSocket for its user's app `name`, and use it up."""
         self.check_origin(request)
         if request.ticket is None:
-            raise TicketMissingError(f"cannot connect app {name}: the request has no ticket")
+            raise TicketMissingError(
+                f"cannot connect app {name}: it has no ticket; get one by POST /api/v1/tickets/app, for ?ticket="
+            )
         ticket, issued_at = self._verified(request.ticket)
         if ticket.mode != "app" or ticket.robot != name:
             raise TicketForeignError(f"cannot connect app {name}: the ticket is for something else")
