@@ -93,10 +93,7 @@ class _Reading(Collector):
             value = self._read()
         except RobotetherError:
             value = None
-        family = GaugeMetricFamily(*self._family)
-        if value is not None:
-            family.add_metric([], value)
-        return [family]
+        return [GaugeMetricFamily(*self._family, value)]
 
 
 def _certificate_end(certificates: SiteCertificates) -> float | None:

@@ -19,6 +19,7 @@ from prometheus_client import (
     CollectorRegistry,
     Counter,
     Gauge,
+    Info,
     PlatformCollector,
     ProcessCollector,
     generate_latest,
@@ -117,7 +118,8 @@ class Metrics:
             lambda: cells.disk, lambda: cells.recordings_free, DATABASE_RECORD, RECORD
         )
         self.collect_backups(RECORD)
-        self._collect_build(cells.name)
+        build = Info("robotether_build", "What runs here", registry=self._registry)
+        build.info({"version": __version__, "cell": cells.name})
 
     def collect_feeds(self, traffic: FeedTraffic) -> None:
         """Add what feeds count."""
@@ -149,14 +151,6 @@ class Metrics:
     def collect_help_requests(self, read: Callable[[], Sequence[RelayRequest] | None]) -> None:
         """Add the open requests for help, which are those of all cells; None: they are unknown."""
         self._registry.register(_Collector(partial(_read_help_requests, read)))
-
-    def _collect_build(self, cell: str) -> None:
-        """Add which version runs in which cell."""
-        labels = {"version": __version__, "cell": cell}
-        build = GaugeMetricFamily("robotether_build", "What runs here", labels=list(labels))
-        build.name = "robotether_build_info"
-        build.add_metric(list(labels.values()), 1)
-        self._registry.register(_Collector(lambda: [build]))
 
     def collect_robots(self, snapshot: Callable[[], Snapshot], registry: SessionRegistry) -> None:
         """Add what each robot reports to this cell: a bounded number of series for each."""
