@@ -39,9 +39,9 @@ class RobotObject(LiveState, frozen=True, kw_only=True):
 
     `since`: the last change of `online`; null: it was never seen. `end_code`: why its last session ended; null also if
     it is online. `offline_reason`: the same for people; null: it is online. `site`: null: none. `rtt_ms`: of the line
-    between server and robot. `drivers`: at most one user. `battery`: null also if it reports none.
-    `recording`: what it sends, and what its driver does, goes into a file of the site. `help`: how far its request for
-    help is, of several the farthest; none: there is none.
+    between server and robot. `drivers`: at most one user. `observers`: other users who are connected to its rosbridge.
+    `battery`: null also if it reports none. `recording`: what it sends, and what its driver does, goes into a file of
+    the site. `help`: how far its request for help is, of several the farthest; none: there is none.
     """
 
     name: str

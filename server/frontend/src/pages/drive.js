@@ -38,7 +38,7 @@ const { robot = "", mac = "", level = "observe", user = "" } = main.dataset;
 const settings = JSON.parse(main.dataset.settings ?? "{}");
 const odometryTopic = settings.page?.odometry_topic;
 const { driveTopic, driveType, kind, wheelbase, limits, holdAfterMs, oldMs, maxAgeMs, isLimitedByAge } = driveSettings(settings);
-const facts = { since: "", why: "", renamed: "", observers: 0, silentS: 0, recording: false, unseen: false };
+const facts = { since: "", why: "", renamed: "", observers: 0, drivers: [""], silentS: 0, recording: false, unseen: false };
 
 const loginUse = new LoginUse();
 const reloadStore = new ReloadStore(mac);
@@ -257,9 +257,9 @@ function reopenUnlimited() {
 
 function receiveRobot(update) {
   const wasOnline = facts.online && facts.ros !== "down";
-  const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers } = update;
-  Object.assign(facts, { online, ros, rttMs, since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
-  facts.observers = observers;
+  const { state, online, offline_reason: why, ros, since, control, rtt_ms: rttMs, observers, drivers } = update;
+  Object.assign(facts, { online, ros, rttMs, observers, drivers });
+  Object.assign(facts, { since: online ? "" : localTime(since), why: why ?? "", disabled: state === "disabled" });
   receiveRecording(Boolean(update.recording));
   view.overlays.showBattery(update);
   showWatchers();
@@ -281,10 +281,10 @@ function checkSilence() {
   showBanner();
 }
 
-// All but this page's own connections, which the server counts as well.
+// All but this page's own user, whom the server counts, too, except while that user drives.
 function showWatchers() {
-  const own = [connection.live && !driveMode.driving, topics.observerConnection.live].filter(Boolean).length;
-  setText(byTestId(root, "watchers"), watchers(facts.observers - own));
+  const counted = !facts.drivers.includes(user) && (connection.live || topics.observerConnection.live);
+  setText(byTestId(root, "watchers"), watchers(facts.observers - Number(counted)));
 }
 
 function retryNow() {

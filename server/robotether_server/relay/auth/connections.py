@@ -93,8 +93,10 @@ class Connections:
         self._changed(connection.robot.id)
 
     def observers(self, robot_id: int) -> int:
-        """How many connections observe the robot."""
-        return len(self._counted(robot_id, "observe"))
+        """How many people observe the robot, without those who drive it: a page may have two connections."""
+        drivers = self._counted(robot_id, "drive")
+        driving = {member.user_id for member in drivers if not member.is_route}
+        return len({member.user_id for member in self._counted(robot_id, "observe")} - driving)
 
     def count(self, use: Use) -> int:
         """How many connections of this use there are in all."""

@@ -109,6 +109,13 @@ def test_those_who_only_watch_leave_a_driver_room_for_its_picture(live, sim1, si
         assert live.connections.no_room(replace(more, camera=camera, may_drive=True)) is None
 
 
+def test_people_who_watch_are_counted_once_and_without_the_driver(live, sim1):
+    """A page has a second connection for its list of topics, the driver's page, too."""
+    for user_id, use in ((1, "drive"), (1, "observe"), (2, "observe"), (2, "observe")):
+        live.add(user_id, sim1, use)
+    assert live.connections.observers(sim1.id) == 1
+
+
 POLICY = {"policy": {"drive": {"call": ["/dock"]}}}
 BUTTON = {"name": "Dock", "kind": "call", "service": "/dock"}
 
