@@ -99,6 +99,8 @@ async def test_a_newcomer_gets_what_rosbridge_repeats(*, cell_a, at_b, observe):
     at_b.repeats = True
     await read_until(await observe(ODOM), "the map")
     at_b.repeats = False
+    await at_b.send_to_topics(b"a scan")
+    await read_until(first, "a scan")
     third = await observe(ODOM)
     [topic] = topics_of(cell_a)
     await until(lambda: len(topic.users) == 3, "the third shares it")
