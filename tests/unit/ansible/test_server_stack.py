@@ -83,6 +83,22 @@ def test_firewall_admits_what_the_settings_say(tmp_path):
     assert "ip saddr { 192.0.2.2, 192.0.2.3 } tcp dport { 9444, 3306 } accept" in rules
 
 
+@pytest.mark.parametrize(
+    ("setting", "says"),
+    [({"DB_READ_ONLY": False}, "put its value in quotes"), ({"DB_REED": "x"}, "no such setting")],
+)
+def test_setting_that_compose_would_take_otherwise_is_refused(tmp_path, setting, says):
+    example = base64.b64encode(b"DB_READ_ONLY=OFF\n").decode()
+    output = said(
+        tmp_path,
+        [task_of("Check that the settings named for this machine exist", "settings.yml")],
+        robotether_server_settings=setting,
+        robotether_server_known={"content": example},
+        robotether_server_example={"stat": {"exists": True}},
+    )
+    assert says in " ".join(output.split())
+
+
 # What was deployed, which services are healthy, and whether the database is dumped.
 DEPLOYED = (
     ("", [], False),
