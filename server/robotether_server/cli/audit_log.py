@@ -91,6 +91,8 @@ def verify(
     else:
         reports = audit_chain.check(read_export(file), server_keys=server_keys, older_heads=older)
         outside = []
+    if not reports and not outside:
+        raise NotDoneError(f"cannot verify {file or 'the audit log'}: it has no line")
     if as_json:
         print_json([dataclasses.asdict(report) for report in reports])
     else:
@@ -141,6 +143,8 @@ def _older_heads(file: Path | None) -> dict[str, list[SignedHead]]:
     for record in () if file is None else read_export(file):
         if isinstance(record, SignedHead):
             heads.setdefault(record.chain, []).append(record)
+    if file is not None and not heads:
+        raise NotDoneError(f"cannot verify the audit log against {file}: it has no signed head")
     return heads
 
 

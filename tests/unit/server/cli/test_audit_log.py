@@ -64,8 +64,13 @@ def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
     with admin_database.transaction() as tx:
         for table in ("audit_events", "audit_chains", "audit_heads"):
             tx.change(f"DELETE FROM {table}")
-    assert run("audit", "verify").status == 0
+    assert "the audit log: it has no line" in run("audit", "verify").err
     assert "sim1" in run("audit", "verify", "--against", tmp_path / "older").err
+    # An export that failed, as on a full disk.
+    (tmp_path / "empty").write_text("")
+    assert "empty: it has no line" in run("audit", "verify", tmp_path / "empty").err
+    done = run("audit", "verify", tmp_path / "older", "--against", tmp_path / "empty")
+    assert "it has no signed head" in done.err
 
 
 def test_restored_backup_has_a_status_of_its_own(run, admin_database):
