@@ -135,3 +135,7 @@ def main() -> None:
         cause = f" ({problem.__cause__})" if isinstance(problem, StoreUnavailableError) else ""
         click.echo(f"robotether: {problem.detail}{cause}", err=True)
         sys.exit(1)
+    except UnicodeError:
+        # Of a file, a password or an argument, which all are text.
+        click.echo("robotether: cannot read what was given: it is not UTF-8", err=True)
+        sys.exit(1)
