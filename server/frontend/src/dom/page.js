@@ -15,10 +15,10 @@ export const matches = (target, selector) => Boolean(target?.closest?.(selector)
 export const asksForKeys = ({ key, ctrlKey, metaKey, altKey, target }) =>
   key === "?" && !(ctrlKey || metaKey || altKey) && !matches(target, TEXT);
 
-// From here on the page does what its markup promises.
+// From here on the page does what its markup promises. While a server is upgraded, that may be of the release before.
 export function noteScript(page = document) {
   page.body.dataset.scripted = "true";
-  part(page, "unscripted").hidden = true;
+  part(page, "unscripted")?.remove();
 }
 
 // Writes only what changed, so that live regions and layout stay quiet.
