@@ -312,9 +312,8 @@ class Bridge(ClientConnection):
 
     async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
         if checked.drive is None or self._drive is None:
-            if checked.topic is not None:
-                await self._topics.held.room()
-            if checked.topic is None or not self._topics.held.add(checked.topic, checked.data):
+            await self._topics.held.room()
+            if not self._topics.held.add(checked.topic, checked.data):
                 await self._send_as_it_is(robot, checked.data)
             return
         complaint = await self._drive.submit(checked.drive)

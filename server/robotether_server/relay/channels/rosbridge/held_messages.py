@@ -1,18 +1,19 @@
 """What a client publishes to a topic that it has just subscribed to, until rosbridge has the subscription.
 
-A subscription takes another way to the robot than what is published, and the client expects its message back. A drive
-command never waits here.
+A subscription takes another way to the robot than what is published, and the client expects its message back. All that
+the client sends later follows it: no goal may come behind the call that cancels it. A drive command never waits.
 """
 
 from __future__ import annotations
 
 import asyncio
+from collections import deque
 
 from robotether_server.relay.robots.demand import OPENS_WITHIN_S
 
 # Maximum size of what waits of one client, and then again of what the robot has not taken yet.
 MAX_HELD_BYTES = 1024 * 1024
-# Time limit for waiting: an old message must not reach the robot long after newer ones to other topics.
+# Time limit for waiting.
 HELD_FOR_S = OPENS_WITHIN_S
 
 
@@ -20,8 +21,10 @@ class HeldMessages:
     """What one client published that waits; `subscriptions` says for which topics."""
 
     def __init__(self) -> None:
-        self._held: dict[str, list[bytes]] = {}
+        # With their topics, None for what is not published.
+        self._held: deque[tuple[str | None, bytes]] = deque()
         self._held_bytes = 0
+        # Of the topics that wait.
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._released: asyncio.Queue[bytes] = asyncio.Queue()
         self._released_bytes = 0
@@ -38,32 +41,24 @@ class HeldMessages:
 
     def begin(self, topic: str) -> None:
         """Hold what is published to a topic from now on, for HELD_FOR_S at most."""
-        if topic not in self._held:
+        if topic not in self._timers:
             loop = asyncio.get_running_loop()
-            self._held[topic] = []
             self._timers[topic] = loop.call_later(HELD_FOR_S, self.release, topic)
 
-    def add(self, topic: str, message: bytes) -> bool:
+    def add(self, topic: str | None, message: bytes) -> bool:
         """Keep a message until `next` returns it; False: it need not wait."""
-        held = self._held.get(topic)
-        if held is not None:
-            held.append(message)
-            self._held_bytes += len(message)
-            if self._held_bytes > MAX_HELD_BYTES:
-                self.release(topic)
-        elif not self._released.empty():
-            self._put(message)
-        else:
+        if topic not in self._timers and not self._held and self._released.empty():
             return False
+        self._held.append((topic, message))
+        self._held_bytes += len(message)
+        self._let_go()
         return True
 
     def release(self, topic: str) -> None:
         """Let go what waits for a subscription, and hold no more."""
-        if topic in self._held:
+        if topic in self._timers:
             self._timers.pop(topic).cancel()
-            for message in self._held.pop(topic):
-                self._held_bytes -= len(message)
-                self._put(message)
+            self._let_go()
 
     async def next(self) -> bytes:
         """Return what goes to the robot now."""
@@ -72,6 +67,11 @@ class HeldMessages:
         self._released_bytes -= len(message)
         return message
 
-    def _put(self, message: bytes) -> None:
-        self._released_bytes += len(message)
-        self._released.put_nowait(message)
+    def _let_go(self) -> None:
+        while self._held and (
+            self._held[0][0] not in self._timers or self._held_bytes > MAX_HELD_BYTES
+        ):
+            _, message = self._held.popleft()
+            self._held_bytes -= len(message)
+            self._released_bytes += len(message)
+            self._released.put_nowait(message)
