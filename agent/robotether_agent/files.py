@@ -100,14 +100,11 @@ def remove(path: Path) -> None:
 def read_text(path: Path) -> str | None:
     """Return the text of `path`, or None when there is no such file, or no such process any more under /proc."""
     try:
-        with os.fdopen(_open_regular(path), encoding="utf-8") as file:
+        # What is damaged is for its reader to see, in whatever way it is.
+        with os.fdopen(_open_regular(path), encoding="utf-8", errors="replace") as file:
             return file.read()
     except (FileNotFoundError, ProcessLookupError):
         return None
-    except UnicodeDecodeError as error:
-        raise StateUnusableError(
-            f"cannot read {path}: it is no text", advice="it is damaged: remove it"
-        ) from error
     except OSError as error:
         advice = f"run this with sudo, let the user with uid {os.getuid()} read it, or remove it if it is broken"
         raise disk_problem(f"cannot read {path}", path.parent, error, advice=advice) from error

@@ -145,11 +145,12 @@ def test_a_broken_pin_is_not_as_good_as_none(place, text):
         pinned_host_keys(place / "known_hosts")
 
 
-def test_a_broken_enrolment_keeps_the_pin(place):
+@pytest.mark.parametrize("broken", [b"{", b"\0" * 99, b"\xff{"])
+def test_a_broken_enrolment_keeps_the_pin(place, broken):
     """Losing the enrolment means to join again, not to trust anew."""
     store = EnrolmentStore(place)
     store.keep(ENROLMENT, [PINNED])
-    (place / "enrolment.json").write_text("{")
+    (place / "enrolment.json").write_bytes(broken)
     assert store.load("a.example") is None
     with pytest.raises(ServerKeyChangedError):
         store.keep(ENROLMENT, [OTHER])
