@@ -151,21 +151,6 @@ def machine(tmp_path) -> Machine:
     return made
 
 
-@pytest.mark.parametrize(
-    ("name", "mac", "device"),
-    [
-        ("eth0", WIRED, True),
-        ("docker0", "00:1b:44:00:00:04", False),
-        ("wg0", "", False),
-        ("wlan0.10", WIFI, False),
-    ],
-)
-def test_interfaces_that_come_change_nothing(machine, name, mac, device):
-    machine.add(name, mac, 2, device=device)
-    machine.route((name, 1), ("wlan0", 600))
-    assert machine.is_now() == Identity(WIFI, "wlan0")
-
-
 def test_the_setting_mac_wins(machine):
     """A person who names an address gets that one, whether this machine has it or not; nothing is kept."""
     assert machine.is_now(mac=USB) == Identity(USB, "")
