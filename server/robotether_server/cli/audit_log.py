@@ -112,9 +112,14 @@ def verify(
 @click.option("--robot", help="Only the chain of this robot.")
 def export(robot: str | None) -> None:
     """Print the chains and their signed heads, a JSON object a line, for `audit verify FILE`."""
+    is_empty = True
     with open_database().transaction() as tx:
         for record in audit_chains.read_chains(tx, robot):
+            is_empty = False
             click.echo(msgspec.json.encode(record).decode())
+    if is_empty:
+        of_robot = "" if robot is None else f" of robot {robot}"
+        raise NotDoneError(f"cannot export the audit log{of_robot}: it has no line")
 
 
 @audit_log.command()

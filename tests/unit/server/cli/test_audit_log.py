@@ -66,6 +66,7 @@ def test_older_export_finds_what_was_rewritten(run, admin_database, tmp_path):
             tx.change(f"DELETE FROM {table}")
     assert "the audit log: it has no line" in run("audit", "verify").err
     assert "sim1" in run("audit", "verify", "--against", tmp_path / "older").err
+    assert "of robot sim9: it has no line" in run("audit", "export", "--robot", "sim9").err
     # An export that failed, as on a full disk.
     (tmp_path / "empty").write_text("")
     assert "empty: it has no line" in run("audit", "verify", tmp_path / "empty").err
