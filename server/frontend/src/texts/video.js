@@ -29,6 +29,7 @@ export const frame = {
   why: {
     starting: () => "Waiting for the first frame.",
     waiting: () => "The camera sends no video.",
+    undecodable: () => "The camera's frames cannot be decoded.",
     down: reason("The camera does not answer."),
     paused: () => "Paused while this page is in the background.",
     off: () => "Switched off in the menu, Uplink.",

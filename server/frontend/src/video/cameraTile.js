@@ -3,8 +3,11 @@
 import { Painter } from "../client/painter.js";
 import { ShownFrames } from "../client/shownFrames.js";
 import { FrameDecoder } from "../decoders/frameDecoder.js";
+import { KeyFrameMissingError } from "../decoders/streamDecoder.js";
 import { part, setText } from "../dom/page.js";
 import { frame as texts } from "../texts/video.js";
+
+const SENDS = ["waiting", "old"]; // what is said of no new frame while the camera sends some
 
 export class CameraTile {
   // `camera` {topic, name}; `openFrames(topic, {request, onFrame, onStatus})` gives a stream as of client/frames.js; `common()` the
@@ -30,6 +33,7 @@ export class CameraTile {
     this.codec = null; // of the frame that is seen
     this.full = null; // the greatest size that the camera has shown
     this.status = { why: "starting" };
+    this.isUndecodable = false; // whether the newest frame could not be decoded
     this.turned = 0;
     this.request = "";
     element.dataset.topic = camera.topic;
@@ -112,7 +116,11 @@ export class CameraTile {
   // Only what is seen counts: the timestamp is kept when the frame is on the page.
   async paint(frame) {
     const { stream } = this;
-    const image = await this.decoder.decode(frame);
+    const image = await this.decoder.decode(frame).catch((error) => {
+      this.isUndecodable = !(error instanceof KeyFrameMissingError);
+      throw error;
+    });
+    this.isUndecodable = false;
     if (stream === this.stream && stream) this.show(image, frame);
     else image.close();
   }
@@ -159,8 +167,14 @@ export class CameraTile {
     setText(part(this.element, "facts"), this.facts(state));
   }
 
+  get why() {
+    const { why } = this.status;
+    return this.isUndecodable && SENDS.includes(why) ? "undecodable" : why;
+  }
+
   words(state) {
-    const { why, detail } = this.status;
+    const { why } = this;
+    const { detail } = this.status;
     const reason = texts.why[why]?.(detail ?? "") ?? "";
     if (state === "old") return reason ? `${texts.old} ${reason}` : texts.old;
     return reason || texts.why.waiting();

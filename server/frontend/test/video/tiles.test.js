@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { beforeEach, describe, test } from "node:test";
 
 import { ShownFrames } from "../../src/client/shownFrames.js";
+import { KeyFrameMissingError } from "../../src/decoders/streamDecoder.js";
 import { part } from "../../src/dom/page.js";
 import { frame } from "../../src/texts/video.js";
 import { CameraTile, FrameRate, requestedQuality, requestedSize } from "../../src/video/cameraTile.js";
@@ -70,11 +71,21 @@ async function paint(at, size = { width: 640, height: 480 }) {
   await shown;
 }
 
-test("a frame that cannot be decoded is none", async () => {
-  const shown = streams[0].onFrame({ codec: "h264", at: 900 });
-  paintings[0].failed(new Error("broken"));
-  await assert.rejects(shown);
-  assert.equal(tile.at, null);
+test("a frame that cannot be decoded is none, and its camera is not said to send none", async () => {
+  streams[0].onStatus({ frame: "none", why: "waiting", detail: "" });
+  for (const [error, words] of /** @type {[Error, RegExp][]} */ ([
+    [new KeyFrameMissingError(), /sends no video/],
+    [new Error("broken"), /cannot be decoded/],
+  ])) {
+    const shown = streams[0].onFrame({ codec: "h264", at: 900 });
+    paintings.at(-1).failed(error);
+    await assert.rejects(shown);
+    tile.showState();
+    assert.equal(tile.at, null);
+    assert.match(textOf("words"), words);
+  }
+  streams[0].onStatus({ frame: "none", why: "robot_offline", detail: "" });
+  assert.match(textOf("words"), /offline/);
 });
 
 test("an old frame stays with words, and with its age where the page has none for it", async () => {
