@@ -171,12 +171,13 @@ async def test_a_recorder_that_is_refused_logs_no_ticket(relay, settings, monkey
 
 
 async def test_a_recording_has_topics_frames_and_what_the_driver_did(
-    *, recorder, relay, robot, sim1, store, settings, program
+    *, recorder, relay, robot, sim1, store, settings, program, monkeypatch
 ):
+    monkeypatch.setattr(observer, "MAX_RECORDED_TOPICS", 2)
     store.ask()
     # The last is another robot's.
-    topics = ["/speed", "/robotether/fake", "/cmd_vel", "/sim2/cmd_vel"]
-    types = ["demo/Speed", "demo/Speed", "demo/Speed", "geometry_msgs/Twist"]
+    topics = ["/speed", "/robotether/fake", "/cmd_vel", "/temperature", "/sim2/cmd_vel"]
+    types = [*["demo/Speed"] * 4, "geometry_msgs/Twist"]
     await answer_rosapi(robot, "topics", topics=topics, types=types)
     await answer_rosapi(robot, "message_details", typedefs=TYPEDEFS)
     await until(lambda: len(robot.topics) == 2, "the topics are subscribed")
@@ -195,6 +196,7 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     assert (describe(sim1).recording, describe(sim1).observers) == (True, 0)
     store.change(1, is_stop_requested=True)
     await until(lambda: store.code() == "stopped", "it ended")
+    assert store.endings[0].progress.topics_left_out == ("/temperature",)
     await until(lambda: not describe(sim1).recording, "nobody records")
     messages = messages_of(settings)
     # The robot's double sends it on the connections of both topics.
