@@ -313,7 +313,8 @@ class Bridge(ClientConnection):
     async def _send_to_robot(self, robot: RobotSocket, checked: ValidatedMessage) -> None:
         if checked.drive is None or self._drive is None:
             await self._topics.held.room()
-            if not self._topics.held.add(checked.topic, checked.data):
+            is_published = checked.topic is not None
+            if not self._topics.held.add(checked.data, is_published=is_published):
                 await self._send_as_it_is(robot, checked.data)
             return
         complaint = await self._drive.submit(checked.drive)

@@ -1,7 +1,8 @@
-"""What a client publishes to a topic that it has just subscribed to, until rosbridge has the subscription.
+"""What a client publishes, until rosbridge has the topics that it has just subscribed to.
 
-A subscription takes another way to the robot than what is published, and the client expects its message back. All that
-the client sends later follows it: no goal may come behind the call that cancels it. A drive command never waits.
+A subscription takes another way to the robot than what is published, and the client expects its message back, or the
+result of its goal. All that the client sends later follows it: no goal may come behind the call that cancels it. A
+drive command never waits.
 """
 
 from __future__ import annotations
@@ -21,10 +22,10 @@ class HeldMessages:
     """What one client published that waits; `subscriptions` says for which topics."""
 
     def __init__(self) -> None:
-        # With their topics, None for what is not published.
-        self._held: deque[tuple[str | None, bytes]] = deque()
+        # With the topics that each waits for.
+        self._held: deque[tuple[frozenset[str], bytes]] = deque()
         self._held_bytes = 0
-        # Of the topics that wait.
+        # Of the topics that rosbridge does not have yet.
         self._timers: dict[str, asyncio.TimerHandle] = {}
         self._released: asyncio.Queue[bytes] = asyncio.Queue()
         self._released_bytes = 0
@@ -40,16 +41,17 @@ class HeldMessages:
             await self._released.join()
 
     def begin(self, topic: str) -> None:
-        """Hold what is published to a topic from now on, for HELD_FOR_S at most."""
+        """Hold what is published from now on until `release` of this topic, for HELD_FOR_S at most."""
         if topic not in self._timers:
             loop = asyncio.get_running_loop()
             self._timers[topic] = loop.call_later(HELD_FOR_S, self.release, topic)
 
-    def add(self, topic: str | None, message: bytes) -> bool:
+    def add(self, message: bytes, *, is_published: bool) -> bool:
         """Keep a message until `next` returns it; False: it need not wait."""
-        if topic not in self._timers and not self._held and self._released.empty():
+        topics = frozenset(self._timers if is_published else ())
+        if not topics and not self._held and self._released.empty():
             return False
-        self._held.append((topic, message))
+        self._held.append((topics, message))
         self._held_bytes += len(message)
         self._let_go()
         return True
@@ -69,7 +71,7 @@ class HeldMessages:
 
     def _let_go(self) -> None:
         while self._held and (
-            self._held[0][0] not in self._timers or self._held_bytes > MAX_HELD_BYTES
+            self._held[0][0].isdisjoint(self._timers) or self._held_bytes > MAX_HELD_BYTES
         ):
             _, message = self._held.popleft()
             self._held_bytes -= len(message)

@@ -389,21 +389,28 @@ class Client:
     def on_topic_failed(self, topic, why): ...
 
 
-async def test_what_a_client_publishes_waits_for_its_own_subscription(wide, robot, ros):
+async def test_what_a_client_publishes_waits_for_its_subscriptions(wide, robot, ros):
     echo = {"op": "publish", "topic": "/echo"}
     drive = {"op": "publish", "topic": "/cmd_vel", "msg": {"linear": {"x": 0.5}}}
     async with ros() as driver:
         for topic in ("/echo", "/cmd_vel"):
             await driver.send_json({"op": "subscribe", "topic": topic})
-        for message in ({**echo, "msg": {"data": "1"}}, {**echo, "msg": {"data": "2"}}, drive):
+        goal = {"op": "publish", "topic": "/goal", "msg": {}}
+        for message in (
+            goal,
+            {**echo, "msg": {"data": "1"}},
+            {**echo, "msg": {"data": "2"}},
+            drive,
+        ):
             await driver.send_json(message)
         await driver.send_json({"op": "call_service", "service": "/rosapi/topics"})
         await driver.send_json({"op": "publish", "topic": "/other", "msg": {}})
-        await until(lambda: len(robot.received) == 7, "all reach the robot")
+        await until(lambda: len(robot.received) == 8, "all reach the robot")
     sent = [json.loads(data) for data in robot.received]
     assert (sent[0]["op"], sent[0]["topic"]) == ("publish", "/cmd_vel")
-    said = [message.get("topic", message["op"]) for message in sent if message["op"] != "subscribe"]
-    assert said == ["/cmd_vel", "/echo", "/echo", "call_service", "/other"]
+    assert {message["op"] for message in sent[1:3]} == {"subscribe"}
+    said = [message.get("topic", message["op"]) for message in sent[3:]]
+    assert said == ["/goal", "/echo", "/echo", "call_service", "/other"]
     of_echo = [message for message in sent if message.get("topic") == "/echo"]
     assert [each.get("msg", {}).get("data") for each in of_echo] == [None, "1", "2"]
 
@@ -413,9 +420,9 @@ async def test_nothing_waits_for_a_subscription_longer_than_it_may(monkeypatch):
     monkeypatch.setattr(held_messages, "HELD_FOR_S", 0.05)
     held = HeldMessages()
     held.begin("/echo")
-    assert held.add("/echo", b"1")
+    assert held.add(b"1", is_published=True)
     assert await asyncio.wait_for(held.next(), 5) == b"1"
-    assert not held.add("/echo", b"2")
+    assert not held.add(b"2", is_published=True)
 
 
 async def test_what_the_robot_does_not_take_is_not_read(wide, robot, monkeypatch, ros):
