@@ -90,7 +90,7 @@ class ValidatedMessage(NamedTuple):
 
     With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
     the relay, `data` is empty, and `own` has its fields. With `subscription`, what is requested of
-    a topic goes its own way, and may be shared with others.
+    a topic goes its own way, and may be shared with others; its `short_name` is that of `TopicRequest`.
     """
 
     data: bytes
@@ -158,7 +158,10 @@ class MessageValidator:
         self._check_right(entry, fields)
         if operation == "publish":
             return self._publish(fields)
-        subscription = fields if entry.right == "subscribe" else None
+        if entry.right != "subscribe":
+            return ValidatedMessage(write_json(fields), operation)
+        name = message["topic"]
+        subscription = {**fields, "short_name": None if name == fields["topic"] else name}
         return ValidatedMessage(write_json(fields), operation, subscription=subscription)
 
     def _check_amount(self, data: bytes) -> bool:

@@ -138,6 +138,14 @@ def ros_name(value: Any) -> str:
     return name
 
 
+def served_name(value: Any) -> str:
+    """Pass the whole name of what a client serves: what the robot sends it comes under that name alone."""
+    name = ros_name(value)
+    if name != value:
+        raise FieldRefusedError(f"must be the whole name {name}")
+    return name
+
+
 def flag(value: Any) -> bool:
     """Pass a truth value."""
     if not isinstance(value, bool):
@@ -415,10 +423,12 @@ OPERATIONS: Mapping[str, Operation] = {
     ),
     "send_action_goal": Operation("send a goal to", _GOAL, "call", "action"),
     "cancel_action_goal": Operation("cancel a goal of", _GOAL, "call", "action"),
-    "advertise_service": Operation("serve", _SERVICE, "serve", "service"),
+    "advertise_service": Operation(
+        "serve", {**_SERVICE, "service": served_name}, "serve", "service"
+    ),
     "unadvertise_service": Operation("stop serving", _SERVICE, "serve", "service"),
     "service_response": Operation("answer for", _SERVICE, "serve", "service"),
-    "advertise_action": Operation("serve", _ACTION, "serve", "action"),
+    "advertise_action": Operation("serve", {**_ACTION, "action": served_name}, "serve", "action"),
     "unadvertise_action": Operation("stop serving", _ACTION, "serve", "action"),
     "action_feedback": Operation("answer for", _ACTION, "serve", "action"),
     "action_result": Operation("answer for", _ACTION, "serve", "action"),

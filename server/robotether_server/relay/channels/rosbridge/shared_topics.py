@@ -13,7 +13,7 @@ import secrets
 import time
 from collections import deque
 from collections.abc import Callable, Collection, Iterable, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from operator import attrgetter
 from typing import Any, Protocol
@@ -47,14 +47,21 @@ MAX_REMEMBERED_BYTES = 1024 * 1024
 MAX_LARGE_BYTES = 32 * 1024 * 1024
 # Time for which what the robot names as repeated may still come by the topic's own connection, as a new message.
 REPEAT_AFTER_S = 0.3
+# Length in bytes from which a text of CBOR has its length in a byte of its own.
+CBOR_SHORT = 24
 UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
+
+
+# Members of a request that rosbridge does not get, or not as text.
+NOT_SENT = ("qos", "short_name")
 
 
 @dataclass(frozen=True)
 class TopicRequest:
     """What is requested of a topic, as rosbridge's fields of the same names; None and 0 are its defaults.
 
-    `qos` is JSON.
+    `qos` is JSON. `short_name` is the topic's name as the client gave it, without the first slash: its messages have
+    that name, as rosbridge's have. None: it gave the whole name.
     """
 
     topic: str
@@ -64,6 +71,7 @@ class TopicRequest:
     fragment_size: int | None = None
     compression: str = "none"
     qos: bytes | None = None
+    short_name: str | None = field(default=None, compare=False)
 
     @classmethod
     def of(cls, message: Mapping[str, Any]) -> TopicRequest:
@@ -77,14 +85,15 @@ class TopicRequest:
             message.get("fragment_size"),
             message.get("compression", "none"),
             None if qos is None else write_json(qos),
+            message.get("short_name"),
         )
 
     def message(self) -> bytes:
         """Return it as a message to rosbridge."""
         members = {
-            field.name: getattr(self, field.name)
-            for field in fields(self)
-            if field.name != "qos" and getattr(self, field.name) != field.default
+            member.name: getattr(self, member.name)
+            for member in fields(self)
+            if member.name not in NOT_SENT and getattr(self, member.name) != member.default
         }
         text = write_json({"op": "subscribe", **members})
         return text if self.qos is None else text[:-1] + b',"qos":' + self.qos + b"}"
@@ -101,7 +110,24 @@ def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
         min(sizes, default=None),
         max((each.compression for each in subscriptions), key=COMPRESSIONS.index),
         next((each.qos for each in subscriptions if each.qos is not None), None),
+        next(iter(subscriptions)).short_name,
     )
+
+
+def renamed(message: bytes, topic: str, name: str) -> bytes:
+    """Return what rosbridge published on a topic, in JSON or CBOR, under another name of at most 255 bytes."""
+    # Before the name are the operation and the member's own name.
+    head = message[: 40 + len(topic)]
+    for write in (write_json, _cbor_text):
+        if write(topic) in head:
+            return message.replace(write(topic), write(name), 1)
+    return message
+
+
+def _cbor_text(text: str) -> bytes:
+    data = text.encode()
+    length = bytes([0x60 + len(data)]) if len(data) < CBOR_SHORT else bytes([0x78, len(data)])
+    return length + data
 
 
 class TopicClient(CopyUser, Protocol):

@@ -23,6 +23,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRefusedError,
     TopicRequest,
     combined,
+    renamed,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.uplink import UserIds
@@ -115,6 +116,7 @@ class TopicCopies:
         self._shared_topics = shared_topics
         self.joined: dict[str, SharedTopic] = {}
         self._message_ids: dict[str, MessageId] = {}
+        self._short_names: dict[str, str] = {}
         self._queues: dict[str, MessageQueue[WSMsgType]] = {}
         self._statuses: deque[tuple[bytes, WSMsgType]] = deque(maxlen=MAX_STATUSES)
         self._due = asyncio.Event()
@@ -124,6 +126,8 @@ class TopicCopies:
 
     def on_message(self, topic: str, message: bytes, kind: WSMsgType) -> None:
         """A message of a topic came."""
+        if (short_name := self._short_names.get(topic)) is not None:
+            message = renamed(message, topic, short_name)
         if not self._at_once(message, kind):
             self._queues[topic].push(message, kind, self._clock())
             self._wake()
@@ -168,6 +172,9 @@ class TopicCopies:
     ) -> None:
         """Share what is requested of a topic now; None: nothing."""
         self._message_ids[topic] = message_id
+        self._short_names.pop(topic, None)
+        if subscription is not None and subscription.short_name is not None:
+            self._short_names[topic] = subscription.short_name
         joined = self.joined.get(topic)
         if joined is not None:
             if joined.key == subscription:

@@ -85,6 +85,7 @@ NO_NUMBERS = [-1, 10, True, "1", None]
          [{}, [], ["a", 1, None], {"topic": "/a", "depth": 5, "x": 1.5, "y": True, "z": None}],
          [None, "text", {"a": {}}, {"a": []}, [[]], [{}], {"op": "publish"}, {"": 1}, {"a b": 1},
           {"a\n": 1}, {"x": 2**63}]),
+        (operations.served_name, ["/a/b"], ["a/b", "//a", None]),
         (operations.flag, [True, False], [0, 1, "true", None]),
         (operations.members, [{}, {"op": {"x": [1]}}], [[], "x", 1, None]),
         (operations.payload, [{}, [], [{"op": 1}]], ["x", 1, None]),

@@ -7,6 +7,7 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import aiohttp
+import cbor2
 import pytest
 from fake_robot import WAIT_S
 from relay_clients import closing
@@ -23,6 +24,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRefusedError,
     TopicRequest,
     combined,
+    renamed,
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import (
     TopicCopies,
@@ -76,6 +78,32 @@ async def test_all_who_request_the_same_share_one_copy(relay, robot, observe):
     assert len(robot.topics) == 1
     await sockets[2].close()
     await until(lambda: not robot.topics, "the subscription ends")
+
+
+async def test_messages_have_the_name_that_each_client_gave(relay, robot, observe):
+    """Clients hand a message on by it; the robot knows the whole name alone."""
+    names = ["/odom", "odom"]
+    sockets = [await observe({**ODOM, "topic": name}) for name in names]
+    await until(lambda: len(robot.topics) == 1, "the robot has a subscription")
+    [topic] = relay.relay.shared_topics._tasks
+    await until(lambda: len(topic.users) == 2, "both share it")
+    await robot.send_to_topics(
+        b'{"op": "publish", "topic": "/odom", "msg": {"child_frame_id": "/odom"}}'
+    )
+    for name, socket in zip(names, sockets, strict=True):
+        while (message := await socket.receive_json(timeout=WAIT_S))["op"] != "publish":
+            pass  # the robot repeats what it gets
+        assert message == {"op": "publish", "topic": name, "msg": {"child_frame_id": "/odom"}}
+    assert subscribed(robot) == [ODOM]
+
+
+@pytest.mark.parametrize("name", ["a", "a" * 22, "a" * 23, "a" * 24, "a" * 254])
+def test_what_comes_in_cbor_is_renamed_too(name):
+    before, after = (
+        cbor2.dumps({"op": "publish", "topic": topic, "msg": {"data": f"/{name}"}})
+        for topic in (f"/{name}", name)
+    )
+    assert renamed(before, f"/{name}", name) == after
 
 
 def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
