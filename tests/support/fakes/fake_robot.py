@@ -437,7 +437,7 @@ class FakeRobot:
         return app
 
     async def _topic(self, request: web.Request) -> web.StreamResponse:
-        """Serve one topic as its rosbridge does, which echoes; all of them are latched if a test says so."""
+        """Serve one topic, and echo its subscription; all of them are latched if a test says so."""
         if not self.has_topics:
             return web.Response(status=404)
         client = web.WebSocketResponse(compress=False, max_msg_size=0, timeout=0.1)
@@ -446,6 +446,10 @@ class FakeRobot:
             for name in request.query["known"].split(",") if self.repeats else ():
                 await client.send_json({"op": "robotether.known", "digest": name})
             return client
+        subscription = await client.receive_str()
+        self.received.append(subscription)
+        await client.send_str(subscription)
+        # Now, as a test may send something once.
         self.topics.append(client)
         try:
             await self._echo(client)
