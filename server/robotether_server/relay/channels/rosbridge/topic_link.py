@@ -47,8 +47,8 @@ FIRST_PAUSE_S, MAX_PAUSE_S = 0.2, 30.0
 STEADY_S, SILENT_STEADY_S = 10.0, 600.0
 # Pauses after a message over the limit: the next one mostly is, too, and rosbridge does nothing else while it writes.
 FIRST_LARGE_PAUSE_S, MAX_LARGE_PAUSE_S = 30.0, 600.0
-# Times after which a subscription that has brought nothing is made anew. rosbridge_suite silently drops one without a
-# type while nobody advertises the topic, and never repeats a message that was latched after the subscription.
+# Times after which a newcomer has a subscription made anew that has brought nothing. rosbridge_suite silently drops one
+# without a type while nobody advertises the topic, and never repeats a message that was latched after the subscription.
 FIRST_SILENCE_S, MAX_SILENCE_S = 5.0, 60.0
 # aiohttp's words for a message over the limit, which it refuses by the size that is announced.
 ANNOUNCED = re.compile(r"Message size (\d+)")
@@ -212,16 +212,15 @@ class TopicLinks:
 async def first(
     receiving: Coroutine[Any, Any, WSMessageNoDecodeText], topic: SharedTopic, silence_s: float
 ) -> WSMessageNoDecodeText | None:
-    """Return the first message; None: the topic is silent, and is requested anew.
+    """Return the first message; None: the topic is silent, and is requested anew for a newcomer.
 
-    One with a type may be silent for good reason: it is requested anew for the next newcomer.
+    Never for who shares it already: what is published meanwhile is lost, and a topic may be silent for good reason.
     """
 
     async def silence() -> None:
         await asyncio.sleep(silence_s)
-        if topic.key.type is not None:
-            topic.has_newcomer.clear()
-            await topic.has_newcomer.wait()
+        topic.has_newcomer.clear()
+        await topic.has_newcomer.wait()
 
     tasks: list[asyncio.Task[Any]] = [
         asyncio.create_task(receiving),
