@@ -154,15 +154,19 @@ def measure(demo: Demo, count: int = COUNT) -> Section:
         whole_robot(demo) as (world, name, inside),
         bare_tunnel(rosbridge, "0.0.0.0", host=world.machine, inside=inside) as bare_port,
     ):
-        ticket = world.ticket(name, "drive")
-        urls = {
-            "straight to rosbridge": f"ws://{rosbridge}",
-            "bare ssh -R": f"ws://{world.machine}:{bare_port}/",
-            "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={ticket}",
-        }
-        alone = table_of(asyncio.run(measure_all(urls, count, inside)))
+
+        def measured() -> pd.DataFrame:
+            ticket = world.ticket(name, "drive")
+            urls = {
+                "straight to rosbridge": f"ws://{rosbridge}",
+                "bare ssh -R": f"ws://{world.machine}:{bare_port}/",
+                "whole path with TLS": f"wss://{world.address}/robots/{name}/ros?ticket={ticket}",
+            }
+            return table_of(asyncio.run(measure_all(urls, count, inside)))
+
+        alone = measured()
         world.record([name])
-        recorded = table_of(asyncio.run(measure_all(urls, count, inside)))
+        recorded = measured()
     alone.insert(1, "recorded", "no")
     recorded.insert(1, "recorded", "yes")
     return Section(
