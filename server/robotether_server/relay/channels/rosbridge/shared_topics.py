@@ -47,13 +47,9 @@ MAX_REMEMBERED_BYTES = 1024 * 1024
 MAX_LARGE_BYTES = 32 * 1024 * 1024
 # Time for which what the robot names as repeated may still come by the topic's own connection, as a new message.
 REPEAT_AFTER_S = 0.3
-# Length in bytes from which a text of CBOR has its length in a byte of its own.
-CBOR_SHORT = 24
-UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
-
-
 # Members of a request that rosbridge does not get, or not as text.
 NOT_SENT = ("qos", "short_name")
+UNKEPT = f"its last message is not kept: the large ones of this robot take over {MAX_LARGE_BYTES >> 20} MB"
 
 
 @dataclass(frozen=True)
@@ -112,22 +108,6 @@ def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
         next((each.qos for each in subscriptions if each.qos is not None), None),
         next(iter(subscriptions)).short_name,
     )
-
-
-def renamed(message: bytes, topic: str, name: str) -> bytes:
-    """Return what rosbridge published on a topic, in JSON or CBOR, under another name of at most 255 bytes."""
-    # Before the name are the operation and the member's own name.
-    head = message[: 40 + len(topic)]
-    for write in (write_json, _cbor_text):
-        if write(topic) in head:
-            return message.replace(write(topic), write(name), 1)
-    return message
-
-
-def _cbor_text(text: str) -> bytes:
-    data = text.encode()
-    length = bytes([0x60 + len(data)]) if len(data) < CBOR_SHORT else bytes([0x78, len(data)])
-    return length + data
 
 
 class TopicClient(CopyUser, Protocol):

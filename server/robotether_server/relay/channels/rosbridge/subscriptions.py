@@ -16,6 +16,7 @@ from robotether_common.topics import MessageQueue
 from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
 from robotether_server.relay.channels.rosbridge.message_validator import status_error
+from robotether_server.relay.channels.rosbridge.operations import write_json
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_OBSERVED_TOPICS,
     SharedTopic,
@@ -23,13 +24,14 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
     TopicRefusedError,
     TopicRequest,
     combined,
-    renamed,
 )
 from robotether_server.relay.http.close_reasons import CloseReason
 from robotether_server.relay.robots.uplink import UserIds
 
 # Maximum number of statuses that wait for a client.
 MAX_STATUSES = 100
+# Length in bytes from which a text of CBOR has its length in a byte of its own.
+CBOR_SHORT = 24
 
 Deliver = Callable[[bytes, WSMsgType], Awaitable[None]]
 # Sends a message if nothing waits before it, and returns whether it did.
@@ -206,3 +208,19 @@ class TopicCopies:
     def _wake(self) -> None:
         self._at_once = never
         self._due.set()
+
+
+def renamed(message: bytes, topic: str, name: str) -> bytes:
+    """Return what rosbridge published on a topic, in JSON or CBOR, under another name of at most 255 bytes."""
+    # Before the name are the operation and the member's own name.
+    head = message[: 40 + len(topic)]
+    for write in (write_json, _cbor_text):
+        if write(topic) in head:
+            return message.replace(write(topic), write(name), 1)
+    return message
+
+
+def _cbor_text(text: str) -> bytes:
+    data = text.encode()
+    length = bytes([0x60 + len(data)]) if len(data) < CBOR_SHORT else bytes([0x78, len(data)])
+    return length + data
