@@ -146,6 +146,11 @@ def robot_name(name: str, label: str) -> str:
     return value
 
 
+def meant_mac(mac: str) -> str:
+    """Return the MAC of the robot whose form was opened; `mac` has it first, as another robot may get its name."""
+    return request.form.get("meant", mac)
+
+
 def check_meant(name: str, meant: str) -> None:
     """Raise RecordMissingError if the form is of what had this name when it was opened, and has it no longer."""
     if request.form.get("meant", meant) != meant:

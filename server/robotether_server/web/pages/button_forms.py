@@ -64,7 +64,7 @@ def show_all(name: str, problem: RobotetherError | None = None) -> str:
         tab=BUTTONS,
         tabs_of_user=tabs_of(name),
         buttons=present,
-        meant=_meant(robot),
+        meant=forms.meant_mac(robot.mac),
         problem=problem,
     )
 
@@ -168,7 +168,7 @@ def _page(
     return render_template(
         "settings/button.html",
         name=robot.name,
-        meant=_meant(robot),
+        meant=forms.meant_mac(robot.mac),
         title=title,
         values=sent if problem else present,
         was=was,
@@ -217,11 +217,6 @@ def _robot(name: str) -> RobotRow:
     """Return the robot, for its managers."""
     with context().database.transaction() as tx:
         return seen_robots.require(tx, current_user.get(), name, "manage").robot
-
-
-def _meant(robot: RobotRow) -> str:
-    """Return the MAC of the robot whose form was opened, as another one may get its name."""
-    return request.form.get("meant", robot.mac)
 
 
 def _present(robot: RobotRow) -> tuple[Button, ...]:

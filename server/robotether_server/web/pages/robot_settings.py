@@ -105,7 +105,7 @@ def show(tab: Tab, name: str, problem: RobotetherError | None = None) -> str:
         longest_name=MAX_LABEL_LENGTH,
         turns=[(turn, f"{turn}°") for turn in TURNS],
         was=request.form.get("was") or _digests(tab, present),
-        meant=request.form.get("meant", robot.mac),
+        meant=forms.meant_mac(robot.mac),
         problem=problem,
     )
 
