@@ -150,6 +150,14 @@ def find_of_robot(tx: Transaction, robot_id: int) -> Cell | None:
     return None if row is None else _cell_of(row)
 
 
+def names_by_robot(tx: Transaction) -> dict[int, str | None]:
+    """Return the name of the cell where each robot is online, by the robot's id; None: that of a site with one."""
+    rows = tx.rows(
+        f"SELECT s.robot_id, s.cell FROM robot_sessions s WHERE {IS_PRESENT} ORDER BY s.id"  # noqa: S608 - the module's own text
+    )
+    return {row["robot_id"]: row["cell"] for row in rows}
+
+
 def _cell_of(row: Row) -> Cell:
     ports = tuple(int(port) for port in row["ssh_ports"].split(","))
     # MariaDB has no truth values of its own.

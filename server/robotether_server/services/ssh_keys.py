@@ -58,13 +58,14 @@ def _details(user: User, key: SshKey) -> dict[str, object]:
 
 def shell_entries(tx: Transaction, user: User) -> list[ShellEntry]:
     """Return the shells that this user may reach, by the robots' names."""
-    has_cells = len(cells.read(tx)) > 1
+    by_name = {cell.name: cell for cell in cells.read(tx)}
+    where = cells.names_by_robot(tx) if len(by_name) > 1 else {}
     return [
         ShellEntry(
             seen.robot.name,
             seen.robot.shell_port,
             _shell_user(seen.robot),
-            _server_of(tx, seen.robot.id) if has_cells else None,
+            _server_of(by_name.get(where.get(seen.robot.id) or "")),
         )
         for seen in seen_robots.list_seen(tx, user)
         if seen.robot.shell_port is not None
@@ -92,8 +93,7 @@ def _entry(entry: ShellEntry, host: str, port: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _server_of(tx: Transaction, robot_id: int) -> tuple[str, int] | None:
-    cell = cells.find_of_robot(tx, robot_id)
+def _server_of(cell: cells.Cell | None) -> tuple[str, int] | None:
     return None if cell is None or cell.host is None else (cell.host, cell.ssh_ports[0])
 
 
