@@ -201,13 +201,19 @@ export class LocalStore {
   }
 }
 
+const objectOf = (value) => (value !== null && typeof value === "object" ? value : {});
+
 // What a person chose for one part of a page, as an object that is kept under one name.
 export class Choices {
   constructor(name, store = new LocalStore()) {
     this.name = name;
     this.store = store;
-    const stored = store.read(name);
-    this.all = stored !== null && typeof stored === "object" ? stored : {};
+    this.all = objectOf(store.read(name));
+  }
+
+  // Those that are kept together, as an object, whatever an older release or a hand left there.
+  group(name) {
+    return objectOf(this.all[name]);
   }
 
   keep(choices) {

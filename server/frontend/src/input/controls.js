@@ -131,7 +131,7 @@ function stepped(share, by) {
 
 export function setUpLimits(root, highest, choices) {
   const buttons = [...root.querySelectorAll("[data-step]")];
-  const limits = new Limits(highest, () => showSteps(buttons, limits), choices.all.speed);
+  const limits = new Limits(highest, () => showSteps(buttons, limits), choices.group("speed"));
   const onChange = () => {
     choices.keep({ speed: limits.chosen });
     showSteps(buttons, limits);

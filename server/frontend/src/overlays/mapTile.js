@@ -10,7 +10,7 @@ const USUAL = 3;
 const SMALL_STEPS = 2; // by which the small map shows more around the robot, as it has a quarter of the width
 
 export class MapTile {
-  // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it, or undefined; `onMemory` gets it
+  // `world` as of world.js; `memory()` gives {zoom, scan, path, map} as the person left it; `onMemory` gets it
   // when that changes. `small`: without tools.
   /** @param {any} element @param {{world: any, memory?: () => any, onMemory?: (map: object) => void, small?: boolean}} options */
   constructor(element, { world, memory = () => ({}), onMemory = () => {}, small = false }) {
@@ -20,8 +20,8 @@ export class MapTile {
     this.onMemory = onMemory;
     this.canvas = part(element, "canvas");
     this.canvas.setAttribute("aria-label", texts.label);
-    const { zoom } = memory() ?? {};
-    this.zoom = Math.max(0, (zoom in ZOOMS ? zoom : USUAL) - (small ? SMALL_STEPS : 0));
+    const { zoom } = memory();
+    this.zoom = Math.max(0, (Number.isInteger(zoom) && zoom in ZOOMS ? zoom : USUAL) - (small ? SMALL_STEPS : 0));
     this.parts = partsOf(memory());
     if (!small) this.listen();
   }
@@ -115,7 +115,7 @@ export class MapTile {
 
 const poseText = ({ x, y, theta }) => texts.pose(decimalText(x, 1), decimalText(y, 1), decimalText((theta * 180) / Math.PI, 0));
 
-const partsOf = (/** @type {any} */ { scan, path, map } = {}) => ({ scan: scan !== false, path: path !== false, map: map !== false });
+const partsOf = ({ scan, path, map }) => ({ scan: scan !== false, path: path !== false, map: map !== false });
 
 // Draws the robot from above: map, path, scan and itself, in the middle of a canvas. Draws only; world.js knows.
 const COLOURS = { grid: "#232b36", path: "#5aa9ff", scan: "#ff6b6b", robot: "#ffb000", old: "#8a94a3" };

@@ -11,8 +11,7 @@ const QUARTER = 90;
 
 export class Layout {
   // `memory` is what an earlier visit left, as of get memory(); what is no such thing is left out.
-  constructor(memory) {
-    const { kind, main, second, turns } = memory ?? {};
+  constructor({ kind, main, second, turns } = /** @type {any} */ ({})) {
     this.kind = KINDS.includes(kind) ? kind : "one";
     this.wanted = typeof main === "string" ? main : null;
     this.wantedSecond = typeof second === "string" ? second : null;

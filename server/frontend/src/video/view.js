@@ -35,7 +35,7 @@ export class View {
     this.others = []; // names of topics that are another robot's
     this.element = byTestId(root, "view");
     this.choices = new Choices(`sight.${robot}`);
-    this.layout = new Layout(this.choices.all.layout);
+    this.layout = new Layout(this.choices.group("layout"));
     this.known = new Set(); // topics of cameras; one whose node has died is a missing frame, not a robot without a camera
     this.answered = false; // whether the robot has said which topics it has
     this.lostCamera = false; // whether a known camera turned out to be another robot's
@@ -53,7 +53,7 @@ export class View {
     this.tools = this.findTools();
     this.sourceButtons = new SourceButtons(part(root, "sources"), { onChoose: (id) => this.choose(id) });
     this.world = new World({ subscribe, onChange: () => this.drawMaps(), onMapRefused: (why) => this.note(texts.mapRefused(why)), now });
-    this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, memory: () => this.choices.all.map, small: true });
+    this.smallMap = new MapTile(part(root, "small-map"), { world: this.world, memory: () => this.choices.group("map"), small: true });
     this.roomForMap = matchMedia(ROOM_FOR_MAP);
     this.overlays = new Overlays(root, { subscribe, now });
     const ring = part(root, "laser-ring"); // drivers have one
@@ -70,7 +70,7 @@ export class View {
       set: { width: this.page.width ?? null, height: this.page.height ?? null },
       oldMs,
       world: this.world,
-      memory: () => this.choices.all.map,
+      memory: () => this.choices.group("map"),
       onMemory: (map) => this.choices.keep({ map }),
       onPainted: (topic) => this.seen(topic),
       onDown: () => this.lacks(),

@@ -27,6 +27,9 @@ test("choices are those of their name, nonsense is none, and what is chosen anew
   choices("sight.sim1").keep({ laser: true });
   assert.deepEqual(choices("sight.sim1").all, { quality: "50", laser: true });
   assert.deepEqual([choices("sight.sim2").all, choices("sight.sim3").all], [{}, {}]);
+  choices("controls.sim1").keep({ speed: null, map: "x", layout: { kind: "grid" } });
+  const groups = ["speed", "map", "layout"].map((name) => choices("controls.sim1").group(name));
+  assert.deepEqual(groups, [{}, {}, { kind: "grid" }]);
 });
 
 test("numbers are short and still tell small from none", () => {

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 
-import { byTestId } from "../../src/dom/page.js";
+import { Choices, byTestId } from "../../src/dom/page.js";
 import { Limits, releaseOnFocusLoss, setUpControls, setUpLimits } from "../../src/input/controls.js";
 import { FakeElement, inside } from "../fakes.js";
 
@@ -35,7 +35,7 @@ test("turbo is a share of the robot's own limits, and never slower than without"
 test("a finger beside the one on the stick, which makes no click, chooses a speed as well", () => {
   const slow = Object.assign(new FakeElement(), { dataset: { step: "0.3" } });
   const root = Object.assign(new FakeElement(), { querySelectorAll: () => [slow] });
-  const limits = setUpLimits(root, HIGHEST, { all: {}, keep() {} });
+  const limits = setUpLimits(root, HIGHEST, new Choices("controls"));
   slow.dispatchEvent(Object.assign(new Event("pointerup"), { isPrimary: false, pointerType: "touch" }));
   assert.deepEqual([limits.linear, limits.angular], [0.3, 0.6]);
 });
@@ -98,7 +98,7 @@ function openControls(context, how = {}) {
   byTestId(root, "controls").parentElement = new FakeElement();
   const output = { publish: ({ forward, turn }) => done.push([forward, turn]), mayQueue: true };
   const handlers = { output, onTake: () => done.push("take"), onWanted() {}, onStop() {} };
-  const controls = setUpControls(root, { kind: "differential", limits: HIGHEST, choices: { all: {}, keep() {} }, ...handlers, ...how });
+  const controls = setUpControls(root, { kind: "differential", limits: HIGHEST, choices: new Choices("controls"), ...handlers, ...how });
   return { root, controls, done };
 }
 
