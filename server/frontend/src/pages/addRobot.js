@@ -21,9 +21,12 @@ class Arrivals {
   }
 
   async poll() {
-    if (document.hidden || this.chooses || performance.now() - this.touchedAt > UNTOUCHED_MS) return;
-    const page = await freshPage(this.section.dataset.live);
-    if (page) this.show(page);
+    if (document.hidden || this.chooses) return;
+    const isUntouched = performance.now() - this.touchedAt > UNTOUCHED_MS;
+    const page = isUntouched ? null : await freshPage(this.section.dataset.live);
+    const isFresh = page !== null && part(page, "arrivals") !== null; // the page of a login that has ended has none
+    part(this.section, "reload").hidden = isFresh;
+    if (isFresh) this.show(page);
   }
 
   // Whether somebody is about to approve or reject: nothing may move, or a press meets another machine.
@@ -35,7 +38,7 @@ class Arrivals {
   show(page) {
     for (const name of ["arrivals", "waiting", "refused"]) {
       const [element, fresh] = [part(this.section, name), part(page, name)];
-      if (!fresh || element.contains(document.activeElement) || withoutTokens(element) === withoutTokens(fresh)) continue;
+      if (element.contains(document.activeElement) || withoutTokens(element) === withoutTokens(fresh)) continue;
       element.replaceChildren(...fresh.childNodes);
     }
   }
@@ -44,7 +47,7 @@ class Arrivals {
 const section = /** @type {HTMLElement} */ (document.querySelector("[data-live]"));
 const arrivals = new Arrivals(section);
 for (const name of EVENTS) window.addEventListener(name, () => arrivals.touch());
-part(section, "reload").hidden = true;
+part(section, "reload").hidden = true; // while each poll has an answer
 // Reloading the answer to the form would make another token.
 if (location.pathname === "/admin/join-tokens") history.replaceState(null, "", section.dataset.live);
 setInterval(() => arrivals.poll(), EVERY_MS);
