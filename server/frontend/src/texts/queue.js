@@ -113,8 +113,10 @@ export const wall = {
     if (names.length === 0) return "";
     return names.length === 1 ? `${names[0]} asks for help.` : `${names.length} robots ask for help: ${names.join(", ")}.`;
   },
-  count: (shown, all, most) =>
-    shown === all ? `${all} ${all === 1 ? "robot" : "robots"}` : `${shown} of ${all} robots, ${most} at most; search to see the others`,
+  count: (shown, all, most) => {
+    if (shown === all) return `${all} ${all === 1 ? "robot" : "robots"}`;
+    return `${shown} of ${all} robots${shown < most ? "" : `, ${most} at most; search to see others`}`;
+  },
   stopped: (name) => `Stopped by ${name}`,
   drive: "Drive",
   watch: "Watch",
