@@ -9,17 +9,19 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import select
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Mapping
+from contextlib import suppress
 
 from robotether_agent.problems import UpgradeFailedError
 
 SERVICE = "robotether-agent.service"
 # Time limit for systemctl: TimeoutStopSec, then TimeoutStartSec.
 TIMEOUT_S = 120.0
+STDERR = 2
 # syslog's numbers, which journald takes off the line again.
 PRIORITIES = {
     logging.DEBUG: 7,
@@ -41,13 +43,38 @@ class JournalFormatter(logging.Formatter):
         return "\n".join(prefix + line for line in super().format(record).splitlines())
 
 
+class LogHandler(logging.Handler):
+    """Writes to stderr what need not wait: a journal or log driver that hangs must hold up no guard and no session."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._lost = 0
+        self._ready = select.poll()
+        self._ready.register(STDERR, select.POLLOUT)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Write a record, or count that it is lost."""
+        text = self.format(record) + "\n"
+        if self._lost:
+            text = f"the log was full: {self._lost} messages are lost\n{text}"
+        data = text.encode(errors="backslashreplace")
+        for start in range(0, len(data), select.PIPE_BUF):
+            if not self._ready.poll(0):
+                self._lost += 1
+                return
+            # Where nobody reads it any more there is nobody to tell.
+            with suppress(OSError):
+                os.write(STDERR, data[start : start + select.PIPE_BUF])
+        self._lost = 0
+
+
 def set_up_log(level: str, environ: Mapping[str, str]) -> None:
     """Send the log to stderr from `level` on, as readable sentences."""
     formatter = logging.Formatter(
         "%(asctime)s.%(msecs)03dZ %(levelname)s %(message)s", "%Y-%m-%dT%H:%M:%S"
     )
     formatter.converter = time.gmtime
-    handler = logging.StreamHandler(sys.stderr)
+    handler = LogHandler()
     handler.setFormatter(JournalFormatter() if "JOURNAL_STREAM" in environ else formatter)
     logging.basicConfig(level=level.upper(), handlers=[handler], force=True)
     # Its debug lines are about this process's own event loop.

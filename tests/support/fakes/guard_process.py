@@ -140,6 +140,8 @@ class GuardProcess(GuardEnd):
     def __init__(self, *where: Any, **guard: Any) -> None:
         super().__init__(*where, **guard)
         self.process: asyncio.subprocess.Process
+        # Where its log goes; None: where this process's goes.
+        self.stderr: int | None = None
 
     async def _start(self) -> None:
         self.process = await asyncio.create_subprocess_exec(
@@ -151,6 +153,7 @@ class GuardProcess(GuardEnd):
             env={**os.environ, "PYTHONPATH": PACKAGES},
             stdin=asyncio.subprocess.PIPE,
             stdout=asyncio.subprocess.PIPE,
+            stderr=self.stderr,
         )
         self._tasks.append(asyncio.create_task(self._read()))
 

@@ -129,7 +129,7 @@ def said(notify_socket: socket.socket) -> list[str]:
 
 
 def test_failed_start_pauses_before_systemd_starts_the_agent_again(
-    monkeypatch, place, environ, notify_socket, capsys
+    monkeypatch, place, environ, notify_socket, capfd
 ):
     """The pause is no hanging loop: the watchdog gets its signs of life. The journal has what a developer needs."""
     monkeypatch.setattr(command, "Agent", failing(ZeroDivisionError("a defect")))
@@ -141,7 +141,7 @@ def test_failed_start_pauses_before_systemd_starts_the_agent_again(
     assert output[0] == "STATUS=failed; starts again in 0 s"
     assert output[-1] == "STOPPING=1"
     assert output.count("WATCHDOG=1") >= 2
-    printed = capsys.readouterr().err
+    printed = capfd.readouterr().err
     assert "stopped by an error in the agent itself" in printed
     assert "ZeroDivisionError: a defect" in printed
 
@@ -157,12 +157,12 @@ def test_pause_ends_when_the_service_is_stopped(monkeypatch, place, environ, not
     stop.join()
 
 
-def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, notify_socket, capsys):
+def test_no_pause_where_nobody_starts_it_again(monkeypatch, place, environ, notify_socket, capfd):
     monkeypatch.setattr(command, "before_restart", lambda *_: pytest.fail("it pauses"))
     settings = Settings(server="a.example", run_dir=place, guard="off")
     monkeypatch.setattr(command, "Agent", failing(AlreadyRunningError("cannot start")))
     assert command.run(settings, {"JOURNAL_STREAM": "1:2"}) == AlreadyRunningError.exit_code
-    [line] = capsys.readouterr().err.splitlines()
+    [line] = capfd.readouterr().err.splitlines()
     assert line == "<2>STOPPED: cannot start [already_running]"
     monkeypatch.setattr(command, "Agent", failing(ServerKeyChangedError("another key")))
     assert command.run(settings, environ) == ServerKeyChangedError.exit_code

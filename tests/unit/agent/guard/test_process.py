@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 import signal
 import threading
 import time
@@ -153,6 +154,28 @@ async def test_each_end_of_the_guard_stops_the_robot(place: Path, robot: Robot, 
             assert robot.stopped_before_deadman
             assert await guard.ended() == 0
             assert not (place / "motion.json").exists()
+
+
+async def test_a_log_that_nobody_reads_holds_up_no_stop(place: Path, robot: Robot) -> None:
+    """A journal or a container's log driver may hang; what would wait for it is dropped, and counted."""
+    unread, full = os.pipe()
+    with os.fdopen(unread, "rb", 0) as log, os.fdopen(full, "wb", 0) as stderr:
+        guard = GuardProcess(place, robot.port)
+        guard.stderr = stderr.fileno()
+        async with guard:
+            await guard.grant(13)
+            os.set_blocking(full, False)
+            while stderr.write(b"x" * 4096):
+                pass
+            os.set_blocking(full, True)
+            async with GuardClient(guard.port, 13) as client:
+                await drive_on(client)
+                guard.tell(type="stop", id="5f", by="ben")
+                await until("ten zeros came", lambda: robot.speeds.count(0.0) == 10)
+            log.read(1 << 20)
+            guard.tell(type="release", id="77", by="ann")
+            await guard.until(lambda: guard.state["answers"] == "77", "it answers")
+            assert b"messages" in log.read(1 << 20)
 
 
 async def test_a_silent_agent_holds_the_robot(place: Path, robot: Robot) -> None:
