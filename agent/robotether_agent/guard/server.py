@@ -61,8 +61,7 @@ MAX_OTHER_CONNECTIONS = 96
 MAX_DIRECT_CONNECTIONS = 32
 SHUTDOWN_S = 0.2
 
-# Maximum size of a client's message; the relay accepts 10 MB, and reading delays all other clients
-# and the zeros.
+# Maximum size of a client's message; the relay accepts 10 MB.
 FROM_CLIENT_BYTES = 16 * 1024 * 1024
 # Minimum interval between answers to refusals of the same kind.
 ANSWER_EVERY_S = 1.0

@@ -121,6 +121,8 @@ def test_escapes_hide_no_operation() -> None:
         '{"op":"publish","topic":"/cmd_vel"}'.encode("utf-16"),
         b'{"op":"x","a":' + b"[" * 100_000,
         b'{"op":"x","a":' + b"1" * 5000 + b"}",
+        # Reading it would delay a zero.
+        b'{"op":"x","a":[' + b"{}," * 100_000 + b"0]}",
         b"\x15\x00\x00\x00\x02op\x00\x08\x00\x00\x00publish\x00\x00",
     ],
 )  # fmt: skip
