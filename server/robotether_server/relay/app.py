@@ -15,7 +15,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Middleware
 
-from robotether_server.logs import REQUEST_ID_HEADER, LogFormat, RequestLog, set_request_id
+from robotether_server.logs import REQUEST_ID_HEADER, RequestLog, set_request_id
 from robotether_server.problems import (
     PROBLEM_JSON,
     HttpError,
@@ -27,6 +27,7 @@ from robotether_server.relay.cells.forwarding import Forwarding
 from robotether_server.relay.cells.keys import PROOF_HEADER, PeerKeys
 from robotether_server.relay.metrics import Metrics
 from robotether_server.relay.records.fleet import Fleet
+from robotether_server.settings.server import RelaySettings
 
 log = logging.getLogger(__name__)
 # For aiohttp's server, in place of its own.
@@ -66,13 +67,13 @@ server_log.addFilter(WithoutRequest())
 
 
 def public_app(
+    settings: RelaySettings,
     metrics: Metrics,
-    cors: Cors,
     routes: Iterable[web.RouteDef],
     forwarding: Forwarding | None = None,
-    log_format: LogFormat = "text",
 ) -> web.Application:
     """Make the application that nginx hands requests to; without `forwarding` all are answered here."""
+    cors = Cors(settings.allowed_origins)
 
     @web.middleware
     async def answer_problems(request: web.Request, handler: Handler) -> web.StreamResponse:
@@ -104,7 +105,7 @@ def public_app(
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
 
     app = web.Application(
-        middlewares=[_logger(RequestLog(log, log_format)), answer_problems],
+        middlewares=[_logger(RequestLog(log, settings.log_format)), answer_problems],
         client_max_size=MAX_BODY_BYTES,
     )
     app.add_routes(routes)

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from robotether_server.relay.cells.drain import DrainRules
 from robotether_server.relay.cells.rebalancing import BalanceRules
 from robotether_server.relay.http.timing import DRIVER_LIMITS, LivenessLimits
+from robotether_server.relay.robots.robot_link import HeartbeatTimes
 
 
 @dataclass(frozen=True)
@@ -21,14 +22,11 @@ class Listen:
 
 
 @dataclass(frozen=True)
-class Timing:
+class Timing(HeartbeatTimes):
     """Times that tests shorten."""
 
     limits: LivenessLimits = field(default_factory=LivenessLimits)
     driver_limits: LivenessLimits = DRIVER_LIMITS
-    heartbeat_s: float = 0.5
-    idle_heartbeat_s: float = 2.0
-    timeout_s: float = 5.0
     poll_every_s: float = 1.0
     drives_every_s: float = 10.0
     drain: DrainRules = field(default_factory=DrainRules)

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from functools import partial
 from secrets import token_hex
 
 from aiohttp import web
 
 from robotether_server.audit_chain import server_key
 from robotether_server.db.fleet import FormerSessions
-from robotether_server.relay.app import Cors, Servers, inside_app, peer_app, public_app
+from robotether_server.relay.app import Servers, inside_app, peer_app, public_app
 from robotether_server.relay.auth.access import Access
 from robotether_server.relay.auth.connections import Connections
 from robotether_server.relay.auth.credentials import Credentials
@@ -32,10 +33,10 @@ from robotether_server.relay.cells.stored_control import StoredControlReader
 from robotether_server.relay.channels import recorder
 from robotether_server.relay.channels.kinds import channel_routes
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
-from robotether_server.relay.channels.rosbridge.handler import BridgeRules
+from robotether_server.relay.channels.rosbridge.handler import BridgeRules, SessionContext
 from robotether_server.relay.channels.rosbridge.shared_topics import SharedTopics
 from robotether_server.relay.channels.rosbridge.topic_link import TopicLinks
-from robotether_server.relay.channels.video.feed_link import FeedLink
+from robotether_server.relay.channels.video.feed_link import bring_frames
 from robotether_server.relay.channels.video.feeds import Feeds
 from robotether_server.relay.channels.video.viewers import VideoContext
 from robotether_server.relay.control.control import Control
@@ -59,7 +60,7 @@ from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.robot_link import LinkRules
 from robotether_server.relay.robots.session_server import BACKLOG, SessionServer
 from robotether_server.relay.routes import apps, cell_sources, live_routes
-from robotether_server.relay.routes.routes import RouteContext, RouteRunner
+from robotether_server.relay.routes.routes import RouteRunner
 from robotether_server.settings.server import RelaySettings
 from robotether_server.tasks import end_tasks
 from robotether_server.times import utc_now
@@ -95,12 +96,11 @@ class Relay:
         self.credentials = Credentials(database)
         self.fleet = Fleet(database, self.credentials, poll_every_s=self._timing.poll_every_s)
         self._make_control()
-        self._make_sessions()
         self._make_channels(peer_keys)
+        self._make_sessions()
         self._make_apps(peer_keys)
         self._notify()
         self._count()
-        self.cells.count_recorders = self.recorder_handler.count
 
     async def start(self) -> None:
         """Read the records once, if they can be read, and listen."""
@@ -150,156 +150,116 @@ class Relay:
         self.database.close()
 
     def _make_control(self) -> None:
-        """Make the cells, who drives, and who follows both."""
-        timing, registry = self._timing, self.registry
+        """Make the records, the cells, who drives, and who follows all of it."""
+        database, registry, fleet = self.database, self.registry, self.fleet
+        poll_every_s = self._timing.poll_every_s
+        self.traffic = Traffic()
+        self.metrics = Metrics(self.traffic)
+        self.observer = RelayObserver(self.event_writer, self.metrics, registry, fleet.state)
+        key = server_key(self._settings.session_key)
+        self.head_signer = HeadSigner(database, registry, fleet.state, key)
         self.cells = Cells(
-            self._settings.cell,
-            self.database,
-            registry.online_count,
-            region_of=self.fleet.region_of,
-            poll_every_s=timing.poll_every_s,
+            self._settings.cell, database, registry.online_count, fleet.region_of, poll_every_s
         )
         self.control = Control(
-            database=self.database,
-            event_writer=self.event_writer,
-            registry=registry,
-            snapshot=self.fleet.state,
-            robots_leave=self.cells.robots_leave,
+            database, self.event_writer, registry, fleet.state, self.cells.robots_leave
         )
         self.peers = Peers(registry, self.control.stops, self.cells)
         self.stored_control = StoredControlReader(
-            self.database, self.control, self.cells, self.peers, timing.poll_every_s
+            database, self.control, self.cells, self.peers, poll_every_s
         )
         self.fleet_events = FleetEvents(
-            self.fleet.state, registry, self.connections, self.control, self.peers.described
+            fleet.state, registry, self.connections, self.control, self.peers.described
         )
-        self.peer_feeds = PeerFeedHandler(self.cells, self.fleet_events, registry)
-        self.cell_drain = CellDrain(self.cells, registry, rules=timing.drain)
-        self.rebalancing = Rebalancing(
-            self.cells, registry, unreached=self.peer_feeds.unreached, rules=timing.balance
+        self.access = Access(
+            self._settings, self.credentials, fleet.snapshot, self.peers.here_for_s
+        )
+        self.recorder_handler = recorder.RecorderHandler(
+            self.access, registry, self.fleet_events, fleet.snapshot
+        )
+
+    def _make_channels(self, peer_keys: PeerKeys | None) -> None:
+        """Make what people, apps and routes reach robots by, here and at other cells."""
+        settings, timing, registry = self._settings, self._timing, self.registry
+        limit_bytes, host = settings.message_limit_bytes, settings.tunnel_host
+        self._client = robot_client()
+        self._media = MediaDialer(self._client, host, registry)
+        self.feeds = Feeds(registry, partial(bring_frames, self._media))
+        topics_key = token_hex(16).encode()
+        cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
+        topics = CellTopicDialer(self._media, self.peers, cells)
+        topic_links = TopicLinks(topics.open, registry, limit_bytes, topics_key)
+        self.shared_topics = SharedTopics(registry, topic_links)
+        dialer = RobotDialer(self._client, host, registry, limit_bytes)
+        self._context = VideoContext(
+            self.access, self.credentials, registry, self.connections, dialer, self.feeds
+        )
+        rules = BridgeRules(
+            timing.limits, timing.driver_limits, limit_bytes, self.traffic, self.shared_topics
+        )
+        self._session_context = SessionContext(
+            self._context, self.control, rules, self.observer.connection
+        )
+        self.apps = apps.Apps(self.access, self.credentials, self.event_writer, rules)
+        self.forwarded_observers = ForwardedObservers(cells, self.peers, self._context, rules)
+        sources = cell_sources.CellSources(cells, self.peers, limit_bytes)
+        self.routes = RouteRunner(
+            self._session_context, sources, self.apps, self.event_writer, self.fleet.state
+        )
+        self._live_routes = live_routes.LiveRoutes(self.access, self.routes.live, self.peers, cells)
+        self._cell_metrics = cell_metrics.CellMetrics(
+            settings.cell.name, self.metrics.parts, self.peers, cells
+        )
+        self._peer_topics = cell_topics.PeerTopicsHandler(
+            self.fleet.state, registry, self.peers, rules, topic_links
+        )
+        self._cell_source_handler = cell_sources.CellSourceHandler(
+            self.routes.readable, self.shared_topics, self.traffic.piece_turns
         )
 
     def _make_sessions(self) -> None:
-        settings, timing = self._settings, self._timing
-        self.traffic = Traffic()
-        self.metrics = Metrics(self.traffic)
-        self.observer = RelayObserver(
-            self.event_writer, self.metrics, self.registry, self.fleet.state
-        )
-        key = server_key(settings.session_key)
-        self.head_signer = HeadSigner(self.database, self.registry, self.fleet.state, key)
+        """Make what robots connect to, and what sends them to other cells."""
+        cells, registry, timing = self.cells, self.registry, self._timing
+        self.peer_feeds = PeerFeedHandler(cells, self.fleet_events, registry, self.apps.list_all)
+        self.cell_drain = CellDrain(cells, registry, timing.drain)
+        self.rebalancing = Rebalancing(cells, registry, self.peer_feeds.unreached, timing.balance)
         self.sessions = SessionServer(
-            registry=self.registry,
+            registry=registry,
             snapshot=self.fleet.snapshot,
             refresh=self.fleet.poll,
-            session_key=settings.session_key,
             rules=LinkRules(
-                settings.tunnel_host,
+                self._settings,
+                timing,
                 greeting=self.control.greeting,
-                cells=self.cells.addresses,
-                heartbeat_s=timing.heartbeat_s,
-                idle_heartbeat_s=timing.idle_heartbeat_s,
-                timeout_s=timing.timeout_s,
-                direct=settings.direct,
+                cells=cells.addresses,
                 prepare=self.stored_control.read,
                 on_help=self.observer.help_called,
                 on_nearer=self.rebalancing.on_nearer,
                 on_signed_head=self.head_signer.on_signed_head,
             ),
-            checker=PortChecker(settings.tunnel_host, self.observer.port_checked),
+            checker=PortChecker(self._settings.tunnel_host, self.observer.port_checked),
             refused=self.observer.session_refused,
-        )
-
-    def _make_channels(self, peer_keys: PeerKeys | None) -> None:
-        settings, timing = self._settings, self._timing
-        limit_bytes = settings.message_limit_bytes
-        self._client = robot_client()
-        media = MediaDialer(self._client, settings.tunnel_host, self.registry)
-        self.feeds = Feeds(self.registry, lambda feed: FeedLink(feed, media).run())
-        topics_key = token_hex(16).encode()
-        cells = None if peer_keys is None else CellClient(self._client, peer_keys, topics_key)
-        parts = self.metrics.parts
-        self._cell_metrics = cell_metrics.CellMetrics(settings.cell.name, parts, self.peers, cells)
-        topics = CellTopicDialer(media, self.peers, cells)
-        topic_links = TopicLinks(topics.open, self.registry, limit_bytes, topics_key)
-        self.shared_topics = SharedTopics(self.registry, topic_links)
-        self._make_access()
-        context = VideoContext(
-            access=self.access,
-            credentials=self.credentials,
-            registry=self.registry,
-            connections=self.connections,
-            dialer=RobotDialer(self._client, settings.tunnel_host, self.registry, limit_bytes),
-            feeds=self.feeds,
-        )
-        rules = BridgeRules(
-            timing.limits, timing.driver_limits, limit_bytes, self.traffic, self.shared_topics
-        )
-        self._routes = channel_routes(
-            context, self.control, self.fleet_events, rules=rules, report=self.observer.connection
-        )
-        self.forwarded_observers = ForwardedObservers(cells, self.peers, context, rules)
-        self._peer_topics = cell_topics.PeerTopicsHandler(
-            self.fleet.state, self.registry, self.peers, rules, topic_links
-        )
-        control_api = ControlApi(
-            self.access,
-            self.control,
-            media,
-            self.fleet.snapshot,
-            self.peers.confirmation,
-            self.peer_feeds.unreached,
-        )
-        self._routes += control_api.routes()
-        self._make_routes(context, rules, cells)
-
-    def _make_access(self) -> None:
-        settings = self._settings
-        self.access = Access(
-            tickets=settings.tickets,
-            credentials=self.credentials,
-            snapshot=self.fleet.snapshot,
-            allowed_origins=settings.allowed_origins,
-            clock=utc_now,
-            online_s=self.peers.here_for_s,
-        )
-        self.recorder_handler = recorder.RecorderHandler(
-            self.access, self.registry, self.fleet_events, self.fleet.snapshot
-        )
-
-    def _make_routes(
-        self, context: VideoContext, rules: BridgeRules, cells: CellClient | None
-    ) -> None:
-        self.apps = apps.Apps(self.access, self.credentials, self.event_writer, rules)
-        self.routes = RouteRunner(
-            RouteContext(
-                handlers=context,
-                control=self.control,
-                rules=rules,
-                cell_sources=cell_sources.CellSources(cells, self.peers, rules.message_limit),
-                apps=self.apps,
-                peers=self.peers,
-                event_writer=self.event_writer,
-                snapshot=self.fleet.state,
-                report=self.observer.connection,
-            )
-        )
-        self.peer_feeds.list_apps = self.apps.list_all
-        self._live_routes = live_routes.LiveRoutes(self.access, self.routes.live, self.peers, cells)
-        self._routes += [
-            web.get(live_routes.PATH, self._live_routes.show, allow_head=False),
-            web.get(apps.PATH, self.apps.handle, allow_head=False),
-        ]
-        self._cell_source_handler = cell_sources.CellSourceHandler(
-            self.routes.readable, self.shared_topics, self.traffic.piece_turns
         )
 
     def _make_apps(self, peer_keys: PeerKeys | None) -> None:
         """Make what nginx, the inside and other cells are served; the last if this cell has what to show them."""
-        cors = Cors(self._settings.allowed_origins)
+        settings, metrics = self._settings, self.metrics
+        control_api = ControlApi(
+            self.access,
+            self.control,
+            self._media,
+            self.fleet.snapshot,
+            self.peers.confirmation,
+            self.peer_feeds.unreached,
+        )
+        routes = [
+            *channel_routes(self._context, self._session_context, self.fleet_events),
+            *control_api.routes(),
+            web.get(live_routes.PATH, self._live_routes.show, allow_head=False),
+            web.get(apps.PATH, self.apps.handle, allow_head=False),
+        ]
         forwarding = Forwarding(self.peers, self.fleet.state, self.access, self.forwarded_observers)
-        routes, log_format = self._routes, self._settings.log_format
-        self._public = public_app(self.metrics, cors, routes, forwarding, log_format)
+        self._public = public_app(settings, metrics, routes, forwarding)
         inside = [
             web.get("/metrics", self._cell_metrics.show),
             web.get(recorder.PATH, self.recorder_handler.handle, allow_head=False),
@@ -315,11 +275,12 @@ class Relay:
                 web.get(live_routes.CELL_PATH, self._live_routes.show_own, allow_head=False),
                 web.get(cell_metrics.PATH, self._cell_metrics.show_own, allow_head=False),
             ]
-            public = public_app(self.metrics, cors, routes, log_format=log_format)
+            public = public_app(settings, metrics, routes)
             self._peer_app = peer_app(public, peer_keys, between_cells)
 
     def _notify(self) -> None:
         """Say who is notified of what, in which order."""
+        self.cells.count_recorders = self.recorder_handler.count
         self.event_writer.on_written = self.head_signer.on_written
         self.fleet.restore_last_seen = self.registry.remember
         self.fleet.restore_control = self.control.remember

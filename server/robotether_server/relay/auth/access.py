@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections import OrderedDict
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from datetime import datetime, timedelta
@@ -43,8 +43,9 @@ from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.robot_dialer import RobotDialer
 from robotether_server.relay.robots.uplink import ReceivedBytes
 from robotether_server.schemas import Level
-from robotether_server.settings.server import TicketSettings
+from robotether_server.settings.server import RelaySettings
 from robotether_server.tickets import RECORDER_SALT, CredentialKind, Ticket, TicketSigner
+from robotether_server.times import utc_now
 
 LOGIN_COOKIE = "__Host-robotether_login"
 ROBOT_NAME = re.compile(r"[a-z0-9-]{1,63}")
@@ -129,19 +130,18 @@ class Access:
 
     def __init__(
         self,
-        *,
-        tickets: TicketSettings,
+        settings: RelaySettings,
         credentials: Credentials,
         snapshot: Callable[[], Snapshot],
-        allowed_origins: Collection[str],
-        clock: Callable[[], datetime],
         online_s: Callable[[int], float | None],
+        clock: Callable[[], datetime] = utc_now,
     ) -> None:
+        tickets = settings.tickets
         self._signer = TicketSigner(tickets.key, tickets.ttl_s)
         self._recorder_signer = TicketSigner(tickets.key, tickets.ttl_s, RECORDER_SALT)
         self._credentials = credentials
         self._snapshot = snapshot
-        self._allowed_origins = frozenset(allowed_origins)
+        self._allowed_origins = frozenset(settings.allowed_origins)
         self._clock = clock
         self._online_s = online_s
         self._used = UsedTickets(clock())

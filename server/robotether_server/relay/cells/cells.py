@@ -39,7 +39,6 @@ class Cells:
         settings: CellSettings,
         database: RelayDatabase,
         robots: Callable[[], int],
-        *,
         region_of: Callable[[int], str | None] = lambda _: None,
         poll_every_s: float = POLL_EVERY_S,
     ) -> None:

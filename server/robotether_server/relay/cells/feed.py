@@ -95,13 +95,19 @@ class PeerFeed(ChangedRobots):
 class PeerFeedHandler:
     """Answers /cell/v1/fleet."""
 
-    def __init__(self, cells: Cells, fleet_events: FleetEvents, registry: SessionRegistry) -> None:
+    def __init__(
+        self,
+        cells: Cells,
+        fleet_events: FleetEvents,
+        registry: SessionRegistry,
+        list_apps: Callable[[], list[PeerApp]],
+    ) -> None:
         self._cells = cells
         self._fleet_events = fleet_events
         self._registry = registry
         self._following: Counter[str] = Counter()
         # Lists the apps that are connected here.
-        self.list_apps: Callable[[], list[PeerApp]] = list
+        self._list_apps = list_apps
 
     def unreached(self) -> list[str]:
         """Name the other cells that do not follow this one, to which its robots are offline."""
@@ -117,7 +123,7 @@ class PeerFeedHandler:
         if not connection.can_prepare(request):
             raise HttpError(426, "cannot follow the fleet: connect with a WebSocket")
         await connection.prepare(request)
-        feed = PeerFeed(self._fleet_events, self._registry, self.list_apps)
+        feed = PeerFeed(self._fleet_events, self._registry, self._list_apps)
         with self._fleet_events.followed(feed), self._counted(request.query.get("cell", "")):
             tasks = [
                 asyncio.create_task(_listen(connection, feed)),

@@ -45,7 +45,6 @@ class Rebalancing:
         self,
         cells: Cells,
         registry: SessionRegistry,
-        *,
         unreached: Callable[[], Collection[str]],
         rules: BalanceRules,
     ) -> None:

@@ -36,7 +36,6 @@ class Control:
 
     def __init__(
         self,
-        *,
         database: RelayDatabase,
         event_writer: EventWriter,
         registry: SessionRegistry,

@@ -25,6 +25,7 @@ from robotether_server.relay.robots.authorization import needs_config, port_of
 from robotether_server.relay.robots.port_checks import LinkChecks, PortChecker, wait_released
 from robotether_server.relay.robots.registry import SessionRegistry
 from robotether_server.relay.robots.session_messages import Preface
+from robotether_server.settings.server import RelaySettings
 
 log = logging.getLogger(__name__)
 
@@ -46,22 +47,29 @@ PORT_RELEASED_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True)
+class HeartbeatTimes:
+    """How often a robot and the relay send heartbeats, and after how long without any the connection is over."""
+
+    heartbeat_s: float = 0.5
+    # For a robot that nobody uses.
+    idle_heartbeat_s: float = 2.0
+    timeout_s: float = 5.0
+
+
+@dataclass(frozen=True)
 class LinkRules:
     """What is the same for all links of a relay.
 
     `greeting` gives what a robot is sent after its configuration: its lease, and whether it is stopped. `prepare` comes
-    before, and reads what other cells wrote of the robot. A robot that nobody uses sends and gets heartbeats every
-    `idle_heartbeat_s`. `cells` gives where it connects. `on_help` is called when a robot asks for a person, `on_nearer`
-    when it asks for a move to another cell, `on_signed_head` when it has signed a line of the audit log.
+    before, and reads what other cells wrote of the robot. `cells` gives where it connects. `on_help` is called when a
+    robot asks for a person, `on_nearer` when it asks for a move to another cell, `on_signed_head` when it has signed a
+    line of the audit log.
     """
 
-    tunnel_host: str
+    settings: RelaySettings
+    times: HeartbeatTimes
     greeting: Callable[[int], Iterable[bytes]]
     cells: Callable[[int], Sequence[SshAddresses]]
-    heartbeat_s: float
-    idle_heartbeat_s: float
-    timeout_s: float
-    direct: bool
     prepare: Callable[[int], Awaitable[None]]
     on_help: Callable[[int, HelpCall], None]
     on_nearer: Callable[[int, SshAddresses], None]
@@ -203,7 +211,7 @@ class RobotLink:
         if older is not None:
             older.end("superseded", f"a newer {self.kind} of robot {self._robot.name} took over")
         port = port_of(self.kind, self._robot)
-        host = self._rules.tunnel_host
+        host = self._rules.settings.tunnel_host
         if port is not None and not await wait_released(
             host, port, within_s=PORT_RELEASED_WITHIN_S
         ):
@@ -217,16 +225,16 @@ class RobotLink:
     def _configure(self, cells: Sequence[SshAddresses] | None = None) -> None:
         rules, self._configured = self._rules, True
         is_used = self._registry.robot(self.robot_id).usage.exists
-        self._idle_heartbeat_s = None if is_used else rules.idle_heartbeat_s
+        self._idle_heartbeat_s = None if is_used else rules.times.idle_heartbeat_s
         self._cells = self._cells_now() if cells is None else cells
         self.send(
             lines.config_line(
                 self._robot,
-                heartbeat_s=rules.heartbeat_s,
+                heartbeat_s=rules.times.heartbeat_s,
                 idle_heartbeat_s=self._idle_heartbeat_s,
-                timeout_s=rules.timeout_s,
+                timeout_s=rules.times.timeout_s,
                 guard_key=self.guard_key,
-                direct=rules.direct,
+                direct=rules.settings.direct,
                 media=self._needs_media,
                 cells=self._cells,
                 connection_id=self.preface.connection_id,
@@ -312,14 +320,14 @@ class RobotLink:
     def _heartbeat(self) -> None:
         if self._ended:
             return
-        rules, now = self._rules, self._loop.time()
+        times, now = self._rules.times, self._loop.time()
         if self._heartbeat_timer is not None:
             if now - self._heartbeat_timer.when() > STALLED_S:
                 self._received_at = now
             self._heartbeat_timer.cancel()
-        left_s = self._received_at + rules.timeout_s - now
+        left_s = self._received_at + times.timeout_s - now
         if left_s < 0:
-            self.end("timeout", f"nothing came for {rules.timeout_s:g} s")
+            self.end("timeout", f"nothing came for {times.timeout_s:g} s")
             return
         if self.kind == "session" and (
             self._idle_heartbeat_s is None or self._heartbeats % IDLE_PING_EACH == 0
@@ -329,7 +337,7 @@ class RobotLink:
         # An idle robot that falls silent is noticed as early as one in use.
         idle_s = min(self._idle_heartbeat_s or 0, left_s)
         self._heartbeat_timer = self._loop.call_later(
-            max(rules.heartbeat_s, idle_s), self._heartbeat
+            max(times.heartbeat_s, idle_s), self._heartbeat
         )
 
     def _ping(self, now: float) -> None:

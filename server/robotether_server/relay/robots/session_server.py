@@ -41,7 +41,6 @@ class SessionServer:
         registry: SessionRegistry,
         snapshot: Callable[[], Snapshot],
         refresh: Callable[[], Awaitable[None]],
-        session_key: str,
         rules: LinkRules,
         checker: PortChecker,
         refused: Callable[[str], None],
@@ -49,7 +48,6 @@ class SessionServer:
         self._registry = registry
         self._snapshot = snapshot
         self._refresh = refresh
-        self._session_key = session_key
         self._rules = rules
         self._checker = checker
         self._refused = refused
@@ -102,7 +100,9 @@ class SessionServer:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         try:
             async with asyncio.timeout(PREFACE_WITHIN_S):
-                preface = lines.parse_preface(await reader.readline(), self._session_key)
+                preface = lines.parse_preface(
+                    await reader.readline(), self._rules.settings.session_key
+                )
             robot = await self._authorize(preface)
         except (TimeoutError, ConnectionError, ValueError, ProtocolError, WrongKeyError) as exc:
             self._refused("preface")

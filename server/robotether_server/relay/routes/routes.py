@@ -18,7 +18,6 @@ from robotether_server.contract.routes import LiveRoute, LiveRouteList
 from robotether_server.db.fleet import RelayRobot, Snapshot
 from robotether_server.db.routes import RelayRoute, RouteEnd
 from robotether_server.problems import RobotetherError
-from robotether_server.relay.cells.peers import Peers
 from robotether_server.relay.channels.rosbridge.handler import OperatorSession, SessionContext
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason
@@ -42,17 +41,6 @@ CONNECTING = "it connects to the target"
 LASTING_ENDS = frozenset(("robot_stopped", "lease_held", "lease_lost"))
 
 
-@dataclass(frozen=True)
-class RouteContext(SessionContext):
-    """What routes need besides."""
-
-    cell_sources: CellSources
-    apps: Apps
-    peers: Peers
-    event_writer: EventWriter
-    snapshot: Callable[[], Snapshot]
-
-
 @dataclass(eq=False)
 class RunningRoutes:
     """The routes of one user into one robot, with their connection to it, if there is one."""
@@ -73,8 +61,20 @@ Key = tuple[int, int]
 class RouteRunner:
     """All routes."""
 
-    def __init__(self, context: RouteContext) -> None:
+    def __init__(
+        self,
+        context: SessionContext,
+        cell_sources: CellSources,
+        apps: Apps,
+        event_writer: EventWriter,
+        snapshot: Callable[[], Snapshot],
+    ) -> None:
         self._context = context
+        self._cell_sources = cell_sources
+        self._peers = cell_sources.peers
+        self._apps = apps
+        self._event_writer = event_writer
+        self._snapshot = snapshot
         self._routes: dict[int, RelayRoute] = {}
         # Those that have ended here, until the database has it.
         self._ended: set[int] = set()
@@ -123,27 +123,25 @@ class RouteRunner:
 
     def live(self, user_id: int) -> LiveRouteList:
         """Describe the routes whose robots the user may see, and the user's apps, as this cell knows them."""
-        snapshot = self._context.snapshot()
+        snapshot = self._snapshot()
         routes = [
             self._describe(route)
             for route in self._routes.values()
             if route.id not in self._ended
             and all(snapshot.level(user_id, each) is not None for each in route.robot_ids)
         ]
-        return LiveRouteList(
-            routes, [app.describe() for app in self._context.apps.of_user(user_id)]
-        )
+        return LiveRouteList(routes, [app.describe() for app in self._apps.of_user(user_id)])
 
     def readable(self, route_id: int) -> ReadableSource | None:
         """Return a route that lasts and whose source is here, for the cell that has its target; None: there is none."""
-        snapshot, route = self._context.snapshot(), self._routes.get(route_id)
+        snapshot, route = self._snapshot(), self._routes.get(route_id)
         if route is None or route_id in self._ended or _why_over(route, snapshot, utc_now()):
             return None
         source_id = route.source_id
         if source_id is None:
             app = self._app(route, route.source_app)
             return None if app is None else ReadableSource(route, app, self._is_drive(route))
-        if self._context.peers.owner(source_id) is not None:
+        if self._peers.owner(source_id) is not None:
             return None
         if not self._context.handlers.registry.presence(source_id).online:
             return None
@@ -151,14 +149,14 @@ class RouteRunner:
 
     def _is_drive(self, route: RelayRoute) -> bool:
         """Return whether a route leads to a drive topic."""
-        robot = self._context.snapshot().robots.get(route.target_id or 0)
+        robot = self._snapshot().robots.get(route.target_id or 0)
         return robot is not None and robot.settings.guard.drive_topics.match(route.target_topic)
 
     def update(self) -> None:
         """Bring what runs in line with what may run."""
         if self._is_closing:
             return
-        snapshot, now = self._context.snapshot(), utc_now()
+        snapshot, now = self._snapshot(), utc_now()
         ready: dict[Key, list[RelayRoute]] = {}
         to_apps: dict[int, RelayRoute] = {}
         loop = asyncio.get_running_loop()
@@ -215,19 +213,19 @@ class RouteRunner:
 
     def _open(self, route: RelayRoute, wake: Callable[[], None]) -> RouteSource:
         """Let a route read its source: a robot here or at another cell, or an app."""
-        context, robot_id = self._context, route.source_id
-        bring = context.cell_sources.bring
+        shared_topics, robot_id = self._context.rules.shared_topics, route.source_id
+        bring = self._cell_sources.bring
         source = RouteSource(route, wake, is_drive=self._is_drive(route), rules=self._rules(route))
         try:
             if robot_id is None:
                 if (app := self._app(route, route.source_app)) is not None:
                     source.follow(app.read, app.leave, app.address)
-                elif (elsewhere := context.cell_sources.app(route)) is not None:
+                elif (elsewhere := self._cell_sources.app(route)) is not None:
                     source.bring(bring, elsewhere[1].address)
-            elif context.peers.owner(robot_id) is None:
-                source.open(context.snapshot().robots[robot_id], context.rules.shared_topics)
+            elif self._peers.owner(robot_id) is None:
+                source.open(self._snapshot().robots[robot_id], shared_topics)
             else:
-                source.request(context.snapshot().robots[robot_id])
+                source.request(self._snapshot().robots[robot_id])
                 source.bring(bring)
         except RobotetherError as problem:
             source.problem = problem.detail
@@ -235,7 +233,7 @@ class RouteRunner:
 
     def _app(self, route: RelayRoute, name: str | None) -> App | None:
         """Return an app of the route's maker, if it is connected."""
-        return None if name is None else self._context.apps.get(route.user_id, name)
+        return None if name is None else self._apps.get(route.user_id, name)
 
     def _is_current(self, route: RelayRoute, running: RunningRoutes) -> bool:
         """Return whether a route reads its source where and as it may now."""
@@ -245,11 +243,11 @@ class RouteRunner:
     def _rules(self, route: RelayRoute) -> object:
         """Return what a route's connections depend on."""
         apps = (self._app(route, route.source_app), self._app(route, route.target_app))
-        peer = self._context.cell_sources.owner(route)
+        peer = self._cell_sources.owner(route)
         cell = None if peer is None else peer.name
         if route.source_id is None:
             return cell, apps
-        robot = self._context.snapshot().robots[route.source_id]
+        robot = self._snapshot().robots[route.source_id]
         return robot.name, robot.settings.policy, cell, apps
 
     def _keep_only(self, running: RunningRoutes, route_ids: Iterable[int]) -> None:
@@ -311,13 +309,11 @@ class RouteRunner:
         source = self._name_of(route.source_id, route.source_app)
         target = self._name_of(route.target_id, route.target_app)
         log.info("route %d of %s ended: %s", route.id, route.user_name, code)
-        self._context.event_writer.add(
-            RouteEnd(route.id, utc_now(), code, route.user_name, source, target)
-        )
+        self._event_writer.add(RouteEnd(route.id, utc_now(), code, route.user_name, source, target))
 
     def _name_of(self, robot_id: int | None, app: str | None) -> str:
         """Name an end of a route; a robot that is gone has no name."""
-        robot = self._context.snapshot().robots.get(robot_id or 0)
+        robot = self._snapshot().robots.get(robot_id or 0)
         return f"{APP}{app}" if app is not None else "" if robot is None else robot.name
 
     def _why_not_ours(self, route: RelayRoute) -> str | None:
@@ -333,7 +329,7 @@ class RouteRunner:
 
     def _where(self, route: RelayRoute) -> LiveRoute | None:
         """Say why a route does not run here; None: its target is here, and its source, too, or at another cell."""
-        peers, registry = self._context.peers, self._context.handlers.registry
+        peers, registry = self._peers, self._context.handlers.registry
         for robot_id in route.robot_ids:
             if peers.owner(robot_id) is None and not registry.presence(robot_id).online:
                 name = self._name_of(robot_id, None) or "a robot"
@@ -345,7 +341,7 @@ class RouteRunner:
                 continue
             if app == route.target_app and peers.count():
                 return LiveRoute(route.id, "elsewhere")
-            if app == route.target_app or self._context.cell_sources.app(route) is None:
+            if app == route.target_app or self._cell_sources.app(route) is None:
                 return LiveRoute(route.id, "waits", 0.0, f"app {app} is not connected")
         return None
 

@@ -1,12 +1,13 @@
 """The HTTP border: routes, problems, health and metrics."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 from fake_robot import HOST, WAIT_S
-from relay_server import ANN
+from relay_server import ANN, relay_settings
 from robotether_server import __version__
-from robotether_server.relay.app import Cors, Servers, public_app
+from robotether_server.relay.app import Servers, public_app
 from robotether_server.relay.auth.connections import Caps
 from robotether_server.relay.channels.rosbridge.bridge import Traffic
 from robotether_server.relay.metrics import Metrics
@@ -37,7 +38,7 @@ async def test_no_request_writes_a_line_of_its_own(relay, http, caplog, headers)
 
 async def test_a_request_is_logged_as_json_without_its_query(http, caplog):
     caplog.set_level("INFO")
-    app = public_app(Metrics(Traffic()), Cors(()), (), None, "json")
+    app = public_app(replace(relay_settings(), log_format="json"), Metrics(Traffic()), ())
     servers = Servers(HOST, backlog=1)
     url = f"http://{HOST}:{await servers.serve(app, 0)}/robots/sim1/ros?ticket=secret"
     async with http.get(url) as answer:

@@ -59,6 +59,11 @@ MESSAGES_AT_ONCE = 100
 LINK_BROKE = "the robot's video connection broke; trying again"
 
 
+async def bring_frames(dialer: MediaDialer, feed: Feed) -> CloseReason:
+    """Bring a feed its frames until there is no way to the robot; return why."""
+    return await FeedLink(feed, dialer).run()
+
+
 class FeedLink:
     """Brings one feed its frames."""
 

@@ -1,10 +1,11 @@
 """Who may open what, without a network; the handlers' tests show the answers to those who may not."""
 
 import time
+from dataclasses import replace
 from datetime import UTC, datetime, timedelta
 
 import pytest
-from relay_server import MemoryDatabase, utc
+from relay_server import MemoryDatabase, relay_settings, utc
 from robotether_server.db.fleet import RelayRobot, RelayUser, Snapshot
 from robotether_server.problems import (
     GrantMissingError,
@@ -33,13 +34,13 @@ def access_of(database, granted="observe", credentials=None, *, online_s=lambda 
     """Robot 7 is sim1, robot 8 is sim2, and user 3 has this grant on them."""
     robot = RelayRobot(7, "sim1", "active", 20000, 20001, MAC)
     other = RelayRobot(8, "sim2", "active", 20002, 20003)
+    snapshot = Snapshot({7: robot, 8: other}, {(3, 7): granted, (3, 8): granted})
     return Access(
-        tickets=TicketSettings("key", 30),
-        credentials=credentials or Credentials(database),
-        snapshot=lambda: Snapshot({7: robot, 8: other}, {(3, 7): granted, (3, 8): granted}),
-        allowed_origins=["https://lab.example"],
+        replace(relay_settings(), tickets=TicketSettings("key", 30)),
+        credentials or Credentials(database),
+        lambda: snapshot,
+        online_s,
         clock=lambda: datetime.fromtimestamp(time.time(), UTC),
-        online_s=online_s,
     )
 
 
