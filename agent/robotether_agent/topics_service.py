@@ -227,11 +227,15 @@ def parse_subscription(text: str) -> JsonObject:
         raise FieldError("a subscription has no other fields than rosbridge's")
     get_match(subscription, "topic", TOPIC, "a topic's full name")
     for name, value in subscription.items():
-        is_plain = value is None or isinstance(value, (str, int, float))
-        if not is_plain and name != "qos":
+        # A profile holds durations, which may be objects.
+        if not _is_plain(value, 2 if name == "qos" else 0):
             raise FieldError(f"field {name} must be plain")
-    qos = subscription.get("qos")
-    values = qos.values() if isinstance(qos, dict) else qos if isinstance(qos, list) else ()
-    if any(isinstance(value, (dict, list)) for value in values):
-        raise FieldError("field qos must hold plain values")
     return subscription
+
+
+def _is_plain(value: object, levels: int) -> bool:
+    """Return whether it is no array, has objects in this many levels at most, and none could be an operation."""
+    if isinstance(value, dict):
+        inner = all(_is_plain(each, levels - 1) for each in value.values())
+        return levels > 0 and "op" not in value and inner
+    return value is None or isinstance(value, (str, int, float))

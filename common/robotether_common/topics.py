@@ -5,6 +5,7 @@ Each connection carries one subscription, so that none of its messages is parsed
 
 from __future__ import annotations
 
+import re
 import zlib
 from collections import deque
 from typing import Generic, TypeVar
@@ -20,6 +21,9 @@ MAX_TOPICS = 64
 KNOWN = "known"
 KNOWN_OP = "robotether.known"
 MAX_KNOWN = 32
+# The time at which rosbridge got a message, in what it writes as `cbor-raw`, and in which head that is. It is another
+# one each time that rosbridge repeats the message.
+RECEIVED, MAX_HEAD_BYTES = re.compile(rb"cmsg\xa3dsecs.{1,9}?ensecs.{1,9}?ebytes", re.DOTALL), 400
 
 # Maximum size of waiting messages, of those that may grow old, and time after which these are old.
 MAX_WAITING_BYTES = 256 * 1024
@@ -31,7 +35,9 @@ MAX_PARTS_BYTES = 16 * 1024 * 1024
 
 def digest(message: bytes) -> str:
     """Return what tells a message from the few others of its topic; no proof against a forger."""
-    return f"{zlib.crc32(message):08x}{len(message):x}"
+    received = RECEIVED.search(message, 0, MAX_HEAD_BYTES)
+    content = message if received is None else message[received.end() :]
+    return f"{zlib.crc32(content):08x}{len(content):x}"
 
 
 class MessageQueue(Generic[Kind]):

@@ -152,8 +152,9 @@ async def world() -> AsyncIterator[World]:
 
 
 async def test_messages_pass_as_rosbridge_sends_them(world):
-    relay = await world.open({**ODOM, "throttle_rate": 100})
-    assert world.rosbridge.got == [{**ODOM, "throttle_rate": 100}]
+    requested = {**ODOM, "qos": {"depth": 1, "lifespan": {"secs": 1, "nsecs": 0}}}
+    relay = await world.open(requested)
+    assert world.rosbridge.got == [requested]
     await world.rosbridge.publish("/odom", {"x": 1})
     message = await relay.receive_json(timeout=5)
     assert message == {"op": "publish", "topic": "/odom", "msg": {"x": 1}}
@@ -173,6 +174,7 @@ async def test_messages_pass_as_rosbridge_sends_them(world):
         '{"op": "subscribe", "topic": "/odom", "type": {"op": "publish"}}',
         '{"op": "subscribe", "topic": "/odom", "qos": {"a": {"op": "publish"}}}',
         '{"op": "subscribe", "topic": "/odom", "qos": [{"op": "publish"}]}',
+        '{"op": "subscribe", "topic": "/odom", "qos": {"a": {"b": {"c": 1}}}}',
         "[]",
         "{",
     ],

@@ -1,8 +1,10 @@
-"""What waits of a topic for a receiver."""
+"""What waits of a topic for a receiver, and what tells its messages apart."""
 
 from __future__ import annotations
 
-from robotether_common.topics import FRESH_BYTES, MAX_WAITING_BYTES, MessageQueue
+import cbor2
+import pytest
+from robotether_common.topics import FRESH_BYTES, MAX_WAITING_BYTES, MessageQueue, digest
 
 
 def taken(queue: MessageQueue[str]) -> list[bytes]:
@@ -44,3 +46,15 @@ def test_parts_of_messages_are_not_dropped_for_their_age():
     for second in range(10):
         queue.push(b"%d" % second * MAX_WAITING_BYTES, "text", float(second))
     assert len(queue) == 10
+
+
+@pytest.mark.parametrize("secs", [7, 2**31])
+def test_a_raw_message_is_the_same_whenever_rosbridge_got_it(secs: int) -> None:
+    def raw(content: bytes, **time: int) -> bytes:
+        msg = {**time, "bytes": content}
+        return cbor2.dumps({"op": "publish", "topic": "/" + "a" * 254, "msg": msg})
+
+    first = digest(raw(b"map", secs=0, nsecs=0))
+    assert digest(raw(b"map", secs=secs, nsecs=999_999_999)) == first
+    assert digest(raw(b"mop", secs=0, nsecs=0)) != first
+    assert digest(raw(b"map", secs=0)) != digest(raw(b"map", secs=1)), "another type's members"

@@ -93,7 +93,7 @@ class PeerTopicsHandler:
         subscription = await _subscription(socket)
         if subscription is not None and KNOWN in request.query:
             digests = request.query[KNOWN].split(",")
-            for each in await self.connector.repeat(SharedTopic(robot, subscription), digests):
+            async for each in self.connector.repeat(SharedTopic(robot, subscription), digests):
                 await socket.send_frame(
                     write_json({"op": KNOWN_OP, "digest": each}), WSMsgType.TEXT
                 )

@@ -40,7 +40,7 @@ from robotether_server.relay.channels.rosbridge.message_validator import (
     read_stop,
     status_error,
 )
-from robotether_server.relay.channels.rosbridge.subscriptions import TopicSubscriptions
+from robotether_server.relay.channels.rosbridge.subscriptions import TopicSharing, change
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.http import close_reasons
 from robotether_server.relay.http.close_reasons import CloseReason, ConnectionClosedError
@@ -145,7 +145,7 @@ class Bridge(ClientConnection):
         operator: OperatorSocket,
         own: OwnOperations,
         limits: LivenessLimits,
-        topics: TopicSubscriptions,
+        topics: TopicSharing,
         message_limit: int,
         traffic: Traffic,
     ) -> None:
@@ -306,7 +306,7 @@ class Bridge(ClientConnection):
         if self._drive is not None:
             self._drive.log.message()
         if checked.subscription is not None:
-            self._topics.change(checked.subscription)
+            change(self._topics, checked.subscription, checked.requested)
             return
         await self._send_to_robot(robot, checked)
 

@@ -42,7 +42,6 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 from robotether_server.relay.channels.rosbridge.subscriptions import (
     TopicCopies,
     TopicSharing,
-    TopicSubscriptions,
 )
 from robotether_server.relay.control.control import Control
 from robotether_server.relay.control.leasing import now
@@ -115,8 +114,7 @@ class RosbridgeHandler:
     async def _serve(self, operator: OperatorSocket, permit: Permit, request: web.Request) -> None:
         robot, user = permit.robot, permit.user
         address = request.headers.get("X-Forwarded-For")
-        sharing = self._topic_sharing(permit, request)
-        bridge = self._bridge(operator, permit, address, TopicSubscriptions(sharing))
+        bridge = self._bridge(operator, permit, address, self._topic_sharing(permit, request))
         connection = Connection(
             user.id, user.name, robot, permit.use, bridge.end, level=permit.level
         )
@@ -152,7 +150,7 @@ class RosbridgeHandler:
         operator: OperatorSocket,
         permit: Permit,
         address: str | None,
-        topics: TopicSubscriptions,
+        topics: TopicSharing,
     ) -> Bridge:
         robot, rules = permit.robot, self.context.rules
         policy = robot.settings.policy

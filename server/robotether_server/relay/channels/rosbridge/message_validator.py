@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from typing import Any, Literal, NamedTuple
@@ -89,8 +89,9 @@ class ValidatedMessage(NamedTuple):
     """A message that passed. `data` goes to the robot, as a text message; it is published to `topic`, if any.
 
     With `drive`, what `stamped` makes of it goes in its place. With `own`, the operation is for
-    the relay, `data` is empty, and `own` has its fields. With `subscription`, what is requested of
-    a topic goes its own way, and may be shared with others; its `short_name` is that of `TopicRequest`.
+    the relay, `data` is empty, and `own` has its fields. With `subscription`, the topic goes its own way,
+    and may be shared with others; `requested` has all that the client now requests of it, the oldest first. The
+    `short_name` of each is that of `TopicRequest`.
     """
 
     data: bytes
@@ -99,6 +100,7 @@ class ValidatedMessage(NamedTuple):
     own: Mapping[str, Any] | None = None
     subscription: Mapping[str, Any] | None = None
     topic: str | None = None
+    requested: Sequence[Mapping[str, Any]] = ()
 
 
 class MessageValidator:
@@ -158,11 +160,9 @@ class MessageValidator:
         self._check_right(entry, fields)
         if operation == "publish":
             return self._publish(fields)
-        if entry.right != "subscribe":
-            return ValidatedMessage(write_json(fields), operation)
-        name = message["topic"]
-        subscription = {**fields, "short_name": None if name == fields["topic"] else name}
-        return ValidatedMessage(write_json(fields), operation, subscription=subscription)
+        if entry.right == "subscribe":
+            return self._subscribe(fields, message["topic"])
+        return ValidatedMessage(write_json(fields), operation)
 
     def _check_amount(self, data: bytes) -> bool:
         """Return whether the message may pass whatever it is; if not, it still may be a stop."""
@@ -191,8 +191,6 @@ class MessageValidator:
             kind: Kind = "topic" if entry.named_by == "topic" else "service"
             why = f"cannot {entry.says} {name}: {self._missing_right(entry.right)}"
             raise MessageRefusedError(kind, why, fields)
-        if entry.right == "subscribe":
-            self._count_subscription(fields)
 
     def _always(self, entry: Operation, fields: Mapping[str, Any], name: str) -> bool:
         """Whether it passes without a glob: a driver's drive topics, everybody's look-ups."""
@@ -211,14 +209,17 @@ class MessageValidator:
             )
         return f"{POLICY_REFUSES}; an admin changes it on the robot's page"
 
-    def _count_subscription(self, fields: Mapping[str, Any]) -> None:
-        topic, subscription_id = fields["topic"], fields.get("id")
-        if fields["op"] == "unsubscribe":
-            self._subscriptions.remove(topic, subscription_id)
-        elif not self._subscriptions.add(topic, subscription_id):
+    def _subscribe(self, fields: dict[str, Any], name: str) -> ValidatedMessage:
+        topic = fields["topic"]
+        subscription = {**fields, "short_name": None if name == topic else name}
+        if not self._subscriptions.change(subscription):
             max_count = len(self._subscriptions)
             why = f"cannot subscribe to {topic}: this connection has {max_count} subscriptions, the robot's limit"
             raise MessageRefusedError("subscriptions", why, fields)
+        requested = self._subscriptions.of(topic)
+        return ValidatedMessage(
+            write_json(fields), fields["op"], subscription=subscription, requested=requested
+        )
 
     def _publish(self, fields: dict[str, Any]) -> ValidatedMessage:
         stamp = fields.pop(STAMP, None) or DriveStamp()
@@ -327,35 +328,37 @@ def _unknown(operation: object) -> str:
 
 
 class Subscriptions:
-    """The topics that one connection has subscribed, counted as rosbridge counts them.
+    """What one connection has subscribed to, by topic and by the client's id, as rosbridge counts it.
 
     At most `max_count`; a topic may be subscribed several times, each under an id of its own.
     """
 
     def __init__(self, max_count: int) -> None:
         self._max_count = max_count
-        self._ids: dict[str, set[str | int | None]] = {}
-        self._count = 0
+        self._by_topic: dict[str, dict[str | int | None, Mapping[str, Any]]] = {}
 
     def __len__(self) -> int:
-        return self._count
+        return sum(map(len, self._by_topic.values()))
 
-    def add(self, topic: str, subscription_id: str | int | None) -> bool:
-        """Count a subscription, an old one again for nothing; False when there are too many."""
-        ids = self._ids.get(topic, set())
-        if subscription_id in ids:
+    def of(self, topic: str) -> Sequence[Mapping[str, Any]]:
+        """Return the subscriptions of a topic, the oldest first."""
+        return tuple(self._by_topic.get(topic, {}).values())
+
+    def change(self, message: Mapping[str, Any]) -> bool:
+        """Do as a checked `subscribe` or `unsubscribe` says, an `unsubscribe` without an id for all of the topic.
+
+        An old subscription again counts once. False: there are too many.
+        """
+        topic, message_id = message["topic"], message.get("id")
+        requested = self._by_topic.get(topic, {})
+        if message["op"] == "subscribe":
+            if message_id not in requested and len(self) >= self._max_count:
+                return False
+            self._by_topic[topic] = {**requested, message_id: message}
             return True
-        if self._count >= self._max_count:
-            return False
-        self._ids.setdefault(topic, ids).add(subscription_id)
-        self._count += 1
+        if message_id is None:
+            requested.clear()
+        requested.pop(message_id, None)
+        if not requested:
+            self._by_topic.pop(topic, None)
         return True
-
-    def remove(self, topic: str, subscription_id: str | int | None) -> None:
-        """Forget the subscription; without an id, all of the topic."""
-        ids = self._ids.get(topic, set())
-        removals = set(ids) if subscription_id is None else ids & {subscription_id}
-        ids -= removals
-        self._count -= len(removals)
-        if not ids:
-            self._ids.pop(topic, None)

@@ -251,6 +251,17 @@ def scalars(value: Any) -> dict[str, object] | list[object]:
         return [_scalar(item) for item in value]
     if not isinstance(value, dict):
         raise FieldRefusedError("is neither object nor array")
+    return _plain_object(value)
+
+
+def quality(value: Any) -> dict[str, object]:
+    """Pass a QoS profile: an object of plain values, and of objects of plain values, as durations are."""
+    objects = {name: each for name, each in members(value).items() if isinstance(each, dict)}
+    durations = {name: _plain_object(each) for name, each in objects.items()}
+    return _plain_object(value | dict.fromkeys(objects)) | durations
+
+
+def _plain_object(value: dict[str, Any]) -> dict[str, object]:
     for name in value:
         if not FIELD_NAME.fullmatch(name):
             raise FieldRefusedError(f"has a member {name[:64]!r}, which may not stand here")
@@ -350,7 +361,7 @@ _TOPIC: Mapping[str, Check] = {
 _PUBLISHED: Mapping[str, Check] = {
     "latch": flag,
     "queue_size": whole(0, MAX_QUEUE),
-    "qos": scalars,
+    "qos": quality,
 }
 _GOAL: Mapping[str, Check] = {
     "id": identity,
@@ -388,7 +399,7 @@ OPERATIONS: Mapping[str, Operation] = {
             **_TOPIC,
             "throttle_rate": whole(0, MAX_THROTTLE_MS),
             "queue_length": whole(0, MAX_QUEUE),
-            "qos": scalars,
+            "qos": quality,
             **_ANSWER,
         },
         "subscribe",

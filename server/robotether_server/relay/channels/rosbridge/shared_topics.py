@@ -12,7 +12,7 @@ import logging
 import secrets
 import time
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import partial
 from operator import attrgetter
@@ -96,7 +96,12 @@ class TopicRequest:
 
 
 def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
-    """Return what rosbridge makes of several subscriptions of one client to a topic; there is at least one."""
+    """Return what rosbridge makes of several subscriptions of one client to a topic; there is at least one.
+
+    A short name stands in no PNG: what comes under one comes uncompressed.
+    """
+    short_name = next(iter(subscriptions)).short_name
+    compression = max((each.compression for each in subscriptions), key=COMPRESSIONS.index)
     sizes = [each.fragment_size for each in subscriptions if each.fragment_size is not None]
     return TopicRequest(
         next(iter(subscriptions)).topic,
@@ -104,9 +109,9 @@ def combined(subscriptions: Collection[TopicRequest]) -> TopicRequest:
         min(each.throttle_rate for each in subscriptions),
         min(each.queue_length for each in subscriptions),
         min(sizes, default=None),
-        max((each.compression for each in subscriptions), key=COMPRESSIONS.index),
+        "none" if short_name is not None and compression == "png" else compression,
         next((each.qos for each in subscriptions if each.qos is not None), None),
-        next(iter(subscriptions)).short_name,
+        short_name,
     )
 
 
@@ -292,8 +297,8 @@ class TopicConnector(Protocol):
     async def run(self, topic: SharedTopic) -> None:
         """Bring its messages until this is cancelled, and say when rosbridge has the subscription."""
 
-    async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
-        """Return the digests of those messages that rosbridge repeats to a newcomer."""
+    def repeat(self, topic: SharedTopic, digests: Collection[str]) -> AsyncIterator[str]:
+        """Yield the digest of each of those messages that rosbridge repeats to a newcomer, once, as it does."""
 
 
 class SharedTopics(SharedCopies[SharedTopic]):
@@ -395,15 +400,22 @@ class SharedTopics(SharedCopies[SharedTopic]):
             topic.is_asked_for = False
 
     async def _repeat_to_asking(self, topic: SharedTopic) -> None:
-        name, by_digest, lasting = topic.key.topic, topic.by_digest(), topic.repeated
-        repeated = await self._connector.repeat(topic, by_digest.keys())
+        by_digest, lasting, repeated = topic.by_digest(), topic.repeated, list[str]()
+
+        def give(digests: Collection[str]) -> None:
+            for subscriber, missed in topic.asking.items():
+                for each in digests:
+                    if subscriber in topic.users and each in missed:
+                        missed.remove(each)
+                        subscriber.on_message(topic.key.topic, *by_digest[each])
+
+        async for each in self._connector.repeat(topic, by_digest.keys()):
+            repeated.append(each)
+            asyncio.get_running_loop().call_later(REPEAT_AFTER_S, give, (each,))
         if repeated:
             await asyncio.sleep(REPEAT_AFTER_S)
         lasting[:] = [by_digest[each] for each in repeated]
         if topic.repeated:
             topic.asking |= topic.newcomers
             topic.newcomers = {}
-        for subscriber, missed in topic.asking.items():
-            for each in repeated:
-                if subscriber in topic.users and each in missed:
-                    subscriber.on_message(name, *by_digest[each])
+        give(repeated)

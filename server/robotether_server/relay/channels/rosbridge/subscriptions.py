@@ -1,4 +1,4 @@
-"""One client's subscriptions, merged by topic as rosbridge merges them, and what waits for the client.
+"""The topics that one client shares, and what waits for the client.
 
 A `Bridge` has both. Each topic is shared with all who request the same, and a slow client gets the newest.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import asyncio
 from collections import deque
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from aiohttp import WSMsgType
@@ -72,33 +72,19 @@ class TopicSharing(Protocol):
         """Share nothing any more."""
 
 
-class TopicSubscriptions:
-    """One client's subscriptions."""
-
-    def __init__(self, sharing: TopicSharing) -> None:
-        # By topic, and by the client's id.
-        self._requested: dict[str, dict[MessageId, TopicRequest]] = {}
-        self._sharing = sharing
-        self.held = sharing.held
-        self.send = sharing.send
-        self.close = sharing.close
-
-    def change(self, message: Mapping[str, Any]) -> None:
-        """Do as a checked `subscribe` or `unsubscribe` says; the latter without an id ends all of the topic."""
-        topic, message_id = message["topic"], message.get("id")
-        requested = self._requested.setdefault(topic, {})
-        if message["op"] == "subscribe":
-            requested[message_id] = TopicRequest.of(message)
-        elif message_id is None:
-            requested.clear()
-        else:
-            requested.pop(message_id, None)
-        if requested:
-            subscription, is_new = combined(requested.values()), message["op"] == "subscribe"
-            self._sharing.share(topic, subscription, next(iter(requested)), is_new=is_new)
-        else:
-            del self._requested[topic]
-            self._sharing.share(topic, None)
+def change(
+    sharing: TopicSharing, message: Mapping[str, Any], requested: Sequence[Mapping[str, Any]]
+) -> None:
+    """Share what a client requests of a topic after its checked `subscribe` or `unsubscribe`."""
+    if not requested:
+        sharing.share(message["topic"], None)
+        return
+    sharing.share(
+        message["topic"],
+        combined([TopicRequest.of(each) for each in requested]),
+        requested[0].get("id"),
+        is_new=message["op"] == "subscribe",
+    )
 
 
 class TopicCopies:

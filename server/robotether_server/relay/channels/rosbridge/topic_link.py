@@ -10,7 +10,7 @@ import asyncio
 import logging
 import re
 import time
-from collections.abc import Awaitable, Callable, Collection, Coroutine
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Coroutine
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -119,23 +119,26 @@ class TopicLinks:
             pause_s = pauses.next(lasted_s, has_brought=has_brought, is_too_large=is_too_large)
             await asyncio.sleep(pause_s)
 
-    async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> list[str]:
-        """Return the digests of those messages that rosbridge repeats to a newcomer."""
-        repeated: dict[str, None] = {}
+    async def repeat(self, topic: SharedTopic, digests: Collection[str]) -> AsyncIterator[str]:
+        """Yield the digest of each of those messages that rosbridge repeats to a newcomer, once, as it does."""
+        unnamed = set(digests)
         try:
-            async with asyncio.timeout(REPEATED_WITHIN_S):
+            async with asyncio.timeout(REPEATED_WITHIN_S) as limit:
                 socket = await self._open(topic, {KNOWN: ",".join(digests)})
-                try:
-                    # A robot may name one again and again.
-                    for _ in range(MAX_KNOWN):
-                        if (name := _name_in(await socket.receive())) not in digests:
-                            break
-                        repeated[str(name)] = None
-                finally:
-                    socket.drop()
+            try:
+                # A robot may name one again and again.
+                for _ in range(MAX_KNOWN):
+                    async with asyncio.timeout_at(limit.when()):
+                        message = await socket.receive()
+                    if (name := _name_in(message)) not in digests:
+                        break
+                    if name in unnamed:
+                        unnamed.remove(name)
+                        yield name
+            finally:
+                socket.drop()
         except (ConnectionClosedError, ClientError, OSError) as error:
             log.debug("robot %s: cannot ask what it repeats: %r", topic.robot.name, error)
-        return list(repeated)
 
     async def _bring(self, topic: SharedTopic, silence_s: float) -> str | None:
         """Bring a topic's messages until the connection ends; return why, None if it brings nothing."""
@@ -246,15 +249,15 @@ async def date(
             await asyncio.sleep(DATED_EVERY_S)
 
 
-def _name_in(message: WSMessageNoDecodeText) -> object:
-    """Return the digest in a message of the topics service, None when it is no such message."""
+def _name_in(message: WSMessageNoDecodeText) -> str:
+    """Return the digest in a message of the topics service, empty when it is no such message."""
     if message.type is not WSMsgType.TEXT:
-        return None
+        return ""
     try:
         answer = read_json(message.data)
     except NotJsonError:
-        return None
-    return answer.get("digest") if answer.get("op") == KNOWN_OP else None
+        return ""
+    return str(answer.get("digest")) if answer.get("op") == KNOWN_OP else ""
 
 
 class RosbridgeStatus(Struct):

@@ -15,6 +15,7 @@ from relay_server import MESSAGE_LIMIT, until
 from robotether_common.topics import MAX_TOPICS
 from robotether_server.relay.channels.rosbridge import held_messages, topic_link
 from robotether_server.relay.channels.rosbridge.held_messages import HeldMessages
+from robotether_server.relay.channels.rosbridge.message_validator import Subscriptions
 from robotether_server.relay.channels.rosbridge.shared_topics import (
     MAX_LARGE_BYTES,
     MAX_OBSERVED_TOPICS,
@@ -27,7 +28,7 @@ from robotether_server.relay.channels.rosbridge.shared_topics import (
 )
 from robotether_server.relay.channels.rosbridge.subscriptions import (
     TopicCopies,
-    TopicSubscriptions,
+    change,
     renamed,
 )
 from robotether_server.relay.channels.rosbridge.topic_link import (
@@ -114,17 +115,23 @@ def test_several_of_one_client_are_merged_as_rosbridge_merges_them():
         ]
     )
     assert both == TopicRequest("/a", "a/B", 50, 5, 2000, "cbor", b'{"depth":1}')
+    png = replace(TopicRequest("/a", compression="png"), short_name="a")
+    assert combined([png]).compression == "none", "a PNG would have the whole name"
 
 
 class AskedConnector(SilentConnector):
     def __init__(self):
         self.questions = 0
         self.answers = asyncio.Semaphore(0)
+        self.is_ended = asyncio.Event()
+        self.is_ended.set()
 
     async def repeat(self, _topic, digests):
         self.questions += 1
         await self.answers.acquire()
-        return list(digests)
+        for each in digests:
+            yield each
+        await self.is_ended.wait()
 
 
 async def test_newcomers_share_the_question_what_rosbridge_repeats(relay, sim1, monkeypatch):
@@ -176,9 +183,12 @@ async def test_a_message_that_equals_one_of_before_comes_once(relay, sim1, monke
         topic.on_message(message, aiohttp.WSMsgType.TEXT)
     topics.join(sim1, TopicRequest("/button"), Client(), limit=9)
     await until(lambda: connector.questions == 1, "the robot is asked")
+    connector.is_ended.clear()
     connector.answers.release()
     await until(connector.answers.locked, "it answers")
     topic.on_message(b"pressed", aiohttp.WSMsgType.TEXT)
+    await until(lambda: len(got) == 2, "the newcomer has it before the robot ends its answer")
+    connector.is_ended.set()
     await until(lambda: not topic.is_asked_for, "it has answered")
     assert got == [b"pressed", b"armed"]
     topics.end_all_of(sim1.id)
@@ -192,7 +202,7 @@ async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, 
     topic = topics._open(SharedTopic(sim1, TopicRequest(name)))
     for message in (b"camera", b"laser"):
         topic.on_message(message, aiohttp.WSMsgType.TEXT)
-    client = TopicSubscriptions(TopicCopies(sim1, lambda: (1,), topics))
+    client, subscriptions = TopicCopies(sim1, lambda: (1,), topics), Subscriptions(9)
     both = [(name, message, aiohttp.WSMsgType.TEXT) for message in (b"camera", b"laser")]
     # Two parts of one page have a subscription each, as they have with rosbridge.
     for op, number, received in (
@@ -200,7 +210,9 @@ async def test_each_new_subscription_has_all_static_frames_at_once(relay, sim1, 
         ("subscribe", 2, both),
         ("unsubscribe", 1, []),
     ):
-        client.change({"op": op, "topic": name, "id": number})
+        message = {"op": op, "topic": name, "id": number}
+        subscriptions.change(message)
+        change(client, message, subscriptions.of(name))
         assert got == received
         got.clear()
     assert not topic.is_asked_for
@@ -233,7 +245,8 @@ async def test_a_robot_that_repeats_without_end_is_read_no_longer(sim1):
         return RepeatingSocket()
 
     topic = SharedTopic(sim1, TopicRequest("/odom"))
-    assert await TopicLinks(open_topic, None, 1024, b"").repeat(topic, {"1", "2"}) == ["1"]
+    links = TopicLinks(open_topic, None, 1024, b"")
+    assert [each async for each in links.repeat(topic, {"1", "2"})] == ["1"]
 
 
 class AnsweringSocket(RepeatingSocket):
