@@ -33,8 +33,8 @@ class Recording:
     `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
     who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
     interrupted: nothing is heard of the recorder. `messages_left_out`: of topics for which the file had no room.
-    `topics_left_out`: the first 50 topics that the file lacks, at least for a part of its time: it has at most 16 at a
-    time and 200 in all, and none that its policy hides from observers. `cell`: whose machine has the file.
+    `topics_left_out`: topics that the file lacks, at least for a part of its time, the first of many: it has at most 16
+    at a time and 200 in all, and none that its policy hides from observers. `cell`: whose machine has the file.
     """
 
     id: Count
@@ -52,6 +52,11 @@ class Recording:
     messages_left_out: Count | None
     topics_left_out: list[str] | None
     cell: str | None
+
+    @property
+    def may_lack_others(self) -> bool:
+        """Whether the file may lack more topics than are named."""
+        return len(self.topics_left_out or ()) >= MAX_TOPICS_LEFT_OUT
 
     @property
     def lasted_s(self) -> float | None:
