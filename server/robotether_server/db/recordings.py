@@ -321,6 +321,16 @@ def end(
     )
 
 
+def ask_again(tx: Transaction, recording_id: int) -> None:
+    """Ask all cells' recorders for what somebody asked for, whose robot this cell has no longer."""
+    tx.change(
+        "INSERT INTO recordings (robot_id, robot, cause, asked_by_id, asked_by)"
+        " SELECT robot_id, robot, cause, asked_by_id, asked_by FROM recordings WHERE id = %s"
+        " AND cause = 'asked' AND stop_requested_at IS NULL AND delete_requested_at IS NULL",
+        (recording_id,),
+    )
+
+
 def note_deleted(tx: Transaction, recording_id: int) -> None:
     """The file is gone."""
     tx.change(

@@ -54,6 +54,9 @@ class CutReason(Enum):
     """Why a time is in no episode."""
 
     NOT_DRIVEN = "nobody drove"
+    UNKNOWN_DRIVER = (
+        "who drove is not known: the recorder had lost the relay, or the relay the robot"
+    )
     UNKNOWN_FRAME = "which frame the driver had seen is not known, or it is not recorded"
     FROZEN = f"what the driver had seen was older than {MAX_AGE_S:g} s"
     NO_STATE = f"no odometry for {MAX_AGE_S:g} s"
@@ -176,7 +179,9 @@ class _Situation:
     def step(self, at_ns: int) -> EpisodeStep | CutReason:
         """Return the step of a time up to which all was taken over."""
         control, state = self._control, self._state
-        if control is None or not control.is_driven:
+        if control is None or control.fence < 0:
+            return CutReason.UNKNOWN_DRIVER
+        if not control.is_driven:
             return CutReason.NOT_DRIVEN
         views = [self._view(camera, at_ns) for camera in self._frames]
         places, ages_s = [], []

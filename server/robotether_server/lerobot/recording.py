@@ -83,7 +83,7 @@ class RecordedCommand(NamedTuple):
 
 
 class RecordedControl(NamedTuple):
-    """Who has control from a time on."""
+    """Who has control from a time on; with a negative fence that is unknown."""
 
     at_ns: int
     is_driven: bool

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from robotether_server.contract.recordings import (
     CDR_START,
@@ -57,7 +57,7 @@ CONTROL = """\
 builtin_interfaces/Time stamp  # a message comes when something of it changes
 bool online
 string driver  # empty: nobody
-int64 fence
+int64 fence  # -1: the relay is not heard, or has not the robot; from here on nothing of this is known
 bool stopped
 string stopped_by
 bool stop_confirmed  # by the robot's guard
@@ -104,6 +104,15 @@ def _with_comments(ros_type: RosType, definition: str) -> str:
     return definition + separator + inner
 
 
+UNKNOWN_CONTROL: Mapping[str, Any] = {
+    "online": False,
+    "driver": "",
+    "fence": -1,
+    "stopped": False,
+    "stopped_by": "",
+    "stop_confirmed": False,
+    "guard": "",
+}
 # By the names that the relay gives them.
 OWN_TOPICS: Mapping[str, OwnTopic] = {
     "commands": _own("commands", "DriveCommand", DRIVE_COMMAND),
@@ -114,10 +123,15 @@ OWN_TOPICS: Mapping[str, OwnTopic] = {
 _LEFT_OUT = _own("left_out", "LeftOut", LEFT_OUT)
 
 
+def stamp_of(at_ns: int) -> Mapping[str, int]:
+    """Return a time as ROS has it."""
+    sec, nanosec = divmod(at_ns, NS_PER_S)
+    return {"sec": sec, "nanosec": nanosec}
+
+
 def left_out_note(message: RecordedMessage) -> RecordedMessage:
     """Return what a file says in place of the first message of a topic that finds no room."""
-    sec, nanosec = divmod(message.log_ns, NS_PER_S)
-    members = {"stamp": {"sec": sec, "nanosec": nanosec}, "topic": message.channel.topic}
+    members = {"stamp": stamp_of(message.log_ns), "topic": message.channel.topic}
     return message._replace(channel=_LEFT_OUT.channel, sequence=0, data=_LEFT_OUT.encode(members))
 
 

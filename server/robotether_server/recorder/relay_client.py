@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import quote
@@ -28,6 +29,8 @@ PUBLIC_PORT, INSIDE_PORT = 8080, 9100
 # Time between two attempts to reach the relay, or a robot.
 AGAIN_S = 1.0
 HEARTBEAT_S = 10.0
+# Maximum time for which a relay that answers no ping counts as there; aiohttp waits half a heartbeat for the answer.
+SILENT_S = 1.5 * HEARTBEAT_S
 NO_ROBOT = RecordableRobot(0, "")
 
 
@@ -76,13 +79,22 @@ class RelayClient:
 
 
 class RelayChannel:
-    """The channel that tells what the relay knows of the robots that are followed; it is opened again when it ends."""
+    """The channel that tells what the relay knows of the robots that are followed; it is opened again when it ends.
+
+    `on_lost` gets the time from which on events are lost, in ns of Unix.
+    """
 
     def __init__(
-        self, client: RelayClient, on_event: Callable[[int, str, Mapping[str, Any]], None]
+        self,
+        client: RelayClient,
+        on_event: Callable[[int, str, Mapping[str, Any]], None],
+        on_lost: Callable[[int], None],
     ) -> None:
         self._client = client
         self._on_event = on_event
+        self._on_lost = on_lost
+        # When the last event came, in ns of Unix.
+        self._heard_ns = 0
         # By robot: whether it is written down.
         self._followed: dict[int, bool] = {}
         self._socket: ClientWebSocketResponse | None = None
@@ -117,8 +129,14 @@ class RelayChannel:
             except (ClientError, OSError) as exc:
                 log.info("cannot reach the relay: %s", reason_in(exc))
             finally:
-                self._socket = None
+                if self._socket is not None:
+                    self._socket = None
+                    self._note_lost()
             await asyncio.sleep(AGAIN_S)
+
+    def _note_lost(self) -> None:
+        # An answer to a ping is no event, so one that said nothing was heard when the last ping was answered.
+        self._on_lost(max(self._heard_ns, time.time_ns() - int(SILENT_S * 1e9)))
 
     async def _read(self, socket: ClientWebSocketResponse) -> None:
         async for message in socket:
@@ -127,8 +145,10 @@ class RelayChannel:
             event = msgspec.json.decode(message.data, type=RelayEvent)
             if event.lost:
                 log.warning("%d events of the relay came too fast and are lost", event.lost)
+                self._note_lost()
             else:
                 self._on_event(event.robot_id, event.topic, event.message)
+            self._heard_ns = time.time_ns()
 
     async def _request(self, robot_id: int, *, follows: bool, writes: bool) -> None:
         socket = self._socket

@@ -18,7 +18,12 @@ from typing import Any
 
 from robotether_server.db.recordings import MAX_TOPICS_LEFT_OUT, Progress, RecordableRobot
 from robotether_server.recorder.cdr import EncodingError
-from robotether_server.recorder.channels import OWN_TOPICS, left_out_note
+from robotether_server.recorder.channels import (
+    OWN_TOPICS,
+    UNKNOWN_CONTROL,
+    left_out_note,
+    stamp_of,
+)
 from robotether_server.recorder.mcap_file import McapFile, RecordedMessage
 from robotether_server.recorder.observer import RobotObserver
 from robotether_server.recorder.relay_client import RelayClient
@@ -123,8 +128,13 @@ class RecentMessages:
 
 @dataclass
 class RobotState:
-    """What the relay last said of a robot; None: nothing yet. Times are the monotonic clock's."""
+    """What the relay last said of a robot; None: nothing yet. Times are the monotonic clock's.
 
+    `is_heard`: it still says so. `is_elsewhere`: another cell has the robot.
+    """
+
+    is_heard: bool = False
+    is_elsewhere: bool = False
     online: bool | None = None
     driver: str = ""
     stopped: bool | None = None
@@ -148,6 +158,13 @@ class RobotState:
             self.offline_since = now
         self.online, self.driver, self.stopped = online, driver, stopped
         self.drive_topic = str(control.get("drive_topic", ""))
+        self.is_heard, self.is_elsewhere = True, bool(control.get("elsewhere"))
+
+    def lose(self, now: float) -> None:
+        """The relay is not heard any longer."""
+        self.is_heard = self.is_elsewhere = False
+        if self.offline_since is None:
+            self.offline_since = now
 
 
 class RobotRecorder:
@@ -217,23 +234,32 @@ class RobotRecorder:
 
     def on_event(self, topic: str, message: Mapping[str, Any]) -> None:
         """The relay sent what it knows."""
-        own = OWN_TOPICS.get(topic)
-        if own is None:
-            return
         if topic == "control":
             self.state.update(message, time.monotonic())
             for recording in self.recordings.values():
                 recording.note_driver(self.state.driver)
-            # Round trips change the robot object each 2 s; readers look for changes of this in a file's index.
-            members = {name: value for name, value in message.items() if name != "stamp"}
-            if members == self._control_members:
-                return
-            self._control_members = members
+            if self.state.is_elsewhere:
+                # What this cell's relay says of it is not so there.
+                message = {**UNKNOWN_CONTROL, "stamp": message["stamp"]}
+        self._write_own(topic, message, time.time_ns())
+
+    def on_lost(self, heard_ns: int) -> None:
+        """The relay is lost, or something of what it sent, after this time."""
+        self.state.lose(time.monotonic())
+        self._write_own("control", {**UNKNOWN_CONTROL, "stamp": stamp_of(heard_ns)}, heard_ns)
+
+    def _write_own(self, topic: str, message: Mapping[str, Any], at_ns: int) -> None:
+        own = OWN_TOPICS.get(topic)
+        if own is None:
+            return
         with suppress(EncodingError):
-            now_ns = time.time_ns()
-            recorded = RecordedMessage(own.channel, now_ns, now_ns, 0, own.encode(message))
+            recorded = RecordedMessage(own.channel, at_ns, at_ns, 0, own.encode(message))
             if topic == "control":
-                self._control = recorded
+                # Round trips change the robot object each 2 s; readers look for changes of this in a file's index.
+                members = {name: message.get(name) for name in UNKNOWN_CONTROL}
+                if members == self._control_members:
+                    return
+                self._control, self._control_members = recorded, members
             self.write(recorded)
 
     def on_left_out(self, topics: Sequence[str]) -> None:

@@ -69,7 +69,7 @@ class RecorderService:
         self._folder = settings.folder
         self._client = client
         self._store = store
-        self.channel = RelayChannel(client, self._on_event)
+        self.channel = RelayChannel(client, self.on_event, self.on_lost)
         self._robots: dict[int, RobotRecorder] = {}
         # Of each recording under way: its robot, its cause, and who asked.
         self._open: dict[int, tuple[RobotRecorder, RecordingCause, str]] = {}
@@ -193,7 +193,8 @@ class RecorderService:
             recorder = self._ensure(robot)
             # A robot of another cell is that one's recorder's.
             await self.channel.follow(robot.id, writes=recorder.is_collecting)
-            if recorder.state.online and await self._store.begin(row, robot):
+            is_here = recorder.state.online and recorder.state.is_heard
+            if is_here and await self._store.begin(row, robot):
                 self._begin(row.id, recorder, "asked", row.asked_by or RECORDER.name)
             return
         self._note_end(row.id, row.robot, row.asked_by, code or "robot_gone")
@@ -231,11 +232,16 @@ class RecorderService:
             ),
             None,
         )
-        code = self._end_code(cause, recorder.state, robot.id)
+        code = self._end_code(cause, recorder.state)
         if number is not None:
             if code is not None:
                 self._end(number, code)
-        elif code is None and self._full is None and time.monotonic() >= self._paused_until:
+        elif (
+            code is None
+            and self._full is None
+            and recorder.state.is_heard
+            and time.monotonic() >= self._paused_until
+        ):
             await self._begin_by_settings(robot, recorder, cause)
 
     async def _begin_by_settings(
@@ -246,13 +252,15 @@ class RecorderService:
         if number is not None:
             self._begin(number, recorder, cause, RECORDER.name)
 
-    def _end_code(self, cause: RecordingCause, state: RobotState, robot_id: int) -> str | None:
+    def _end_code(self, cause: RecordingCause, state: RobotState) -> str | None:
         """Return the code of why a robot is not to be recorded now by its settings; None: it is."""
         now = time.monotonic()
+        if state.is_elsewhere:
+            return "robot_moved"
         if state.online is None:
             return "robot_offline"
         if state.offline_since is not None and now - state.offline_since > OFFLINE_S:
-            return "robot_offline"
+            return "robot_offline" if state.is_heard else "relay_away"
         if cause == "always":
             return None
         if cause == "driven":
@@ -311,7 +319,7 @@ class RecorderService:
         for number, (recorder, cause, _) in list(self._open.items()):
             recording = recorder.recordings[number]
             most_s = MAX_ASKED_S if cause == "asked" else MAX_PIECE_S
-            code = recording.failure or self._full
+            code = "robot_moved" if recorder.state.is_elsewhere else recording.failure or self._full
             if code is None and now - recording.began_at > most_s:
                 code = "too_long"
             if code is not None:
@@ -370,10 +378,16 @@ class RecorderService:
         for robot_id, recorder in list(self._robots.items()):
             await self.channel.follow(robot_id, writes=recorder.is_collecting)
 
-    def _on_event(self, robot_id: int, topic: str, message: Mapping[str, Any]) -> None:
+    def on_event(self, robot_id: int, topic: str, message: Mapping[str, Any]) -> None:
+        """The relay sent what it knows of a robot."""
         recorder = self._robots.get(robot_id)
         if recorder is not None:
             recorder.on_event(topic, message)
+
+    def on_lost(self, heard_ns: int) -> None:
+        """The relay is lost, or something of what it sent, after this time."""
+        for recorder in self._robots.values():
+            recorder.on_lost(heard_ns)
 
     async def _write_progress(self) -> None:
         now = time.monotonic()

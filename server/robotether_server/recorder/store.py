@@ -134,6 +134,8 @@ class RecorderStore:
         recordings.end(
             tx, recording_end.id, recording_end.code, recording_end.progress, recording_end.ended_at
         )
+        if recording_end.code == "robot_moved":
+            recordings.ask_again(tx, recording_end.id)
         audit.record(
             tx,
             Source(recording_end.actor),

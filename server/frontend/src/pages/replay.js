@@ -2,7 +2,7 @@
 
 import { LoginUse } from "../dom/calls.js";
 import { TYPING, make, makeButton, matches, noteScript, part, setText } from "../dom/page.js";
-import { COMMANDS, CONTROL, DriveState, ROUND_TRIPS, SEEN_AGES, historyOf } from "../replay/driveState.js";
+import { COMMANDS, CONTROL, DriveState, ROUND_TRIPS, SEEN_AGES, historyOf, knownControl } from "../replay/driveState.js";
 import { MapOfDrive } from "../replay/mapOfDrive.js";
 import { ReplayVideo, camerasOf, frameOf } from "../replay/replayVideo.js";
 import { Player } from "../replay/player.js";
@@ -234,9 +234,9 @@ function problemText(error) {
 async function readControls(reader) {
   const controls = [];
   for await (const recorded of reader.messages({ topics: [CONTROL] })) {
-    const isFull = controls.length >= MAX_CONTROLS;
-    controls.push({ atMs: recorded.atMs, message: isFull ? null : reader.decode(recorded) });
-    if (isFull) break;
+    const isMore = controls.length >= MAX_CONTROLS;
+    controls.push({ atMs: recorded.atMs, message: isMore ? null : knownControl(reader.decode(recorded)), isMore });
+    if (isMore) break;
   }
   return controls;
 }

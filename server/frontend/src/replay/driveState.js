@@ -54,6 +54,9 @@ export class DriveState {
   }
 }
 
+// Null from where the recorder did not hear the relay, or that had not the robot: the recorder writes a fence of -1.
+export const knownControl = (control) => (control && control.fence >= 0 ? control : null);
+
 function controlWords(control) {
   if (!control) return { driver: texts.notRecorded, state: texts.notRecorded };
   return { driver: nameText(control.driver) || texts.nobody, state: stateText(control) };
@@ -97,23 +100,29 @@ function limitText(seen) {
   return texts.slowed(words.filter(Boolean).join(", "));
 }
 
-// What changed: `controls` are [{atMs, message}] in their order, a message null from where it is unknown, `recorded` the spans in which anything is. Gives {events: [{atMs,
-// text}], isMore, stops, drives}, the last two as spans.
+// What changed: `controls` are [{atMs, message, isMore}] in their order, a message null from where it is unknown, the last with `isMore`
+// where others follow, `recorded` the spans in which anything is. Gives {events: [{atMs, text}], isMore, stops, drives}, the last two as
+// spans.
 export function historyOf(controls, recorded) {
   const events = [];
   /** @type {any} */
-  let before = null;
-  for (const { atMs, message } of controls) {
-    for (const text of wordsOf(before, message)) events.push({ atMs, text });
+  let before;
+  for (const { atMs, message, isMore } of controls) {
+    for (const text of wordsOf(before, message, isMore)) events.push({ atMs, text });
     before = message;
   }
+  const isCut = controls.at(-1)?.isMore;
   const spans = (holds) => spansOf(controls, recorded, holds);
-  const isMore = events.length > MAX_EVENTS || (controls.length > 0 && !before);
-  return { events: events.slice(0, MAX_EVENTS), isMore, stops: spans(({ stopped }) => stopped), drives: spans(({ driver }) => driver) };
+  return {
+    events: events.slice(0, MAX_EVENTS),
+    isMore: events.length > MAX_EVENTS || Boolean(isCut),
+    stops: spans(({ stopped }) => stopped),
+    drives: spans(({ driver }) => driver),
+  };
 }
 
-function wordsOf(before, message) {
-  if (!message) return [];
+function wordsOf(before, message, isMore) {
+  if (!message) return before === null || isMore ? [] : [texts.unknownFrom];
   return before ? changes(before, message) : firstWords(message);
 }
 

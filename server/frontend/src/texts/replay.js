@@ -36,6 +36,7 @@ export const replay = {
   released: "Released",
   wentOnline: "Robot online",
   wentOffline: "Robot offline",
+  unknownFrom: "From here on it is not recorded who drives",
   noEvents: "The recording has no change of driver and no stop.",
   unknownEvents: "Who drove is not recorded.",
   moreEvents: (count) => `The first ${count} are listed.`,

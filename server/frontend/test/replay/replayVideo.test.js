@@ -3,7 +3,7 @@ import { beforeEach, test } from "node:test";
 
 import { KeyFrameMissingError } from "../../src/decoders/streamDecoder.js";
 import { part } from "../../src/dom/page.js";
-import { COMMANDS, DriveState, SEEN_AGES, historyOf } from "../../src/replay/driveState.js";
+import { COMMANDS, DriveState, SEEN_AGES, historyOf, knownControl } from "../../src/replay/driveState.js";
 import { drawnTopics } from "../../src/replay/mapOfDrive.js";
 import { ReplayVideo, camerasOf, frameOf } from "../../src/replay/replayVideo.js";
 import { share } from "../../src/replay/timeline.js";
@@ -159,10 +159,17 @@ test("events are what changed, and markup in a name stays a text", () => {
   assert.deepEqual([historyOf(many, RECORDED).events.length, historyOf(many, RECORDED).isMore], [200, true]);
   const cut = [
     { atMs: 1000, message: { ...CONTROL, stopped: true } },
-    { atMs: 1500, message: null },
+    { atMs: 1500, message: knownControl({ ...CONTROL, fence: -1 }) },
+    { atMs: 1800, message: { ...CONTROL, stopped: true } },
+    { atMs: 1900, message: null, isMore: true },
   ];
   const unknown = historyOf(cut, RECORDED);
-  assert.deepEqual([unknown.stops, unknown.isMore], [[{ fromMs: 1000, toMs: 1500 }], true], "from there on nobody knows");
+  assert.deepEqual(
+    unknown.events.map(({ text }) => text).filter((text) => text !== "ann drives"),
+    ["Stopped", "From here on it is not recorded who drives", "Stopped"],
+  );
+  const known = [1000, 1800].map((atMs) => ({ fromMs: atMs, toMs: atMs === 1000 ? 1500 : 1900 }));
+  assert.deepEqual([unknown.stops, unknown.isMore], [known, true], "from there on nobody knows");
 });
 
 test("nothing of another robot is drawn, also where the robot has none of its own", () => {

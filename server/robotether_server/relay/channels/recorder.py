@@ -107,8 +107,10 @@ class RecorderConnection(ChangedRobots):
         texts = list(self._waiting)
         self._waiting.clear()
         if self._lost:
-            texts.append(_text(lost=self._lost))
+            texts.insert(0, _text(lost=self._lost))
             self._lost = 0
+            # Of what is so now the newest may be among them.
+            self.mark_all()
         return texts
 
     def _send_control(self, robot_id: int) -> None:
@@ -123,8 +125,9 @@ class RecorderConnection(ChangedRobots):
             "stopped_by": "" if stop is None else stop.by,
             "stop_confirmed": stop is not None and stop.confirmed,
             "guard": control.guard,
-            # Which topics of the ROS graph are the robot's; no member of the file's message.
+            # No members of the file's message. The topic says which others of the ROS graph are the robot's.
             "drive_topic": self._drive_topic(robot_id),
+            "elsewhere": self._fleet.is_elsewhere(robot_id),
         }
         self._send(robot_id, "control", stamped(members))
 

@@ -180,6 +180,10 @@ class FleetEvents:
             **asdict(live) | {"agent_version": version},
         )
 
+    def is_elsewhere(self, robot_id: int) -> bool:
+        """Return whether another cell has the robot."""
+        return self._elsewhere(robot_id) is not None
+
     def describe_here(self, robot_id: int) -> LiveState:
         """Build what of a robot object this cell knows, and no row."""
         presence, driver = self._registry.presence(robot_id), self._control.driver(robot_id)

@@ -80,7 +80,7 @@ def test_each_step_has_what_was_the_case_and_nothing_else_is_cut(tmp_path, recor
         )
 
 
-def step_of(frames, named):
+def step_of(frames, named, control_fence=1):
     """What a step is 100 ms after a command of each number in `named`."""
     at_ns = ns(20_000)
     drive = DriveData(
@@ -92,7 +92,7 @@ def step_of(frames, named):
             for count, number in enumerate(named)
         ]
         + [RecordedCommand(at_ns + 100 * MS, 1, True, Action("twist", (0.0,) * 6), ())],
-        [RecordedControl(at_ns, True, 1, False)],
+        [RecordedControl(at_ns, control_fence > 0, control_fence, False)],
         [RecordedState(at_ns, "/odom", "", ())],
     )
     return list(steps(drive, ["/front"], "twist", 10))[-1]
@@ -130,6 +130,13 @@ def frame(sequence, log_ms, taken_ms=None):
 def test_a_frame_that_is_not_sure_is_cut(frames, named, expected):
     step = step_of(frames, named)
     assert (step if isinstance(step, CutReason) else step.frames[0]) == expected
+
+
+@pytest.mark.parametrize(
+    ("fence", "reason"), [(0, CutReason.NOT_DRIVEN), (-1, CutReason.UNKNOWN_DRIVER)]
+)
+def test_a_time_without_a_driver_is_cut(fence, reason):
+    assert step_of([frame(7, 19_900)], [7], fence) is reason
 
 
 def test_an_episode_has_one_driver_no_cut_and_an_end():

@@ -20,6 +20,7 @@ from robotether_server.disks import DiskSpace
 from robotether_server.recorder import observer, relay_client, service
 from robotether_server.recorder.relay_client import RelayChannel, RelayClient
 from robotether_server.recorder.service import RecorderService
+from robotether_server.relay.channels import recorder as channel
 from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
 from robotether_server.times import utc_now
 from rosbags.highlevel import AnyReader
@@ -154,6 +155,11 @@ def topics_of(settings):
     return {topic for topic, _ in messages_of(settings)}
 
 
+def fences_of(settings):
+    controls = (data for topic, data in messages_of(settings) if topic == "/robotether/control")
+    return [struct.unpack_from("<q", data, 28)[0] for data in controls]
+
+
 def frames_of(settings):
     return [data for topic, data in messages_of(settings) if topic == "/camera/video"]
 
@@ -163,7 +169,7 @@ async def test_a_recorder_that_is_refused_logs_no_ticket(relay, settings, monkey
     monkeypatch.setattr(relay_client, "INSIDE_PORT", relay.relay.inside_port)
     stranger = replace(settings, tickets=TicketSettings("another key" * 4, 30))
     async with aiohttp.ClientSession() as session:
-        channel = RelayChannel(RelayClient(stranger, session), lambda *_: None)
+        channel = RelayChannel(RelayClient(stranger, session), lambda *_: None, list)
         connecting = asyncio.create_task(channel.run())
         await until(lambda: "cannot reach the relay: HTTP 401" in caplog.messages, "it is refused")
         connecting.cancel()
@@ -217,6 +223,25 @@ async def test_a_recording_has_topics_frames_and_what_the_driver_did(
     outcomes = [(each.person, each.outcome) for each in commands]
     assert outcomes == [("ann", "sent"), ("ann", "too_old")]
     assert commands[0].seen_cameras == ["/camera"]
+
+
+async def test_a_relay_that_is_back_says_again_who_drives(
+    *, recorder, relay, store, settings, monkeypatch
+):
+    """Also after events that came too fast."""
+    monkeypatch.setattr(channel, "MAX_WAITING", 1)
+
+    def was_lost(times):
+        fences = fences_of(settings)
+        return fences.count(-1) == times and fences[-1] == 0
+
+    store.ask()
+    await until(lambda: store.rows[1].started_at, "it began")
+    relay.relay.fleet_events.end_subscriptions()
+    await until(lambda: was_lost(1), "it was lost, and is back")
+    for _ in range(2):
+        relay.relay.registry.robot(7).recorders.send("round_trips", dict)
+    await until(lambda: was_lost(2), "something was lost")
 
 
 async def test_video_is_recorded_with_key_frames_and_without_gaps(

@@ -1,0 +1,134 @@
+"""What becomes of a recording whose robot or relay the recorder loses: two recorders, one real database."""
+
+import asyncio
+from types import SimpleNamespace
+
+import pytest
+from granted import give
+from relay_server import MESSAGE_LIMIT, TICKET_KEY
+from robotether_server.db import recordings, robots, users
+from robotether_server.lerobot.recording import RecordedControl, read_recording
+from robotether_server.recorder import service
+from robotether_server.recorder.channels import UNKNOWN_CONTROL
+from robotether_server.recorder.robot_recorder import path_of
+from robotether_server.recorder.service import RecorderService
+from robotether_server.recorder.store import RecorderStore
+from robotether_server.settings.server import DatabaseSettings, RecorderSettings, TicketSettings
+from web_visitor import HASH
+
+STAMP = {"stamp": {"sec": 1, "nanosec": 2}}
+HERE = {**UNKNOWN_CONTROL, **STAMP, "online": True, "driver": "ann", "fence": 3}
+AWAY = {**UNKNOWN_CONTROL, **STAMP, "fence": 0}
+
+
+class RecorderOfCell:
+    """The recorder of a cell, without a relay, whose events a test makes."""
+
+    def __init__(self, cell, folder, database, robot_id):
+        self.folder, self.robot_id = folder / cell, robot_id
+        self.folder.mkdir()
+        nowhere = DatabaseSettings("nowhere", 1, "none", "none", "none")
+        tickets = TicketSettings(TICKET_KEY, 30)
+        limits = (10**9, 0, MESSAGE_LIMIT, "info")
+        settings = RecorderSettings(nowhere, tickets, cell, "127.0.0.1", self.folder, *limits)
+
+        async def refuse(*_):
+            raise OSError
+
+        client = SimpleNamespace(open_rosbridge=refuse, open_frames=refuse)
+        self.service = RecorderService(settings, client, RecorderStore(database, cell))
+
+    async def report(self, control):
+        """Have its relay say this of the robot, and take a step before and after."""
+        await self.service.step()
+        self.service.on_event(self.robot_id, "control", control)
+        await self.service.step()
+
+    def controls(self, number):
+        """Who drove by a file that ended, in the order of the times; None: unknown."""
+        read = read_recording(path_of(self.folder, number))
+        controls = sorted(each for each in read if isinstance(each, RecordedControl))
+        return [None if each.fence < 0 else each.is_driven for each in controls]
+
+
+@pytest.fixture
+def robot_id(database, admin_database):
+    with admin_database.transaction() as tx:
+        number = robots.add(tx, "02:00:00:00:00:01", "sim1")
+        tx.change("UPDATE robots SET state = 'active'")
+    with database.transaction() as tx:
+        give(tx, users.add(tx, "ann", HASH, "user"), number, "drive")
+    return number
+
+
+def ask(database, robot_id):
+    with database.transaction() as tx:
+        return recordings.ask(tx, robot_id, "sim1", users.get(tx, "ann"))
+
+
+def rows(database):
+    with database.transaction() as tx:
+        read = tx.rows("SELECT cause, asked_by, cell, end_code FROM recordings ORDER BY id")
+        return [tuple(row.values()) for row in read]
+
+
+@pytest.fixture
+def cells(tmp_path, recorder_database, robot_id):
+    return [RecorderOfCell(cell, tmp_path, recorder_database, robot_id) for cell in ("a", "b")]
+
+
+async def test_an_asked_recording_goes_on_where_the_robot_goes(cells, database, robot_id):
+    here, there = cells
+    number = ask(database, robot_id)
+    await there.report(AWAY)
+    await here.report(HERE)
+    assert rows(database) == [("asked", "ann", "a", None)]
+    await here.report({**AWAY, "elsewhere": True})
+    assert rows(database) == [("asked", "ann", "a", "robot_moved"), ("asked", "ann", None, None)]
+    await there.report(HERE)
+    assert rows(database)[1:] == [("asked", "ann", "b", None)]
+    assert here.controls(number) == [True, None]
+    with database.transaction() as tx:
+        recordings.request_stop(tx, number + 1)
+    there.service.on_event(robot_id, "control", {**AWAY, "elsewhere": True})
+    await there.service.step()
+    assert [row[3] for row in rows(database)] == ["robot_moved", "robot_moved"]
+
+
+async def test_a_robot_that_moved_is_not_recorded_here_by_its_settings(
+    cells, database, admin_database
+):
+    with admin_database.transaction() as tx:
+        tx.change("""UPDATE robots SET settings = '{"recording": {"when": "always"}}'""")
+    await cells[0].report(HERE)
+    await cells[0].report({**AWAY, "elsewhere": True})
+    await cells[0].service.step()
+    assert rows(database) == [("always", None, "a", "robot_moved")]
+
+
+async def test_who_drives_is_unknown_while_the_relay_is_away(cells, database, robot_id):
+    number = ask(database, robot_id)
+    recorder = cells[0]
+    await recorder.report(HERE)
+    recorder.service.on_lost(STAMP["stamp"]["nanosec"])
+    await recorder.report(HERE)
+    with database.transaction() as tx:
+        recordings.request_stop(tx, number)
+    await recorder.service.step()
+    assert recorder.controls(number) == [None, True, True]
+
+
+async def test_nothing_begins_on_what_a_lost_relay_last_said(
+    cells, database, robot_id, admin_database, monkeypatch
+):
+    monkeypatch.setattr(service, "OFFLINE_S", 0.0)
+    with admin_database.transaction() as tx:
+        tx.change("""UPDATE robots SET settings = '{"recording": {"when": "always"}}'""")
+    recorder = cells[0]
+    await recorder.report(HERE)
+    recorder.service.on_lost(0)
+    ask(database, robot_id)
+    for _ in range(2):
+        await asyncio.sleep(0.01)
+        await recorder.service.step()
+    assert rows(database) == [("always", None, "a", "relay_away"), ("asked", "ann", None, None)]
