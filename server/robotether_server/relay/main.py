@@ -23,6 +23,9 @@ from robotether_server.settings.server import RelaySettings, load
 
 log = logging.getLogger(__name__)
 
+# Time limit for a thread that reads the database before the event loop has its turn; Python's own is 5 ms.
+SWITCH_AFTER_S = 0.0005
+
 
 def main() -> None:
     """Run until SIGTERM or SIGINT."""
@@ -34,6 +37,8 @@ def main() -> None:
     raise_open_files()
     # Else each full garbage collection visits all modules, and holds up every command for tens of ms.
     gc.freeze()
+    # uvloop asks for its turn at each callback, of which a message takes several.
+    sys.setswitchinterval(SWITCH_AFTER_S)
     uvloop.run(watched(run(settings, Listen(), Journal(JOURNAL))), loop_factory=EventLoop)
     logging.shutdown()
     # Threads that wait for a database that hangs would hold the interpreter's exit.
