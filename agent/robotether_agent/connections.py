@@ -133,6 +133,7 @@ async def serve_video(
         routes={TOPICS_PATH: topics.answer, LINE_PATH: answer_line_rate},
         on_frame_sent=on_frame_sent,
         on_encoders=on_encoders,
+        line_rate=pacer.line_rate,
     )
     async with AsyncExitStack() as ends:
         ends.push_async_callback(topics.close)

@@ -28,6 +28,9 @@ TOO_SLOW = "the encoder does not keep the camera's rate"
 TOO_SLOW_PAUSE_S = 60.0
 # Minimum rate that the encoder is told: it gives each frame its part of the bits a second.
 MIN_FPS = 5.0
+# Part of a full line that a robot's cameras may fill together: each frame is gone before the next one comes, though it
+# waits for credit, which the one before it brings.
+LINE_PART = 0.7
 # Minimum rate of a camera that is taken as its interval: in the first seconds few have been counted.
 MIN_RATE = 0.5
 
@@ -37,7 +40,8 @@ CODEC_BY_NAME = {codec.name: codec for codec in CODECS.values()}
 class EncoderPool:
     """What the receivers of a robot share: whether it encodes, for how many cameras at once, and what does.
 
-    `on_change` gets the encoders at work, or why there are none, at each change.
+    `on_change` gets the encoders at work, or why there are none, at each change. `line_rate` gives the bytes a second
+    of a line that is full, None while it is not.
     """
 
     def __init__(
@@ -45,12 +49,19 @@ class EncoderPool:
         setting: str = "off",
         command: Sequence[str] = COMMAND,
         on_change: Callable[[str], None] = lambda _: None,
+        line_rate: Callable[[], int | None] = lambda: None,
     ) -> None:
         self.setting = setting
         self.command = command
         self.slots = asyncio.Semaphore(MAX_ENCODERS)
+        self.line_rate = line_rate
         self._on_change = on_change
         self._reports: dict[object, str] = {}
+
+    def line_part(self) -> float | None:
+        """Return the bits a second of a full line that are for one of the cameras; None while it is not full."""
+        rate = self.line_rate()
+        return None if rate is None else 8 * LINE_PART * rate / max(1, len(self._reports))
 
     def report(self, who: object, text: str) -> None:
         """Note what encodes for a receiver, or why nothing does; nothing where that needs no encoder."""
@@ -83,6 +94,7 @@ class FrameEncoder:
         self._presets = PresetSteps(clock())
         self.name: str | None = None
         self.size: tuple[int, int] | None = None
+        self._own_size: tuple[int, int] | None = None
 
     @property
     def codec(self) -> Codec:
@@ -109,6 +121,13 @@ class FrameEncoder:
             self._unneeded.clear()
             self._needed.set()
 
+    def carries(self, stream_request: StreamRequest) -> Callable[[Level], bool] | None:
+        """Return which levels the full line carries; None while it is not full, or nothing is encoded."""
+        own, part = self._own_size, self._pool.line_part()
+        if self.codec is JPEG or own is None or part is None:
+            return None
+        return lambda level: bits_of(level, own, stream_request) <= part
+
     def request_key_frame(self) -> None:
         """Make one of the next frames a key frame."""
         self._key_frames.request()
@@ -129,16 +148,16 @@ class FrameEncoder:
         own = jpeg_size(jpeg)
         if self.codec is JPEG or own is None:
             raise FrameRefusedError(self.down_reason or "the camera's frame is not a JPEG")
+        self._own_size = own
         size = encoded_size(own, requested_size(stream_request), level.scale)
         requested_fps = stream_request.fps * level.rate
-        fps = max(MIN_FPS, requested_fps)
         request = EncodeRequest(
             jpeg=jpeg,
             codec=self._requested,
             width=size[0],
             height=size[1],
-            bits_per_s=bits_per_s(level.quality, size, fps),
-            fps=fps,
+            bits_per_s=bits_of(level, own, stream_request),
+            fps=max(MIN_FPS, requested_fps),
             preset=self._presets.preset,
             requests_key=self._key_frames.is_due(self._clock()),
         )
@@ -172,6 +191,12 @@ class FrameEncoder:
 
     async def _until_unneeded(self) -> None:
         await self._unneeded.wait()
+
+
+def bits_of(level: Level, own: tuple[int, int], stream_request: StreamRequest) -> int:
+    """Return the bits a second of a camera of this size in pixels at a level."""
+    size = encoded_size(own, requested_size(stream_request), level.scale)
+    return bits_per_s(level.quality, size, max(MIN_FPS, stream_request.fps * level.rate))
 
 
 def requested_size(stream_request: StreamRequest) -> tuple[int, int] | None:

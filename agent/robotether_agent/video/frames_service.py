@@ -67,13 +67,14 @@ class FramesService:
         routes: Mapping[str, Handler] | None = None,
         on_frame_sent: OnFrameSent = lambda *_: None,
         on_encoders: Callable[[str], None] = lambda _: None,
+        line_rate: Callable[[], int | None] = lambda: None,
     ) -> None:
         self._routes = routes or {}
         self._source_settings = source_settings
         self._graph = graph
         self._has_video = has_video
         self._on_frame_sent = on_frame_sent
-        self._encoders = EncoderPool(video_encoder, on_change=on_encoders)
+        self._encoders = EncoderPool(video_encoder, on_change=on_encoders, line_rate=line_rate)
         self._topics: Counter[str] = Counter()
         # By the port at the other end of their connection.
         self._receivers: dict[int, Receiver] = {}

@@ -2,13 +2,15 @@
 
 Smooth keeps the rate: quality goes down first, then size. Sharp lowers the rate first.
 
-Down quickly: after LATE_FRAMES late ones, by two steps when they are very late, or when clearly fewer go out than
-come in. Up slowly: after seconds in which all came well within, and ever later when the last way up led down again. A
-step down for the rate that brought no more frames is taken back: the round trip limits them, and not their size.
+Down quickly: to what a full line carries, or after LATE_FRAMES late ones, by two steps when they are very late, or when
+clearly fewer go out than come in. Up slowly: after seconds in which all came well within, and ever later when the last
+way up led down again. A step down for the rate that brought no more frames is taken back: the round trip limits them,
+and not their size.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from robotether_common.frames import StreamRequest
@@ -32,6 +34,9 @@ FEW, FEW_LOOKS, FEW_OFFERED = 0.8, 3, 3
 GAIN = 1.1
 TRIED_S = 3.0
 NO_RATE_STEPS_S = 30.0
+# Number of checks in a row that must find too much for the full line, as a stall is over soon; and the time for which
+# the line is taken to carry no more.
+FULL_LOOKS, LINE_KNOWN_S = 4, 10.0
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,9 @@ class Steps:
         self._up_at_s = self._down_at_s = now_s - CALM_S
         self._trial: _Trial | None = None
         self._no_rate_steps_until_s = now_s
+        self._full = 0
+        self._carries: Callable[[Level], bool] = lambda _: True
+        self._line_known_until_s = now_s
 
     @property
     def level(self) -> Level:
@@ -114,6 +122,14 @@ class Steps:
         if took_s > WELL_WITHIN * self._latency_s:
             self._good_since_s = now_s
         return now_s - self._good_since_s >= self._up_after_s and self._up(now_s)
+
+    def on_full_line(self, now_s: float, carries: Callable[[Level], bool]) -> bool:
+        """Go down to a quality that the full line carries; called four times a second. Return whether that is now."""
+        self._carries, self._line_known_until_s = carries, now_s + LINE_KNOWN_S
+        whole = [at for at, level in enumerate(self._levels) if level.scale == 1]
+        at = next((at for at in whole if carries(self._levels[at])), whole[-1])
+        self._full = self._full + 1 if at > self._at else 0
+        return self._full >= FULL_LOOKS and self._down(now_s, at - self._at)
 
     def on_rates(self, now_s: float, offered: float, sent: float) -> bool:
         """Judge the rates of offered and sent frames; return whether the level changed."""
@@ -157,7 +173,10 @@ class Steps:
         return changed
 
     def _up(self, now_s: float) -> bool:
-        if self._at == 0:
+        is_over_line = now_s < self._line_known_until_s and not self._carries(
+            self._levels[self._at - 1]
+        )
+        if self._at == 0 or is_over_line:
             self._good_since_s = now_s
             return False
         if now_s - self._down_at_s >= CALM_S:
@@ -169,5 +188,5 @@ class Steps:
         return True
 
     def _begin(self, now_s: float) -> None:
-        self._late = self._few = 0
+        self._late = self._few = self._full = 0
         self._good_since_s = now_s

@@ -425,11 +425,19 @@ class Receiver:
             self._can_scale = False
             self._use_levels(self._stream_request)
             self._follow()
+        self._judge_line(self._stream_request, now_s)
         if now_s - self._checked_s >= 1:
             self._checked_s = now_s
             self._judge_rates(now_s)
         if now_s - self._status_s >= STATUS_EVERY_S:
             self._send_status(now_s)
+
+    def _judge_line(self, stream_request: StreamRequest, now_s: float) -> None:
+        carries = self._encoder.carries(stream_request)
+        if self._steps is None or carries is None:
+            return
+        if self._steps.on_full_line(now_s, carries):
+            self._follow()
 
     def _judge_rates(self, now_s: float) -> None:
         if self._steps is None or not self._can_step():

@@ -40,9 +40,14 @@ def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 async def make_world() -> AsyncIterator[MakeWorld]:
     async with AsyncExitStack() as ends:
 
-        def make(*command: str, setting: str = "auto", steps_quality: bool = True) -> World:
+        def make(
+            *command: str,
+            setting: str = "auto",
+            steps_quality: bool = True,
+            line_rate: int | None = None,
+        ) -> World:
             reports: list[str] = []
-            pool = EncoderPool(setting, command or COMMAND, reports.append)
+            pool = EncoderPool(setting, command or COMMAND, reports.append, lambda: line_rate)
             world = World(steps_quality=steps_quality, encoders=pool)
             world.reports = reports
             ends.push_async_callback(world.end)
@@ -95,6 +100,15 @@ async def test_key_frames_come_by_request_and_no_oftener_than_twice_a_second(
         await world.pass_on(jpeg_of(picture), 0.11)
     keys = [n for n, data in enumerate(world.socket.pictures) if unpacked(data).is_key]
     assert keys == [0, 5, 10, 15, 20]
+
+
+async def test_a_full_line_lowers_the_quality_before_frames_are_late(make_world):
+    world = make_world(line_rate=90_000)
+    await until_encoding(world)
+    [frame] = map(jpeg_of, clip(1, step=2))
+    assert unpacked(await world.pass_on(frame)).quality == 80
+    await eventually(lambda: world.receiver._steps.level.quality < 80, lambda: "the line counts")
+    assert unpacked(await world.pass_on(frame)).quality == 60
 
 
 async def test_a_camera_that_takes_no_requests_steps_by_its_encoder(make_world):

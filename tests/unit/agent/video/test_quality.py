@@ -96,6 +96,15 @@ def test_a_rate_that_the_round_trip_limits_keeps_its_quality():
     assert [level for _, level in changes] == [LEVELS[1], LEVELS[0]]
 
 
+@pytest.mark.parametrize(("most", "level"), [(50, Level(50)), (10, Level(20))])
+def test_a_full_line_gets_soon_what_it_carries_and_more_is_tried_later(most, level):
+    steps, wide = Steps(LEVELS, LATENCY_S, 0), FakeLink(12e6)
+    looks = [steps.on_full_line(0, lambda level: level.quality <= most) for _ in range(5)]
+    assert (looks, steps.level) == ([False, False, False, True, False], level)
+    assert drive(steps, wide, 0, 10) == []
+    assert drive(steps, wide, 10, 6) != []
+
+
 def test_a_rate_that_bytes_limit_steps_down():
     """Each frame within the wanted time, but fewer than the camera gives."""
     steps, link = Steps(LEVELS, 1.0, 0), FakeLink(0.3e6, round_trip_s=0.01)
