@@ -157,7 +157,8 @@ def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Calle
     """Admit the caller of an operation, or raise what `api_user` or `enrolment_credential` raises.
 
     Raises GrantMissingError for a user who is not an admin and does not manage the robot, which reveals nothing;
-    a robot that the user may not see is RobotUnknownError. Without `renew` the login does not count as used.
+    a robot that the user may not see, or that has not the `mac` of the query, is RobotUnknownError. Without `renew` the
+    login does not count as used.
     """
     if who == "enroller":
         credential = enrolment_credential(tx, request)
@@ -168,6 +169,8 @@ def admit(tx: Transaction, who: Who, robot: str, *, renew: bool = True) -> Calle
         check_admin(user)
     if who == "manager":
         seen_robots.require(tx, user, robot, "manage")
+    if robot and (mac := request.args.get("mac")) is not None:
+        seen_robots.require(tx, user, robot, "observe", "open", mac=mac)
     return Caller(tx, user, _source_of(user))
 
 

@@ -21,6 +21,7 @@ from robotether_server import __version__
 from robotether_server.api.auth import OF_ADMINS, Who
 from robotether_server.api.operations import OPERATIONS, ApiOperation, operation
 from robotether_server.api.relayed import RELAYED
+from robotether_server.contract.control import RobotQuery
 from robotether_server.schemas import PlainName, RobotName, UserName
 from robotether_server.settings.robot import GivenSettings
 
@@ -195,8 +196,14 @@ def _without_defaults(component: Object) -> None:
 def _types(operation: ApiOperation) -> Iterator[Any]:
     yield from (kind for kind in (operation.body, *operation.answers.values()) if kind is not None)
     yield from operation.events.values()
-    if operation.query is not None:
-        yield from _members(operation.query).values()
+    if (query := _query_of(operation)) is not None:
+        yield from _members(query).values()
+
+
+def _query_of(operation: ApiOperation) -> Any:
+    """Return what the query of an operation may have; one of a robot may name its MAC, if the body does not."""
+    of_robot = "robot" in operation.names and operation.who != "enroller"
+    return operation.query or (RobotQuery if of_robot else None)
 
 
 @cache
@@ -217,8 +224,8 @@ def _operation(operation: ApiOperation, schemas: dict[int, Object]) -> Object:
         members["security"] = SECURITY[operation.who]
     if operation.tag:
         members["tags"] = [operation.tag]
-    if operation.query is not None:
-        members["parameters"] = list(_query_parameters(operation.query, schemas))
+    if (query := _query_of(operation)) is not None:
+        members["parameters"] = list(_query_parameters(query, schemas))
     if operation.body is not None:
         content = {"application/json": {"schema": schemas[id(operation.body)]}}
         members["requestBody"] = {"required": operation.is_body_required, "content": content}
@@ -273,7 +280,7 @@ def _problems(operation: ApiOperation) -> set[int]:
         statuses.add(404)
     if operation.body is not None:
         statuses |= {413, 415}
-    if operation.body is not None or operation.query is not None:
+    if operation.body is not None or _query_of(operation) is not None:
         statuses.add(422)
     return statuses
 

@@ -9,10 +9,11 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api import exports
 from robotether_server.api.auth import Caller
-from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery
+from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, ListQuery, RobotMac
 from robotether_server.api.operations import operation, respond
 from robotether_server.db import drives
 from robotether_server.db.drives import Drive, DriveSearch
+from robotether_server.identity import normalise_mac
 from robotether_server.schemas import Label
 
 MAX_FENCE = 2**64 - 1
@@ -24,12 +25,13 @@ class DriveQuery(ListQuery):
     """Filters of the drives."""
 
     user: Label | UnsetType = UNSET
+    mac: RobotMac | UnsetType = UNSET
     fence: (
         Annotated[
             int,
             Meta(
                 ge=0,
-                description="The number of the lease. With the robot it names one drive",
+                description="The number of the lease. With the robot's MAC it names one drive",
                 extra_json_schema={"maximum": MAX_FENCE},
                 extra={"most": MAX_FENCE},
             ),
@@ -54,6 +56,7 @@ def list_drives(caller: Caller, query: DriveQuery) -> DriveList | Response:
     """
     search = DriveSearch(
         robot=query.robot or None,
+        mac=None if query.mac is UNSET else normalise_mac(query.mac),
         user=query.user or None,
         since=query.since or None,
         until=query.until or None,

@@ -16,7 +16,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 from robotether_server.api import auth
 from robotether_server.api.context import context
 from robotether_server.api.operations import plain
-from robotether_server.schemas import GivenTimestamp, Label
+from robotether_server.schemas import GivenTimestamp, Label, Mac
 
 Format = Literal["csv", "jsonl"]
 FORMATS: tuple[Format, ...] = ("csv", "jsonl")
@@ -31,6 +31,9 @@ Limit = Annotated[
         description="The most entries in the answer",
         extra_json_schema={"default": USUAL_LIMIT},
     ),
+]
+RobotMac = Annotated[
+    Mac, Meta(description="Of the robot that has this MAC now, whatever its name is or was")
 ]
 FORMAT_WORDS = "All entries that match (up to limit, if given) as CSV, or as one JSON object a line"
 TYPES: Mapping[Format, str] = {"csv": "text/csv; charset=utf-8", "jsonl": "application/jsonl"}

@@ -6,10 +6,11 @@ from flask import Response, request
 from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server.api.auth import Caller
-from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, Limit
+from robotether_server.api.exports import MAX_ID, USUAL_LIMIT, Limit, RobotMac
 from robotether_server.api.operations import Created, operation
 from robotether_server.db import recordings, seen_robots
 from robotether_server.db.recordings import Recording
+from robotether_server.identity import normalise_mac
 from robotether_server.schemas import Label
 from robotether_server.services import recordings as recording_service
 
@@ -22,6 +23,7 @@ class RecordingQuery(Struct, forbid_unknown_fields=True):
     """Which recordings; `before` continues where an earlier answer ended."""
 
     robot: Label | UnsetType = UNSET
+    mac: RobotMac | UnsetType = UNSET
     before: (
         Annotated[int, Meta(ge=1, le=MAX_ID, description="Continue after the one with this id")]
         | UnsetType
@@ -56,6 +58,7 @@ def list_recordings(caller: Caller, query: RecordingQuery) -> RecordingList:
         caller.user,
         "drive",
         robot=query.robot or None,
+        mac=None if query.mac is UNSET else normalise_mac(query.mac),
         before=query.before or None,
         limit=query.limit or USUAL_LIMIT,
     )

@@ -13,6 +13,7 @@ from robotether_server.api.context import context
 from robotether_server.api.exports import USUAL_LIMIT, Limit
 from robotether_server.api.join import Ssh, ssh_of
 from robotether_server.api.operations import operation
+from robotether_server.contract.control import RobotQuery
 from robotether_server.db import cells, robots, seen_robots
 from robotether_server.db.robots import PendingKey, RejectedKey, State
 from robotether_server.db.seen_robots import (
@@ -130,7 +131,7 @@ class RobotChanges(Struct, forbid_unknown_fields=True):
     site: SiteName | UnsetType | None = UNSET
 
 
-class SessionQuery(Struct, forbid_unknown_fields=True):
+class SessionQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
     """The size of the list."""
 
     limit: Limit | UnsetType = UNSET

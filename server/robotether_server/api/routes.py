@@ -8,7 +8,7 @@ from robotether_server.api.auth import Caller
 from robotether_server.api.operations import Created, operation
 from robotether_server.contract.ros import RosType
 from robotether_server.db.routes import Route
-from robotether_server.schemas import RouteEndName
+from robotether_server.schemas import Mac, RouteEndName
 from robotether_server.services import routes as route_service
 from robotether_server.services.routes import MAX_HOURS, MAX_RATE_HZ, MIN_RATE_HZ, RouteRequest
 
@@ -18,7 +18,10 @@ Topic = Annotated[
 
 
 class GivenRoute(Struct, forbid_unknown_fields=True):
-    """A new route. `type`: of both topics. Without `hours` it lasts until somebody removes it."""
+    """A new route. `type`: of both topics. Without `hours` it lasts until somebody removes it.
+
+    `source_mac`, `target_mac`: those of the robots meant, as others may have their names by now.
+    """
 
     source: RouteEndName
     source_topic: Topic
@@ -37,6 +40,8 @@ class GivenRoute(Struct, forbid_unknown_fields=True):
         | UnsetType
     ) = UNSET
     hours: Annotated[int, Meta(ge=1, le=MAX_HOURS)] | UnsetType = UNSET
+    source_mac: Mac | UnsetType = UNSET
+    target_mac: Mac | UnsetType = UNSET
 
 
 class RouteList(Struct):
@@ -66,6 +71,7 @@ def make_route(caller: Caller, body: GivenRoute) -> Created[Route]:
         body.type,
         body.rate_hz or route_service.USUAL_RATE_HZ,
         body.hours or None,
+        tuple(None if mac is UNSET else mac for mac in (body.source_mac, body.target_mac)),
     )
     return route_service.make(caller.tx, caller.source, caller.user, route_request), 201
 

@@ -14,7 +14,7 @@ from robotether_server.db import cells, seen_robots
 from robotether_server.db.cells import Cell
 from robotether_server.db.users import User
 from robotether_server.identity import normalise_mac
-from robotether_server.problems import RobotUnknownError, StoreUnavailableError
+from robotether_server.problems import StoreUnavailableError
 from robotether_server.schemas import AppName, Mac, RobotName
 from robotether_server.tickets import Mode, Ticket, new_id
 
@@ -87,9 +87,8 @@ def create_without_database(body: NewTicket) -> Created[SignedTicket]:
 )
 def create_ticket(caller: Caller, body: NewTicket) -> Created[SignedTicket]:
     """Create a ticket, which opens one WebSocket to one robot."""
-    seen = seen_robots.require(caller.tx, caller.user, body.robot, body.mode)
-    if body.mac is not UNSET and normalise_mac(body.mac) != seen.robot.mac:
-        raise RobotUnknownError(f"cannot open robot {body.robot}: another robot has this name now")
+    mac = None if body.mac is UNSET else body.mac
+    seen = seen_robots.require(caller.tx, caller.user, body.robot, body.mode, mac=mac)
     cell = _address_of(cells.find_of_robot(caller.tx, seen.robot.id))
     return _sign(caller.user, body, seen.robot.id, cell), 201
 

@@ -94,14 +94,24 @@ class StopReason(Struct, frozen=True, forbid_unknown_fields=True):
     reason: Reason | None = None
 
 
-class StopQuery(Struct, frozen=True):
-    """Which press it is, by any text: one that the server has had in another way is no other stop.
+MeantMac = Annotated[
+    Mac,
+    Meta(
+        description="Of the robot that is meant: 404 if another one has the name now; a stop goes to it all the same"
+    ),
+]
 
-    `mac`: the robot with this MAC is meant, if there is one, whatever its name is.
-    """
+
+class RobotQuery(Struct, frozen=True):
+    """Which robot is meant, beside the name in the path."""
+
+    mac: MeantMac | UnsetType = UNSET
+
+
+class StopQuery(RobotQuery, frozen=True):
+    """Which press it is, by any text: one that the server has had in another way is no other stop."""
 
     press: Annotated[str, Meta(max_length=MAX_PRESS)] | UnsetType = UNSET
-    mac: Mac | UnsetType = UNSET
 
 
 def press_of(value: object) -> str | None:

@@ -4,6 +4,8 @@ from typing import Annotated, Any
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
+from robotether_server.contract.control import RobotQuery
+
 # Part of each refusal by the robot's policy, which lasts as long as the connection.
 POLICY_REFUSES = "the robot's policy does not let you"
 MAX_WAIT_S = 30
@@ -24,7 +26,7 @@ RosType = Annotated[
 Seconds = Annotated[int, Meta(le=MAX_WAIT_S, extra_json_schema={"default": USUAL_WAIT_S})]
 
 
-class TopicQuery(Struct, forbid_unknown_fields=True):
+class TopicQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
     """Which messages, and for how long to wait for one."""
 
     type: RosType | UnsetType = UNSET
@@ -65,7 +67,7 @@ class TopicAnswer(Struct, frozen=True):
     message: Annotated[Raw, Meta(extra_json_schema={"type": "object"})]
 
 
-class ServiceQuery(Struct, forbid_unknown_fields=True):
+class ServiceQuery(RobotQuery, frozen=True, forbid_unknown_fields=True):
     """The service's type, and for how long to wait for its answer."""
 
     type: RosType | UnsetType = UNSET

@@ -95,10 +95,12 @@ COLUMNS = ", ".join(
 class DriveSearch:
     """A filter of drives: all given members must match; times compare with the start.
 
-    `robot`: a name that it has now, or had then. A drive that never moved the robot is found only by its `fence`.
+    `robot`: a name that it has now, or had then; `mac`: one that it has now. A drive that never moved the robot is
+    found only by its `fence`.
     """
 
     robot: str | None = None
+    mac: str | None = None
     user: str | None = None
     since: dt.datetime | None = None
     until: dt.datetime | None = None
@@ -107,6 +109,7 @@ class DriveSearch:
 
 CONDITIONS = {
     "robot": "(robot = %(robot)s OR robot_id = (SELECT id FROM robots WHERE name = %(robot)s))",
+    "mac": "robot_id = (SELECT id FROM robots WHERE mac = %(mac)s)",
     "user": "user_name = %(user)s",
     "since": "started_at >= %(since)s",
     "until": "started_at < %(until)s",

@@ -152,19 +152,22 @@ def find(
     level: Level,
     *,
     robot: str | None = None,
+    mac: str | None = None,
     before: int | None = None,
     limit: int = 100,
 ) -> list[Recording]:
     """Return the recordings of robots on which the viewer has that level, newest first; not those that are deleted.
 
-    `robot`: a name that it has now, or had then.
+    `robot`: a name that it has now, or had then. `mac`: one that it has now.
     """
     conditions = ["delete_requested_at IS NULL", "deleted_at IS NULL"]
-    values: dict[str, object] = {"robot": robot, "before": before}
+    values: dict[str, object] = {"robot": robot, "mac": mac, "before": before}
     if robot is not None:
         conditions.append(
             "(robot = %(robot)s OR robot_id = (SELECT id FROM robots WHERE name = %(robot)s))"
         )
+    if mac is not None:
+        conditions.append("robot_id = (SELECT id FROM robots WHERE mac = %(mac)s)")
     if before is not None:
         conditions.append("id < %(before)s")
     return _select(tx, viewer, level, conditions, values, limit=limit)

@@ -13,6 +13,7 @@ from robotether_server.db.database import Row, Transaction
 from robotether_server.db.grants import includes
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
+from robotether_server.identity import normalise_mac
 from robotether_server.problems import GrantMissingError, RobotUnknownError
 from robotether_server.schemas import Level, Timestamp
 
@@ -157,15 +158,22 @@ def find_recorded(tx: Transaction, user: User, recording_id: int) -> SeenRobot |
     return find_seen(tx, user, row["name"]) if row else None
 
 
-def require(tx: Transaction, user: User, name: str, level: Level, to: str = "") -> SeenRobot:
+def require(
+    tx: Transaction, user: User, name: str, level: Level, to: str = "", *, mac: str | None = None
+) -> SeenRobot:
     """Return a robot on which the user has that level, `to` do something; its name is the level if there is no other.
 
-    Raises RobotUnknownError for one that the user may not see, or GrantMissingError.
+    `mac`: of the robot that is meant, as another one may have its name by now. Raises RobotUnknownError for one that is
+    not meant or that the user may not see, or GrantMissingError.
     """
     seen = find_seen(tx, user, name)
     if seen is None:
         raise RobotUnknownError(
             f"cannot {to or level} robot {name}: there is none of that name that you may see"
+        )
+    if mac is not None and normalise_mac(mac) != seen.robot.mac:
+        raise RobotUnknownError(
+            f"cannot {to or level} robot {name}: another robot has this name now"
         )
     if not includes(seen.level, level):
         raise GrantMissingError(

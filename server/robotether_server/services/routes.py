@@ -35,7 +35,10 @@ Node = tuple[str, str]
 
 @dataclass(frozen=True)
 class RouteRequest:
-    """A route that somebody asks for, by names; without `hours` it lasts until somebody removes it."""
+    """A route that somebody asks for, by names; without `hours` it lasts until somebody removes it.
+
+    `macs`: those of the robots that are meant.
+    """
 
     source: str
     source_topic: str
@@ -44,6 +47,7 @@ class RouteRequest:
     type: str
     rate_hz: float = USUAL_RATE_HZ
     hours: int | None = None
+    macs: tuple[str | None, ...] = (None, None)
 
 
 def loop_with(edges: Iterable[tuple[Node, Node]], start: Node, end: Node) -> list[Node]:
@@ -90,8 +94,8 @@ def make(tx: Transaction, source: Source, user: User, route_request: RouteReques
         raise FieldInvalidError("cannot make the route: one of its ends must be a robot", "target")
     apps = [_app(field, name) for field, name in zip(("source", "target"), names, strict=True)]
     robot_ids = [
-        seen_robots.require(tx, user, name, "manage").robot.id if app is None else None
-        for name, app in zip(names, apps, strict=True)
+        seen_robots.require(tx, user, name, "manage", mac=mac).robot.id if app is None else None
+        for name, app, mac in zip(names, apps, route_request.macs, strict=True)
     ]
     # Two that are made at once could close a loop that neither sees.
     if not tx.lock(LOCK, LOCK_WITHIN_S):

@@ -17,7 +17,9 @@ from urllib.parse import urlsplit
 
 from aiohttp import web
 
+from robotether_server.contract.control import mac_of
 from robotether_server.db.fleet import RECORDER, Credential, RelayRobot, RelayUser, Snapshot
+from robotether_server.identity import normalise_mac
 from robotether_server.problems import (
     CsrfRefusedError,
     GrantMissingError,
@@ -68,6 +70,8 @@ class Request:
     address: str = ""
     # Of a page of this site, which alone can send it.
     csrf_header: str = ""
+    # Of the robot that is meant, as another one may have its name by now.
+    mac: str | None = None
     stops: bool = False
 
 
@@ -184,7 +188,7 @@ class Access:
             ticket, issued_at = self._verified(request.ticket)
             return self._permit_of_ticket(ticket, issued_at, name, "video")
         asker = await self.asker(request)
-        robot = self.visible_robot(asker.user, name)
+        robot = self.visible_robot(asker.user, name, request)
         may_drive = permits(self._snapshot().level(asker.user.id, robot.id), "drive")
         return Permit(asker.user, robot, "video", asker.credential, may_drive=may_drive)
 
@@ -210,13 +214,13 @@ class Access:
     async def for_topic(self, request: Request, name: str) -> Permit:
         """Let a login or token read topics of robot `name`."""
         asker = await self.for_events(request)
-        robot = self.visible_robot(asker.user, name)
+        robot = self.visible_robot(asker.user, name, request)
         return Permit(asker.user, robot, "observe", asker.credential)
 
     async def for_service(self, request: Request, name: str) -> Permit:
         """Let a login or token call services of robot `name`, as a driver if it may drive."""
         asker = await self.for_change(request)
-        robot = self.visible_robot(asker.user, name)
+        robot = self.visible_robot(asker.user, name, request)
         level = self._snapshot().level(asker.user.id, robot.id)
         if level is None or not permits(level, "drive"):
             return Permit(asker.user, robot, "observe", asker.credential)
@@ -375,19 +379,29 @@ class Access:
         level = granted if use == "drive" else "observe"
         return Permit(user, robot, use, credential, level, may_drive=permits(granted, "drive"))
 
-    def visible_robot(self, user: RelayUser, name: str, mac: str | None = None) -> RelayRobot:
-        """Return the robot, as `Snapshot.meant` says; RobotUnknownError when there is none for this user."""
+    def visible_robot(
+        self, user: RelayUser, name: str, request: Request | None = None
+    ) -> RelayRobot:
+        """Return the robot that a request means; RobotUnknownError when there is none for this user.
+
+        A stop goes by its MAC, whatever the robot's name is; nothing else goes to another robot than that.
+        """
         _check_name(name)
-        snapshot = self._snapshot()
-        robot = snapshot.meant(name, mac)
+        snapshot, mac = self._snapshot(), None if request is None else request.mac
+        is_stop = request is not None and request.stops
+        robot = snapshot.meant(name, mac) if is_stop else snapshot.by_name.get(name)
         if robot is None or snapshot.level(user.id, robot.id) is None:
             raise RobotUnknownError(f"cannot open robot {name}: there is no such robot for you")
+        if not is_stop and mac not in {None, robot.mac}:
+            raise RobotUnknownError(f"cannot open robot {name}: another robot has this name now")
         return robot
 
 
 def request_of(request: web.Request, *, stops: bool = False) -> Request:
-    """Pick out of an HTTP request what says who asks."""
-    headers = request.headers
+    """Pick out of an HTTP request what says who asks, and which robot is meant; no stop is refused for its MAC."""
+    headers, mac = request.headers, request.query.get("mac")
+    if mac is not None:
+        mac = mac_of(mac) if stops else normalise_mac(mac)
     return Request(
         host=headers.get("Host", ""),
         origin=headers.get("Origin"),
@@ -396,6 +410,7 @@ def request_of(request: web.Request, *, stops: bool = False) -> Request:
         authorization=headers.get("Authorization"),
         address=headers.get("X-Forwarded-For", ""),
         csrf_header=headers.get("X-CSRFToken", ""),
+        mac=mac,
         stops=stops,
     )
 

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 from aiohttp import web
 
-from robotether_server.contract.control import mac_of
 from robotether_server.db.fleet import Snapshot
 from robotether_server.relay.auth.access import Access, request_of
 from robotether_server.relay.cells.forwarded_observers import ForwardedObservers
@@ -43,12 +42,12 @@ class Forwarding:
         if match is None or not self.peers.count():
             return None
         stops = match["action"] == "stop"
-        mac = mac_of(request.query.get("mac")) if stops else None
+        access_request = request_of(request, stops=stops)
+        mac = access_request.mac if stops else None
         robot = self.snapshot().meant(match["robot"] or match["controlled"], mac)
         peer = None if robot is None else self.peers.owner(robot.id)
         if robot is None or peer is None:
             return None
-        access_request = request_of(request, stops=stops)
         ticket = self.access.observer_ticket(access_request) if match["path"] == "ros" else None
         if ticket is not None and web.WebSocketResponse().can_prepare(request):
             served = await self.observers.join(request, ticket, robot, peer)

@@ -24,7 +24,6 @@ from robotether_server.contract.control import (
     StoppedRobot,
     StoppedRobotList,
     StopReason,
-    mac_of,
     press_of,
 )
 from robotether_server.contract.uplink import UplinkObject
@@ -139,7 +138,7 @@ class ControlApi:
 
     async def stop_many(self, request: web.Request) -> web.Response:
         """Stop all robots, or those of a site, that the caller manages."""
-        user = await self._changer(request, stops=True)
+        user = (await self.access.for_change(request_of(request, stops=True))).user
         body = schemas.read(await _members(request), SiteStop)
         robots = [robot for robot in self._managed_robots(user) if body.site in {None, robot.site}]
         if not robots:
@@ -159,18 +158,16 @@ class ControlApi:
         return answer_json(StoppedRobotList(results, self.unreached()))
 
     async def _viewer_and_robot(self, request: web.Request) -> tuple[RelayUser, RelayRobot]:
-        user = (await self.access.for_events(request_of(request))).user
-        return user, self.access.visible_robot(user, request.match_info["name"])
+        access_request = request_of(request)
+        user = (await self.access.for_events(access_request)).user
+        return user, self.access.visible_robot(user, request.match_info["name"], access_request)
 
     async def _who_and_what(
         self, request: web.Request, *, stops: bool = False
     ) -> tuple[RelayUser, RelayRobot]:
-        user = await self._changer(request, stops=stops)
-        mac = mac_of(request.query.get("mac")) if stops else None
-        return user, self.access.visible_robot(user, request.match_info["name"], mac)
-
-    async def _changer(self, request: web.Request, *, stops: bool) -> RelayUser:
-        return (await self.access.for_change(request_of(request, stops=stops))).user
+        access_request = request_of(request, stops=stops)
+        user = (await self.access.for_change(access_request)).user
+        return user, self.access.visible_robot(user, request.match_info["name"], access_request)
 
     def _managed_robots(self, user: RelayUser) -> list[RelayRobot]:
         snapshot = self.snapshot()

@@ -19,8 +19,8 @@ blueprint.before_request(current_user.require_user)
 PAGE = "/routes"
 # Maximum number of robots that the diagram unfolds beside those of routes: each has its topics twice.
 MOST_UNFOLDED = 3
-# Maximum length of a robot or an app, a topic and a type, with spaces between.
-MAX_END = len(APP) + 63 + 1 + 255 + 1 + 255
+# Maximum length of a robot or an app, a topic, a type and a MAC, with spaces between.
+MAX_END = len(APP) + 63 + 1 + 255 + 1 + 255 + 1 + 17
 
 
 @blueprint.get("")
@@ -56,7 +56,8 @@ def make(tx: Transaction, source: Source) -> Saved:
         )
     hours = forms.optional_number("hours", "Hours", 1, MAX_HOURS)
     rate = forms.number("rate_hz", "Messages a second", 1, int(MAX_RATE_HZ))
-    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, hours)
+    macs = start[3], end[3]
+    route_request = RouteRequest(start[0], start[1], end[0], end[1], start[2], rate, hours, macs)
     route = routes.make(tx, source, current_user.get(), route_request)
     return PAGE, f"The route from {route.source} to {route.target} is made."
 
@@ -68,9 +69,9 @@ def remove(tx: Transaction, source: Source, route_id: int) -> Saved:
     return PAGE, f"The route from {route.source} to {route.target} is removed."
 
 
-def _end(name: str, label: str) -> tuple[str, str, str]:
-    """Return the robot or app, topic and type that a choice names."""
+def _end(name: str, label: str) -> tuple[str, str, str, str | None]:
+    """Return the robot or app, topic and type that a choice names, and the robot's MAC."""
     words = forms.text(name, label, MAX_END).split(" ")
-    if len(words) != 3:  # noqa: PLR2004  # these three
+    if len(words) not in {3, 4}:
         raise FieldInvalidError(f"cannot use {label}: choose a topic", name)
-    return words[0], words[1], words[2]
+    return words[0], words[1], words[2], words[3] if words[3:] else None

@@ -18,9 +18,12 @@ def drives(root, ann, admin_database):
 
 @pytest.mark.usefixtures("drives")
 def test_each_filter_reaches_the_search(root):
+    mac = root.get("/robots/sim1")["mac"]
     for query, found in (
         ("fence=13&since=2026-01-31T12:00:00Z", 2),
         ("robot=sim1", 1),
+        (f"mac={mac}", 1),
+        (f"robot=sim2&mac={mac}", 0),
         ("robot=sim1&user=zoe", 0),
         ("limit=1", 1),
         ("fence=14", 0),

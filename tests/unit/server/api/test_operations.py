@@ -28,3 +28,21 @@ def test_query_has_each_name_once(root):
     assert root.get("/audit?limit=1")["events"] == []
     for wrong in ("most=1", "limit=1&limit=2"):
         assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "body"),
+    [
+        ("POST", "/recordings", None),
+        ("POST", "/requests", {"reason": "stuck"}),
+        ("PATCH", "", {"state": "disabled"}),
+        ("DELETE", "", None),
+        ("GET", "/sessions", None),
+    ],
+)
+def test_nothing_is_done_to_a_robot_that_has_got_the_name(root, method, path, body):
+    mac = root.get("/robots/sim1")["mac"]
+    wrong = root.refused(method, f"/robots/sim2{path}?mac={mac}", body)
+    assert wrong == (404, "robot_unknown")
+    assert root.refused(method, f"/robots/sim1{path}?mac=x", body) == (422, "field_invalid")
+    assert root.ask(method, f"/robots/sim1{path}?mac={mac.upper()}", body).status_code != 404

@@ -49,6 +49,23 @@ def test_a_driver_records_a_robot_once(people, recorder_database):
         assert recordings.read_open(tx, "second") == []
 
 
+def test_a_robot_that_has_got_the_name_shows_no_recording_of_the_one_before(people, database):
+    """With the MAC: a page that goes by the name alone would stop the other's."""
+    recording = people["ann"].ask("POST", "/robots/sim1/recordings").json["id"]
+    mac = people["ann"].get("/robots/sim1")["mac"]
+    with database.transaction() as tx:
+        tx.change("UPDATE robots SET name = 'turtle' WHERE name = 'sim1'")
+        tx.change("UPDATE robots SET name = 'sim1' WHERE name = 'sim2'")
+        other = robots.get(tx, "sim1")
+        give(tx, users.get(tx, "ann").id, other.id, "drive")
+
+    def listed(query):
+        return [each["id"] for each in people["ann"].get(f"/recordings?{query}")["recordings"]]
+
+    assert (listed("robot=sim1"), listed(f"mac={mac}")) == ([recording], [recording])
+    assert listed(f"mac={other.mac}") == []
+
+
 @pytest.mark.parametrize("passed_s", [61, -120])
 def test_a_request_that_nobody_took_within_a_minute_keeps_no_other_out(
     people, recorder_database, admin_database, passed_s

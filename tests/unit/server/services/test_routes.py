@@ -21,6 +21,7 @@ from robotether_server.problems import (
 from robotether_server.services import routes as route_service
 from robotether_server.services.routes import RouteRequest, loop_with
 
+OTHER_MAC = "02:00:00:00:51:03"
 TWIST = "geometry_msgs/msg/Twist"
 
 
@@ -89,6 +90,12 @@ def test_who_does_not_manage_its_robots_makes_none(fleet_of_four, start, end, by
         made(fleet_of_four, start, end, by=by)
     with fleet_of_four.database.transaction() as tx:
         assert routes.list_all(tx) == []
+
+
+@pytest.mark.parametrize("macs", [(OTHER_MAC, None), (None, OTHER_MAC)])
+def test_robots_that_have_got_the_names_get_no_route(fleet_of_four, macs):
+    with pytest.raises(RobotUnknownError, match="another robot has this name now"):
+        made(fleet_of_four, "sim1", "sim2", macs=macs)
 
 
 def test_what_is_no_topic_or_rate_or_one_too_many_is_refused(fleet_of_four, monkeypatch):

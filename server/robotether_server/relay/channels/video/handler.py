@@ -151,14 +151,14 @@ class VideoHandler:
 
 
 def path_for_robot(raw_path: str, raw_query: str) -> str:
-    """Return what the robot is asked for: less our prefix, less the ticket, and with its slashes as they are.
+    """Return what the robot is asked for: less our prefix, less what is for us, and with its slashes as they are.
 
     web_video_server undoes no escapes, and finds no topic under %2Fcamera, which many clients write. A request for a
     topic without a QoS gets that of sensors.
     """
     _, _, _, _, *rest = raw_path.split("/", 4)
     path = "/" + "".join(rest)
-    parts = [part for part in raw_query.split("&") if part and not _names(part, "ticket")]
+    parts = [part for part in raw_query.split("&") if part and not _names(part, "ticket", "mac")]
     if any(_names(part, "topic") for part in parts) and not any(
         _names(part, QOS_NAME) for part in parts
     ):
@@ -166,9 +166,9 @@ def path_for_robot(raw_path: str, raw_query: str) -> str:
     return f"{path}?{ESCAPED_SLASH.sub('/', '&'.join(parts))}" if parts else path
 
 
-def _names(part: str, parameter: str) -> bool:
-    """Return whether a part of a query has this name as `access` reads it: in any spelling."""
-    return any(name == parameter for name, _ in parse_qsl(part, keep_blank_values=True))
+def _names(part: str, *parameters: str) -> bool:
+    """Return whether a part of a query has one of these names as `access` reads it: in any spelling."""
+    return any(name in parameters for name, _ in parse_qsl(part, keep_blank_values=True))
 
 
 def _no_answer(

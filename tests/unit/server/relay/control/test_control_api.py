@@ -62,6 +62,28 @@ async def test_a_stop_follows_a_robot_whose_name_another_has(relay, sim1, memory
     assert stops.of(8) is not None
 
 
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("POST", "/api/v1/robots/sim2/lease", {"action": "ask"}),
+        ("POST", "/api/v1/robots/sim2/release"),
+        ("GET", "/api/v1/robots/sim2/control"),
+        ("GET", "/api/v1/robots/sim2/uplink"),
+        ("GET", "/api/v1/robots/sim2/topics/pose"),
+        ("POST", "/api/v1/robots/sim2/services/arm", {}),
+        ("GET", "/robots/sim2/video/stream"),
+    ],
+)
+async def test_nothing_else_goes_to_a_robot_that_has_got_the_name(
+    relay, sim1, memory_database, ask, call
+):
+    method, path, *body = call
+    memory_database.add_robot(8, "sim2", u1="drive")
+    await until(lambda: 8 in relay.relay.fleet.state().robots, "the relay knows both")
+    for mac, code in ((sim1.mac, "robot_unknown"), ("x", "field_invalid"), ("", "field_invalid")):
+        assert (await ask(method, f"{path}?mac={mac}", "ann", *body))[1]["code"] == code
+
+
 async def test_bad_bodies_are_named(relay, sim1, ask):
     relay.relay.control.stops.stop(sim1, "ben")
     for path, body, status in (

@@ -18,3 +18,11 @@ def test_markup_is_text_everywhere(manager, database):
     wrong = sent(manager, "sim1 /<script>x</script> t", "sim2 /a t").text
     assert "<script>x" not in wrong
     assert "it must be a topic" in wrong
+
+
+def test_a_robot_that_has_got_the_name_gets_no_route(manager, database):
+    with database.transaction() as tx:
+        give(tx, users.get(tx, "may").id, robots.get(tx, "sim2").id, "manage")
+        mac = robots.get(tx, "sim1").mac
+    assert "another robot has this name now" in sent(manager, "sim1 /a t", f"sim2 /a t {mac}").text
+    assert "is made" in sent(manager, f"sim1 /a t {mac}", "sim2 /a t").text
