@@ -46,33 +46,33 @@ export class Api {
     }
   }
 
-  // `action` is ask, withdraw, hand_over, refuse or take; `more` may say to whom.
-  lease(robot, action, more = {}) {
-    return this.post(path(robot, "lease"), { action, ...more });
+  // `action` is ask, withdraw, hand_over, refuse or take; `more` may say to whom. `mac`: of the robot meant, as another one may
+  // have its name by now, beside the body, which a machine of an older version would refuse with it.
+  lease(robot, action, more = {}, mac = undefined) {
+    return this.post(robotPath(robot, "lease", { mac }), { action, ...more });
   }
 
-  // `press` as of Session.stopRobot; `mac`: of the robot meant, as another one may have its name by now. Both beside the
-  // body, which a machine of an older version would refuse with them.
+  // `press` as of Session.stopRobot.
   stop(robot, press, mac) {
-    return this.post(withQuery(path(robot, "stop"), { press, mac }), {}, { keepalive: true, timeoutMs: 3000 });
+    return this.post(robotPath(robot, "stop", { press, mac }), {}, { keepalive: true, timeoutMs: 3000 });
   }
 
   // The server answers by itself after `wait_s`, or 5 s.
   topic(robot, topic, query) {
-    return this.get(path(robot, `topics/${encodeURIComponent(topic)}`), query, waitFor(query.wait_s));
+    return this.get(robotPath(robot, `topics/${encodeURIComponent(topic)}`), query, waitFor(query.wait_s));
   }
 
   service(robot, service, args, query) {
-    return this.post(withQuery(path(robot, `services/${encodeURIComponent(service)}`), query), args, waitFor(query.timeout_s));
+    return this.post(robotPath(robot, `services/${encodeURIComponent(service)}`, query), args, waitFor(query.timeout_s));
   }
 
-  uplink(robot) {
-    return this.get(path(robot, "uplink"));
+  uplink(robot, mac) {
+    return this.get(robotPath(robot, "uplink", { mac }));
   }
 
   // `stopped` as in the control object: no other stop is released.
-  release(robot, { by, at }) {
-    return this.post(path(robot, "release"), { by, at });
+  release(robot, { by, at }, mac = undefined) {
+    return this.post(robotPath(robot, "release", { mac }), { by, at });
   }
 }
 
@@ -113,11 +113,14 @@ export async function readRefusal(answer) {
   return { status: answer.status, code: "", detail: words.slice(0, MAX_WORDS) };
 }
 
-const withQuery = (path, query) => `${path}?${new URLSearchParams(Object.entries(query).filter(([, value]) => value !== undefined))}`;
+function withQuery(path, query) {
+  const given = Object.entries(query).filter(([, value]) => value !== undefined);
+  return given.length ? `${path}?${new URLSearchParams(given)}` : path;
+}
 
 const waitFor = (seconds = 5) => ({ timeoutMs: TIMEOUT_MS + seconds * 1000 });
 
-const path = (robot, action) => `/api/v1/robots/${encodeURIComponent(robot)}/${action}`;
+export const robotPath = (robot, action, query = {}) => withQuery(`/api/v1/robots/${encodeURIComponent(robot)}/${action}`, query);
 
 // Gets a ticket, the permission to open one WebSocket, from the server.
 export class TicketRefused extends Error {
@@ -158,7 +161,8 @@ export const rosUrl = (server, robot, ticket) => address(server, of(robot, "ros"
 
 export const appUrl = (server, app, ticket) => address(server, `apps/${app}/ros`, { ticket }, true);
 
-export const framesUrl = (server, robot, topic, ticket) => address(server, of(robot, "video/frames"), { topic, ticket }, true);
+export const framesUrl = (server, robot, topic, { ticket, mac } = /** @type {any} */ ({})) =>
+  address(server, of(robot, "video/frames"), { topic, ticket, mac }, true);
 
 export const streamUrl = (server, robot, topic, ticket, more = {}) =>
   address(server, of(robot, "video/stream"), { topic, ...more, ticket });

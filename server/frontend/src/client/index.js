@@ -224,7 +224,7 @@ export class Robot {
     const decoder = new FrameDecoder({ choice, onKeyFrame: () => stream.requestKeyFrame(), onCodecs: askAnew });
     const [show, frames] = [showOn(element, decoder), new ShownFrames()];
     const stream = new FrameStream({
-      url: async () => framesUrl(this.server, this.name, topic, await this.viewTicket()),
+      url: async () => framesUrl(this.server, this.name, topic, { ticket: await this.viewTicket() }),
       request,
       onFrame: async (frame) => {
         await show(frame);

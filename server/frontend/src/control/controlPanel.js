@@ -13,9 +13,9 @@ const FRESH_MS = 8000; // time for which a note lies over the video
 
 export class ControlPanel {
   // `busy` as of Question, `driveTopic` and `isLimitedByAge` as of settings.js.
-  constructor(root, { robot, driveMode, driveTopic, isLimitedByAge, busy }) {
+  constructor(root, { robot, mac, driveMode, driveTopic, isLimitedByAge, busy }) {
     this.root = root;
-    this.robot = robot;
+    this.lease = (action, more = {}) => api.lease(robot, action, more, mac);
     this.driveMode = driveMode;
     this.lack = driveMode.mayDrive && !driveTopic ? texts.noDriveTopic : "";
     this.isLimitedByAge = isLimitedByAge;
@@ -120,7 +120,7 @@ export class ControlPanel {
 
   async ask() {
     this.driveMode.ask();
-    const answer = await api.lease(this.robot, "ask");
+    const answer = await this.lease("ask");
     if (answer.ok || this.driveMode.asked !== "sent") return;
     if (answer.code === "lease_free") this.driveMode.drive();
     else this.driveMode.forget(failure(answer));
@@ -128,7 +128,7 @@ export class ControlPanel {
 
   async withdraw() {
     this.driveMode.withdraw();
-    const answer = await api.lease(this.robot, "withdraw");
+    const answer = await this.lease("withdraw");
     if (!answer.ok && answer.code !== "nobody_asks") this.driveMode.setNote(failure(answer));
   }
 
@@ -144,7 +144,7 @@ export class ControlPanel {
   async take() {
     const driver = this.sureOf; // another one may drive, whom this page does not show yet
     this.askSure(false);
-    const answer = await api.lease(this.robot, "take", { driver });
+    const answer = await this.lease("take", { driver });
     if (answer.ok || answer.code === "lease_free") this.driveMode.drive();
     else this.driveMode.setNote(failure(answer));
   }
@@ -159,7 +159,7 @@ export class ControlPanel {
 
   async answer(action, more) {
     this.question.show(false);
-    const answer = await api.lease(this.robot, action, more);
+    const answer = await this.lease(action, more);
     if (answer.ok) return;
     this.driveMode.handedTo = "";
     if (answer.code === "nobody_asks") return;

@@ -4,15 +4,16 @@ import { api } from "../dom/calls.js";
 import { download, durationText, make, part, setText, shortNumber, sizeText } from "../dom/page.js";
 import { summary as texts, endReasons } from "../texts/panels.js";
 
-const fetchDrives = (robot, fence) => api.get("/api/v1/drives", { robot, fence });
+const fetchDrives = (mac, fence) => api.get("/api/v1/drives", { mac, fence });
 const wait = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 
 export class Summary {
   // `root` is the panel over the video, a <details>, with the server's words in data-words: JSON, {ends, refusals} by their codes.
   // `me` is the user's name.
-  constructor(root, { robot, me }) {
+  constructor(root, { robot, mac, me }) {
     this.root = root;
     this.robot = robot;
+    this.mac = mac;
     this.me = me;
     this.serverWords = JSON.parse(root.dataset.words);
     /** @type {number | null} */
@@ -48,7 +49,7 @@ export class Summary {
     this.drive = null;
     this.root.open = false; // what has just happened is to be seen in the video
     this.show(texts.asking, []);
-    const drive = await recordOf({ robot: this.robot, fence, fetchDrives, wait });
+    const drive = await recordOf({ mac: this.mac, fence, fetchDrives, wait });
     if (round !== this.round) return;
     if (typeof drive === "string") return this.show(texts[drive], []);
     this.drive = drive;
@@ -133,12 +134,12 @@ function refusedText({ refused = {}, dropped_old }, refusals) {
 // Gets the record of a drive that has just ended. The server writes it a little later, so it is asked for several times.
 const TRIES_MS = [300, 700, 1000, 2000, 3000, 3000]; // 10 s in all
 
-// `fetchDrives(robot, fence)` gives {ok, body} as of calls.js. Gives the record, "missing" or "failed".
-export async function recordOf({ robot, fence, fetchDrives, wait }) {
+// `fetchDrives(mac, fence)` gives {ok, body} as of calls.js. Gives the record, "missing" or "failed".
+export async function recordOf({ mac, fence, fetchDrives, wait }) {
   let answered = false;
   for (const ms of TRIES_MS) {
     await wait(ms);
-    const { ok, body } = await fetchDrives(robot, fence);
+    const { ok, body } = await fetchDrives(mac, fence);
     answered ||= ok;
     const drive = ok && body.drives?.find((record) => record.fence === fence && record.ended_at);
     if (drive) return drive;

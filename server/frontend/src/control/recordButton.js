@@ -1,6 +1,7 @@
 // Recording the robot from the drive page, in its drawer: who records it, and a button that begins or stops that. What the page says
 // to everybody while the robot is recorded is in drive.js. It must never touch what drives.
 
+import { robotPath } from "../client/api.js";
 import { localTime, part, setText } from "../dom/page.js";
 import { isNew, markNew } from "../dom/presses.js";
 import { recording as texts } from "../texts/panels.js";
@@ -22,9 +23,10 @@ function recordingUnderWay(recordings, now) {
 
 export class RecordButton {
   // `api` as of client/api.js; `now()` gives the server's time of day in ms.
-  constructor(root, { robot, me, level, api, now }) {
+  constructor(root, { robot, mac, me, level, api, now }) {
     this.root = root;
-    this.robot = robot;
+    this.mac = mac;
+    this.beginPath = robotPath(robot, "recordings", { mac });
     this.mayStop = ({ asked_by: asker }) => level === "manage" || asker === me;
     this.api = api;
     this.now = now;
@@ -49,7 +51,7 @@ export class RecordButton {
   async refresh() {
     clearTimeout(this.timer);
     const round = ++this.round;
-    const { ok, status, body } = await this.api.get("/api/v1/recordings", { robot: this.robot, limit: LISTED });
+    const { ok, status, body } = await this.api.get("/api/v1/recordings", { mac: this.mac, limit: LISTED });
     if (round !== this.round) return;
     this.underWay = ok ? recordingUnderWay(body.recordings, this.now()) : undefined;
     this.ending &&= this.underWay !== null;
@@ -66,7 +68,7 @@ export class RecordButton {
     if (this.pressed || isNew(this.button)) return;
     this.pressed = true;
     const { underWay } = this;
-    const path = underWay ? `/api/v1/recordings/${underWay.id}/stop` : `/api/v1/robots/${encodeURIComponent(this.robot)}/recordings`;
+    const path = underWay ? `/api/v1/recordings/${underWay.id}/stop` : this.beginPath;
     const { ok, detail } = await this.api.post(path);
     this.pressed = false;
     this.ending = Boolean(ok && underWay);

@@ -10,7 +10,7 @@ export class StopBar {
   // `halt()` ends what this page commands; `send(press)` says the stop on the page's own connection;
   // `onReleased(again)` comes when this page's person released the robot, `again` if to drive on.
   constructor(root, { robot, mac, halt, send, onReleased }) {
-    this.robot = robot;
+    this.sendRelease = (stopped) => api.release(robot, stopped, mac);
     this.halt = halt;
     this.onReleased = onReleased;
     this.element = byTestId(root, "stop-bar");
@@ -108,7 +108,7 @@ export class StopBar {
 
   async askRelease(stopped) {
     this.count(1);
-    const answer = await api.release(this.robot, stopped);
+    const answer = await this.sendRelease(stopped);
     this.count(-1);
     return answer;
   }

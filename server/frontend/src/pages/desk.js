@@ -125,7 +125,7 @@ function wireDrive(page) {
 // What fills the uplink, on the page of one robot.
 function wireUplink(page) {
   for (const panel of page.querySelectorAll('[data-part="uplink"]')) {
-    new Uplink(panel, { get: () => api.uplink(panel.dataset.of) }).renew();
+    new Uplink(panel, { get: () => api.uplink(panel.dataset.of, panel.dataset.mac) }).renew();
   }
 }
 

@@ -78,7 +78,7 @@ const view = new View(root, {
   settings,
   driveTopic,
   oldMs,
-  openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic), ...options }),
+  openFrames: (topic, options) => new FrameStream({ url: () => framesUrl(location.href, robot, topic, { mac }), ...options }),
   subscribe,
   onMain: (reading) => interlock.receive(reading),
 });
@@ -86,7 +86,7 @@ const readback = new Readback({ subscribe, onSpeed: (speed) => readings.speed(sp
 const arming = new Arming({ interlock, output: session });
 const controls = driveMode.mayDrive ? setUpControls(root, controlOptions()) : NO_CONTROLS;
 arming.use(controls);
-const controlPanel = new ControlPanel(root, { robot, driveMode, driveTopic, isLimitedByAge, busy: () => controls.held() });
+const controlPanel = new ControlPanel(root, { robot, mac, driveMode, driveTopic, isLimitedByAge, busy: () => controls.held() });
 const stopBar = new StopBar(root, {
   robot,
   mac,
@@ -100,16 +100,17 @@ const topics = new Topics(part(root, "topics"), {
   ask: () => discovery.refresh(),
 });
 new Uplink(part(root, "uplink"), {
-  get: () => api.uplink(robot),
+  get: () => api.uplink(robot, mac),
   switches: { camera: view.tiles, topic: topicSwitch },
 });
 // Drivers have these.
-const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, me: user }) : null;
+const summary = driveMode.mayDrive ? new Summary(part(root, "summary"), { robot, mac, me: user }) : null;
 const buttons = driveMode.mayDrive ? new Buttons(part(root, "buttons"), { buttons: settings.buttons ?? [], connection }) : null;
-const recordButton = driveMode.mayDrive ? new RecordButton(root, { robot, me: user, level, api, now: () => serverClock.nowMs }) : null;
+const recordButton = driveMode.mayDrive ? new RecordButton(root, { robot, mac, me: user, level, api, now: () => serverClock.nowMs }) : null;
 
 const askForHelp = new AskForHelp(root, {
   robot,
+  mac,
   me: user,
   level,
   post: (path, body) => api.post(path, body),

@@ -49,7 +49,16 @@ export function appsIn(live, rows) {
 // Whether a route has a line: another user's app of the same name is another app. Pure.
 export const isDrawn = (row) => "mine" in row || ![row.source, row.target].some(isApp);
 
-const valueOf = ({ robot, topic, type }) => `${robot} ${topic} ${type}`;
+// As the form sends it; an app has no MAC. Pure.
+const valueOf = (robot, mac, { topic, type }) => [robot, topic, type, ...(mac ? [mac] : [])].join(" ");
+
+const robotsOf = (root) => [...root.querySelectorAll("details[data-mac]")].map(({ dataset }) => `${dataset.mac} ${dataset.robot}`);
+
+// Whether each robot of a page is in a newer one under the same name. Pure.
+function hasAllOf(page, fresh) {
+  const robots = new Set(robotsOf(fresh));
+  return robotsOf(page).every((robot) => robots.has(robot));
+}
 
 // Asks robots for their topics, for the diagram and the form; those of apps come with the routes.
 class Topics {
@@ -80,9 +89,10 @@ class Topics {
   async load(robot) {
     this.known.set(robot, { source: [], target: [] });
     this.diagram.show(robot, null, texts.loading);
-    const { ok, detail, body } = await api.service(robot, "rosapi/topics", {}, { timeout_s: 5 });
+    const { mac } = this.diagram.detailsOf(robot)[0].dataset;
+    const { ok, detail, body } = await api.service(robot, "rosapi/topics", {}, { timeout_s: 5, mac });
     const list = ok && body.result ? topicsIn(body.values) : null;
-    const topics = list && { source: list, target: list };
+    const topics = list && { source: list, target: list, mac };
     if (topics) this.known.set(robot, topics);
     else this.known.delete(robot);
     this.diagram.show(robot, topics, topics ? texts.noTopics : texts.unknownTopics(detail || body.reason));
@@ -117,7 +127,9 @@ class Topics {
       const chosen = select.value;
       const side = select.name === "from" ? "source" : "target";
       const groups = [...this.known].sort().map(([robot, topics]) => {
-        const options = topics[side].map((topic) => make("option", { value: valueOf({ robot, ...topic }) }, `${robot} ${topic.topic}`));
+        const options = topics[side].map((topic) =>
+          make("option", { value: valueOf(robot, topics.mac, topic) }, `${robot} ${topic.topic}`),
+        );
         return make("optgroup", { label: robot }, ...options);
       });
       select.replaceChildren(select.options[0], ...groups);
@@ -167,8 +179,10 @@ class RoutesPage {
     if (from.type !== to.type) return this.say(texts.notMade(texts.otherType(from, to)));
     const { ok, detail } = await api.post("/api/v1/routes", {
       source: from.robot,
+      source_mac: from.mac,
       source_topic: from.topic,
       target: to.robot,
+      target_mac: to.mac,
       target_topic: to.topic,
       type: from.type,
     });
@@ -202,6 +216,7 @@ class RoutesPage {
     this.refreshedAt = performance.now();
     const page = await freshPage("/routes");
     const fresh = page && part(page, "list");
+    if (fresh && !hasAllOf(document, page)) return location.reload();
     if (fresh && withoutTokens(fresh) !== this.answered) this.show(fresh);
   }
 

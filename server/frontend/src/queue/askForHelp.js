@@ -1,5 +1,6 @@
 // Asking for help on the drive page, in its drawer, and what is asked for now. It must never touch what drives.
 
+import { robotPath } from "../client/api.js";
 import { KeyedRows } from "../dom/keyedRows.js";
 import { make, makeButton, part, setText } from "../dom/page.js";
 import { askOnce } from "../dom/presses.js";
@@ -13,9 +14,10 @@ const BY_PEOPLE = ["api", "page"]; // sources of requests that name a user; a ro
 export class AskForHelp {
   // `root` is the body: the drawer has the form and the list, the header says that something is open. `post(path, body)` as of
   // client/api.js; `onAsked()` asks for the list anew.
-  constructor(root, { robot, me, level, post, onAsked }) {
+  constructor(root, { robot, mac, me, level, post, onAsked }) {
     this.root = root;
-    this.robot = robot;
+    this.mac = mac;
+    this.path = robotPath(robot, "requests", { mac });
     this.post = post;
     this.onAsked = onAsked;
     this.mayWithdraw = ({ source, asked_by: asker }) => level === "manage" || (asker === me && BY_PEOPLE.includes(source));
@@ -31,7 +33,7 @@ export class AskForHelp {
     const reason = part(this.form, "help-reason");
     const urgent = part(this.form, "help-urgent");
     const body = { reason: reason.value.trim(), priority: urgent.checked ? URGENT : NORMAL };
-    const answer = await this.post(`/api/v1/robots/${encodeURIComponent(this.robot)}/requests`, body);
+    const answer = await this.post(this.path, body);
     this.say(outcomeText(answer, body));
     if (!answer.ok) return;
     reason.value = "";
@@ -39,9 +41,9 @@ export class AskForHelp {
     this.onAsked();
   }
 
-  // `requests` are the robot's open ones, or null where that is not known.
+  // `requests` are the open ones of what has the robot's name, or null where that is not known.
   receive(requests) {
-    const open = requests ?? [];
+    const open = (requests ?? []).filter(({ mac }) => mac === this.mac);
     setText(part(this.root, "help-badge"), open.length ? texts.open : "");
     part(this.root, "help-badge").hidden = open.length === 0;
     setText(part(this.panel, "help-state"), requests ? "" : texts.unknown);

@@ -18,7 +18,10 @@ function linePath([fromX, fromY], [toX, toY]) {
 // Whether an end of a route is a web app, by its name. Pure.
 export const isApp = (name) => name.startsWith("app:");
 
-const endOf = (button) => ({ robot: button.dataset.of, topic: button.dataset.topic, type: button.dataset.type });
+function endOf(button) {
+  const { of: robot, topic, type } = button.dataset;
+  return { robot, mac: button.closest("details").dataset.mac, topic, type };
+}
 
 // The two columns. `connect` gets the two ends of a route that somebody has drawn, `remove` the row of one.
 export class RouteDiagram {

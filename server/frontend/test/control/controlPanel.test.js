@@ -9,6 +9,7 @@ import { connection, states } from "../../src/texts/common.js";
 import { FakeElement } from "../fakes.js";
 
 const CONNECTED = { live: true, waits: false };
+const MAC = "00:1b:44:11:3a:b7";
 const AWAY = { live: false, waits: true };
 
 let root, driveMode;
@@ -22,7 +23,7 @@ beforeEach(() => {
 });
 
 let panel;
-const open = (options) => (panel = new ControlPanel(root, { robot: "sim1", driveMode, driveTopic: "/cmd_vel", ...options }));
+const open = (options) => (panel = new ControlPanel(root, { robot: "sim1", mac: MAC, driveMode, driveTopic: "/cmd_vel", ...options }));
 const note = () => byTestId(root, "control-note");
 
 test("a robot without a drive topic is said to have none, for as long as the page is open", () => {
@@ -84,7 +85,10 @@ test("control is handed over to the person of the question, and to nobody else w
   driveMode.receive({ driver, waiting: { user: "ben", passes_at: "2026-01-01T12:04:00Z" } });
   panel.button("hand-over").dispatchEvent(new Event("click"));
   const [path, { body }] = fetch.mock.calls[0].arguments;
-  assert.deepEqual([path, JSON.parse(body)], ["/api/v1/robots/sim1/lease", { action: "hand_over", to: "ben" }]);
+  assert.deepEqual(
+    [path, JSON.parse(body)],
+    [`/api/v1/robots/sim1/lease?${new URLSearchParams({ mac: MAC })}`, { action: "hand_over", to: "ben" }],
+  );
 });
 
 test("whether to take control is asked of one driver, and not answered for the next", (context) => {

@@ -12,7 +12,7 @@ const asked = (more) => ({ ...RECORDING, ...more });
 
 function open(api, who = {}) {
   const root = new FakeElement();
-  return { root, button: new RecordButton(root, { robot: "sim1", me: "ann", level: "drive", now: () => NOW, api, ...who }) };
+  return { root, button: new RecordButton(root, { robot: "sim1", mac: "m1", me: "ann", level: "drive", now: () => NOW, api, ...who }) };
 }
 
 for (const [me, level, underWay, words, disabled] of [
@@ -31,7 +31,7 @@ for (const [me, level, underWay, words, disabled] of [
     const calls = [];
     const body = { recordings: underWay ? [asked(underWay)] : [] };
     const api = {
-      get: async () => ({ ok: underWay !== undefined, body }),
+      get: async (path, { mac }) => ({ ok: mac === "m1" && underWay !== undefined, body }),
       post: async (path) => (calls.push(path), { ok: false, detail: "cannot record robot sim1: it is disabled" }),
     };
     const { root, button } = open(api, { me, level });
@@ -40,7 +40,7 @@ for (const [me, level, underWay, words, disabled] of [
     assert.deepEqual([element.textContent, element.disabled], [words, disabled]);
     if (disabled) return;
     await button.press();
-    assert.deepEqual(calls, [words === "Record" ? "/api/v1/robots/sim1/recordings" : "/api/v1/recordings/7/stop"]);
+    assert.deepEqual(calls, [words === "Record" ? "/api/v1/robots/sim1/recordings?mac=m1" : "/api/v1/recordings/7/stop"]);
     assert.match(part(root, "record-state").textContent, /^Not (recorded|stopped)\. It is disabled\.$/);
   });
 }
@@ -58,7 +58,7 @@ test("the second press of a double one does not stop what the first began", asyn
   await button.refresh();
   await button.press();
   await button.press();
-  assert.deepEqual(calls, ["/api/v1/robots/sim1/recordings"]);
+  assert.deepEqual(calls, ["/api/v1/robots/sim1/recordings?mac=m1"]);
   context.mock.timers.tick(1200);
   await button.press();
   assert.equal(calls[1], "/api/v1/recordings/7/stop");

@@ -28,10 +28,11 @@ globalThis.document = { createElement: () => new FakeElement(), activeElement: n
 
 test("a request that comes does not move the others, whose buttons may be under a finger", () => {
   const root = new FakeElement();
-  const help = new AskForHelp(root, { robot: "sim1", level: "manage", me: "ann", post: async () => ({}), onAsked() {} });
-  const request = (id, priority) => ({ id, priority, reason: `reason ${id}`, state: "waiting", age_s: 1 });
+  const help = new AskForHelp(root, { robot: "sim1", mac: "m1", level: "manage", me: "ann", post: async () => ({}), onAsked() {} });
+  const request = (id, priority) => ({ id, mac: "m1", priority, reason: `reason ${id}`, state: "waiting", age_s: 1 });
   help.receive([request(1, 2), request(2, 3)]);
-  help.receive([request(3, 1), request(2, 1), request(1, 2)]); // the most urgent first
+  const ofOther = { ...request(4, 1), mac: "m2" }; // a robot that has got the name
+  help.receive([ofOther, request(3, 1), request(2, 1), request(1, 2)]); // the most urgent first
   const reasons = part(part(root, "help"), "help-list").children.map((item) => part(item, "reason").textContent);
   assert.deepEqual(reasons, ["reason 1", "reason 2", "reason 3"]);
 });
