@@ -6,12 +6,15 @@ import { freshPage, part, withoutTokens } from "../dom/page.js";
 const EVERY_MS = 2000;
 // Each fetch counts as a use of the login, and a page that nobody touches must not keep it.
 const UNTOUCHED_MS = 15 * 60_000;
+const OLD_MS = 10_000; // time without an answer after which the page says so
 const EVENTS = ["pointerdown", "keydown", "focus"];
+
+const elapsedMs = (at) => performance.now() - at;
 
 class Arrivals {
   constructor(section) {
     this.section = section;
-    this.touchedAt = performance.now();
+    this.touchedAt = this.shownAt = performance.now();
     this.pause = new PointerPause({ onEnd() {} }); // the next poll shows what came meanwhile
     this.pause.listen(part(section, "waiting"));
   }
@@ -22,11 +25,10 @@ class Arrivals {
 
   async poll() {
     if (document.hidden || this.chooses) return;
-    const isUntouched = performance.now() - this.touchedAt > UNTOUCHED_MS;
+    const isUntouched = elapsedMs(this.touchedAt) > UNTOUCHED_MS;
     const page = isUntouched ? null : await freshPage(this.section.dataset.live);
-    const isFresh = page !== null && part(page, "arrivals") !== null; // the page of a login that has ended has none
-    part(this.section, "reload").hidden = isFresh;
-    if (isFresh) this.show(page);
+    if (page && part(page, "arrivals")) this.show(page); // the page of a login that has ended has none
+    part(this.section, "reload").hidden = elapsedMs(this.shownAt) < OLD_MS;
   }
 
   // Whether somebody is about to approve or reject: nothing may move, or a press meets another machine.
@@ -36,6 +38,7 @@ class Arrivals {
 
   // Only what changed, and never under somebody's keyboard.
   show(page) {
+    this.shownAt = performance.now();
     for (const name of ["arrivals", "waiting", "refused"]) {
       const [element, fresh] = [part(this.section, name), part(page, name)];
       if (element.contains(document.activeElement) || withoutTokens(element) === withoutTokens(fresh)) continue;
