@@ -7,6 +7,9 @@ export const sentence = (words) =>
 // Why the server did not do what it was asked for, which the page's own words say.
 export const because = (detail) => sentence(detail.replace(/^cannot .*?: /, ""));
 
+// What the server was asked for and did not do, and why. It may have done what it gives no answer to.
+export const notDone = (what, detail) => (detail ? `${what} ${because(detail)}` : "No answer from the server: it may have done it.");
+
 // The reason as it was written where it is known best, then what to do.
 export const explained = (reason, advice) => (reason ? `${sentence(reason)} ${advice}` : advice);
 

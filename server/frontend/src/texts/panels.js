@@ -1,6 +1,6 @@
 // Sentences of the pages: buttons, topics, uplink and the summary of a drive. No logic beyond filling in.
 
-import { because, sentence } from "./common.js";
+import { notDone, sentence } from "./common.js";
 
 export const buttons = {
   idle: "",
@@ -66,8 +66,8 @@ export const recording = {
   begins: "The recording is about to begin.",
   ends: "The recording ends.",
   since: (at, by) => `Recorded since ${at}${by ? `, asked for by ${by}` : ""}.`,
-  notBegun: (detail) => `Not recorded. ${detail ? because(detail) : "The server does not answer. Try again."}`,
-  notStopped: (detail) => `Not stopped. ${detail ? because(detail) : "The server does not answer. Try again."}`,
+  notBegun: (detail) => notDone("Not recorded.", detail),
+  notStopped: (detail) => notDone("Not stopped.", detail),
 };
 
 function readersText(people, yours) {

@@ -1,6 +1,6 @@
 // Sentences of the pages: requests for help, the operator's queue, the supervisor's page, the wall. No logic beyond filling in.
 
-import { sentence } from "./common.js";
+import { notDone, sentence } from "./common.js";
 
 const UNKNOWN = "-";
 
@@ -89,7 +89,7 @@ export const supervise = {
   assigned: (robot, name) => `${robot} is offered to ${name}.`,
   close: (robot) => `Close the request of ${robot}`,
   closed: (robot) => `The request of ${robot} is closed.`,
-  notClosed: (robot, detail) => `${robot}: not closed. ${detail ? sentence(detail) : "The server does not answer."}`,
+  notClosed: (robot, detail) => notDone(`${robot}: not closed.`, detail),
   charts: { requests: "Requests", waits: "Wait until accepted" },
   lines: {
     made: (all, most) => `Asked: ${all} in all, at most ${most}`,
@@ -102,7 +102,7 @@ export const supervise = {
   partly: (count) => `; unknown for the first ${count}`,
   periods: { hour: "The last 24 hours, by hour.", day: "The last 30 days, by day of UTC." },
   noPeriods: (detail) => (detail ? sentence(detail) : "The server does not answer."),
-  failed: (robot, detail) => `${robot}: not assigned. ${detail ? sentence(detail) : "The server does not answer."}`,
+  failed: (robot, detail) => notDone(`${robot}: not assigned.`, detail),
 };
 
 export const wall = {
@@ -127,8 +127,8 @@ export const help = {
   unknown: "It is not known whether help was requested.",
   sent: "The request waits for an operator.",
   already: (reason) => `Help was already requested: ${sentence(reason)}`,
-  failed: (detail) => `Not requested. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
+  failed: (detail) => notDone("Not requested.", detail),
   withdraw: "Withdraw",
   cancelled: "The request is withdrawn.",
-  notWithdrawn: (detail) => `Not withdrawn. ${detail ? sentence(detail) : "The server does not answer. Try again."}`,
+  notWithdrawn: (detail) => notDone("Not withdrawn.", detail),
 };

@@ -1,14 +1,14 @@
 // Sentences of the page of routes. No logic beyond filling in.
 
-import { because, sentence } from "./common.js";
+import { because, notDone, sentence } from "./common.js";
 
 export const routes = {
   choose: "Drag a topic from the left to one of the same type on the right; or press the one, then the other.",
   chosen: ({ robot, topic, type }) => `From ${robot} ${topic}: now press a topic of type ${type} on the right, or Escape.`,
   made: "The route is made.",
   removed: "The route is removed.",
-  notMade: (detail) => `The route is not made. ${detail ? because(detail) : "The server does not answer."}`,
-  notRemoved: (detail) => `The route is not removed. ${detail ? because(detail) : "The server does not answer."}`,
+  notMade: (detail) => notDone("The route is not made.", detail),
+  notRemoved: (detail) => notDone("The route is not removed.", detail),
   otherType: (from, to) => `${from.topic} has the type ${from.type}, and ${to.topic} ${to.type}`,
   loading: "Asking the robot.",
   noTopics: "It has no topics.",
