@@ -21,7 +21,6 @@ from robotether_server import __version__
 from robotether_server.api.auth import OF_ADMINS, Who
 from robotether_server.api.operations import OPERATIONS, ApiOperation, operation
 from robotether_server.api.relayed import RELAYED
-from robotether_server.contract.control import RobotQuery
 from robotether_server.schemas import PlainName, RobotName, UserName
 from robotether_server.settings.robot import GivenSettings
 
@@ -196,14 +195,8 @@ def _without_defaults(component: Object) -> None:
 def _types(operation: ApiOperation) -> Iterator[Any]:
     yield from (kind for kind in (operation.body, *operation.answers.values()) if kind is not None)
     yield from operation.events.values()
-    if (query := _query_of(operation)) is not None:
+    if (query := operation.parameters) is not None:
         yield from _members(query).values()
-
-
-def _query_of(operation: ApiOperation) -> Any:
-    """Return what the query of an operation may have; one of a robot may name its MAC, if the body does not."""
-    of_robot = "robot" in operation.names and operation.who != "enroller"
-    return operation.query or (RobotQuery if of_robot else None)
 
 
 @cache
@@ -224,7 +217,7 @@ def _operation(operation: ApiOperation, schemas: dict[int, Object]) -> Object:
         members["security"] = SECURITY[operation.who]
     if operation.tag:
         members["tags"] = [operation.tag]
-    if (query := _query_of(operation)) is not None:
+    if (query := operation.parameters) is not None:
         members["parameters"] = list(_query_parameters(query, schemas))
     if operation.body is not None:
         content = {"application/json": {"schema": schemas[id(operation.body)]}}
@@ -272,16 +265,14 @@ def _stream(events: Mapping[str, Any], schemas: dict[int, Object]) -> Object:
 def _problems(operation: ApiOperation) -> set[int]:
     """Return the statuses of its problems."""
     if operation.who == "anybody" and operation.body is None:
-        return {*operation.problems, 429}
-    statuses = {*operation.problems, 401, 429, 503}
+        return {*operation.problems, 422, 429}
+    statuses = {*operation.problems, 401, 422, 429, 503}
     if operation.who in OF_ADMINS or operation.method != "GET":
         statuses.add(403)
     if operation.names:
         statuses.add(404)
     if operation.body is not None:
         statuses |= {413, 415}
-    if operation.body is not None or _query_of(operation) is not None:
-        statuses.add(422)
     return statuses
 
 

@@ -23,6 +23,7 @@ from robotether_server import schemas
 from robotether_server.api import auth
 from robotether_server.api.auth import Who
 from robotether_server.api.context import context
+from robotether_server.contract.control import RobotQuery
 from robotether_server.db import Transaction
 from robotether_server.problems import (
     FieldInvalidError,
@@ -68,6 +69,12 @@ class ApiOperation:
     def names(self) -> list[str]:
         """The names in the path."""
         return re.findall(r"<(?:\w+:)?(\w+)>", self.path)
+
+    @property
+    def parameters(self) -> Any:
+        """What the query may have; that of a request of a robot may name its MAC, if the body does not."""
+        of_robot = "robot" in self.names and self.who != "enroller"
+        return self.query or (RobotQuery if of_robot else None)
 
 
 blueprint = Blueprint("api", __name__, url_prefix="/api/v1")
@@ -181,9 +188,12 @@ def _arguments(api_operation: ApiOperation, *, any_type: bool) -> dict[str, obje
     arguments: dict[str, object] = {}
     if api_operation.body is not None:
         arguments["body"] = schemas.read_body(_body(any_type=any_type), api_operation.body)
-    if api_operation.query is not None:
-        arguments["query"] = schemas.read_query(_query(), api_operation.query)
-    return arguments
+    query, kind = _query(), api_operation.parameters
+    if kind is None and query:
+        name = next(iter(query))[:40]
+        raise FieldInvalidError(f"cannot use {name!r}: this request takes nothing in its query")
+    parameters = None if kind is None else schemas.read_query(query, kind)
+    return arguments if api_operation.query is None else {**arguments, "query": parameters}
 
 
 def _body(*, any_type: bool) -> dict[str, object]:

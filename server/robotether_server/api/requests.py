@@ -9,7 +9,7 @@ from msgspec import UNSET, Meta, Struct, UnsetType
 
 from robotether_server import schemas
 from robotether_server.api.auth import Caller
-from robotether_server.api.operations import Created, operation
+from robotether_server.api.operations import operation
 from robotether_server.db import requests, seen_robots
 from robotether_server.db.requests import Figures, HelpRequest, Priority, RequestPeriod
 from robotether_server.problems import FieldInvalidError
@@ -132,13 +132,15 @@ class RequestPeriodList(Struct):
 
 
 @operation("POST", "/robots/<robot>/requests", "user", tag="requests", problems=(409,))
-def ask_for_help(caller: Caller, robot: str, body: NewHelpRequest) -> Created[HelpRequest]:
+def ask_for_help(
+    caller: Caller, robot: str, body: NewHelpRequest
+) -> tuple[HelpRequest, Literal[200, 201]]:
     """Ask for help with a robot.
 
-    It takes the right to drive the robot. If a request of this kind is open already, that one is answered, with the
-    more urgent priority of the two. A robot has at most 4 open requests.
+    It takes the right to drive the robot. If a request of this kind is open already, that one is answered (200), with
+    its own reason and pool, and the more urgent priority of the two. A robot has at most 4 open requests.
     """
-    request = request_service.make(
+    request, is_new = request_service.make(
         caller.tx,
         caller.source,
         caller.user,
@@ -147,7 +149,7 @@ def ask_for_help(caller: Caller, robot: str, body: NewHelpRequest) -> Created[He
         priority=body.priority,
         pool=body.pool,
     )
-    return request, 201
+    return request, 201 if is_new else 200
 
 
 @operation("GET", "/requests", "user", tag="requests", renews_login=False, problems=(404,))

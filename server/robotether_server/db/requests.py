@@ -202,10 +202,13 @@ def set_planned(tx: Transaction, now: dt.datetime) -> None:
     tx.change("UPDATE planner SET planned_at = %s WHERE id = 1", (now,))
 
 
-def add(tx: Transaction, request: NewRequest) -> int | None:
-    """Add a request, or find the open one of this robot and source; None: the robot has too many."""
-    row = tx.row(ADD, vars(request))
-    return None if row is None else row["id"]
+def add(tx: Transaction, request: NewRequest) -> tuple[int | None, bool]:
+    """Add a request, or find the open one of this robot and source; return its id, and whether it is new.
+
+    None: the robot has too many.
+    """
+    row = tx.row(ADD, vars(request)) or {"id": None, "is_new": False}
+    return row["id"], bool(row["is_new"])
 
 
 def get(tx: Transaction, viewer_id: int, request_id: int) -> SeenRequest:

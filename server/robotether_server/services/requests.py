@@ -39,8 +39,8 @@ def make(
     reason: str,
     priority: int,
     pool: str,
-) -> HelpRequest:
-    """Ask for help with a robot; return the request, which may be one that is open already.
+) -> tuple[HelpRequest, bool]:
+    """Ask for help with a robot; return the request, and whether it is new: another may be open already.
 
     Raises RobotUnknownError, GrantMissingError or NotPossibleError.
     """
@@ -54,12 +54,12 @@ def make(
         asked_by=user.name,
         address=source.address,
     )
-    request_id = requests.add(tx, request)
+    request_id, is_new = requests.add(tx, request)
     if request_id is None:
         raise NotPossibleError(
             f"cannot ask for help with robot {robot}: it is disabled, or has as many open requests as it may"
         )
-    return requests.get(tx, user.id, request_id).request
+    return requests.get(tx, user.id, request_id).request, is_new
 
 
 def accept(tx: Transaction, source: Source, user: User, request_id: int) -> HelpRequest:

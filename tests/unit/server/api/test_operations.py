@@ -24,10 +24,11 @@ def test_body_that_is_not_sent_as_json_is_refused(root, kind):
     assert sent(root, "/tickets", body, kind)[0] == 201
 
 
-def test_query_has_each_name_once(root):
+def test_query_has_each_name_once_and_no_other(root):
+    """Who filters by what is no filter would take all robots for some."""
     assert root.get("/audit?limit=1")["events"] == []
-    for wrong in ("most=1", "limit=1&limit=2"):
-        assert root.refused("GET", f"/audit?{wrong}") == (422, "field_invalid")
+    for wrong in ("audit?most=1", "audit?limit=1&limit=2", "robots?site=a"):
+        assert root.refused("GET", f"/{wrong}") == (422, "field_invalid")
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,10 @@ def test_a_note_is_one_line_and_no_markup(ann, database):
     with database.transaction() as tx:
         robots.set_state(tx, robots.get(tx, "sim1").id, "active")
         tx.change("UPDATE planner SET planned_at = planned_at - INTERVAL 1 MINUTE")
-    number = ann.ask("POST", "/robots/sim1/requests", {"reason": "stuck"}).json["id"]
+    asked, again = (ann.ask("POST", "/robots/sim1/requests", {"reason": why}) for why in "ab")
+    assert (asked.status_code, again.status_code) == (201, 200)
+    assert (again.json["id"], again.json["reason"]) == (asked.json["id"], "a")
+    number = asked.json["id"]
     ann.ask("PUT", "/queue/me", {"state": "available"})
     assert ann.ask("POST", f"/requests/{number}/accept").json["drive_url"] == "/robots/sim1"
     closed = ann.ask("POST", f"/requests/{number}/close", {"note": "  a\n<i>b</i> "}).json

@@ -36,10 +36,10 @@ def make(desk, name, robot="sim1", **source):
 
 def test_people_ask_for_robots_that_they_may_drive(desk):
     """What they write is data; a page and a program are sources of their own, with one open request each."""
-    request = make(desk, "ann")
+    request, _ = make(desk, "ann")
     assert (request.source, request.reason, request.asked_by) == ("page", "<script>", "ann")
-    assert make(desk, "ben").id == request.id
-    of_program = make(desk, "ben", api_token=b"x")
+    assert make(desk, "ben")[0].id == request.id
+    of_program, _ = make(desk, "ben", api_token=b"x")
     assert of_program.source == "api"
     for name, robot, problem in (
         ("olga", "sim1", GrantMissingError),
@@ -58,7 +58,7 @@ def test_people_ask_for_robots_that_they_may_drive(desk):
 
 
 def test_a_request_of_a_removed_user_is_not_that_of_the_next_of_the_name(desk):
-    request_id = make(desk, "ann").id
+    request_id = make(desk, "ann")[0].id
     with desk.transaction() as tx:
         users.remove(tx, desk.users["ann"])
         give(tx, users.add(tx, "ann", "x", "user"), desk.robots["sim1"], "drive")
