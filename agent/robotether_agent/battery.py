@@ -12,7 +12,7 @@ import json
 import logging
 import math
 from collections.abc import Awaitable, Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal
@@ -55,6 +55,8 @@ NEARLY_ONE = 0.99
 # battery without a charger would be flat by then.
 STEADY_S = 900.0
 STEADY_CHANGE = 0.15
+# Maximum level in percent before one of 1 or less that is percent still: no battery falls by more at once.
+NEARLY_EMPTY = 10
 # Number of successive messages over MAX_FRACTION that show percent: drivers write such numbers for unknown, too.
 PERCENT_MESSAGES = 3
 # Maximum difference between a charge in Ah and a percentage that agree.
@@ -95,8 +97,8 @@ class UnitMemory:
         return self._units[topic]
 
     def keep(self, topic: str, unit: Unit) -> None:
-        """Remember what the topic has shown; percent ends every doubt."""
-        if self.of(topic) in {unit, "percent"}:
+        """Remember what the topic has shown last."""
+        if self.of(topic) == unit:
             return
         self._units[topic] = unit
         try:
@@ -122,15 +124,27 @@ class LevelTrend:
 
     def __init__(self) -> None:
         self._percents = 0
+        self._was_nearly_empty = False
         # None: nothing counts yet.
         self._since_s: float | None = None
         self._lowest = self._highest = 0.0
 
-    def unit_shown(self, message: JsonObject, now_s: float) -> Unit | None:
-        """Return the unit that the levels up to this one show beyond doubt."""
+    def unit_shown(
+        self, message: JsonObject, now_s: float, before: Unit | None = None
+    ) -> Unit | None:
+        """Return the unit that the levels up to this one show beyond doubt; `before` is what the topic has shown."""
         unit, steady_unit = unit_shown(message), self._steady_unit(message, now_s)
         self._percents = self._percents + 1 if unit == "percent" else 0
-        return None if 0 < self._percents < PERCENT_MESSAGES else unit or steady_unit
+        if unit == "percent":
+            self._was_nearly_empty = message["percentage"] <= NEARLY_EMPTY
+        return None if 0 < self._percents < PERCENT_MESSAGES else unit or before or steady_unit
+
+    def is_doubtful(self, message: JsonObject) -> bool:
+        """Whether a topic that has shown percent may show a fraction now, as of another driver."""
+        level = number_in(message, "percentage")
+        if level is None or not 0 < level <= MAX_FRACTION or self._was_nearly_empty:
+            return False
+        return _fits_voltage(level, message) or not _fits_voltage(level / 100, message)
 
     def _steady_unit(self, message: JsonObject, now_s: float) -> Unit | None:
         level = number_in(message, "percentage")
@@ -214,15 +228,20 @@ class Vitals:
             trend = LevelTrend()
             while settings() == current:
                 message = await within(SILENT_S, rosbridge.message())
-                detected_unit = trend.unit_shown(message, asyncio.get_running_loop().time())
-                self._read(message, topic, current.unit, detected_unit)
+                self._read(message, topic, current.unit, trend)
 
     def _read(
-        self, message: JsonObject, topic: str, unit: Unit | None, detected_unit: Unit | None
+        self, message: JsonObject, topic: str, setting: Unit | None, trend: LevelTrend
     ) -> None:
+        now_s = asyncio.get_running_loop().time()
+        detected_unit = trend.unit_shown(message, now_s, self._memory.of(topic))
         if detected_unit is not None:
             self._memory.keep(topic, detected_unit)
-        self._set(battery_in(message, unit or self._memory.of(topic)))
+        unit = setting or self._memory.of(topic)
+        battery = battery_in(message, unit)
+        if battery and unit == "percent" and not setting and trend.is_doubtful(message):
+            battery = replace(battery, percent=None)
+        self._set(battery)
 
     def _set(self, battery: Battery | None) -> None:
         if battery != self._battery:

@@ -238,12 +238,33 @@ async def test_a_driver_without_a_voltage_is_believed_after_a_while(report, tmp_
     assert UnitMemory(tmp_path).of("/battery_state") == "fraction"
 
 
-def test_a_unit_is_kept_for_its_topic_and_percent_for_good(tmp_path):
+def test_a_unit_is_kept_for_its_topic(tmp_path):
     UnitMemory(tmp_path).keep("/a", "fraction")
-    assert UnitMemory(tmp_path).of("/a") == "fraction"
     UnitMemory(tmp_path).keep("/a", "percent")
-    UnitMemory(tmp_path).keep("/a", "fraction")
     assert UnitMemory(tmp_path).of("/a") == "percent"
     assert UnitMemory(tmp_path).of("/b") is None
     (tmp_path / "battery.json").write_text('{"topic": "/a", "unit": "volts"}')
     assert UnitMemory(tmp_path).of("/a") is None
+
+
+@pytest.mark.parametrize(
+    ("messages", "percent"),
+    [
+        # It fell there, or its voltage says so.
+        ([{"percentage": 3.0}, {"percentage": 1.0}, {"percentage": 0.6}], 1),
+        ([{"percentage": 0.6, "voltage": 9.1}], 1),
+        # Another driver's, perhaps: of three cells that are half full, or four that are empty.
+        ([{"percentage": 57.0}, {"percentage": 0.57}], None),
+        ([{"percentage": 0.5, "voltage": 12.1}], None),
+        # Another driver's beyond doubt, from then on.
+        ([{"percentage": 0.8, "voltage": 4.0}, {"percentage": 0.57}], 57),
+        # One that is not measured any more.
+        ([{"percentage": 3.0}, {"percentage": None}], None),
+    ],
+)
+async def test_percent_once_is_not_percent_for_good(vitals_of, tmp_path, messages, percent):
+    UnitMemory(tmp_path).keep("/a", "percent")
+    vitals, trend = vitals_of("ws://unused"), LevelTrend()
+    for message in messages:
+        vitals._read(message, "/a", None, trend)
+    assert vitals.battery == Battery(percent, charging=False)
