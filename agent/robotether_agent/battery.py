@@ -102,7 +102,9 @@ class UnitMemory:
             return
         self._units[topic] = unit
         try:
-            write_atomic(self._path, json.dumps({"topic": topic, "unit": unit}) + "\n", 0o600)
+            text = json.dumps({"topic": topic, "unit": unit}) + "\n"
+            # Not synced: the guard stops a robot whose agent waits for a slow disk.
+            write_atomic(self._path, text, 0o600, lasts=False)
         except StateUnusableError as error:
             log.warning("cannot keep how the battery counts: %s", error)
 

@@ -6,6 +6,7 @@ that the robot has signed unseen (docs/reference/audit-log.md). Never signs an e
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import json
 import logging
@@ -62,7 +63,9 @@ async def _statements(
         made.append({**new, "previous": previous, "signature": signature})
         # Before it is sent: one that is forgotten would look as if it had been taken out of the log.
         statements = [*others[-MAX_STATEMENTS:], *made[-MAX_STATEMENTS:]]
-        write_atomic(state_dir / AUDIT_HEADS_FILE, json.dumps({"statements": statements}), 0o600)
+        text = json.dumps({"statements": statements})
+        # The next driver may have begun, and the guard stops a robot whose agent waits for a slow disk.
+        await asyncio.to_thread(write_atomic, state_dir / AUDIT_HEADS_FILE, text, 0o600)
     hashes = [_sha256(item) for item in made]
     return made[hashes.index(request.newest) + 1 :] if request.newest in hashes else made
 

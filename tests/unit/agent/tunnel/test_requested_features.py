@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import threading
 
 import pytest
 from aiohttp import web
@@ -11,6 +12,7 @@ from fake_cloud import echo, eventually
 from local_network import free_port
 from openssh_server import listens
 from robotether_agent.enrolment import keys
+from robotether_agent.tunnel import audit_heads
 from robotether_agent.tunnel.audit_heads import sign_heads
 from robotether_agent.tunnel.session import HeadRequest
 from robotether_common.audit_head import NAMESPACE, statement
@@ -151,3 +153,16 @@ async def test_damaged_file_begins_anew(server, tmp_path):
     (tmp_path / "audit_heads.json").write_text('{"statements": [{}]}')
     (answer,) = await server.ask(8)
     assert (answer["position"], answer["previous"]) == (8, None)
+
+
+async def test_a_slow_disk_does_not_hold_up_the_agent(server, monkeypatch):
+    """A line is signed as a drive ends, and the next driver may have begun."""
+    loop, goes_on, waited = asyncio.get_running_loop(), threading.Event(), []
+
+    def write_slowly(*_):
+        loop.call_soon_threadsafe(goes_on.set)
+        waited.append(goes_on.wait(5))
+
+    monkeypatch.setattr(audit_heads, "write_atomic", write_slowly)
+    assert len(await server.ask(3)) == 1
+    assert waited == [True]
