@@ -30,11 +30,12 @@ DOWNLOAD_WITHIN_S = 3600
 class Recording:
     """A recording; null: not yet, or unknown.
 
-    `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings). `asked_by`:
-    who asked, null for the others. `drivers`: who drove during it. `state`: requested, recording, ended, or
-    interrupted: nothing is heard of the recorder. `messages_left_out`: of topics for which the file had no room.
-    `topics_left_out`: topics that the file lacks, at least for a part of its time, the first of many: it has at most 16
-    at a time and 200 in all, and none that its policy hides from observers. `cell`: whose machine has the file.
+    `cause`: who or what had it made: asked (a person), driven, always or on_stop (the robot's settings).
+    `asked_by`: who asked, null for the others. `drivers`: who drove during it, as far as it is recorded. `state`:
+    requested, recording, ended, or interrupted: nothing is heard of the recorder. `messages_left_out`: of topics
+    for which the file had no room. `topics_left_out`: topics that the file lacks, at least for a part of its time,
+    the first of many: it has at most 16 at a time and 200 in all, and none that its policy hides from observers.
+    `cell`: whose machine has the file.
     """
 
     id: Count
@@ -70,7 +71,7 @@ class Recording:
 class RecordingRow:
     """A recording as the recorder needs it. `may_go_on`: who asked may still drive the robot.
 
-    `is_late`: it was to begin by now.
+    `is_late`: it was to begin by now. `progress_at`: when its recorder last wrote of it.
     """
 
     id: int
@@ -83,6 +84,7 @@ class RecordingRow:
     is_delete_requested: bool
     started_at: dt.datetime | None
     ended_at: dt.datetime | None
+    progress_at: dt.datetime | None
     may_go_on: bool
     cell: str | None
 
@@ -99,11 +101,14 @@ class RecordableRobot:
 
 @dataclass(frozen=True)
 class Progress:
-    """What the recorder writes of a recording while it lasts; None of what is left out: unknown."""
+    """What the recorder writes of a recording while it lasts.
+
+    None of what is left out: unknown; of drivers: those that were written before.
+    """
 
     bytes: int
     messages: int
-    drivers: Sequence[str] = ()
+    drivers: Sequence[str] | None = ()
     messages_left_out: int | None = 0
     topics_left_out: Sequence[str] | None = ()
 
@@ -246,7 +251,7 @@ def read_open(tx: Transaction, cell: str) -> list[RecordingRow]:
     """Read what the recorder of a cell has to do with: what is asked for, lasts, or is to be deleted."""
     rows = tx.rows(
         f"SELECT r.id, r.robot_id, r.robot, r.cause, r.asked_by, NOT {_IS_NEW} AS is_late,"  # noqa: S608 - as above
-        " r.started_at, r.ended_at, r.cell, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
+        " r.started_at, r.ended_at, r.progress_at, r.cell, r.stop_requested_at IS NOT NULL AS is_stop_requested,"
         " r.delete_requested_at IS NOT NULL AS is_delete_requested,"
         " r.ended_at IS NOT NULL OR r.cause <> 'asked' OR EXISTS"
         " (SELECT 1 FROM relay_grants g JOIN recorder_robots b ON b.id = g.robot_id"
@@ -266,13 +271,13 @@ def read_robots(tx: Transaction) -> list[RecordableRobot]:
     return [RecordableRobot(**row | {"cameras": _cameras(row["cameras"])}) for row in rows]
 
 
-def begin(tx: Transaction, recording_id: int, cell: str) -> bool:
+def begin(tx: Transaction, recording_id: int, cell: str, started_at: dt.datetime) -> bool:
     """Begin a recording that was asked for, unless another cell's recorder has; return whether it is this one's."""
     return bool(
         tx.change(
-            "UPDATE recordings SET cell = %s, started_at = CURRENT_TIMESTAMP(6),"
-            " progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s AND cell IS NULL AND ended_at IS NULL",
-            (cell, recording_id),
+            "UPDATE recordings SET cell = %s, started_at = %s, progress_at = CURRENT_TIMESTAMP(6)"
+            " WHERE id = %s AND cell IS NULL AND ended_at IS NULL",
+            (cell, started_at, recording_id),
         )
     )
 
@@ -295,13 +300,13 @@ def add(
 def write_progress(tx: Transaction, recording_id: int, progress: Progress) -> None:
     """Write how far a recording is."""
     tx.change(
-        "UPDATE recordings SET bytes = %s, messages = %s, messages_left_out = %s, drivers = %s,"
-        " topics_left_out = %s, progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
+        "UPDATE recordings SET bytes = %s, messages = %s, messages_left_out = %s,"
+        " drivers = COALESCE(%s, drivers), topics_left_out = %s, progress_at = CURRENT_TIMESTAMP(6) WHERE id = %s",
         (
             progress.bytes,
             progress.messages,
             progress.messages_left_out,
-            _drivers(progress),
+            None if progress.drivers is None else _drivers(progress.drivers),
             None if progress.topics_left_out is None else json.dumps(progress.topics_left_out),
             recording_id,
         ),
@@ -313,13 +318,13 @@ def end(
     recording_id: int,
     end_code: str,
     progress: Progress | None,
-    ended_at: dt.datetime | None = None,
+    ended_at: dt.datetime,
 ) -> None:
-    """End a recording, now or when it did; `progress` None: no more is known than was written."""
+    """End a recording; `progress` None: no more is known than was written."""
     if progress is not None:
         write_progress(tx, recording_id, progress)
     tx.change(
-        "UPDATE recordings SET ended_at = COALESCE(%s, CURRENT_TIMESTAMP(6)), end_code = %s WHERE id = %s",
+        "UPDATE recordings SET ended_at = %s, end_code = %s WHERE id = %s",
         (ended_at, end_code, recording_id),
     )
 
@@ -375,10 +380,10 @@ def _cameras(text: str | None) -> tuple[str, ...]:
     return tuple(topic for topic in topics if isinstance(topic, str))
 
 
-def _drivers(progress: Progress) -> str:
+def _drivers(names: Sequence[str]) -> str:
     """Return the names with spaces between, which no name has; those that find room."""
     text = ""
-    for name in dict.fromkeys(progress.drivers):
+    for name in dict.fromkeys(names):
         longer = f"{text} {name}".strip()
         if len(longer) > MAX_DRIVERS_LENGTH:
             break

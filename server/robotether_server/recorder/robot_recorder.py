@@ -223,7 +223,7 @@ class RobotRecorder:
         return recording
 
     def end(self, recording_id: int) -> OpenRecording:
-        """End a recording; its file is whole, or made so at the next start."""
+        """End a recording; its file is whole, unless the disk fails."""
         recording = self.recordings.pop(recording_id)
         try:
             recording.file.finish()

@@ -76,7 +76,7 @@ class RecorderService:
         # Those that ended here, whose row may still say otherwise.
         self._ended: set[int] = set()
         # Some GB take minutes, in which all else goes on.
-        self._repairs: set[asyncio.Task[None]] = set()
+        self.repairs: set[asyncio.Task[None]] = set()
         # The code of why nothing more is recorded; None: it may be.
         self._full: str | None = None
         self._bytes_elsewhere = 0
@@ -105,7 +105,7 @@ class RecorderService:
             self._end(recording_id, "recorder_stopped")
         for robot in self._robots.values():
             await robot.close()
-        await end_tasks(self._repairs)
+        await end_tasks(self.repairs)
         await self._store.flush()
 
     async def _flush(self) -> None:
@@ -176,8 +176,8 @@ class RecorderService:
             if row.id not in self._ended:
                 self._ended.add(row.id)
                 task = asyncio.create_task(self._end_former(row))
-                self._repairs.add(task)
-                task.add_done_callback(self._repairs.discard)
+                self.repairs.add(task)
+                task.add_done_callback(self.repairs.discard)
         elif row.started_at is None and row.id not in self._ended:
             await self._begin_asked(row, robot)
 
@@ -327,13 +327,14 @@ class RecorderService:
 
     async def _end_former(self, row: RecordingRow) -> None:
         """End a recording of the recorder before this one, whose file is made whole."""
-        path, ended_at, progress = path_of(self._folder, row.id), utc_now(), None
+        # If the file says no end: it was under way until its recorder last wrote of it, and perhaps somewhat later.
+        path, ended_at, progress = path_of(self._folder, row.id), row.progress_at, None
         try:
             index = await asyncio.to_thread(repair, path)
             if index is not None and index.end_ns:
                 ended_at = dt.datetime.fromtimestamp(index.end_ns / NS_PER_S, dt.UTC)
                 size, messages = path.stat().st_size, index.counts.total()
-                progress = Progress(size, messages, messages_left_out=None, topics_left_out=None)
+                progress = Progress(size, messages, None, None, None)
         except OSError as exc:
             log.warning("recording %d: cannot make its file whole: %s", row.id, exc)
         self._note_end(
@@ -342,7 +343,7 @@ class RecorderService:
             row.asked_by,
             "recorder_restarted",
             progress=progress,
-            ended_at=ended_at,
+            ended_at=max(filter(None, (row.started_at, ended_at)), default=None),
         )
 
     async def _drop_unneeded(

@@ -22,6 +22,7 @@ from robotether_server.db.recordings import (
     RecordingRow,
 )
 from robotether_server.problems import StoreError
+from robotether_server.times import utc_now
 
 log = logging.getLogger(__name__)
 
@@ -69,7 +70,8 @@ class RecorderStore:
         """Begin what somebody asked for; return whether it is this cell's to record."""
 
         def begin(tx: Transaction) -> bool:
-            if not recordings.begin(tx, row.id, self._cell):
+            # As its end, by the clock of its file.
+            if not recordings.begin(tx, row.id, self._cell, utc_now()):
                 return False
             source = Source(row.asked_by or RECORDER.name)
             audit.record(tx, source, "recording_started", robot.name, recording=row.id)

@@ -9,6 +9,7 @@ from granted import give, take
 from robotether_server.db import recordings, robots, users
 from robotether_server.db.recordings import Progress
 from robotether_server.services import recordings as recording_service
+from robotether_server.times import utc_now
 from web_visitor import HASH
 
 
@@ -30,7 +31,7 @@ def begun(people, recorder_database):
     """Ann's recording of sim1, which the recorder has begun."""
     recording = people["ann"].ask("POST", "/robots/sim1/recordings").json
     with recorder_database.transaction() as tx:
-        assert recordings.begin(tx, recording["id"], "main")
+        assert recordings.begin(tx, recording["id"], "main", utc_now())
         recordings.write_progress(tx, recording["id"], Progress(1000, 10, ("ann", "ben")))
     return recording["id"]
 
@@ -43,9 +44,9 @@ def test_a_driver_records_a_robot_once(people, recorder_database):
     with recorder_database.transaction() as tx:
         [row] = recordings.read_open(tx, "main")
         assert (row.id, row.may_go_on) == (recording["id"], True)
-        assert not recordings.begin(tx, row.id + 1, "main")
-        assert recordings.begin(tx, row.id, "main")
-        assert not recordings.begin(tx, row.id, "second")
+        assert not recordings.begin(tx, row.id + 1, "main", utc_now())
+        assert recordings.begin(tx, row.id, "main", utc_now())
+        assert not recordings.begin(tx, row.id, "second", utc_now())
         assert recordings.read_open(tx, "second") == []
 
 
@@ -129,7 +130,7 @@ def test_a_recording_does_not_outlive_its_right(people, begun, recorder_database
     with recorder_database.transaction() as tx:
         [row] = recordings.read_open(tx, "main")
         assert not row.may_go_on
-        recordings.end(tx, row.id, "right_ended", None)
+        recordings.end(tx, row.id, "right_ended", None, utc_now())
     assert people["mia"].get(f"/recordings/{begun}")["end_code"] == "right_ended"
 
 

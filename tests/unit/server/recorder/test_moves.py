@@ -1,15 +1,19 @@
-"""What becomes of a recording whose robot or relay the recorder loses: two recorders, one real database."""
+"""What is known of a recording whose robot, relay or recorder is lost: two recorders, one real database."""
 
 import asyncio
+import time
 from types import SimpleNamespace
 
 import pytest
 from granted import give
+from recorded_drive import own_message
 from relay_server import MESSAGE_LIMIT, TICKET_KEY
 from robotether_server.db import recordings, robots, users
+from robotether_server.db.recordings import Progress
 from robotether_server.lerobot.recording import RecordedControl, read_recording
 from robotether_server.recorder import service
 from robotether_server.recorder.channels import UNKNOWN_CONTROL
+from robotether_server.recorder.mcap_file import McapFile
 from robotether_server.recorder.robot_recorder import path_of
 from robotether_server.recorder.service import RecorderService
 from robotether_server.recorder.store import RecorderStore
@@ -132,3 +136,32 @@ async def test_nothing_begins_on_what_a_lost_relay_last_said(
         await asyncio.sleep(0.01)
         await recorder.service.step()
     assert rows(database) == [("always", None, "a", "relay_away"), ("asked", "ann", None, None)]
+
+
+@pytest.mark.parametrize(("chunks", "lasted_s"), [(1, 3600), (0, 1800)])
+async def test_of_a_killed_recorder_nothing_is_made_up(
+    *, cells, recorder_database, database, robot_id, admin_database, chunks, lasted_s
+):
+    """Neither that nobody drove, nor that it went on until somebody started the recorder again."""
+    number, store = ask(database, robot_id), RecorderStore(recorder_database, "a")
+    [row], [robot] = await store.read()
+    assert await store.begin(row, robot)
+    await store.write_progress({number: Progress(1, 1, ("ann",))})
+    file = McapFile(path_of(cells[0].folder, number))
+    for _ in range(chunks):
+        file.add(own_message("control", HERE, 0)._replace(log_ns=time.time_ns()))
+        file.end_chunk()
+    file.close()
+    with admin_database.transaction() as tx:
+        tx.change(
+            "UPDATE recordings SET started_at = CURRENT_TIMESTAMP(6) - INTERVAL 1 HOUR,"
+            " progress_at = CURRENT_TIMESTAMP(6) - INTERVAL 30 MINUTE"
+        )
+    again = cells[0].service
+    await again.step()
+    await asyncio.gather(*again.repairs)
+    await again.step()
+    with database.transaction() as tx:
+        ended = recordings.get(tx, users.get(tx, "ann"), "drive", number)
+    assert (ended.end_code, ended.drivers) == ("recorder_restarted", ["ann"])
+    assert ended.lasted_s == pytest.approx(lasted_s, abs=30)

@@ -48,7 +48,7 @@ class MemoryStore:
 
     def ask(self, number=1):
         self.rows[number] = RecordingRow(
-            number, 7, "sim1", "asked", "ann", False, False, False, None, None, True, None
+            number, 7, "sim1", "asked", "ann", False, False, False, None, None, None, True, None
         )
 
     def change(self, number, **members):

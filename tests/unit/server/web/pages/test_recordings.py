@@ -8,6 +8,7 @@ from admin_visitor import send
 from granted import give
 from robotether_server.db import recordings, robots, users
 from robotether_server.db.recordings import Progress
+from robotether_server.times import utc_now
 from web_visitor import audit_kinds
 
 
@@ -20,7 +21,7 @@ def number(app, database, recorder_database):
         give(tx, users.get(tx, "olga").id, robot.id, "manage")
         number = recordings.ask(tx, robot.id, robot.name, ann)
     with recorder_database.transaction() as tx:
-        recordings.begin(tx, number, "main")
+        recordings.begin(tx, number, "main", utc_now())
         recordings.write_progress(tx, number, Progress(2_000_000, 10, ("ann",), 12, ("/<b>",)))
     return number
 
