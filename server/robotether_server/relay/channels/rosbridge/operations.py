@@ -164,6 +164,17 @@ def whole(low: int, high: int) -> Callable[[Any], int]:
     return check
 
 
+def clamped(low: int, high: int) -> Callable[[Any], int]:
+    """Make a check for numbers, which passes the nearest whole one from `low` to `high`."""
+
+    def check(value: Any) -> int:
+        if not isinstance(value, (int, float)):
+            raise FieldRefusedError("is not a number")
+        return round(min(max(value, low), high))
+
+    return check
+
+
 def number(low: float, high: float) -> Check:
     """Make a check for numbers from `low` to `high`."""
 
@@ -360,7 +371,7 @@ _TOPIC: Mapping[str, Check] = {
 }
 _PUBLISHED: Mapping[str, Check] = {
     "latch": flag,
-    "queue_size": whole(0, MAX_QUEUE),
+    "queue_size": clamped(0, MAX_QUEUE),
     "qos": quality,
 }
 _GOAL: Mapping[str, Check] = {
@@ -397,8 +408,8 @@ OPERATIONS: Mapping[str, Operation] = {
         "subscribe to",
         {
             **_TOPIC,
-            "throttle_rate": whole(0, MAX_THROTTLE_MS),
-            "queue_length": whole(0, MAX_QUEUE),
+            "throttle_rate": clamped(0, MAX_THROTTLE_MS),
+            "queue_length": clamped(0, MAX_QUEUE),
             "qos": quality,
             **_ANSWER,
         },

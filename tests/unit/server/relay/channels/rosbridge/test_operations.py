@@ -103,6 +103,15 @@ def test_each_type_passes_as_it_is(check, passes, refused):
             check(value)
 
 
+def test_a_number_out_of_range_is_the_nearest_in_it():
+    """A program whose messages are refused for their queue, which rosbridge would take, sees nothing of it."""
+    check = operations.clamped(0, 9)
+    assert [check(value) for value in (-5, 10**400, 3.4, -1e300, True)] == [0, 9, 3, 0, 1]
+    for value in ("1", None, [], {}):
+        with pytest.raises(FieldRefusedError):
+            check(value)
+
+
 NAMED = {"camera": "/a", "frame": 1}
 NO_SEEN_FRAMES = [
     *(None, {}, "/a", [1], [{"camera": "/a"}], [{"frame": 1}], [NAMED | {"camera": 1}]),
