@@ -1,9 +1,6 @@
 """Fixtures of the playbooks' tests: one server without robots of its own, and hosts that become its robots."""
 
-from __future__ import annotations
-
 import time
-from collections.abc import Iterator
 
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
@@ -13,7 +10,7 @@ from stack import Stack
 
 
 @pytest.fixture(scope="session")
-def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+def stack(tmp_path_factory):
     """The stack alone, removed at the end."""
     running = Stack(tmp_path_factory.mktemp("stack"))
     try:
@@ -24,14 +21,14 @@ def stack(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 
 @pytest.fixture(scope="module")
-def hosts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotHosts]:
+def hosts(tmp_path_factory):
     """The hosts of one module; each test boots those that it needs."""
     with RobotHosts(tmp_path_factory.mktemp("hosts")) as booted:
         yield booted
 
 
 @pytest.fixture(scope="module")
-def token(stack: Stack) -> str:
+def token(stack):
     """An administrator's API token, of a server that has no robots yet."""
     # The hosts of the modules before are gone, and their names and MACs come again.
     stack.sql("DELETE FROM robots; DELETE FROM key_claims")
@@ -39,8 +36,6 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture(scope="module")
-def site(
-    stack: Stack, hosts: RobotHosts, token: str, tmp_path_factory: pytest.TempPathFactory
-) -> Site:
+def site(stack, hosts, token, tmp_path_factory):
     """The administrator, who runs the playbooks."""
     return Site(tmp_path_factory.mktemp("site"), stack, hosts, token)

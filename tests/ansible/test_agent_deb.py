@@ -1,11 +1,7 @@
 """The agent's Debian package, as the stack serves it, on Debian hosts that boot systemd and reach no package index."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import pytest
 from commands import output_of_command
@@ -17,7 +13,6 @@ from robot_hosts import (
     ROOT,
     VIDEO_WHEELHOUSE,
     RobotHost,
-    RobotHosts,
     newer_systemd_boots,
 )
 
@@ -42,27 +37,27 @@ class Packaged:
     site: Site
     name: str
 
-    def install(self) -> str:
+    def install(self):
         return self.host.run(INSTALL)
 
-    def invite(self) -> dict[str, str]:
+    def invite(self):
         return invite(self.site.stack, self.site.token, self.name)
 
-    def is_running(self) -> bool:
+    def is_running(self):
         return self.host.succeeds("systemctl is-active robotether-agent")
 
-    def footprint(self) -> set[str]:
+    def footprint(self):
         return {line for line in self.host.footprint() if not DPKGS_OWN.match(line)}
 
-    async def drives(self) -> bool:
+    async def drives(self):
         self.site.stack.wait(f"{self.name} online", self.is_online, "relay", "sshd")
         return await drive_forward(Program(self.site.stack, self.site.token), self.name) >= 0.5
 
-    def is_online(self) -> bool:
+    def is_online(self):
         return self.site.stack.online(self.name)
 
 
-def boot(site: Site, hosts: RobotHosts, name: str, suite: str, **options: Any) -> Packaged:
+def boot(site, hosts, name, suite, **options):
     if suite == "trixie":
         output_of_command(ROOT / "tools" / "ensure_robot_host_image", suite, limit_s=600)
     host = hosts.boot(name, image=NEWER_IMAGE if suite == "trixie" else IMAGE, **options)
@@ -78,16 +73,14 @@ BOOTS = pytest.mark.skipif(
 
 
 @pytest.fixture(params=["bookworm", pytest.param("trixie", marks=[pytest.mark.release, BOOTS])])
-def robot(request: pytest.FixtureRequest, site: Site, hosts: RobotHosts) -> Iterator[Packaged]:
+def robot(request, site, hosts):
     """A host of Debian 12 or 13 that never was a robot."""
     made = boot(site, hosts, f"boxed-{request.param}", request.param)
     yield made
     hosts.remove(made.host)
 
 
-async def test_settings_written_before_make_a_robot_and_purging_leaves_nothing(
-    robot: Packaged,
-) -> None:
+async def test_settings_written_before_make_a_robot_and_purging_leaves_nothing(robot):
     host, site = robot.host, robot.site
     before = robot.footprint()
     # As root leaves them: the agent's user is not there yet.
@@ -115,7 +108,7 @@ async def test_settings_written_before_make_a_robot_and_purging_leaves_nothing(
 
 
 @pytest.mark.release
-async def test_package_without_settings_waits_for_the_line(site: Site, hosts: RobotHosts) -> None:
+async def test_package_without_settings_waits_for_the_line(site, hosts):
     """It does not start by itself; the install line finds the agent in place and needs the server alone."""
     robot = boot(site, hosts, "boxed", "bookworm")
     said = robot.install()
@@ -136,7 +129,7 @@ async def test_package_without_settings_waits_for_the_line(site: Site, hosts: Ro
 
 
 @pytest.mark.release
-def test_package_goes_into_an_image_that_does_not_boot(site: Site, hosts: RobotHosts) -> None:
+def test_package_goes_into_an_image_that_does_not_boot(site, hosts):
     """An image's builder gets it enabled and not started, also with the next release's Python and systemd."""
     robot = boot(site, hosts, "unbooted", "trixie", command=["sleep", "infinity"])
     before = robot.footprint()

@@ -4,17 +4,13 @@ All cases are played at once, as a site with many robots would meet them, each o
 ends before a look at the machine or with no more than that, on one that the inventory has under all their names.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
-from playbooks import Played, Site
-from robot_hosts import RobotHost, RobotHosts
+from playbooks import Played
 
 # What the install line says of the same faults, and takes back, is played with every change.
 pytestmark = pytest.mark.release
@@ -43,12 +39,12 @@ class Case:
     ends: str = NOTHING_CHANGED
 
     @property
-    def needs_own_machine(self) -> bool:
+    def needs_own_machine(self):
         """Whether something is done to the machine, by the test or by the playbook before it takes it back."""
         return self.ends != NOTHING_CHANGED or self.breaks != "true" or bool(self.options)
 
 
-def _wrong(variable: str, value: Any, *says: str, **more: Any) -> Case:
+def _wrong(variable, value, *says, **more):
     return Case(says, {f"robotether_agent_{variable}": value}, **more)
 
 
@@ -92,7 +88,7 @@ class Bad:
     rows: list[str]
     played: Played
 
-    def said(self, name: str) -> str:
+    def said(self, name):
         """The sentence about one machine."""
         end = r"(?:PLAY RECAP|fatal:|failed: \[|TASK|$)"
         found = re.findall(rf"cannot \w+ {name}: .*?{end}", self.played.text)
@@ -101,7 +97,7 @@ class Bad:
 
 
 @pytest.fixture(scope="module")
-def bad(site: Site, hosts: RobotHosts) -> Bad:
+def bad(site, hosts):
     """What was said of each case, and what it left on its machine."""
     by_name = _boot(hosts)
     machines = list(hosts.booted)
@@ -125,7 +121,7 @@ def bad(site: Site, hosts: RobotHosts) -> Bad:
     return Bad(left, rows, played)
 
 
-def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
+def _boot(hosts):
     own = {name: case.options for name, case in CASES.items() if case.needs_own_machine}
     *alone, shared = hosts.boot_all(*own, "shared", options=own)
     for machine in (*alone, shared):
@@ -135,7 +131,7 @@ def _boot(hosts: RobotHosts) -> dict[str, RobotHost]:
     return {name: by_name.get(name) or replace(shared, name=name) for name in CASES}
 
 
-def _expired_token(site: Site) -> dict[str, Any]:
+def _expired_token(site):
     token = site.join_token(uses=1)
     site.stack.sql(
         "UPDATE join_tokens SET expires_at = NOW() - INTERVAL 1 DAY ORDER BY id DESC LIMIT 1"
@@ -143,9 +139,7 @@ def _expired_token(site: Site) -> dict[str, Any]:
     return {"robotether_agent_token": token}
 
 
-def _add_others(
-    site: Site, machines: dict[str, RobotHost], at_the_end: Callable[..., object]
-) -> None:
+def _add_others(site, machines, at_the_end):
     """Rows of other robots that have the MAC or the name of one of these; they go when that is mended."""
     bearer = {"Authorization": f"Bearer {site.token}"}
     others = {
@@ -161,7 +155,7 @@ def _add_others(
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_says_what_is_wrong_and_leaves_nothing_behind(bad: Bad, name: str) -> None:
+def test_says_what_is_wrong_and_leaves_nothing_behind(bad, name):
     said = bad.said(name)
     for part in (*CASES[name].says, CASES[name].ends):
         assert part in said, said
@@ -169,7 +163,7 @@ def test_says_what_is_wrong_and_leaves_nothing_behind(bad: Bad, name: str) -> No
     assert name not in bad.rows
 
 
-def test_failed_change_keeps_a_robot_as_it_was(site: Site, hosts: RobotHosts) -> None:
+def test_failed_change_keeps_a_robot_as_it_was(site, hosts):
     """A setting that cuts an enrolled robot off is taken back, and the robot is online as before."""
     robot = hosts.boot("kept")
     site.play_well("enroll.yml", robot)

@@ -1,7 +1,5 @@
 """The installed collection, away from any checkout, enrols a robot and retires it; its inventory lists it meanwhile."""
 
-from __future__ import annotations
-
 import json
 import os
 import sys
@@ -11,8 +9,8 @@ from pathlib import Path
 
 import pytest
 from commands import output_of_command, path_with
-from playbooks import Site, pip_environment
-from robot_hosts import ROOT, RobotHosts
+from playbooks import pip_environment
+from robot_hosts import ROOT
 
 # What a change breaks of it, unit tests say: the archive, its installation and its names.
 pytestmark = pytest.mark.release
@@ -21,7 +19,7 @@ PLAYBOOKS = "robotether.robotether"
 
 
 @pytest.fixture(scope="module")
-def installed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
+def installed(site, tmp_path_factory):
     """An administrator who has the collection and no checkout."""
     folder = tmp_path_factory.mktemp("installed")
     run = partial(
@@ -32,7 +30,7 @@ def installed(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Site:
     return replace(site, folder=folder, collections=folder)
 
 
-def listed(site: Site) -> list[str]:
+def listed(site):
     inventory = site.folder / "fleet.yml"
     inventory.write_text(
         "plugin: robotether.robotether.robots\n"
@@ -44,7 +42,7 @@ def listed(site: Site) -> list[str]:
     return list(json.loads(said).get("state_online", {"hosts": []})["hosts"])
 
 
-def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:
+def test_enrolled_listed_retired(installed, hosts):
     robot = hosts.boot("roamer")
     before = robot.footprint()
     first = installed.play_well(f"{PLAYBOOKS}.enroll", robot)
@@ -56,7 +54,7 @@ def test_enrolled_listed_retired(installed: Site, hosts: RobotHosts) -> None:
     assert listed(installed) == []
 
 
-def test_what_only_a_checkout_has_is_said(installed: Site, hosts: RobotHosts) -> None:
+def test_what_only_a_checkout_has_is_said(installed, hosts):
     """The image of the agent is built from sources, which the collection does not have."""
     robot = hosts.boot("boxless")
     # A Docker that runs, as far as the check can see.

@@ -1,11 +1,7 @@
 """agent_runtime=docker: the agent in a container on the robot, with the robot's network, and away again."""
 
-from __future__ import annotations
-
 import pytest
 from cloud_machines import boot_docker_host
-from playbooks import Site
-from robot_hosts import RobotHost, RobotHosts
 
 # An image is built, carried over and loaded by a Docker inside the host.
 pytestmark = pytest.mark.release
@@ -14,7 +10,7 @@ SETTINGS = b'{"bridge": "none"}'
 
 
 @pytest.fixture(scope="module")
-def robot(hosts: RobotHosts) -> RobotHost:
+def robot(hosts):
     host = boot_docker_host(hosts, "boxed")
     host.put(SETTINGS, "/etc/docker/daemon.json")
     # Packages of the distribution stay on a robot that is retired.
@@ -24,7 +20,7 @@ def robot(hosts: RobotHosts) -> RobotHost:
     return host
 
 
-def test_enrolled_rebooted_retired(site: Site, robot: RobotHost) -> None:
+def test_enrolled_rebooted_retired(site, robot):
     before = robot.footprint()
     docker = {"agent_runtime": "docker"}
     first = site.play_well("enroll.yml", robot, **docker)

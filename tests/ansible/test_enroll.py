@@ -1,7 +1,5 @@
 """enroll.yml takes robots from SSH and Python to drivable, once, and retire.yml undoes it on server and robot."""
 
-from __future__ import annotations
-
 import asyncio
 import io
 import re
@@ -11,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from playbooks import WITH_VIDEO, Played, Site
+from playbooks import WITH_VIDEO, Played
 from programs import Program, drive_forward
-from robot_hosts import WHEELHOUSE, RobotHost, RobotHosts
+from robot_hosts import WHEELHOUSE, RobotHost
 
 
 @dataclass
@@ -28,7 +26,7 @@ class Enrolled:
 
 
 @pytest.fixture(scope="module")
-def enrolled(site: Site, hosts: RobotHosts) -> Enrolled:
+def enrolled(site, hosts):
     robot = hosts.boot("turtle")
     before = robot.footprint()
     first = site.play_well("enroll.yml", robot, robotether_agent_environment=WITH_VIDEO)
@@ -36,7 +34,7 @@ def enrolled(site: Site, hosts: RobotHosts) -> Enrolled:
     return Enrolled(robot, before, first, second)
 
 
-def test_a_second_run_changes_nothing(enrolled: Enrolled) -> None:
+def test_a_second_run_changes_nothing(enrolled):
     """Each run ends with a message that went through the server to rosbridge and back."""
     assert enrolled.first.changed["turtle"] > 0
     assert re.search(r"a message went to its rosbridge and back in [0-9.]+ ms", enrolled.first.text)
@@ -44,14 +42,14 @@ def test_a_second_run_changes_nothing(enrolled: Enrolled) -> None:
     assert enrolled.second.changed["turtle"] == 0
 
 
-async def test_it_encodes_video_and_a_twist_moves_it(enrolled: Enrolled, site: Site) -> None:
+async def test_it_encodes_video_and_a_twist_moves_it(enrolled, site):
     """PyAV has come with the agent, and works under the Python of this Debian."""
     said = enrolled.robot.run("robotether-agent doctor", check=False)
     assert "libx264 encodes H.264" in said
     assert await drive_forward(Program(site.stack, site.token), "turtle") >= 0.5
 
 
-def test_the_row_has_mac_key_and_name(enrolled: Enrolled, site: Site) -> None:
+def test_the_row_has_mac_key_and_name(enrolled, site):
     """The server knows the robot by eth0's MAC, active, with the key whose private half is on the robot only."""
     [[mac, state, fingerprint]] = site.stack.sql(
         "SELECT mac, state, fingerprint FROM robots WHERE name = 'turtle'"
@@ -63,7 +61,7 @@ def test_the_row_has_mac_key_and_name(enrolled: Enrolled, site: Site) -> None:
     assert mode.split() == ["600", "robotether"]
 
 
-def test_the_token_is_nowhere(enrolled: Enrolled, site: Site) -> None:
+def test_the_token_is_nowhere(enrolled, site):
     assert site.token not in enrolled.first.printed + enrolled.second.printed
     found = enrolled.robot.run(
         f"grep -rlF {site.token} /etc /opt /var /home /root /tmp /run 2>/dev/null", check=False
@@ -71,7 +69,7 @@ def test_the_token_is_nowhere(enrolled: Enrolled, site: Site) -> None:
     assert found == ""
 
 
-async def test_power_off_and_on(enrolled: Enrolled, site: Site) -> None:
+async def test_power_off_and_on(enrolled, site):
     await asyncio.to_thread(enrolled.robot.switch_off)
     started = time.monotonic()
     await asyncio.to_thread(enrolled.robot.switch_on)
@@ -80,7 +78,7 @@ async def test_power_off_and_on(enrolled: Enrolled, site: Site) -> None:
         await asyncio.sleep(0.05)
 
 
-async def _answers(site: Site, robot: str) -> bool:
+async def _answers(site, robot):
     try:
         async with asyncio.timeout(5), Program(site.stack, site.token).connect(robot) as socket:
             await socket.send_json({"op": "subscribe", "topic": "/pose", "type": "turtlesim/Pose"})
@@ -89,14 +87,14 @@ async def _answers(site: Site, robot: str) -> bool:
         return False
 
 
-def test_no_answer_retires_nothing(enrolled: Enrolled, site: Site) -> None:
+def test_no_answer_retires_nothing(enrolled, site):
     played = site.play("retire.yml", enrolled.robot)
     assert played.code != 0
     played.must_say("nothing changed: the answer was not yes")
     assert site.stack.online("turtle")
 
 
-def test_retired_leaves_nothing(enrolled: Enrolled, site: Site) -> None:
+def test_retired_leaves_nothing(enrolled, site):
     """After it, also under another name on the server, files, users, units and row are as before the enrolment."""
     site.stack.admin.ask("PATCH", "/robots/turtle", {"name": "renamed"})
     site.play_well("retire.yml", enrolled.robot, retire_confirm="true")
@@ -108,7 +106,7 @@ def test_retired_leaves_nothing(enrolled: Enrolled, site: Site) -> None:
 
 
 @pytest.mark.release
-def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, tmp_path: Path) -> None:
+def test_join_token_and_wheelhouse(site, hosts, tmp_path):
     """A join token with one use and a folder of wheels are enough, on a robot whose pip reaches no index."""
     rover = hosts.boot("rover")
     packed, _ = rover.container.get_archive(WHEELHOUSE)
@@ -127,7 +125,7 @@ def test_join_token_and_wheelhouse(site: Site, hosts: RobotHosts, tmp_path: Path
 
 
 @pytest.mark.release
-def test_a_check_changes_nothing(site: Site, hosts: RobotHosts) -> None:
+def test_a_check_changes_nothing(site, hosts):
     robot = hosts.boot("looked-at")
     before = robot.footprint()
     check = site.play_well("enroll.yml", robot, check=True)
@@ -138,7 +136,7 @@ def test_a_check_changes_nothing(site: Site, hosts: RobotHosts) -> None:
 
 
 @pytest.mark.release
-def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
+def test_an_announced_robot_is_taken(site, hosts):
     """A row that an admin made before gets the robot's key; the run tells what of the robot should be otherwise."""
     scout = hosts.boot("scout")
     scout.ros_listens_on("0.0.0.0")
@@ -150,7 +148,7 @@ def test_an_announced_robot_is_taken(site: Site, hosts: RobotHosts) -> None:
 
 
 @pytest.mark.release
-def test_kernel_settings_come_and_go(site: Site, hosts: RobotHosts) -> None:
+def test_kernel_settings_come_and_go(site, hosts):
     """A setting is in force at once and after the next boot, a second run changes nothing, and it is removed."""
     tuned = hosts.boot("tuned")
     # A container's is read-only; this setting is the container's own.

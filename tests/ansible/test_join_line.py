@@ -1,16 +1,11 @@
 """The install line, run for real on Debian hosts that boot systemd, against the running stack."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from inside import run_inside
 from playbooks import invite
-from robot_hosts import CA_BUNDLE, ROOT, VIDEO_WHEELHOUSE, WHEELHOUSE, RobotHost, RobotHosts
-from stack import Stack
+from robot_hosts import CA_BUNDLE, ROOT, VIDEO_WHEELHOUSE, WHEELHOUSE
 
 INSTALLER = "/root/join.sh"
 # A container's interface is virtual, so the agent would find none by itself.
@@ -31,25 +26,25 @@ DIGITS = re.compile(r"[0-9a-f]{64}")
 class Robot:
     """A host, with what these tests do on it."""
 
-    def __init__(self, host: RobotHost) -> None:
+    def __init__(self, host):
         self.host = host
         # A site whose pip needs a CA bundle of its own says so to all of the machine.
         host.put((ROOT / "agent" / "join.sh").read_bytes(), INSTALLER)
         host.put(f"[global]\ncert = {CA_BUNDLE}\n".encode(), "/etc/pip.conf")
 
-    def install(self, line: str, options: str = USUAL) -> tuple[bool, str]:
+    def install(self, line, options=USUAL):
         # `sh` must get nothing when curl fails, and its end is what counts, as for a person at the prompt.
         wanted = ("bash", "-c", f"{line} {options}")
         done = run_inside(self.host.container, *wanted, merged=True, limit_s=300)
         return done.returncode == 0, done.stdout
 
-    def traces(self) -> list[str]:
+    def traces(self):
         look = (
             f"for path in {' '.join(TRACES)}; do [ -e $path ] || [ -L $path ] && echo $path; done"
         )
         return self.host.run(f"{look}; id -un robotether 2>/dev/null || true").split()
 
-    def state(self) -> str:
+    def state(self):
         """All that a second run must leave as it is: files, their times, and the service's start."""
         folders = (
             "/opt/robotether-agent /etc/robotether /var/lib/robotether-agent /etc/systemd/system"
@@ -59,19 +54,19 @@ class Robot:
         )
         return listed + self.host.run("systemctl show robotether-agent -p ExecMainPID,NRestarts")
 
-    def key(self) -> str:
+    def key(self):
         public = "/var/lib/robotether-agent/id_ed25519.pub"
         return self.host.run(f"ssh-keygen -lf {public}").split()[1]
 
 
 @pytest.fixture(scope="module")
-def machine(hosts: RobotHosts) -> Robot:
+def machine(hosts):
     """A host on which nothing is installed between the tests."""
     return Robot(hosts.boot("machine"))
 
 
 @pytest.fixture
-def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
+def robot(stack, machine):
     """The machine as it was delivered, which the server has never seen."""
     assert machine.traces() == []
     yield machine
@@ -81,25 +76,25 @@ def robot(stack: Stack, machine: Robot) -> Iterator[Robot]:
     assert good, said
 
 
-def without_token(line: str) -> str:
+def without_token(line):
     return re.sub(r" --token \S+", "", line)
 
 
-def rows(stack: Stack) -> dict[str, dict[str, Any]]:
+def rows(stack):
     return {row["mac"]: row for row in stack.admin.ask("GET", "/robots")["robots"]}
 
 
-def online(stack: Stack, mac: str) -> bool:
+def online(stack, mac):
     row = rows(stack).get(mac)
     return bool(row and row["online"])
 
 
-def test_bad_input_leaves_nothing_behind(stack: Stack, token: str, robot: Robot) -> None:
+def test_bad_input_leaves_nothing_behind(stack, token, robot):
     """Each wrong line says what is wrong and undoes what it did; the right one, in the next tests, does the work."""
     line = invite(stack, token)["command"]
     port = stack.https_port
     wrong_pin = DIGITS.sub("0" * 64, line)
-    bad: list[tuple[str, str, str]] = [
+    bad = [
         # The server alone knows it, after the installation: all of that is undone.
         (re.sub(r"rj_\S+", "rj_" + "A" * 43, line), USUAL, "[token_invalid]"),
         (re.sub(r"--token \S+", "--token x'y", line), USUAL, "unexpected EOF"),
@@ -139,7 +134,7 @@ LACKS = {
 }
 
 
-def test_lacking_machine_is_left_alone(stack: Stack, token: str, robot: Robot) -> None:
+def test_lacking_machine_is_left_alone(stack, token, robot):
     line = invite(stack, token)["command"]
     options = "--interface eth0"
     for what, (take, give, sentence) in LACKS.items():
@@ -157,9 +152,7 @@ def test_lacking_machine_is_left_alone(stack: Stack, token: str, robot: Robot) -
     assert robot.traces() == []
 
 
-def test_line_makes_a_robot_and_again_changes_nothing(
-    stack: Stack, token: str, robot: Robot
-) -> None:
+def test_line_makes_a_robot_and_again_changes_nothing(stack, token, robot):
     robot.host.ros_listens_on("0.0.0.0")
     line = invite(stack, token)["command"]
     # Without --wheelhouse: as most robots do, with packages from the index; but PyAV, which is large, from a folder.
@@ -204,7 +197,7 @@ def test_line_makes_a_robot_and_again_changes_nothing(
 
 
 @pytest.mark.release
-def test_missing_packages_are_installed(stack: Stack, token: str, robot: Robot) -> None:
+def test_missing_packages_are_installed(stack, token, robot):
     robot.host.run("apt-get purge -y -qq python3-venv python3.11-venv")
     good, said = robot.install(invite(stack, token)["command"])
     assert good, said
@@ -213,9 +206,7 @@ def test_missing_packages_are_installed(stack: Stack, token: str, robot: Robot) 
 
 
 @pytest.mark.release
-def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
-    stack: Stack, token: str, robot: Robot
-) -> None:
+def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(stack, token, robot):
     """A changed option reaches the settings, what a person wrote there stays, and so do key and name."""
     line = without_token(invite(stack, token)["command"])
     good, said = robot.install(invite(stack, token)["command"], f"{USUAL} --name keeper")
@@ -241,9 +232,7 @@ def test_run_on_a_robot_upgrades_and_keeps_what_is_its_own(
 
 
 @pytest.mark.release
-def test_clones_of_an_image_are_robots_of_their_own(
-    stack: Stack, token: str, hosts: RobotHosts, robot: Robot
-) -> None:
+def test_clones_of_an_image_are_robots_of_their_own(stack, token, hosts, robot):
     """An image with a fleet token holds no key; each clone makes its own at its first boot and comes up."""
     good, said = robot.install(invite(stack, token, uses=2)["command"], f"{USUAL} --image")
     assert good, said

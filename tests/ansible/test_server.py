@@ -1,9 +1,6 @@
 """ansible/server.yml, run for real: a bare Debian with systemd becomes the server, with a Docker of its own inside."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -19,7 +16,7 @@ from cloud_machines import (
     secrets_of,
 )
 from commands import run_command
-from robot_hosts import RobotHost, RobotHosts
+from robot_hosts import RobotHost
 
 pytestmark = pytest.mark.release
 SERVICES = {"mysql", "nginx", "recorder", "relay", "sshd", "web"}
@@ -32,18 +29,18 @@ class Server:
     host: RobotHost
     controller: Controller
 
-    def compose(self, arguments: str) -> str:
+    def compose(self, arguments):
         return compose(self.host, arguments)
 
-    def healthy(self) -> bool:
+    def healthy(self):
         return are_healthy(self.host, SERVICES)
 
-    def secrets(self) -> str:
+    def secrets(self):
         return secrets_of(self.host)
 
 
 @pytest.fixture(scope="module")
-def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+def server(hosts, tmp_path_factory):
     """A bare machine; its images are handed over, as on a site without internet."""
     folder = tmp_path_factory.mktemp("server")
     images = save_images(folder)
@@ -60,7 +57,7 @@ def server(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Itera
     images.unlink()
 
 
-def test_bare_machine_becomes_the_server_once(server: Server) -> None:
+def test_bare_machine_becomes_the_server_once(server):
     """--check works before; the first run ends healthy and prints its fingerprint; the second changes nothing."""
     before = server.host.run("ls /opt /etc /etc/systemd/system")
     server.controller.play("--check")
@@ -84,7 +81,7 @@ def test_bare_machine_becomes_the_server_once(server: Server) -> None:
     assert server.secrets() == secrets
 
 
-def test_firewall_admits_what_it_should(server: Server) -> None:
+def test_firewall_admits_what_it_should(server):
     """Only SSH and the stack's ports answer from outside; local accounts reach no container but by published ports."""
     host = server.host
     host.container.reload()
@@ -108,7 +105,7 @@ def test_firewall_admits_what_it_should(server: Server) -> None:
     assert not host.succeeds("systemctl is-active robotether-firewall-undo.timer")
 
 
-def test_upgrade_makes_a_backup_first(server: Server) -> None:
+def test_upgrade_makes_a_backup_first(server):
     """Another version leaves a backup whose records can be restored, beside that of an attempt before it."""
     server.compose("exec -T web robotether robot add kept --mac 00:1b:44:11:3a:b7")
     secrets = server.secrets()
@@ -127,7 +124,7 @@ def test_upgrade_makes_a_backup_first(server: Server) -> None:
     assert "kept" in server.compose("exec -T web robotether robot list")
 
 
-def test_timer_makes_a_backup(server: Server) -> None:
+def test_timer_makes_a_backup(server):
     """It waits for the night; what it starts works as systemd starts it."""
     assert server.host.run("systemctl is-enabled robotether-backup.timer").strip() == "enabled"
     assert "robotether-backup.service" in server.host.run("systemctl list-timers --no-pager")
@@ -136,12 +133,12 @@ def test_timer_makes_a_backup(server: Server) -> None:
     assert records == ["disk", "made"]
 
 
-def test_stack_and_firewall_come_back_at_boot(server: Server) -> None:
+def test_stack_and_firewall_come_back_at_boot(server):
     server.host.reboot()
     server.host.wait_booted()
     server.host.wait("the stack healthy", server.healthy, seconds=120)
     assert "robotether" in server.host.run("nft list tables")
 
 
-def _answers(url: str) -> bool:
+def _answers(url):
     return run_command("curl", "-sk", "-m", "4", "-o", "/dev/null", url).returncode == 0

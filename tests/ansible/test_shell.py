@@ -1,7 +1,5 @@
 """A person's shell on a robot behind NAT, through the whole stack: ssh, scp, rsync, Ansible and robotether fleet."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -10,13 +8,12 @@ import sys
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import pytest
 from commands import output_of_command, run_command
 from openssh_server import make_key, wait_until
-from playbooks import ANSIBLE, Site, invite
-from robot_hosts import ROOT, USER, WHEELHOUSE, RobotHost, RobotHosts
+from playbooks import ANSIBLE, invite
+from robot_hosts import ROOT, USER, WHEELHOUSE
 from stack import Stack
 
 NAME = "turtle"
@@ -32,23 +29,23 @@ class Person:
     token: str
 
     @property
-    def config(self) -> Path:
+    def config(self):
         return self.folder / "ssh_config"
 
     @property
-    def environment(self) -> dict[str, str]:
+    def environment(self):
         """No agent and no keys of whoever runs the tests."""
         packages = os.pathsep.join(str(ROOT / name) for name in ("common", "server"))
         own = {"HOME": str(self.folder), "PYTHONPATH": packages}
         return {**os.environ, **own, "SSH_AUTH_SOCK": ""}
 
-    def ask(self, method: str, path: str, body: dict[str, object] | None = None) -> object:
+    def ask(self, method, path, body=None):
         headers = {"Authorization": f"Bearer {self.token}"}
         status, answer = self.stack.request(method, path, body, headers)
         assert status in (200, 201), answer
         return answer
 
-    def write_config(self) -> None:
+    def write_config(self):
         """What the server prints, with her own key and files."""
         entries = self.ask("GET", "/api/v1/ssh-config")
         own = (
@@ -59,19 +56,19 @@ class Person:
         )
         self.config.write_text(f"{entries}{own}")
 
-    def run(self, *command: str | Path) -> CompletedProcess[str]:
+    def run(self, *command):
         return run_command(*command, env=self.environment)
 
-    def run_well(self, *command: str | Path) -> str:
+    def run_well(self, *command):
         return output_of_command(*command, env=self.environment)
 
-    def fleet(self, *arguments: str) -> CompletedProcess[str]:
+    def fleet(self, *arguments):
         fleet = (sys.executable, "-m", "robotether_server.cli", "fleet", "run")
         return self.run(*fleet, *arguments, "--ssh-config", str(self.config))
 
 
 @pytest.fixture(scope="module")
-def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
+def turtle(stack, hosts, token):
     """A robot with a real sshd, made by the install line and approved by an admin; its shell is on."""
     robot = hosts.boot(NAME)
     line = re.sub(r" --token \S+", "", invite(stack, token)["command"])
@@ -91,7 +88,7 @@ def turtle(stack: Stack, hosts: RobotHosts, token: str) -> RobotHost:
 
 
 @pytest.fixture(scope="module")
-def ann(stack: Stack, turtle: RobotHost, tmp_path_factory: pytest.TempPathFactory) -> Person:
+def ann(stack, turtle, tmp_path_factory):
     """A person who manages the robot, has an account there, and has uploaded her key."""
     folder = tmp_path_factory.mktemp("ann")
     public = make_key(folder / "id")
@@ -105,7 +102,7 @@ def ann(stack: Stack, turtle: RobotHost, tmp_path_factory: pytest.TempPathFactor
 
 
 @pytest.fixture(scope="module")
-def known(ann: Person) -> Person:
+def known(ann):
     """The same, after her first login, at which she has accepted both host keys."""
     log_in = partial(ann.run, "ssh", "-F", ann.config, NAME, "true")
     # The robot opens its forward when it hears that the shell is on.
@@ -113,19 +110,19 @@ def known(ann: Person) -> Person:
     return ann
 
 
-def test_fleet_trusts_no_host_that_she_has_not_seen(ann: Person) -> None:
+def test_fleet_trusts_no_host_that_she_has_not_seen(ann):
     """The fleet trusts no unknown host, not even the server; this runs before her first login."""
     done = ann.fleet("true", "--on", NAME)
     assert done.returncode == 1
     assert "--accept-new" in done.stderr
 
 
-def test_ssh_runs_on_the_robot(known: Person, turtle: RobotHost) -> None:
+def test_ssh_runs_on_the_robot(known, turtle):
     said = known.run_well("ssh", "-F", known.config, NAME, "id -un; hostname")
     assert said.split() == [USER, turtle.name]
 
 
-def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: Path) -> None:
+def test_scp_and_rsync_carry_files(known, turtle, tmp_path):
     sent = tmp_path / "sent"
     sent.write_bytes(os.urandom(3_000_000))
     known.run_well("scp", "-q", "-F", known.config, sent, f"{NAME}:by_scp")
@@ -135,7 +132,7 @@ def test_scp_and_rsync_carry_files(known: Person, turtle: RobotHost, tmp_path: P
     assert (tmp_path / "back").read_bytes() == sent.read_bytes()
 
 
-def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
+def test_ansible_pings_it_from_the_inventory(known, site):
     inventory = known.folder / "fleet.yml"
     inventory.write_text(
         "plugin: robotether.robotether.robots\n"
@@ -151,7 +148,7 @@ def test_ansible_pings_it_from_the_inventory(known: Person, site: Site) -> None:
     assert re.search(rf'^{NAME} \| SUCCESS.*"ping": "pong"', said, re.DOTALL | re.MULTILINE)
 
 
-def test_fleet_runs_on_it(known: Person) -> None:
+def test_fleet_runs_on_it(known):
     done = known.fleet("id -un", "--on", "*", "--json")
     assert [(row["robot"], row["stdout"]) for row in json.loads(done.stdout)] == [
         (NAME, f"{USER}\n")
@@ -162,7 +159,7 @@ def test_fleet_runs_on_it(known: Person) -> None:
     assert "exit status 3" in done.stderr
 
 
-def test_time_out_ends_the_command_on_the_robot(known: Person, turtle: RobotHost) -> None:
+def test_time_out_ends_the_command_on_the_robot(known, turtle):
     command = "echo started; sleep 4321; true"
     done = known.fleet(command, "--on", NAME, "--sudo", "--timeout", "3")
     assert done.stdout == f"{NAME} | started\n"

@@ -1,8 +1,5 @@
 """ansible/site.yml, run for real: three bare Debians with systemd become the cells of one site."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
@@ -18,7 +15,7 @@ from cloud_machines import (
     secrets_of,
 )
 from commands import run_command
-from robot_hosts import RobotHost, RobotHosts
+from robot_hosts import RobotHost
 
 pytestmark = pytest.mark.release
 SERVICES = {"nginx", "recorder", "relay", "sshd", "web"}
@@ -32,22 +29,22 @@ class Site:
     machines: list[RobotHost]
     controller: Controller
 
-    def healthy(self) -> bool:
+    def healthy(self):
         first, *others = self.machines
         return are_healthy(first, SERVICES | {"mysql"}) and all(
             are_healthy(item, SERVICES) for item in others
         )
 
-    def alive(self) -> set[str]:
+    def alive(self):
         return self.sql("SELECT name FROM cells WHERE heartbeat_at > NOW() - INTERVAL 5 SECOND")
 
-    def sql(self, query: str) -> set[str]:
+    def sql(self, query):
         asked = f'mariadb --batch --skip-column-names robotether -e "{query}"'
         return set(compose(self.machines[0], f"exec -T --user root mysql {asked}").split())
 
 
 @pytest.fixture(scope="module")
-def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def site(hosts, tmp_path_factory):
     """Bare machines; their images are handed over, as on a site without internet."""
     folder = tmp_path_factory.mktemp("site")
     images = save_images(folder)
@@ -66,7 +63,7 @@ def site(hosts: RobotHosts, tmp_path_factory: pytest.TempPathFactory) -> Iterato
     images.unlink()
 
 
-def test_bare_machines_become_one_site_once(site: Site) -> None:
+def test_bare_machines_become_one_site_once(site):
     """--check works before; a second run changes nothing; what people and robots see is the same everywhere."""
     before = [machine.run("ls /opt /etc") for machine in site.machines]
     site.controller.play("--check")
@@ -93,7 +90,7 @@ def test_bare_machines_become_one_site_once(site: Site) -> None:
     assert [secrets_of(machine) for machine in site.machines] == secrets
 
 
-def test_database_is_for_the_cells_alone(site: Site) -> None:
+def test_database_is_for_the_cells_alone(site):
     """The firewall of its machine drops what comes from elsewhere, although Docker publishes it."""
     first, other, _ = site.machines
     first.container.reload()
@@ -105,7 +102,7 @@ def test_database_is_for_the_cells_alone(site: Site) -> None:
         assert run_command("bash", "-c", connect).returncode != 0
 
 
-def test_upgrade_takes_one_cell_after_the_other(site: Site) -> None:
+def test_upgrade_takes_one_cell_after_the_other(site):
     for machine in site.machines:
         machine.run(f"echo 'older built' > {FOLDER}/compose/.deployed")
     changed, _ = site.controller.play()

@@ -1,13 +1,10 @@
 """upgrade.yml brings another agent to robots, one first, and stops at the first that goes back to its old one."""
 
-from __future__ import annotations
-
 import shutil
-from pathlib import Path
 
 import pytest
-from playbooks import Site, build_wheel
-from robot_hosts import ROOT, RobotHost, RobotHosts
+from playbooks import build_wheel
+from robot_hosts import ROOT
 
 # Each version is built and installed on hosts of its own.
 pytestmark = pytest.mark.release
@@ -16,13 +13,13 @@ BROKEN = '\n\ndef run(settings, environ):\n    raise RuntimeError("broken on pur
 
 
 @pytest.fixture(scope="module")
-def robots(site: Site, hosts: RobotHosts) -> list[RobotHost]:
+def robots(site, hosts):
     booted = hosts.boot_all("first", "second")
     site.play_well("enroll.yml", *booted)
     return booted
 
 
-def _other_version(folder: Path, version: str, appended_to_run: str = "") -> Path:
+def _other_version(folder, version, appended_to_run=""):
     sources = folder / "changed"
     shutil.copytree(ROOT / "agent", sources)
     (sources / "robotether_agent" / "__init__.py").write_text(
@@ -33,13 +30,11 @@ def _other_version(folder: Path, version: str, appended_to_run: str = "") -> Pat
     return build_wheel(sources, folder)
 
 
-def _version(robot: RobotHost) -> str:
+def _version(robot):
     return robot.run("robotether-agent --version").split()[-1]
 
 
-def test_broken_version_stops_at_the_first(
-    site: Site, robots: list[RobotHost], tmp_path: Path
-) -> None:
+def test_broken_version_stops_at_the_first(site, robots, tmp_path):
     wheel = _other_version(tmp_path, "0.9.0", BROKEN)
     before = [_version(robot) for robot in robots]
     played = site.play(
@@ -57,7 +52,7 @@ def test_broken_version_stops_at_the_first(
         robot.wait(f"{robot.name} online", lambda name=robot.name: site.stack.online(name))
 
 
-def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
+def test_good_version_reaches_all(site, robots, tmp_path):
     wheel = str(_other_version(tmp_path, "0.9.1"))
     for playbook in ("enroll.yml", "upgrade.yml"):
         checked = site.play(playbook, *robots, check=True, robotether_wheel_file=wheel)
@@ -70,7 +65,7 @@ def test_good_version_reaches_all(site: Site, robots: list[RobotHost], tmp_path:
     assert set(again.changed.values()) == {0}
 
 
-def test_no_agent_to_upgrade(site: Site, hosts: RobotHosts) -> None:
+def test_no_agent_to_upgrade(site, hosts):
     bare = hosts.boot("bare")
     before = bare.footprint()
     played = site.play("upgrade.yml", bare)
@@ -78,7 +73,7 @@ def test_no_agent_to_upgrade(site: Site, hosts: RobotHosts) -> None:
     assert bare.footprint() == before
 
 
-def test_through_its_own_tunnel(site: Site, robots: list[RobotHost], tmp_path: Path) -> None:
+def test_through_its_own_tunnel(site, robots, tmp_path):
     """A robot that is reached through the tunnel of the agent which is replaced is upgraded all the same."""
     robot = robots[0]
     port = _open_shell(site, robot)
@@ -98,7 +93,7 @@ def test_through_its_own_tunnel(site: Site, robots: list[RobotHost], tmp_path: P
     assert _version(robot) == "0.9.2"
 
 
-def _open_shell(site: Site, robot: RobotHost) -> int:
+def _open_shell(site, robot):
     """Let the admin reach the robot's SSH through the server; the port there."""
     bearer = {"Authorization": f"Bearer {site.token}"}
     key = {"name": "upgrade", "public_key": robot.key.with_suffix(".pub").read_text().strip()}

@@ -1,16 +1,12 @@
 """Fixtures of the end-to-end tests: Debian's Chromium, driven by Playwright, in front of the running stack."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Generator, Iterator
-from typing import Any
 
 import pytest
 from half_closed import pytest_configure, pytest_sessionfinish  # noqa: F401 - hooks of pytest
 from pages import be_logged_in, chromium
-from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
-from stack import ROOT, Stack
+from playwright.sync_api import expect, sync_playwright
+from stack import ROOT
 
 # What a page shows comes through several processes, which share two processors with other tests.
 expect.set_options(timeout=10_000)
@@ -20,7 +16,7 @@ FAILED = pytest.StashKey[bool]()
 
 
 @pytest.fixture(scope="module")
-def browser() -> Iterator[Browser]:
+def browser():
     """A headless Chromium; only for a module, as Playwright keeps a loop running that asyncio tests cannot share."""
     with sync_playwright() as playwright:
         launched = chromium(playwright)
@@ -29,18 +25,16 @@ def browser() -> Iterator[Browser]:
 
 
 @pytest.fixture
-def context(browser: Browser, request: pytest.FixtureRequest) -> Iterator[BrowserContext]:
+def context(browser, request):
     """A desktop's browser, or what the test's parameter says; it accepts the self-signed certificate."""
-    options: dict[str, Any] = getattr(request, "param", DESKTOP)
+    options = getattr(request, "param", DESKTOP)
     made = browser.new_context(ignore_https_errors=True, **options)
     yield made
     made.close()
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_runtest_makereport(
-    item: pytest.Item, call: pytest.CallInfo[None]
-) -> Generator[None, pytest.TestReport, pytest.TestReport]:
+def pytest_runtest_makereport(item, call):
     """Let the fixtures know how the test ended."""
     report = yield
     if report.failed:
@@ -49,11 +43,11 @@ def pytest_runtest_makereport(
 
 
 @pytest.fixture
-def page(stack: Stack, context: BrowserContext, request: pytest.FixtureRequest) -> Iterator[Page]:
+def page(stack, context, request):
     """A page, not yet opened, of the admin; a console error or a failing test leaves a picture in tests/artifacts."""
     be_logged_in(context, stack)
     opened = context.new_page()
-    errors: list[str] = []
+    errors = []
     opened.on("pageerror", lambda error: errors.append(str(error)))
     yield opened
     if errors or FAILED in request.node.stash:

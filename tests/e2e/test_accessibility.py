@@ -1,15 +1,12 @@
 """axe-core finds nothing on fleet and drive page in their states; test_every_page.py looks at each page once."""
 
-from __future__ import annotations
-
 import page_holds
 import pytest
 from accessibility import BY_LOOK, RULES, violations
 from page_users import release_all
 from pages import open_drawer, open_page, open_robot, take_control
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from sim_service import frozen_cameras
-from stack import Stack
 
 ROBOT = "sim1"
 DESKTOP = {"viewport": {"width": 1280, "height": 800}, "color_scheme": "light"}
@@ -25,7 +22,7 @@ BOTH = pytest.mark.parametrize(
 )
 
 
-def _assert_accessible(page: Page, what: str) -> None:
+def _assert_accessible(page, what):
     """By all rules as the page is, and in the other colour scheme by those that this may break."""
     found = violations(page, RULES)
     is_dark = page.evaluate("matchMedia('(prefers-color-scheme: dark)').matches")
@@ -36,7 +33,7 @@ def _assert_accessible(page: Page, what: str) -> None:
 
 
 @BOTH
-def test_fleet_and_drive_page_are_accessible(page: Page, stack: Stack) -> None:
+def test_fleet_and_drive_page_are_accessible(page, stack):
     open_page(page, stack, "/")
     for view in ("table", "cards"):
         page.get_by_test_id(f"view-{view}").click()

@@ -1,22 +1,17 @@
 """An admin in a real browser lets robots and people in and gives rights, over the whole stack."""
 
-from __future__ import annotations
-
 import shlex
-from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from pages import open_page
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from robot_key import RobotKey
-from stack import Stack
 
 COPIES = {"permissions": ["clipboard-read", "clipboard-write"]}
 
 
 @pytest.fixture(autouse=True)
-def nothing_stays(stack: Stack) -> Iterator[None]:
+def nothing_stays(stack):
     """Robots and people that a test leaves behind when it fails are gone: others could not make them anew."""
     before = _records(stack)
     yield
@@ -24,16 +19,16 @@ def nothing_stays(stack: Stack) -> Iterator[None]:
         stack.admin.remove(kind, name)
 
 
-def _records(stack: Stack) -> set[tuple[str, str]]:
+def _records(stack):
     listed = {kind: stack.admin.ask("GET", f"/{kind}")[kind] for kind in ("robots", "users")}
     return {(kind, item["name"]) for kind, found in listed.items() for item in found}
 
 
-def _done(page: Page, message: str) -> None:
+def _done(page, message):
     expect(page.get_by_test_id("done")).to_have_text(message)
 
 
-def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> None:
+def _do(page, stack, path, message, **fields):
     """Say yes on a page that asks, with its fields filled in by their labels."""
     page.goto(f"{stack.url}{path}")
     for label, value in fields.items():
@@ -42,11 +37,11 @@ def _do(page: Page, stack: Stack, path: str, message: str, **fields: str) -> Non
     _done(page, message)
 
 
-def _remove(page: Page, stack: Stack, name: str) -> None:
+def _remove(page, stack, name):
     _do(page, stack, f"/admin/robots/{name}/remove", f"Robot {name} is removed.")
 
 
-def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, stack: Stack) -> None:
+def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page, stack):
     stack.robotether("robot", "add", "lift", "--mac", "00:00:5e:00:53:13")
     open_before = page.context.new_page()
     open_page(open_before, stack, "/robots/lift")
@@ -64,7 +59,7 @@ def test_a_page_of_a_robot_that_is_renamed_leads_to_the_new_name(page: Page, sta
 
 
 @pytest.mark.parametrize("context", [COPIES], indirect=True, ids=["clipboard"])
-def test_a_robot_is_added_in_three_steps(page: Page, stack: Stack, tmp_path: Path) -> None:
+def test_a_robot_is_added_in_three_steps(page, stack, tmp_path):
     """The button on the fleet page leads there and copies the line; the page shows who waits and who arrives."""
     page.goto(f"{stack.url}/")
     page.get_by_test_id("add-robot").click()

@@ -4,16 +4,12 @@ It sends what the description allows and what it does not, and follows what one 
 Every answer must be described, and no request may end in a mistake of the server.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 from stack import ROOT, Stack
@@ -41,16 +37,16 @@ class Api:
     stack: Stack
     token: str
 
-    def ask(self, method: str, path: str) -> Any:
+    def ask(self, method, path):
         headers = {"Authorization": f"Bearer {self.token}"}
         status, answer = self.stack.request(method, f"/api/v1{path}", headers=headers)
         assert status in {200, 204}, answer
         return answer
 
-    def names(self, path: str, key: str, member: str = "name") -> set[str]:
+    def names(self, path, key, member="name"):
         return {str(item[member]) for item in self.ask("GET", path)[key]}
 
-    def records(self) -> dict[str, set[str]]:
+    def records(self):
         """Everything that a request could name, by the name of its place in paths."""
         return {
             "robot": self.names("/robots", "robots"),
@@ -64,7 +60,7 @@ class Api:
 
 
 @pytest.fixture
-def api(stack: Stack) -> Iterator[Api]:
+def api(stack):
     """Afterwards there is what was there before, and nothing else."""
     api = Api(stack, stack.token("schemathesis"))
     before = api.records()
@@ -80,7 +76,7 @@ def api(stack: Stack) -> Iterator[Api]:
 
 
 @pytest.mark.release
-def test_api_keeps_to_its_description(api: Api, tmp_path: Path) -> None:
+def test_api_keeps_to_its_description(api, tmp_path):
     """Whatever is sent: described answers, problems in JSON, refusals of what is not allowed, and never a 500."""
     protected = {kind: sorted(names) for kind, names in api.records().items()}
     command = [str(SCHEMATHESIS), "run", f"{api.stack.url}/api/v1/openapi.json"]

@@ -5,19 +5,15 @@ and of the API have every spelling. The robot itself, which is watched on its ow
 command.
 """
 
-from __future__ import annotations
-
 import asyncio
 import base64
 import json
 import time
 import zlib
-from collections.abc import Iterator
 
 import pytest
 from attackers import OPEN, UPGRADE, Person, open_ros, raw, refusal_of
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT, OTHER = "sim1", "sim2"
 API = "/api/v1"
@@ -26,19 +22,19 @@ ELSEWHERE = "https://evil.example"
 
 
 @pytest.fixture(scope="module")
-def ann(stack: Stack) -> Person:
+def ann(stack):
     """A driver of one robot, whose tickets and cookie are stolen or used by a page elsewhere."""
     return Person(stack, "attacked-ann", (ROBOT, "drive"))
 
 
 @pytest.fixture(scope="module")
-def ben(stack: Stack) -> Person:
+def ben(stack):
     """An observer of that robot, who wants more."""
     return Person(stack, "attacker-ben", (ROBOT, "observe"))
 
 
 @pytest.fixture(autouse=True)
-def nothing_moves(stack: Stack) -> Iterator[None]:
+def nothing_moves(stack):
     """After each attempt the robot, which nobody drives, has had no command."""
     stack.wait_until_free(ROBOT)
     with SimWatch(stack, ROBOT) as watch:
@@ -47,7 +43,7 @@ def nothing_moves(stack: Stack) -> Iterator[None]:
         assert watch.commands(since=begun) == []
 
 
-def _raised(ticket: str) -> str:
+def _raised(ticket):
     """An observer's ticket whose text says drive, with the signature it had."""
     payload, timestamp, signature = ticket.rsplit(".", 2)
     packed = payload.startswith(".")
@@ -57,7 +53,7 @@ def _raised(ticket: str) -> str:
     return "." * packed + ".".join([text.rstrip("="), timestamp, signature])
 
 
-def test_no_such_ticket_opens_a_robot(stack: Stack, ann: Person) -> None:
+def test_no_such_ticket_opens_a_robot(stack, ann):
     used = ann.ticket(ROBOT)
     assert open_ros(stack, ROBOT, used, Origin=ELSEWHERE).said == "403 origin_refused"
     assert open_ros(stack, ROBOT, used, Origin=stack.url).code == OPEN
@@ -71,8 +67,8 @@ def test_no_such_ticket_opens_a_robot(stack: Stack, ann: Person) -> None:
         assert open_ros(stack, robot, ticket).said == refusal
 
 
-async def test_an_observer_sends_nothing_that_moves(ben: Person) -> None:
-    attempts: dict[str | bytes, str] = {
+async def test_an_observer_sends_nothing_that_moves(ben):
+    attempts = {
         PUBLISH: "only subscribes",
         PUBLISH.encode(): "only subscribes",
         '{"op": "subscribe", ' + PUBLISH[1:]: "only subscribes",
@@ -89,7 +85,7 @@ async def test_an_observer_sends_nothing_that_moves(ben: Person) -> None:
         assert (await asyncio.wait_for(socket.receive_json(), 5))["id"] == "9"
 
 
-def test_an_observer_gets_no_more(ben: Person) -> None:
+def test_an_observer_gets_no_more(ben):
     for method, path, body, refusal in (
         ("POST", "/tickets", {"robot": ROBOT, "mode": "drive"}, "403 grant_missing"),
         ("POST", "/tickets", {"robot": OTHER, "mode": "observe"}, "404 robot_unknown"),
@@ -105,7 +101,7 @@ def test_an_observer_gets_no_more(ben: Person) -> None:
     assert [robot["name"] for robot in listed] == [ROBOT]
 
 
-def test_a_page_elsewhere_acts_for_nobody(stack: Stack, ann: Person) -> None:
+def test_a_page_elsewhere_acts_for_nobody(stack, ann):
     """The browser adds the driver's cookie; it is not enough, and no answer may be read elsewhere."""
     origin, stop = {"Origin": ELSEWHERE}, f"{API}/robots/{ROBOT}/stop"
     video = f"/robots/{ROBOT}/video/stream?topic=/camera/image_raw"

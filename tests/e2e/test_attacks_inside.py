@@ -4,20 +4,15 @@ The network is for sshd, relay and nginx alone. Should somebody else get there, 
 keys, and the relay for its own. It has an address of its own, from which half-open log-ins keep nobody else out.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import pytest
-from docker.models.containers import Container
 from inside import run_inside
 from jump_people import ShellRobot
-from robot_key import RobotKey
-from stack import PROJECT, Stack
+from stack import PROJECT
 
 # Sends bytes, and prints as JSON what came back until it was silent, or why nothing could be sent.
 PROBE = """
@@ -66,26 +61,24 @@ while True:
 
 
 class Insider:
-    def __init__(self, container: Container) -> None:
+    def __init__(self, container):
         self._container = container
 
-    def send(self, host: str, port: int, data: bytes) -> str:
+    def send(self, host, port, data):
         """Send bytes to a port; what came back, or UNREACHABLE."""
         done = run_inside(self._container, "python3", "-c", PROBE, host, str(port), data.hex())
         assert done.returncode == 0, done.stderr
-        answer: dict[str, str] = json.loads(done.stdout)
+        answer = json.loads(done.stdout)
         return answer.get("got", UNREACHABLE)
 
-    def get(
-        self, host: str, port: int, path: str = "/", method: str = "GET", **headers: str
-    ) -> str:
+    def get(self, host, port, path="/", method="GET", **headers):
         """Send an HTTP request; the status line of the answer, or what `send` says."""
         named = {"Host": host, "Content-Length": "0", "Connection": "close", **headers}
         spelt = [f"{name.replace('_', '-')}: {value}" for name, value in named.items()]
         request = "\r\n".join([f"{method} {path} HTTP/1.1", *spelt, "", ""])
         return self.send(host, port, request.encode()).split("\r\n", 1)[0]
 
-    def upgrade(self, host: str, port: int, **headers: str) -> str:
+    def upgrade(self, host, port, **headers):
         asked = {
             "Connection": "Upgrade",
             "Upgrade": "websocket",
@@ -95,7 +88,7 @@ class Insider:
         return self.get(host, port, **asked, **headers)
 
     @contextmanager
-    def half_open_log_ins(self, host: str, port: int, count: int) -> Iterator[None]:
+    def half_open_log_ins(self, host, port, count):
         command = ["docker", "exec", "--interactive", str(self._container.id), "python3", "-c"]
         running = subprocess.Popen(
             [*command, HOLD_HALF_OPEN, host, str(port), str(count)],
@@ -103,7 +96,6 @@ class Insider:
             stderr=subprocess.PIPE,
             text=True,
         )
-        assert running.stdout is not None
         try:
             assert running.stdout.readline() == "begun\n", running.communicate()[1]
             yield
@@ -115,9 +107,8 @@ class Insider:
 
 
 @contextmanager
-def insider(stack: Stack) -> Iterator[Insider]:
+def insider(stack):
     image = stack.container("relay").image
-    assert image is not None
     container = stack.engine.containers.run(
         image,
         ["infinity"],
@@ -139,7 +130,7 @@ LOG_INS = 4
 
 
 @pytest.fixture(scope="module")
-def inside(stack: Stack) -> Iterator[Insider]:
+def inside(stack):
     """Somebody on the tunnel network, where the victim's guard answers: a test before may have restarted it."""
     [[port]] = stack.sql(f"SELECT ros_port FROM robots WHERE name = '{VICTIM}'")
     with insider(stack) as somebody:
@@ -152,9 +143,7 @@ def inside(stack: Stack) -> Iterator[Insider]:
         yield somebody
 
 
-def test_a_robots_port_and_the_relay_open_with_their_keys_only(
-    inside: Insider, stack: Stack
-) -> None:
+def test_a_robots_port_and_the_relay_open_with_their_keys_only(inside, stack):
     """The forwarded port is no secret: the guard behind it asks for its session's key, and the relay for sshd's."""
     [[port]] = stack.sql(f"SELECT ros_port FROM robots WHERE name = '{VICTIM}'")
     wrong = {"Robotether_Key": "x" * 43, "Robotether_Mode": "drive", "Robotether_Fence": "999999"}
@@ -168,22 +157,20 @@ def test_a_robots_port_and_the_relay_open_with_their_keys_only(
 
 
 @pytest.fixture(scope="module")
-def key(stack: Stack, tmp_path_factory: pytest.TempPathFactory) -> Iterator[RobotKey]:
+def key(stack, tmp_path_factory):
     """The key of an active robot that no agent uses."""
     folder = tmp_path_factory.mktemp("keys")
     with ShellRobot.added(stack, folder, "kept-out", "00:00:5e:00:53:73") as robot:
         yield robot.key
 
 
-def log_in(key: RobotKey, port: int) -> str:
+def log_in(key, port):
     said = key.ssh("-v", USER, "id", port=port, timeout=45).stderr
     return "in" if "Authenticated to" in said else said[-400:]
 
 
 @pytest.mark.parametrize("door", ["2222", "443"])
-def test_half_open_log_ins_of_one_address_keep_nobody_out(
-    stack: Stack, inside: Insider, key: RobotKey, door: str
-) -> None:
+def test_half_open_log_ins_of_one_address_keep_nobody_out(stack, inside, key, door):
     host, attacked = {"2222": ("sshd", 2222), "443": ("nginx", 8443)}[door]
     port = {"2222": stack.ssh_port, "443": stack.https_port}[door]
     with inside.half_open_log_ins(host, attacked, HALF_OPEN), ThreadPoolExecutor(LOG_INS) as pool:

@@ -1,13 +1,10 @@
 """Two cells of one site: one database over TLS, one set of secrets, and robots that move from one to the other."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import ssl
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
 from contextlib import contextmanager
 from http import HTTPStatus
 
@@ -17,13 +14,12 @@ from cells import first_cell, second_cell
 from inside import run_inside
 from local_network import insecure_tls
 from programs import Program, drive_forward, open_echo
-from stack import Stack
 
 TOPIC = "/camera/image_raw"
 
 
 @pytest.fixture(scope="module")
-def first(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
+def first(tmp_path_factory):
     cell = first_cell(tmp_path_factory.mktemp("site"))
     try:
         cell.up()
@@ -33,16 +29,16 @@ def first(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stack]:
 
 
 @pytest.fixture(scope="module")
-def second(first: Stack) -> Iterator[Stack]:
+def second(first):
     with second_cell(first) as cell:
         yield cell
 
 
-def host_key(cell: Stack) -> str:
+def host_key(cell):
     return cell.exec("sshd", "cat", "/etc/ssh/public/ssh_host_ed25519_key.pub").split()[1]
 
 
-def test_cells_are_one_site(first: Stack, second: Stack) -> None:
+def test_cells_are_one_site(first, second):
     first.robotether("user", "add", "ann")
     assert "ann" in second.robotether("user", "list")
     assert host_key(first) == host_key(second)
@@ -53,11 +49,11 @@ def test_cells_are_one_site(first: Stack, second: Stack) -> None:
         assert {robot["name"] for robot in robots["robots"]} == {"sim1", "sim2", "sim3"}
 
 
-def test_migrations_run_from_a_cell_too(second: Stack) -> None:
+def test_migrations_run_from_a_cell_too(second):
     assert "nothing was missing" in second.compose("run", "--rm", "--no-TTY", "migrate")
 
 
-def test_key_look_up_works_at_both(first: Stack, second: Stack) -> None:
+def test_key_look_up_works_at_both(first, second):
     """By TLS, and with the program of people's keys too, which asks by another client."""
     [[fingerprint]] = first.sql("SELECT fingerprint FROM tunnel_keys LIMIT 1")
     for cell in (first, second):
@@ -70,7 +66,7 @@ def test_key_look_up_works_at_both(first: Stack, second: Stack) -> None:
         assert "jump-watch" not in cell.logs("sshd")
 
 
-def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -> None:
+def test_database_takes_no_connection_without_tls(first, second):
     host, port = first.settings["DB_HOST"], first.settings["DB_PORT"]
     command = ["mariadb", f"--host={host}", f"--port={port}", "--user=keylookup", "--skip-ssl"]
     read = 'MYSQL_PWD=$(cat /run/secrets/mysql_keylookup_password) exec "$@"'
@@ -89,13 +85,13 @@ def test_database_takes_no_connection_without_tls(first: Stack, second: Stack) -
     assert "secure transport" in done.stderr
 
 
-def wait_at(first: Stack, cell: str, *robots: str) -> None:
+def wait_at(first, cell, *robots):
     query = (
         "SELECT cell FROM robot_sessions JOIN robots ON robots.id = robot_id"
         " WHERE name = '{}' AND ended_at IS NULL ORDER BY robot_sessions.id DESC LIMIT 1"
     )
 
-    def are_there() -> bool:
+    def are_there():
         return all(first.sql(query.format(robot)) == [[cell]] for robot in robots)
 
     first.wait(f"{robots} at {cell}", are_there, "relay", *robots, seconds=60)
@@ -103,11 +99,11 @@ def wait_at(first: Stack, cell: str, *robots: str) -> None:
         first.wait_until_drivable(robot)
 
 
-def test_robot_goes_to_its_region_when_it_next_connects(first: Stack, second: Stack) -> None:
+def test_robot_goes_to_its_region_when_it_next_connects(first, second):
     """It is told where that is, and stays where it is until then."""
     kept = ("cat", "/var/lib/robotether-agent/enrolment.json")
 
-    def next_port() -> int:
+    def next_port():
         return int(json.loads(first.exec("sim1", *kept))["ssh"]["cells"][0]["ports"][0])
 
     first.robotether("robot", "set", "sim1", "region=at-b")
@@ -119,7 +115,7 @@ def test_robot_goes_to_its_region_when_it_next_connects(first: Stack, second: St
 
 
 @contextmanager
-def machine_down(cell: Stack) -> Iterator[None]:
+def machine_down(cell):
     """The machine is away inside the block, without a word, and boots after it."""
     containers = [cell.container(name) for name in ("nginx", "web", "relay", "sshd", "mysql")]
     for container in containers:
@@ -133,7 +129,7 @@ def machine_down(cell: Stack) -> Iterator[None]:
         cell.wait_healthy("relay")
 
 
-def robots_at(cell: Stack) -> int:
+def robots_at(cell):
     """How many are online there, as its relay counts them, which needs no database."""
     read = "import urllib.request as r; print(r.urlopen('http://127.0.0.1:9100/metrics').read().decode())"
     [line] = [
@@ -144,7 +140,7 @@ def robots_at(cell: Stack) -> int:
     return round(float(line.split()[1]))
 
 
-def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Stack) -> None:
+def test_robots_of_a_machine_that_died_go_to_the_other(first, second):
     robots = ("sim1", "sim2", "sim3")
     # By itself within a minute.
     second.exec("sshd", "/usr/lib/robotether/authorized-keys", "cache", user="keylookup")
@@ -157,7 +153,7 @@ def test_robots_of_a_machine_that_died_go_to_the_other(first: Stack, second: Sta
     assert robots_at(second) == len(robots)
 
 
-def test_robots_leave_a_cell_whose_relay_died(first: Stack, second: Stack) -> None:
+def test_robots_leave_a_cell_whose_relay_died(first, second):
     """The session command says so through sshd, which would let them in again."""
     relay, robots = second.container("relay"), ("sim1", "sim2", "sim3")
     relay.kill()
@@ -171,7 +167,7 @@ def test_robots_leave_a_cell_whose_relay_died(first: Stack, second: Stack) -> No
 
 
 @pytest.fixture(scope="module")
-def program(first: Stack, second: Stack) -> Program:
+def program(first, second):
     """The admin's program, which opens cell a alone, while all robots are at cell b."""
     token = first.token("forwarding")
     first.robotether("cell", "drain", "a")
@@ -179,11 +175,11 @@ def program(first: Stack, second: Stack) -> Program:
     return Program(first, token)
 
 
-def control(cell: Stack, robot: str) -> dict[str, object]:
+def control(cell, robot):
     return dict(cell.admin.ask("GET", f"/robots/{robot}/control"))
 
 
-async def test_robot_of_another_cell_is_driven(program: Program, first: Stack) -> None:
+async def test_robot_of_another_cell_is_driven(program, first):
     """The drive is recorded with the client's address, as web has it, which no cell is between."""
     assert await drive_forward(program, "sim1") > 0.4
     asked_web = (
@@ -192,18 +188,18 @@ async def test_robot_of_another_cell_is_driven(program: Program, first: Stack) -
     )
     drove = "SELECT DISTINCT address FROM drives WHERE robot = 'sim1'"
 
-    def is_recorded() -> bool:
+    def is_recorded():
         return bool(addresses := first.sql(drove)) and addresses == first.sql(asked_web)
 
     await asyncio.to_thread(first.wait, "the drive with its address", is_recorded, "relay")
 
 
-def test_its_video_is_seen(program: Program) -> None:
+def test_its_video_is_seen(program):
     picture = f"/robots/sim1/video/snapshot?topic={TOPIC}"
     program.stack.wait("a picture", lambda: program.stack.admin.sees(picture))
 
 
-def test_it_is_stopped_and_released_there(program: Program, first: Stack, second: Stack) -> None:
+def test_it_is_stopped_and_released_there(program, first, second):
     stopped = first.admin.ask("POST", "/robots/sim1/stop", {"reason": "x" * 250})["stopped"]
     assert (stopped["by"], stopped["confirmed"]) == ("admin", True)
     [[reason]] = first.sql("SELECT reason FROM robot_stops")
@@ -213,7 +209,7 @@ def test_it_is_stopped_and_released_there(program: Program, first: Stack, second
     assert first.sql("SELECT * FROM robot_stops") == []
 
 
-async def test_ticket_opens_one_connection_at_all_cells(program: Program, second: Stack) -> None:
+async def test_ticket_opens_one_connection_at_all_cells(program, second):
     """The robot's cell burns it, whichever was asked."""
     ticket = await asyncio.to_thread(program.ticket, "sim1", "observe")
     async with program.connect("sim1", ticket=ticket) as socket:
@@ -225,7 +221,7 @@ async def test_ticket_opens_one_connection_at_all_cells(program: Program, second
         assert refused.value.status == 401
 
 
-async def test_pages_of_the_asked_cell_alone_may_drive(program: Program, second: Stack) -> None:
+async def test_pages_of_the_asked_cell_alone_may_drive(program, second):
     """The robot's cell compares a page's origin with the host that was asked."""
     async with program.connect("sim1", origin=program.stack.url) as socket:
         await open_echo(socket)
@@ -235,7 +231,7 @@ async def test_pages_of_the_asked_cell_alone_may_drive(program: Program, second:
     assert refused.value.status == 403
 
 
-def test_peer_listener_accepts_cells_alone(first: Stack, second: Stack) -> None:
+def test_peer_listener_accepts_cells_alone(first, second):
     """Nobody without the site's certificate gets an answer from the relay."""
     url = f"https://{second.settings['PEER_ADDRESS']}/api/v1/robots/sim1/control"
     context = insecure_tls()
@@ -247,9 +243,7 @@ def test_peer_listener_accepts_cells_alone(first: Stack, second: Stack) -> None:
         assert b"certificate" in error.read()
 
 
-async def test_robot_of_a_cell_that_dies_is_driven_at_another(
-    program: Program, first: Stack, second: Stack
-) -> None:
+async def test_robot_of_a_cell_that_dies_is_driven_at_another(program, first, second):
     """A stop that was on its way to the dead cell begins here, and is in force when the robot comes."""
     first.robotether("cell", "resume", "a")
     for service in ("nginx", "relay", "sshd", "web"):

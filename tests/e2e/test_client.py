@@ -4,19 +4,15 @@ The lab's site is a double: the browser is given its pages by the test, under th
 backend, which keeps the token, is the test itself.
 """
 
-from __future__ import annotations
-
 import re
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import pytest
 from page_users import release_all
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import LAB, ROOT, Stack
+from stack import LAB, ROOT
 
 ROBOT = "sim1"
 EXAMPLE = (ROOT / "docs" / "tutorial" / "robotether_client.html").read_text()
@@ -34,21 +30,21 @@ COUNT_COLOURS = """() => {
 
 
 @pytest.fixture(scope="module")
-def token(stack: Stack) -> str:
+def token(stack):
     return stack.token("client")
 
 
 @pytest.fixture(autouse=True)
-def _drivable(stack: Stack) -> None:
+def _drivable(stack):
     stack.wait_until_drivable(ROBOT)
 
 
 @contextmanager
-def _at(browser: Browser, origin: str, html: str) -> Iterator[Page]:
+def _at(browser, origin, html):
     """A page of another site, not yet opened."""
     # The stack is on this machine: there Chromium asks its user before a page of another site may reach it.
     context = browser.new_context(ignore_https_errors=True, permissions=["local-network-access"])
-    errors: list[str] = []
+    errors = []
     try:
         page = context.new_page()
         page.on("pageerror", lambda error: errors.append(str(error)))
@@ -60,11 +56,11 @@ def _at(browser: Browser, origin: str, html: str) -> Iterator[Page]:
 
 
 @pytest.fixture
-def lab(stack: Stack, browser: Browser, token: str) -> Iterator[Page]:
+def lab(stack, browser, token):
     """An empty page of the lab, whose backend gives tickets."""
     headers = {"Authorization": f"Bearer {token}"}
 
-    def ticket(wish: dict[str, Any]) -> str:
+    def ticket(wish):
         status, answer = stack.request("POST", "/api/v1/tickets", wish, headers)
         assert status == 201, answer
         return str(answer["ticket"])
@@ -75,26 +71,22 @@ def lab(stack: Stack, browser: Browser, token: str) -> Iterator[Page]:
         yield page
 
 
-def _moving(pose: dict[str, float]) -> bool:
+def _moving(pose):
     return pose["linear_velocity"] > 0.1
 
 
-def _standing(pose: dict[str, float]) -> bool:
+def _standing(pose):
     return pose["linear_velocity"] == 0
 
 
-def _expect_value(
-    page: Page, expression: str, condition: Callable[[Any], bool], seconds: float = 10
-) -> None:
+def _expect_value(page, expression, condition, seconds=10):
     end = time.monotonic() + seconds
     while not condition(value := page.evaluate(expression)):
         assert time.monotonic() < end, f"{expression} is {value}"
         time.sleep(0.05)
 
 
-def test_the_documented_page_drives_from_another_site(
-    stack: Stack, browser: Browser, token: str
-) -> None:
+def test_the_documented_page_drives_from_another_site(stack, browser, token):
     """It shows video and speed, drives while its button is held, stands when it is let go, and stops the robot."""
     try:
         with _at(browser, LAB, EXAMPLE) as page, SimWatch(stack, ROBOT) as watch:
@@ -104,7 +96,7 @@ def test_the_documented_page_drives_from_another_site(
         release_all(stack, [ROBOT])
 
 
-def _drive_and_stop(page: Page, watch: SimWatch, stack: Stack, token: str) -> None:
+def _drive_and_stop(page, watch, stack, token):
     expect(page.locator("#state")).to_have_text("driving", timeout=15_000)
     _expect_value(page, "document.querySelector('output').value", lambda value: value == "0.00")
     page.locator("#forward").hover()
@@ -119,15 +111,14 @@ def _drive_and_stop(page: Page, watch: SimWatch, stack: Stack, token: str) -> No
     expect(page.locator("#state")).to_have_text("live", timeout=10_000)
 
 
-def _stopped(stack: Stack, token: str) -> bool:
+def _stopped(stack, token):
     headers = {"Authorization": f"Bearer {token}"}
     _, control = stack.request("GET", f"/api/v1/robots/{ROBOT}/control", None, headers)
     return bool(control["stopped"])
 
 
-def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> None:
+def test_the_documented_lines_drive_and_show_video(lab, stack):
     """The lines work unchanged on a page with a stick, a canvas and a backend that gives tickets."""
-    assert FIRST_LINES is not None
     lab.evaluate(
         "document.body.append(document.createElement('canvas'));"
         "Object.assign(window, { getTicket: backendTicket, stick: { x: 0, y: 0 } })"
@@ -143,9 +134,7 @@ def test_the_documented_lines_drive_and_show_video(lab: Page, stack: Stack) -> N
         watch.wait_pose("standing", _standing)
 
 
-def test_a_site_that_is_not_allowed_gets_nothing(
-    stack: Stack, browser: Browser, token: str
-) -> None:
+def test_a_site_that_is_not_allowed_gets_nothing(stack, browser, token):
     other = "https://other.example"
     with _at(browser, other, EMPTY) as page:
         page.goto(f"{other}/")

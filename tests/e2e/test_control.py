@@ -4,25 +4,21 @@ Each person has a browser of their own, in front of the whole stack. What each s
 of driveMode.js and of the relay's leases.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from contextlib import closing
 
 import page_holds
 import pytest
 from page_users import PageUsers
 from pages import answer, expect_mode, take_control
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim1"
 
 
 @pytest.fixture
-def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+def page_users(stack, browser):
     """Ann and Ben, who may drive; nobody drives yet."""
     stack.wait_until_drivable(ROBOT)
     with closing(PageUsers(stack, browser)) as people:
@@ -31,12 +27,12 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
         yield people
 
 
-def _ask(asking: Page, asked: Page) -> None:
+def _ask(asking, asked):
     asking.get_by_test_id("control-ask").click()
     expect(asked.get_by_test_id("question")).to_contain_text("ben asks for control")
 
 
-def _assert_drives_only_after_a_word(page: Page, stack: Stack) -> None:
+def _assert_drives_only_after_a_word(page, stack):
     """Control that came by itself moves nothing until the person begins."""
     with SimWatch(stack, ROBOT) as watch:
         page.keyboard.press("w", delay=500)
@@ -47,16 +43,14 @@ def _assert_drives_only_after_a_word(page: Page, stack: Stack) -> None:
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0)
 
 
-def _newest_fence(stack: Stack) -> int:
+def _newest_fence(stack):
     """The number of the robot's last lease, which each drive raises."""
     of_robot = f"robot_id = (SELECT id FROM robots WHERE name = '{ROBOT}')"
     [[fence]] = stack.sql(f"SELECT COALESCE(MAX(fence), 0) FROM drives WHERE {of_robot}")
     return int(fence)
 
 
-def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(
-    page_users: PageUsers, stack: Stack
-) -> None:
+def test_control_is_taken_asked_for_refused_handed_over_and_taken_away(page_users, stack):
     before = _newest_fence(stack)
     ann, ben = (page_users.open(name, ROBOT) for name in ("ann", "ben"))
     for page in (ann, ben):

@@ -1,33 +1,29 @@
 """The paper's open ports (the service `direct`): for the listed networks only, and still through the robot's guard."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import select
 import socket
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 
 import aiohttp
 import pytest
 from sim_watch import SimWatch
-from stack import Stack, wait_until_back
+from stack import wait_until_back
 
 PORTS = (20000, 20005)
 # limit_conn of images/nginx/direct.conf.
 MOST_OF_AN_ADDRESS = 40
 FORWARD = {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 UP_WITHIN_S = 300
-OpenTo = Callable[[str], None]
 
 
 @pytest.fixture
-def open_to(stack: Stack) -> Iterator[OpenTo]:
+def open_to(stack):
     """Publish the robots' ports to these networks; closed again at the end."""
     before = stack.env_file.read_text()
 
-    def publish(sources: str) -> None:
+    def publish(sources):
         ours = ("DIRECT_", "COMPOSE_PROFILES=")
         lines = [line for line in before.splitlines() if not line.startswith(ours)]
         lines += ["COMPOSE_PROFILES=direct", f"DIRECT_SOURCES={sources}"]
@@ -43,12 +39,12 @@ def open_to(stack: Stack) -> Iterator[OpenTo]:
     wait_until_back(stack, "sim1", "sim2", "sim3")
 
 
-def ros_port(stack: Stack) -> int:
+def ros_port(stack):
     [[port]] = stack.sql("SELECT ros_port FROM robots WHERE name = 'sim1'")
     return int(port)
 
 
-def answers(port: int) -> bool:
+def answers(port):
     try:
         with socket.create_connection(("127.0.0.1", port), timeout=5) as plain:
             plain.sendall(b"GET / HTTP/1.1\r\nHost: robot\r\n\r\n")
@@ -57,7 +53,7 @@ def answers(port: int) -> bool:
         return False
 
 
-async def drive(port: int) -> None:
+async def drive(port):
     """Drive for a moment as a program of the paper's time does, without a word to the server."""
     async with (
         aiohttp.ClientSession() as http,
@@ -70,7 +66,7 @@ async def drive(port: int) -> None:
             await asyncio.sleep(0.05)
 
 
-def cut_at_once(port: int, count: int) -> int:
+def cut_at_once(port, count):
     """How many of so many connections that say nothing are ended without a wait."""
     with ExitStack() as opened:
         idle = [
@@ -82,7 +78,7 @@ def cut_at_once(port: int, count: int) -> int:
 
 
 @pytest.mark.release
-def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenTo) -> None:
+def test_ports_are_open_to_the_listed_networks_only(stack, open_to):
     """A source outside gets nothing; one inside drives through the guard, which stops the robot afterwards."""
     port = ros_port(stack)
     open_to("192.0.2.0/24")
@@ -99,7 +95,7 @@ def test_ports_are_open_to_the_listed_networks_only(stack: Stack, open_to: OpenT
     assert cut_at_once(port, MOST_OF_AN_ADDRESS + 5) > 0
 
 
-def test_ports_are_closed_by_default(stack: Stack) -> None:
+def test_ports_are_closed_by_default(stack):
     with socket.socket() as probe:
         probe.settimeout(2)
         assert probe.connect_ex(("127.0.0.1", ros_port(stack))) != 0

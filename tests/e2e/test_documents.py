@@ -1,16 +1,11 @@
 """The documents' commands do what a reader wants."""
 
-from __future__ import annotations
-
 import re
 import shlex
 import subprocess
-from collections.abc import Iterator
-from pathlib import Path
 
 import documented
 import pytest
-from stack import Stack
 
 # Why a command is not run here, and how such commands begin. Where another test runs it, the reason names that one.
 NOT_RUN = {
@@ -72,7 +67,7 @@ IN_WEB = re.compile(r"^(docker |tools/)compose exec web (?=robotether )")
 
 
 @pytest.fixture
-def readers_world(stack: Stack) -> Iterator[None]:
+def readers_world(stack):
     """Have the reader's robot there, and another one to remove; leave nothing of what the reader makes."""
     if "ann" in stack.admin.users():  # of a test before
         stack.admin.remove("users", "ann")
@@ -84,7 +79,7 @@ def readers_world(stack: Stack) -> Iterator[None]:
     stack.robotether("user", "remove", "ann", "--yes")
 
 
-def with_readers_values(command: str, host: str, pin: str, folder: Path) -> str:
+def with_readers_values(command, host, pin, folder):
     """Put in what the document leaves to its reader; the stack has no PUBLIC_HOST, and nobody to ask."""
     for placeholder, value in {
         f"robot add turtle --mac {MAC}": f"robot add added --mac {MAC[:-2]}58",
@@ -99,7 +94,7 @@ def with_readers_values(command: str, host: str, pin: str, folder: Path) -> str:
     return command
 
 
-def run_for_reader(stack: Stack, command: str, folder: Path) -> None:
+def run_for_reader(stack, command, folder):
     """Run a command where its reader does: on the server, in its containers, on a robot, or anywhere."""
     command = re.sub(r"^(docker |tools/)compose ", "compose ", command)
     match shlex.split(command):
@@ -118,10 +113,9 @@ def run_for_reader(stack: Stack, command: str, folder: Path) -> None:
 
 
 @pytest.mark.usefixtures("readers_world")
-def test_commands_of_the_documents_run(stack: Stack, tmp_path: Path) -> None:
+def test_commands_of_the_documents_run(stack, tmp_path):
     """Every command ends without an error, in the order of the pages, or NOT_RUN lists it; NOT_RUN lists no other."""
     pin = PIN.search(stack.robotether("robot", "invite", "--host", f"localhost:{stack.https_port}"))
-    assert pin is not None
     host = stack.url.removeprefix("https://")
     failed, skipped = [], set()
     commands = [command for page in documented.pages() for command in documented.commands(page)]

@@ -4,14 +4,10 @@ Gamepads are doubles, fingers come from Chromium itself; the robot is looked at 
 rosbridge. What each input makes of its events are unit tests of the scripts in `input/`.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time
-from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any
 
 import page_holds
 import pytest
@@ -25,9 +21,8 @@ from pages import (
     open_drawer,
     open_robot,
 )
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import Stack
 
 # As the standard mapping counts them.
 LB, RB, B = 4, 5, 1
@@ -65,37 +60,37 @@ class GamepadDouble:
     What it held stays as it was until it is changed.
     """
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page):
         """Give it to all documents that this page opens from now on."""
         self._page = page
-        self._axes: dict[int, float] = {}
-        self._pressed: set[int] = set()
+        self._axes = {}
+        self._pressed = set()
         page.add_init_script(_SCRIPT)
 
-    def plug_in(self) -> None:
+    def plug_in(self):
         """Let the device be there, held as it was before."""
         self._page.evaluate("gamepadDouble.plugIn()")
         self._set()
         self._page.evaluate("gamepadDouble.connect()")
 
-    def unplug(self) -> None:
+    def unplug(self):
         """Let it go without an event, as some do."""
         self._page.evaluate("gamepadDouble.unplug()")
 
-    def press(self, *buttons: int) -> None:
+    def press(self, *buttons):
         self._pressed.update(buttons)
         self._set()
 
-    def release(self, *buttons: int) -> None:
+    def release(self, *buttons):
         """Let go of these buttons; of all without any."""
         self._pressed -= set(buttons) or self._pressed
         self._set()
 
-    def push(self, axis: int, value: float) -> None:
+    def push(self, axis, value):
         self._axes[axis] = value
         self._set()
 
-    def _set(self) -> None:
+    def _set(self):
         axes = {str(axis): value for axis, value in self._axes.items()}
         self._page.evaluate(
             "([axes, pressed]) => gamepadDouble.set(axes, pressed)", [axes, sorted(self._pressed)]
@@ -109,15 +104,14 @@ ROBOT = "sim1"
 class TouchScreen:
     """Fingers on the screen; Chromium itself makes the events."""
 
-    def __init__(self, page: Page) -> None:
+    def __init__(self, page):
         self._page = page
         self._devtools = page.context.new_cdp_session(page)
-        self._points: dict[str, tuple[float, float]] = {}
+        self._points = {}
 
-    def put(self, name: str, *, up: float = 0, left: float = 0) -> None:
+    def put(self, name, *, up=0, left=0):
         """Press the middle of a thing, unless this finger is on it already, and move there; 1 is at the rim."""
         box = self._page.get_by_test_id(name).bounding_box()
-        assert box is not None
         x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
         if name not in self._points:
             self._points[name] = (x, y)
@@ -125,57 +119,57 @@ class TouchScreen:
         self._points[name] = (x - left * box["width"] / 2, y - up * box["height"] / 2)
         self._send("touchMove", self._points)
 
-    def lift(self, name: str) -> tuple[float, float]:
+    def lift(self, name):
         """Take the finger from a thing, and return where it was; the others stay."""
         point = self._points.pop(name)
         self._send("touchEnd", {name: point})
         return point
 
-    def lift_all(self) -> None:
+    def lift_all(self):
         for name in list(self._points):
             self.lift(name)
 
-    def tap(self, point: tuple[float, float]) -> None:
+    def tap(self, point):
         self._send("touchStart", {"tap": point})
         self._send("touchEnd", {"tap": point})
 
-    def _send(self, kind: str, points: dict[str, tuple[float, float]]) -> None:
+    def _send(self, kind, points):
         touches = [{"x": x, "y": y, "id": sum(map(ord, name))} for name, (x, y) in points.items()]
         self._devtools.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": touches})
 
 
 @pytest.fixture(autouse=True)
-def _drivable(stack: Stack) -> None:
+def _drivable(stack):
     stack.wait_until_drivable(ROBOT)
 
 
 @pytest.fixture
-def watch(stack: Stack) -> Iterator[SimWatch]:
+def watch(stack):
     with SimWatch(stack, ROBOT) as watching:
         yield watching
 
 
-def _expect_gamepad(page: Page, state: str) -> None:
+def _expect_gamepad(page, state):
     expect(page.get_by_test_id("gamepad")).to_have_attribute("data-state", state)
 
 
-def _moving(pose: dict[str, float]) -> bool:
+def _moving(pose):
     return pose["linear_velocity"] > 0.1
 
 
-def _standing(pose: dict[str, float]) -> bool:
+def _standing(pose):
     return pose["linear_velocity"] == 0 and pose["angular_velocity"] == 0
 
 
-def _turning(pose: dict[str, float]) -> bool:
+def _turning(pose):
     return pose["angular_velocity"] > 0.1
 
 
-def _is_zero(twist: dict[str, Any]) -> bool:
+def _is_zero(twist):
     return not any((*twist["linear"].values(), *twist["angular"].values()))
 
 
-def _falls_silent(watch: SimWatch) -> None:
+def _falls_silent(watch):
     """The robot stands, nothing but zero comes any more, and soon not even that."""
     watch.wait_pose("standing", _standing)
     # A robot that stands all the time says nothing of what is under way.
@@ -192,7 +186,7 @@ def _falls_silent(watch: SimWatch) -> None:
     assert all(_is_zero(seen.msg) for seen in watch.commands(since))
 
 
-def _repeat(page: Page, watch: SimWatch, key: str = "w") -> None:
+def _repeat(page, watch, key="w"):
     """A key that is still down repeats, and drives nothing until it is pressed anew."""
     since = time.monotonic()
     page.keyboard.down(key)
@@ -205,7 +199,7 @@ def _repeat(page: Page, watch: SimWatch, key: str = "w") -> None:
     watch.wait_pose("standing", _standing)
 
 
-def _press_enable(page: Page, gamepad: GamepadDouble, until: Callable[[], object]) -> None:
+def _press_enable(page, gamepad, until):
     """Press it when that counts: pressed while a late picture holds driving, it would be stuck."""
     page_holds.hold(
         page,
@@ -216,23 +210,21 @@ def _press_enable(page: Page, gamepad: GamepadDouble, until: Callable[[], object
     )
 
 
-def test_keys_and_mouse_drive_until_they_are_let_go(
-    page: Page, stack: Stack, watch: SimWatch
-) -> None:
+def test_keys_and_mouse_drive_until_they_are_let_go(page, stack, watch):
     """W drives at the chosen speed, with Shift faster; the stick goes in a curve; afterwards nothing is sent."""
     open_robot(page, stack, ROBOT)
     page.get_by_test_id("control-drive").click()
     expect_mode(page, "drive")
     most = float(page.get_by_test_id("limit-linear").get_attribute("max") or "nan")
 
-    def goes_as_fast_as_it_may() -> None:
+    def goes_as_fast_as_it_may():
         watch.wait_pose("moving", _moving)
         expect(page.get_by_test_id("speed-linear")).to_contain_text("m/s")
         expect(page.locator("[data-key=KeyW]")).to_have_attribute("data-lit", "true")
         page.keyboard.down("Shift")
         watch.wait_pose("faster", lambda pose: abs(pose["linear_velocity"] - most) < 1e-3)
 
-    def release() -> None:
+    def release():
         page.keyboard.up("Shift")
         page.keyboard.up("w")
 
@@ -241,10 +233,9 @@ def test_keys_and_mouse_drive_until_they_are_let_go(
     expect(page.locator("[data-lit=true]")).to_have_count(0)
     _falls_silent(watch)
     box = page.get_by_test_id("joystick").bounding_box()
-    assert box is not None
     x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
 
-    def drag() -> None:
+    def drag():
         page.mouse.move(x, y)
         page.mouse.down()
         page.mouse.move(x - box["width"] / 6, y - box["height"] / 3, steps=4)
@@ -265,12 +256,10 @@ LOSSES = {
 }
 
 
-def test_a_key_whose_release_may_be_lost_is_let_go(
-    page: Page, stack: Stack, watch: SimWatch
-) -> None:
+def test_a_key_whose_release_may_be_lost_is_let_go(page, stack, watch):
     drive_live(page, stack, ROBOT)
 
-    def loses(what: str) -> None:
+    def loses(what):
         if what in LOSSES:
             page.evaluate(LOSSES[what])
         elif what == "context menu":
@@ -294,12 +283,11 @@ def test_a_key_whose_release_may_be_lost_is_let_go(
         expect(page.get_by_test_id(name)).to_be_in_viewport(ratio=0.9)
 
 
-def _freeze(page: Page) -> None:
+def _freeze(page):
     """What a frozen tab, or a machine that hangs, is to its page: nothing runs for two seconds.
 
     The browser's own way to freeze a tab is only for those that nobody sees, which this one has to be.
     """
-    assert page.context.browser is not None
     devtools = page.context.browser.new_browser_cdp_session()
     found = devtools.send("SystemInfo.getProcessInfo")["processInfo"]
     pages = [process["id"] for process in found if process["type"] == "renderer"]
@@ -310,16 +298,14 @@ def _freeze(page: Page) -> None:
         _send(pages, signal.SIGCONT)
 
 
-def _send(pids: list[int], number: signal.Signals) -> None:
+def _send(pids, number):
     """Send a signal to those that are still there: the page of the test before may just be ending."""
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, number)
 
 
-def test_what_is_held_through_a_loss_of_power_moves_nothing_until_pressed_anew(
-    page: Page, stack: Stack
-) -> None:
+def test_what_is_held_through_a_loss_of_power_moves_nothing_until_pressed_anew(page, stack):
     """The page says that the robot is offline and comes back with it, without a reload, as its card does."""
     sim = stack.container("sim2")
     fleet = page.context.new_page()
@@ -348,9 +334,7 @@ def test_what_is_held_through_a_loss_of_power_moves_nothing_until_pressed_anew(
         _repeat(page, watch)
 
 
-def test_a_gamepad_drives_while_its_button_is_held(
-    page: Page, stack: Stack, watch: SimWatch
-) -> None:
+def test_a_gamepad_drives_while_its_button_is_held(page, stack, watch):
     """Turbo is faster; a gamepad that disconnects stops the robot and moves nothing else; its stop button is a Stop."""
     gamepad = GamepadDouble(page)
     drive_live(page, stack, ROBOT)
@@ -362,12 +346,12 @@ def test_a_gamepad_drives_while_its_button_is_held(
     least, most = float(slider.input_value()), float(slider.get_attribute("max") or "nan")
     gamepad.push(LEFT_Y, -1)
 
-    def drives_at(speed: float) -> None:
+    def drives_at(speed):
         watch.wait_pose(
             f"driving at {speed} m/s", lambda pose: abs(pose["linear_velocity"] - speed) < 1e-3
         )
 
-    def drives_faster_with_turbo() -> None:
+    def drives_faster_with_turbo():
         drives_at(least)
         gamepad.press(RB)
         drives_at(most)
@@ -399,9 +383,7 @@ def test_a_gamepad_drives_while_its_button_is_held(
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
-def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
-    page: Page, stack: Stack, watch: SimWatch
-) -> None:
+def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(page, stack, watch):
     """Left goes, right turns, each that lifts ends its own; a hold of Drive again gives nothing up as it ends."""
     drive_live(page, stack, ROBOT)
     open_drawer(page)
@@ -411,7 +393,7 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
     expect_no_sideways_scroll(page)
     fingers = TouchScreen(page)
 
-    def each_thumb_counts() -> None:
+    def each_thumb_counts():
         watch.wait_pose("straight", lambda pose: _moving(pose) and pose["angular_velocity"] == 0)
         fingers.put("joystick-turn", up=0.5, left=0.9)
         watch.wait_pose("turning as it goes", lambda pose: _moving(pose) and _turning(pose))
@@ -444,7 +426,7 @@ def test_two_thumbs_drive_on_a_phone_and_a_button_under_a_finger_takes_no_press(
         release_all(stack, [ROBOT])
 
 
-def _drive_again_by_thumb(page: Page, fingers: TouchScreen) -> tuple[float, float]:
+def _drive_again_by_thumb(page, fingers):
     """Stop the robot, and hold its release until the page drives again; gives where the thumb was."""
     page.get_by_test_id("stop").tap()
     page_holds.hold(
@@ -457,15 +439,13 @@ def _drive_again_by_thumb(page: Page, fingers: TouchScreen) -> tuple[float, floa
     return fingers.lift("release")
 
 
-def _tap_at_once(page: Page, fingers: TouchScreen, point: tuple[float, float]) -> bool:
+def _tap_at_once(page, fingers, point):
     """Tap what is new there; false if a busy machine was late, so that it may be new no more and the tap may count."""
     fingers.tap(point)
     return page.get_by_test_id("control-leave").get_attribute("aria-disabled") == "true"
 
 
-def test_a_driver_without_network_reads_that_and_nothing_drives_on(
-    page: Page, stack: Stack, watch: SimWatch
-) -> None:
+def test_a_driver_without_network_reads_that_and_nothing_drives_on(page, stack, watch):
     """A stop meanwhile is said to be unheard, and heard when the network is back."""
     drive_live(page, stack, ROBOT)
     state, bar = page.get_by_test_id("state"), page.get_by_test_id("stop-bar")

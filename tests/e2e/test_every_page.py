@@ -3,22 +3,17 @@
 The pages are those of Flask's own map of addresses: a new one is looked at without being named here.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Any
 
 import pytest
 from accessibility import BY_LOOK, RULES, violations
 from page_users import PageUsers
 from pages import expect_no_sideways_scroll, expect_small_map, resize
-from playwright.sync_api import Browser, BrowserContext, Page, expect
+from playwright.sync_api import expect
 from robotether_server.settings.server import DatabaseSettings
 from robotether_server.web import create_app
-from stack import Stack
 from web_visitor import web_settings_of
 
 DESKTOP, PHONE, SMALL_PHONE, ZOOMED = (1280, 800), (390, 844), (320, 640), (640, 400)
@@ -28,7 +23,7 @@ NO_PAGES = re.compile(
 )
 OPERATOR, GROUP, SITE = "eve-of-pages", "all-pages", "pages-hall"
 # What stands for the parts of an address below it, the first that fits; a number is that of a table's newest row.
-PARTS: dict[str, dict[str, str]] = {
+PARTS = {
     "/admin/users/": {"name": OPERATOR},
     "/admin/groups/": {"name": GROUP, "user": OPERATOR},
     "/admin/sites/": {"name": SITE, "robot": "sim2"},
@@ -92,7 +87,7 @@ FOCUS = """() => {
 }"""
 
 
-def rules_of_pages() -> list[str]:
+def rules_of_pages():
     """Return the addresses of all pages, with their parts as Flask names them."""
     nowhere = DatabaseSettings("127.0.0.1", 1, "none", "none", "none")
     app = create_app(web_settings_of(nowhere, Path("/nonexistent")))
@@ -100,7 +95,7 @@ def rules_of_pages() -> list[str]:
     return [rule for rule in rules if not NO_PAGES.match(rule)]
 
 
-def address(rule: str, numbers: dict[str, str]) -> str:
+def address(rule, numbers):
     """Return the rule with its parts filled in, and a box ticked where a page is about those."""
     parts = next(parts for start, parts in PARTS.items() if rule.startswith(start)) | numbers
     ticked = next((query for start, query in TICKED.items() if rule.startswith(start)), "")
@@ -110,18 +105,17 @@ def address(rule: str, numbers: dict[str, str]) -> str:
 class Looks:
     """Looks at one page after another in all that it may look like; each content once."""
 
-    def __init__(self, page: Page, url: str) -> None:
+    def __init__(self, page, url):
         self.page, self.url = page, url
-        self.found: list[str] = []
+        self.found = []
         self._path = ""
-        self._seen: set[str] = set()
+        self._seen = set()
         self._questions = 0
 
-    def look(self, path: str) -> int:
+    def look(self, path):
         self._path = path
         self._be(DESKTOP, color_scheme="light")
         response = self.page.goto(self.url + path)
-        assert response is not None
         assert "text/html" in response.headers["content-type"], path
         if self.page.get_by_test_id("small-map").count():
             expect_small_map(self.page)
@@ -133,7 +127,7 @@ class Looks:
             self._look_closely()
         return response.status
 
-    def _look_closely(self) -> None:
+    def _look_closely(self):
         self.page.evaluate(UNFOLD)
         self._axe("", RULES)
         self._questions += self.page.locator(".confirm").count()
@@ -154,7 +148,7 @@ class Looks:
         self._expect_none("moving although motion is reduced", MOVING)
         self._be(DESKTOP, reduced_motion="no-preference")
 
-    def _look_at_contrast(self) -> None:
+    def _look_at_contrast(self):
         for scheme in ("light", "dark"):
             self._be(PHONE, color_scheme=scheme, contrast="more")
             self._axe(f"{scheme}, more contrast", ["color-contrast-enhanced"])
@@ -165,22 +159,22 @@ class Looks:
         self._expect_none("without an outline in forced colours", FOCUS)
         self._be(DESKTOP, forced_colors="none")
 
-    def _be(self, size: tuple[int, int], **media: Any) -> None:
+    def _be(self, size, **media):
         self.page.emulate_media(**media)
         resize(self.page, *size)
 
-    def _axe(self, look: str, rules: list[str]) -> None:
+    def _axe(self, look, rules):
         found = violations(self.page, rules)
         self.found += [f"{self._path} {look}: {violation}" for violation in found]
 
-    def _expect_none(self, what: str, script: str) -> None:
+    def _expect_none(self, what, script):
         found = self.page.evaluate(script)
         if found:
             self.found.append(f"{self._path} is {what}: {found}")
 
 
 @pytest.fixture(scope="module")
-def operator(stack: Stack, browser: Browser) -> Iterator[Page]:
+def operator(stack, browser):
     """The page of an operator, who is in a group and has driven; a site has a robot."""
     admin = stack.admin
     with closing(PageUsers(stack, browser)) as people:
@@ -199,7 +193,7 @@ def operator(stack: Stack, browser: Browser) -> Iterator[Page]:
         admin.remove(kind, name)
 
 
-def _numbers(stack: Stack) -> dict[str, str]:
+def _numbers(stack):
     columns = ", ".join(f"(SELECT IFNULL(MAX(id), 0) FROM {table})" for table in TABLES.values())
     [row] = stack.sql(f"SELECT {columns}")
     return dict(zip(TABLES, row, strict=True))
@@ -208,7 +202,7 @@ def _numbers(stack: Stack) -> dict[str, str]:
 # They take over a minute; for every change test_accessibility.py looks at the pages that people drive by.
 @pytest.mark.release
 @pytest.mark.usefixtures("operator")
-def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
+def test_pages_of_an_admin(page, stack):
     looks, numbers = Looks(page, stack.url), _numbers(stack)
     for rule in rules_of_pages():
         status = looks.look(address(rule, numbers))
@@ -218,7 +212,7 @@ def test_pages_of_an_admin(page: Page, stack: Stack) -> None:
 
 
 @pytest.mark.release
-def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
+def test_pages_of_an_operator(operator, stack):
     looks = Looks(operator, stack.url)
     for rule in rules_of_pages():
         if not rule.startswith("/admin"):
@@ -228,19 +222,17 @@ def test_pages_of_an_operator(operator: Page, stack: Stack) -> None:
 
 
 @pytest.mark.release
-def test_pages_of_who_is_logged_out(context: BrowserContext, stack: Stack) -> None:
+def test_pages_of_who_is_logged_out(context, stack):
     looks = Looks(context.new_page(), stack.url)
     assert looks.look("/login") == 200
     assert looks.look("/nothing") == 404
     assert not looks.found, "\n".join(looks.found)
 
 
-def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(
-    page: Page, stack: Stack
-) -> None:
+def test_documents_are_found_by_search_and_load_nothing_from_elsewhere(page, stack):
     """The policy of the pages stops no script of theirs: search runs in one."""
-    complaints: list[str] = []
-    hosts: set[str] = set()
+    complaints = []
+    hosts = set()
     page.on("console", lambda said: complaints.append(said.text) if said.type == "error" else None)
     page.on("request", lambda request: hosts.add(re.sub(r"^\w+:/*([^/]*).*", r"\1", request.url)))
     page.goto(f"{stack.url}/docs/")

@@ -1,16 +1,11 @@
 """The fleet page with 500 robots: found at once, and on a phone."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 from page_users import release_all
 from pages import expect_no_sideways_scroll, open_page
-from playwright.sync_api import Page, expect
-from stack import Stack
+from playwright.sync_api import expect
 
 CROWD = 500
 MEASURED = re.compile(
@@ -30,7 +25,7 @@ INSERT = (
 
 
 @pytest.fixture(scope="module")
-def _crowd(stack: Stack) -> Iterator[None]:
+def _crowd(stack):
     """500 robots more, at two sites, which are offline."""
     for site in ("odd", "even"):
         stack.admin.ask("POST", "/sites", {"name": site})
@@ -42,7 +37,7 @@ def _crowd(stack: Stack) -> Iterator[None]:
 
 
 @pytest.fixture
-def fleet(page: Page, stack: Stack, _crowd: None) -> Page:
+def fleet(page, stack, _crowd):
     """The admin's fleet page, which has heard of all robots."""
     # A test before may have switched one off and on.
     for robot in SIMS:
@@ -57,26 +52,25 @@ def fleet(page: Page, stack: Stack, _crowd: None) -> Page:
 
 
 @pytest.fixture
-def _released(stack: Stack) -> Iterator[None]:
+def _released(stack):
     """The test may stop robots; afterwards none of them is stopped."""
     yield
     release_all(stack, ["sim1"])
 
 
-def _card(page: Page, name: str) -> Any:
+def _card(page, name):
     return page.get_by_test_id(f"robot-card-{name}")
 
 
-def _shown(page: Page) -> list[str]:
-    names: list[str] = page.evaluate(
+def _shown(page):
+    return page.evaluate(
         "[...document.querySelectorAll('[data-list]:not([hidden]) [data-robot]')]"
         ".filter((one) => !one.hidden).map((one) => one.dataset.robot)"
     )
-    return names
 
 
 @pytest.mark.usefixtures("_released")
-def test_robots_are_found_sorted_and_shown_as_the_address_says(fleet: Page, stack: Stack) -> None:
+def test_robots_are_found_sorted_and_shown_as_the_address_says(fleet, stack):
     """The page shows cards or a table, and remembers which."""
     fleet.get_by_test_id("fleet-search").fill("sim")
     fleet.get_by_test_id("show-online").click()
@@ -104,7 +98,7 @@ def test_robots_are_found_sorted_and_shown_as_the_address_says(fleet: Page, stac
 
 
 @pytest.mark.parametrize("context", [PHONE], indirect=True, ids=["phone"])
-def test_the_fleet_fits_a_phone(fleet: Page) -> None:
+def test_the_fleet_fits_a_phone(fleet):
     """Neither view scrolls sideways, Stop stays on the screen, and one button unfolds the filters."""
     expect_no_sideways_scroll(fleet)
     fleet.evaluate("scrollTo(0, document.body.scrollHeight)")
@@ -118,12 +112,11 @@ def test_the_fleet_fits_a_phone(fleet: Page) -> None:
     fleet.get_by_test_id("view-table").click()
     expect(fleet.get_by_test_id("robot-row-sim1").get_by_test_id("card-stop")).to_be_in_viewport()
     box = fleet.get_by_test_id("robot-row-sim1").get_by_test_id("card-stop").bounding_box()
-    assert box is not None
     assert box["x"] + box["width"] <= 360
     assert box["height"] >= 44
 
 
-def test_other_machines_are_measured(page: Page, stack: Stack) -> None:
+def test_other_machines_are_measured(page, stack):
     """The browser may ask them: here the same nginx, by its address, which counts as another machine.
 
     Which of the two is nearer is up to the moment.

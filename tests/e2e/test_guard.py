@@ -3,13 +3,10 @@
 Frozen processes, and a stop that outlives both, are unit tests of the guard and of its supervisor.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
 import signal
 import time
-from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, suppress
 
 import aiohttp
@@ -17,7 +14,6 @@ import processes
 import pytest
 from programs import Program
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim3"
 AGENT, GUARD = "robotether_agent run", "robot-guard"
@@ -26,12 +22,12 @@ DRIVES_WITHIN_S = 20.0
 
 
 @pytest.fixture(scope="module")
-def program(stack: Stack) -> Program:
+def program(stack):
     return Program(stack, stack.token("guard tests"))
 
 
 @pytest.fixture
-def watch(stack: Stack) -> Iterator[SimWatch]:
+def watch(stack):
     """What the robot's wheels are told, seen on the robot itself, which is there and which nobody drives."""
     stack.wait_until_drivable(ROBOT)
     with SimWatch(stack, ROBOT) as watching:
@@ -39,10 +35,10 @@ def watch(stack: Stack) -> Iterator[SimWatch]:
 
 
 @asynccontextmanager
-async def driving(program: Program, watch: SimWatch) -> AsyncIterator[None]:
+async def driving(program, watch):
     """Drive ahead at 20 Hz inside the block, and connect again whenever that ends."""
 
-    async def drive_once() -> None:
+    async def drive_once():
         twist = {"linear": {"x": SPEED_M_S, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
         twist_message = {"op": "publish", "topic": "/cmd_vel", "msg": twist}
         async with program.connect(ROBOT) as socket:
@@ -57,7 +53,7 @@ async def driving(program: Program, watch: SimWatch) -> AsyncIterator[None]:
             finally:
                 reader.cancel()
 
-    async def keep_driving() -> None:
+    async def keep_driving():
         while True:
             with suppress(OSError, aiohttp.ClientError, AssertionError, RuntimeError, TypeError):
                 await drive_once()
@@ -72,12 +68,12 @@ async def driving(program: Program, watch: SimWatch) -> AsyncIterator[None]:
         await asyncio.gather(task, return_exceptions=True)
 
 
-async def _read(socket: aiohttp.ClientWebSocketResponse) -> None:
+async def _read(socket):
     async for _ in socket:
         pass
 
 
-async def command(watch: SimWatch, since: float, *, is_zero: bool) -> float:
+async def command(watch, since, *, is_zero):
     """Wait for a command after `since` that stands or moves; return when it came. How soon: make bench, stopping."""
     end = time.monotonic() + DRIVES_WITHIN_S
     while True:
@@ -88,7 +84,7 @@ async def command(watch: SimWatch, since: float, *, is_zero: bool) -> float:
         await asyncio.sleep(0.01)
 
 
-def send(stack: Stack, words: str, number: signal.Signals) -> float:
+def send(stack, words, number):
     found = processes.with_words(stack.container(ROBOT), words)
     assert found, f"{ROBOT} runs no {words}"
     # The agent has forked the others, which have its command.
@@ -97,9 +93,7 @@ def send(stack: Stack, words: str, number: signal.Signals) -> float:
 
 
 @pytest.mark.parametrize("process", [GUARD, AGENT])
-async def test_a_process_that_is_killed_stops_the_robot(
-    stack: Stack, program: Program, watch: SimWatch, process: str
-) -> None:
+async def test_a_process_that_is_killed_stops_the_robot(stack, program, watch, process):
     """The wheels get a zero, and the next driver need not help."""
     async with driving(program, watch):
         lost_at = await asyncio.to_thread(send, stack, process, signal.SIGKILL)

@@ -3,13 +3,10 @@
 The canvas is compared with the robot's own still: valid H.264 that is never painted gives no error.
 """
 
-from __future__ import annotations
-
 import base64
 import io
 import json
 import re
-from typing import Any
 
 import av
 import page_holds
@@ -17,9 +14,8 @@ import pytest
 from frame_stamp import READ_STAMP
 from pages import drive_live, open_drawer, wait_until
 from PIL import Image, ImageChops, ImageStat
-from playwright.sync_api import Locator, Page, WebSocket, expect
+from playwright.sync_api import expect
 from programs import Program
-from stack import Stack
 
 ROBOT, CAMERA = "sim1", "/camera/image_raw"
 # Number of coarse blocks across and down, and the part of the picture above the stamp.
@@ -29,16 +25,16 @@ MAX_DIFFERENCE = 12
 
 
 @pytest.fixture
-def statuses(page: Page) -> list[dict[str, Any]]:
+def statuses(page):
     """What the server reports of the cameras' sources to this page."""
-    collected: list[dict[str, Any]] = []
+    collected = []
 
-    def receive(payload: str | bytes) -> None:
+    def receive(payload):
         message = json.loads(payload) if isinstance(payload, str) else {}
         if message.get("op") == "status":
             collected.append(message)
 
-    def follow(socket: WebSocket) -> None:
+    def follow(socket):
         if "/video/frames" in socket.url:
             socket.on("framereceived", receive)
 
@@ -46,35 +42,33 @@ def statuses(page: Page) -> list[dict[str, Any]]:
     return collected
 
 
-def _tile(page: Page) -> Locator:
+def _tile(page):
     return page.locator(f"[data-testid=tile][data-topic='{CAMERA}']")
 
 
-def _blocks(image: Image.Image) -> Image.Image:
+def _blocks(image):
     width, height = image.size
     box = (0, 0, width, height * ABOVE_STAMP)
     return image.convert("RGB").resize(BLOCKS, Image.Resampling.BOX, box=box)
 
 
-def _canvas(page: Page) -> Image.Image:
+def _canvas(page):
     url = page.get_by_test_id("video").evaluate("canvas => canvas.toDataURL('image/png')")
     return _blocks(Image.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))))
 
 
-def _still(page: Page, stack: Stack) -> Image.Image:
+def _still(page, stack):
     path = f"/robots/{ROBOT}/video/robotether/snapshot?topic={CAMERA}&quality=100"
     answer = page.request.get(stack.url + path)
     assert answer.ok, answer.text()
     return _blocks(Image.open(io.BytesIO(answer.body())))
 
 
-def _difference(first: Image.Image, second: Image.Image) -> float:
+def _difference(first, second):
     return sum(ImageStat.Stat(ImageChops.difference(first, second)).mean) / 3
 
 
-def test_the_page_shows_h264_as_the_camera_sees_it(
-    page: Page, stack: Stack, statuses: list[dict[str, Any]]
-) -> None:
+def test_the_page_shows_h264_as_the_camera_sees_it(page, stack, statuses):
     """Canvas, still and stamp agree; details, list and seen age say what is shown."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
@@ -114,7 +108,7 @@ def test_the_page_shows_h264_as_the_camera_sees_it(
     expect(facts).to_contain_text("H.264")
 
 
-def test_a_player_shows_what_the_camera_sees(page: Page, stack: Stack) -> None:
+def test_a_player_shows_what_the_camera_sees(page, stack):
     """FFmpeg plays it with a ticket, also as a player that drops what it has probed."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)

@@ -1,25 +1,21 @@
 """What the image serves to a robot that installs itself, through nginx."""
 
-from __future__ import annotations
-
 import subprocess
 import urllib.request
-from pathlib import Path
 
 import pytest
 from local_network import insecure_tls
-from stack import Stack
 
 
-def fetch(stack: Stack, path: str) -> bytes:
+def fetch(stack, path):
     with urllib.request.urlopen(stack.url + path, timeout=10, context=insecure_tls()) as answer:
         return bytes(answer.read())
 
 
 @pytest.mark.parametrize(("architecture", "machine"), [("amd64", "x86_64"), ("arm64", "aarch64")])
 def test_package_has_the_same_agent_and_the_wheels_of_each_python(
-    stack: Stack, tmp_path: Path, architecture: str, machine: str
-) -> None:
+    stack, tmp_path, architecture, machine
+):
     """So that the install line, run after it, has nothing to fetch; tests/ansible/test_agent_deb.py installs it."""
     package = tmp_path / "agent.deb"
     package.write_bytes(fetch(stack, f"/agent.deb?arch={architecture}"))

@@ -3,10 +3,7 @@
 One page takes all sizes of a screen in turn, as a window does that is resized or a phone that is turned.
 """
 
-from __future__ import annotations
-
 import http.client
-from collections.abc import Iterator
 from contextlib import closing
 from itertools import product
 
@@ -24,9 +21,8 @@ from pages import (
     resize,
     take_control,
 )
-from playwright.sync_api import Browser, FloatRect, Page, expect
+from playwright.sync_api import expect
 from sim_service import frozen_cameras
-from stack import Stack
 
 ROBOT, OBSERVER = "sim1", "olga-of-the-layout"
 MOUSE = {"viewport": {"width": 1280, "height": 800}}
@@ -82,7 +78,7 @@ QUESTIONS = """() => {
 
 
 @pytest.fixture(scope="module", params=[MOUSE, TOUCH], ids=list(SIZES))
-def driven(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
+def driven(stack, browser, request):
     """The robot's page on each kind of screen, for all of these tests: it drives and shows the map."""
     stack.wait_until_drivable(ROBOT)
     context = browser.new_context(ignore_https_errors=True, **request.param)
@@ -94,19 +90,19 @@ def driven(stack: Stack, browser: Browser, request: pytest.FixtureRequest) -> It
     context.close()
 
 
-def _at_each_size(page: Page, request: pytest.FixtureRequest) -> Iterator[str]:
+def _at_each_size(page, request):
     for width, height in SIZES[request.node.callspec.id]:
         resize(page, width, height)
         yield f"at {width}x{height}"
 
 
-def _box(page: Page, name: str) -> FloatRect:
+def _box(page, name):
     box = page.get_by_test_id(name).bounding_box()
     assert box is not None, f"{name} is not to be seen"
     return box
 
 
-def _overlap(item: FloatRect, other: FloatRect) -> bool:
+def _overlap(item, other):
     return (
         item["x"] < other["x"] + other["width"]
         and other["x"] < item["x"] + item["width"]
@@ -115,7 +111,7 @@ def _overlap(item: FloatRect, other: FloatRect) -> bool:
     )
 
 
-def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str, list[FloatRect]]:
+def _places(page, request, state):
     """Where picture, stick and Stop are at each size, each whole, uncovered and as large as it should be."""
     places = {}
     for size in _at_each_size(page, request):
@@ -125,7 +121,6 @@ def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str,
         assert page.evaluate(HIDES_PICTURE) == [], where
         assert page.evaluate("document.scrollingElement.scrollHeight <= innerHeight"), where
         stage, screen = _box(page, "stage"), page.viewport_size
-        assert screen is not None
         share = stage["width"] * stage["height"] / (screen["width"] * screen["height"])
         least = PICTURE.get((screen["width"], screen["height"]))
         assert stage["width"] == screen["width"] if least is None else share >= least, where
@@ -136,8 +131,8 @@ def _places(page: Page, request: pytest.FixtureRequest, state: str) -> dict[str,
 
 
 def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
-    driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
-) -> None:
+    driven, stack, browser, request
+):
     """Driving, watching, asked, held, without a picture, stopped and offline: nothing covers, scrolls or moves them."""
     before = _places(driven, request, "driving")
     driven.get_by_test_id("control-leave").click()
@@ -181,9 +176,7 @@ def test_picture_stick_and_stop_are_whole_in_every_state_and_keep_their_place(
     take_control(driven)
 
 
-def test_who_may_not_drive_has_as_large_a_stop(
-    driven: Page, stack: Stack, browser: Browser, request: pytest.FixtureRequest
-) -> None:
+def test_who_may_not_drive_has_as_large_a_stop(driven, stack, browser, request):
     """The map is beside it; at 200 % and on a small phone both keep what they need, without room for the map."""
     with closing(PageUsers(stack, browser)) as people:
         people.let(OBSERVER, "observe", ROBOT)
@@ -211,9 +204,7 @@ def test_who_may_not_drive_has_as_large_a_stop(
             assert not _overlap(_box(page, "control"), _box(page, "stop"))
 
 
-def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
-    driven: Page, request: pytest.FixtureRequest
-) -> None:
+def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(driven, request):
     """Each, and where they fit both at once, which never comes; nothing else of the picture's lies over them."""
     expect(driven.get_by_test_id("battery")).to_contain_text("%")
     resize(driven, *SIZES[request.node.callspec.id][-1])
@@ -247,15 +238,12 @@ def test_a_question_covers_neither_stick_nor_stop_and_nothing_lies_over_it(
     driven.get_by_test_id("drawer-open").click()
 
 
-def _has_room_for_drawer(page: Page) -> bool:
+def _has_room_for_drawer(page):
     screen = page.viewport_size
-    assert screen is not None
     return screen["width"] >= 600  # else it lies over the whole picture
 
 
-def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
-    driven: Page, request: pytest.FixtureRequest
-) -> None:
+def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(driven, request):
     """Whole and uncovered there, as Stop is; the speed that was chosen is there after a reload, too."""
     left = [_box(driven, "joystick")["x"] for _ in _at_each_size(driven, request)]
     open_drawer(driven)
@@ -271,8 +259,8 @@ def test_the_stick_is_on_the_side_that_its_driver_chose_also_after_a_reload(
 
 @pytest.mark.parametrize("has_javascript", [False, True])
 def test_without_its_script_the_page_says_so_and_shows_no_dead_stop(
-    stack: Stack, page: Page, browser: Browser, has_javascript: bool
-) -> None:
+    stack, page, browser, has_javascript
+):
     """Nothing that would do nothing is there, also when the script did not arrive; the way back to the robots is."""
     state = page.context.storage_state()
     plain = browser.new_context(

@@ -3,17 +3,13 @@
 What a button says in which case are unit tests of robotButtons.js.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from contextlib import closing
 
 import pytest
 from page_users import PageUsers, release_all
 from pages import open_drawer
-from playwright.sync_api import Browser, Locator, Page, expect
-from stack import Stack
+from playwright.sync_api import expect
 
 ROBOT = "sim2"
 LIGHTS, SET_LIGHTS, DOCK = range(3)
@@ -27,7 +23,7 @@ ALLOWED = {"publish": ["/lights"], "call": ["/set_lights", "/dock"]}
 
 
 @pytest.fixture
-def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+def page_users(stack, browser):
     """Dora, who may drive a robot with buttons; nobody drives yet."""
     stack.wait_until_drivable(ROBOT)
     stack.admin.set_robot(ROBOT, {"policy.drive": ALLOWED, "buttons": BUTTONS})
@@ -42,11 +38,11 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
         stack.wait_for_changes(ROBOT)
 
 
-def _button(page: Page, place: int) -> Locator:
+def _button(page, place):
     return page.get_by_test_id(f"button-{place}")
 
 
-def test_buttons_publish_call_ask_and_work_for_drivers_alone(page_users: PageUsers) -> None:
+def test_buttons_publish_call_ask_and_work_for_drivers_alone(page_users):
     """The lights follow, as the diagnostics tell; a question takes a button's place; Space on a button is Stop."""
     dora = page_users.drive("dora", ROBOT)
     open_drawer(dora)

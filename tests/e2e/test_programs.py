@@ -1,25 +1,20 @@
 """A programmer's view: roslibpy and plain WebSockets with an API token, through wss."""
 
-from __future__ import annotations
-
 import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from programs import Program
 from sim_watch import SimWatch
-from stack import ROOT, Stack
+from stack import ROOT
 
 JPEG_START, JPEG_END = b"\xff\xd8", b"\xff\xd9"
 
 
 @pytest.fixture(scope="module")
-def token(stack: Stack) -> str:
+def token(stack):
     """An API token of the admin, who finds nobody else at the robots that these tests drive."""
     for robot in ("sim1", "sim2"):
         stack.wait_until_free(robot)
@@ -27,13 +22,11 @@ def token(stack: Stack) -> str:
 
 
 @pytest.fixture(scope="module")
-def program(stack: Stack, token: str) -> Program:
+def program(stack, token):
     return Program(stack, token)
 
 
-def run_tutorial(
-    stack: Stack, token: str, folder: Path, **environment: str
-) -> subprocess.CompletedProcess[str]:
+def run_tutorial(stack, token, folder, **environment):
     return subprocess.run(
         [sys.executable, str(ROOT / "docs" / "tutorial" / "roslibpy_client.py"), stack.url, "sim1", token],
         env={**os.environ, **environment}, cwd=folder,
@@ -42,7 +35,7 @@ def run_tutorial(
 
 
 @pytest.fixture(scope="module")
-def drivers_token(stack: Stack) -> Iterator[str]:
+def drivers_token(stack):
     """A token of a user with level drive on sim1, as README makes one."""
     stack.admin.add_user("programmer")
     stack.admin.grant("programmer", "sim1", "drive")
@@ -51,7 +44,7 @@ def drivers_token(stack: Stack) -> Iterator[str]:
     stack.admin.remove("users", "programmer")
 
 
-def test_tutorial_sends_its_token_over_https_alone() -> None:
+def test_tutorial_sends_its_token_over_https_alone():
     """Another address is answered by the usage, not by a traceback."""
     for address in ("localhost", "http://localhost"):
         command = [
@@ -65,9 +58,7 @@ def test_tutorial_sends_its_token_over_https_alone() -> None:
         assert (done.returncode, done.stderr.split(":")[0]) == (1, "usage")
 
 
-def test_tutorial_drives_with_level_drive_and_saves_a_frame(
-    stack: Stack, drivers_token: str, tmp_path: Path
-) -> None:
+def test_tutorial_drives_with_level_drive_and_saves_a_frame(stack, drivers_token, tmp_path):
     """The program says how far the robot came, and logs no error on the way."""
     with SimWatch(stack, "sim1") as watch:
         done = run_tutorial(stack, drivers_token, tmp_path, ROBOTETHER_INSECURE="1")
@@ -86,9 +77,7 @@ def test_tutorial_drives_with_level_drive_and_saves_a_frame(
     assert picture.endswith(JPEG_END)
 
 
-def test_tutorial_prints_why_it_is_refused(
-    stack: Stack, drivers_token: str, tmp_path: Path
-) -> None:
+def test_tutorial_prints_why_it_is_refused(stack, drivers_token, tmp_path):
     """A certificate that nobody signed and a robot that is stopped end the program with one sentence."""
     untrusted = run_tutorial(stack, drivers_token, tmp_path)
     assert untrusted.returncode == 1
@@ -103,8 +92,8 @@ def test_tutorial_prints_why_it_is_refused(
     assert "Traceback" not in untrusted.stderr + stopped.stderr
 
 
-def test_topics_and_services_answer_over_http(stack: Stack, program: Program) -> None:
-    def ask(method: str, path: str) -> Any:
+def test_topics_and_services_answer_over_http(stack, program):
+    def ask(method, path):
         path = f"/api/v1/robots/sim2/{path}"
         status, answer = stack.request(method, path, headers=program.headers)
         assert status == 200, answer
@@ -122,13 +111,13 @@ def test_topics_and_services_answer_over_http(stack: Stack, program: Program) ->
     assert (unknown["result"], bool(unknown["reason"])) == (False, True)
 
 
-def test_robot_asks_for_help_by_its_topic(stack: Stack, program: Program) -> None:
-    def ask(method: str, path: str) -> Any:
+def test_robot_asks_for_help_by_its_topic(stack, program):
+    def ask(method, path):
         status, answer = stack.request(method, f"/api/v1/{path}", headers=program.headers)
         assert status == 200, answer
         return answer
 
-    def requests() -> list[Any]:
+    def requests():
         found = ask("GET", "requests?robot=sim2")["requests"]
         return [request for request in found if request["source"] == "robot"]
 

@@ -1,18 +1,14 @@
 """A robot asks for help: three people in their browsers, of whom one passes it on, one drives, and one supervises."""
 
-from __future__ import annotations
-
 import re
-from collections.abc import Iterator
 from contextlib import closing
 
 import page_holds
 import pytest
 from page_users import PageUsers
 from pages import expect_armed, expect_mode
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim1"
 REASON = "stuck at <b>gate</b> 3"
@@ -20,7 +16,7 @@ NOTE = "pushed it <i>back</i>"
 
 
 @pytest.fixture
-def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+def page_users(stack, browser):
     """Quinn and Rosa, who may drive, and Sven, who manages; nobody has asked for anything."""
     stack.wait_until_drivable(ROBOT)
     with closing(PageUsers(stack, browser)) as people:
@@ -32,7 +28,7 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
         stack.admin.ask("POST", f"/requests/{request['id']}/cancel", {})
 
 
-def _be_available(people: PageUsers, name: str) -> Page:
+def _be_available(people, name):
     page = people.browse(name)
     page.goto(f"{people.stack.url}/queue")
     page.get_by_test_id("be-available").click()
@@ -40,28 +36,28 @@ def _be_available(people: PageUsers, name: str) -> Page:
     return page
 
 
-def _supervise(people: PageUsers) -> Page:
+def _supervise(people):
     page = people.browse("sven")
     page.goto(f"{people.stack.url}/queue/supervise")
     return page
 
 
-def _ask(stack: Stack) -> None:
+def _ask(stack):
     stack.admin.ask("POST", f"/robots/{ROBOT}/requests", {"reason": REASON, "priority": 1})
 
 
-def _expect_offer(page: Page) -> None:
+def _expect_offer(page):
     expect(page.get_by_test_id("offer-robot")).to_have_text(ROBOT)
     expect(page.get_by_test_id("offer-reason")).to_have_text(REASON)
     expect(page.get_by_test_id("offer-left")).to_have_text(re.compile(r"^\d+ s left$"))
 
 
-def _press(page: Page, test_id: str) -> None:
+def _press(page, test_id):
     """Press what takes no press in its first moment."""
     page.locator(f"[data-testid={test_id}]:not([aria-disabled])").click()
 
 
-def _drive_and_close(page: Page, stack: Stack) -> None:
+def _drive_and_close(page, stack):
     page.wait_for_url(f"**/robots/{ROBOT}")
     expect_mode(page, "drive")
     expect_armed(page)
@@ -78,9 +74,7 @@ def _drive_and_close(page: Page, stack: Stack) -> None:
     expect(page.get_by_test_id("queue-state")).to_contain_text("Wrap-up")
 
 
-def test_a_request_passes_from_one_operator_to_the_next_who_drives(
-    page_users: PageUsers, stack: Stack
-) -> None:
+def test_a_request_passes_from_one_operator_to_the_next_who_drives(page_users, stack):
     quinn, rosa = (_be_available(page_users, name) for name in ("quinn", "rosa"))
     expect(quinn.get_by_test_id("queue-state")).to_have_text("You are available. You are next.")
     expect(rosa.get_by_test_id("queue-state")).to_contain_text("1 operator is before you.")

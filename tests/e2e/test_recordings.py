@@ -1,25 +1,19 @@
 """Recordings of a simulated robot's drives: asked for by a driver, written by the service, downloaded by a manager."""
 
-from __future__ import annotations
-
 import time
 import urllib.request
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import page_holds
 import pytest
 from local_network import insecure_tls
 from mcap.reader import make_reader
 from pages import drive_live, open_drawer
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from program_driver import ProgramDriver
 from programs import Program
 from robotether_server.lerobot.export import ExportOptions, export
 from rosbags.highlevel import AnyReader
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim1"
 WANTED = {
@@ -39,15 +33,15 @@ PIXELS = """(canvas) => {
 class People:
     """Programs of rhea, who drives sim1, and mark, who manages it."""
 
-    def __init__(self, stack: Stack) -> None:
+    def __init__(self, stack):
         self._stack = stack
         self._tokens = {name: stack.token("recordings", name) for name in ("rhea", "mark")}
 
-    def ask(self, name: str, method: str, path: str) -> tuple[int, Any]:
+    def ask(self, name, method, path):
         bearer = {"Authorization": f"Bearer {self._tokens[name]}"}
         return self._stack.request(method, f"/api/v1{path}", headers=bearer)
 
-    def file(self, name: str, number: int, piece: str = "") -> tuple[int, bytes]:
+    def file(self, name, number, piece=""):
         headers = {"Authorization": f"Bearer {self._tokens[name]}"}
         if piece:
             headers["Range"] = f"bytes={piece}"
@@ -57,10 +51,10 @@ class People:
         with urllib.request.urlopen(request, context=insecure_tls(), timeout=30) as answer:
             return answer.status, answer.read()
 
-    def state(self, number: int) -> str:
+    def state(self, number):
         return str(self.ask("rhea", "GET", f"/recordings/{number}")[1]["state"])
 
-    def start(self) -> int:
+    def start(self):
         status, recording = self.ask("rhea", "POST", f"/robots/{ROBOT}/recordings")
         assert status == 201, recording
         number = int(recording["id"])
@@ -69,7 +63,7 @@ class People:
 
 
 @pytest.fixture
-def people(stack: Stack) -> Iterator[People]:
+def people(stack):
     stack.wait_until_drivable(ROBOT)
     levels = {"rhea": "drive", "mark": "manage"}
     try:
@@ -83,9 +77,7 @@ def people(stack: Stack) -> Iterator[People]:
             stack.admin.remove("users", name)
 
 
-def test_a_drive_is_recorded_played_back_and_read_by_rosbags(
-    page: Page, stack: Stack, people: People, tmp_path: Path
-) -> None:
+def test_a_drive_is_recorded_played_back_and_read_by_rosbags(page, stack, people, tmp_path):
     """The page records and replays by keyboard; a driver gets no file, of which training data can be made."""
     number = _record(page, stack, people)
     _replay(page, stack, number)
@@ -112,7 +104,7 @@ def test_a_drive_is_recorded_played_back_and_read_by_rosbags(
     )
 
 
-def _record(page: Page, stack: Stack, people: People) -> int:
+def _record(page, stack, people):
     drive_live(page, stack, ROBOT)
     open_drawer(page)
     record = page.get_by_test_id("record")
@@ -137,14 +129,14 @@ def _record(page: Page, stack: Stack, people: People) -> int:
     return number
 
 
-def _drive_on(page: Page, watch: SimWatch) -> None:
+def _drive_on(page, watch):
     """Drive for longer than the shortest episode of a dataset, without a pause."""
     watch.wait_pose("moving", lambda pose: pose["linear_velocity"] > 0)
     page.wait_for_timeout(3000)
     assert not page_holds.had_to_let_go(page)
 
 
-def _replay(page: Page, stack: Stack, number: int) -> None:
+def _replay(page, stack, number):
     page.goto(f"{stack.url}/recordings/{number}")
     video, root = page.get_by_test_id("replay-video"), page.get_by_test_id("replay")
     expect(page.get_by_test_id("clock")).to_contain_text("0:00 of")
@@ -166,7 +158,7 @@ def _replay(page: Page, stack: Stack, number: int) -> None:
     expect(page.get_by_test_id("replay-words")).to_be_empty()
 
 
-def _expect_drive(file: Path) -> None:
+def _expect_drive(file):
     """Expect a whole file in which the admin's commands were sent, with what was seen."""
     with file.open("rb") as opened:
         summary = make_reader(opened, validate_crcs=True).get_summary()
@@ -186,9 +178,7 @@ def _expect_drive(file: Path) -> None:
     assert any(command.seen_frames.size for command in moving)
 
 
-def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
-    stack: Stack, people: People, tmp_path: Path
-) -> None:
+def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(stack, people, tmp_path):
     """Its file is whole when the recorder is back, and the drive does not notice."""
     number = people.start()
     ticket = Program(stack, stack.token("driver of a recording")).ticket(ROBOT)
@@ -207,7 +197,7 @@ def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(
         assert killed_s - bag.end_time / 1e9 < 1
 
 
-def test_nobody_else_reaches_the_recorders_channel(stack: Stack) -> None:
+def test_nobody_else_reaches_the_recorders_channel(stack):
     """It opens neither through nginx, nor inside with a user's ticket."""
     token = stack.token("channel")
     bearer = {"Authorization": f"Bearer {token}"}

@@ -1,33 +1,29 @@
 """Whatever is cut comes back by itself, and what need not notice does not."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import time
-from collections.abc import Iterator
 from contextlib import suppress
 from http.client import HTTPException
 from socket import create_connection
 
 import pytest
-from docker.models.containers import Container
 from inside import run_inside
 from programs import Program, drive_on, echo, open_echo
-from stack import Stack, wait_until_back
+from stack import wait_until_back
 
 # The robot that gets a new key.
 RENEWED = "sim3"
 
 
 @pytest.fixture(scope="module")
-def program(stack: Stack) -> Iterator[Program]:
+def program(stack):
     """A program with an API token of the admin; afterwards all robots are back for the tests that follow."""
     yield Program(stack, stack.token("recovery"))
     wait_until_back(stack, "sim1", "sim2", "sim3")
 
 
-def _wait_restarted(stack: Stack, service: str, before: Container, seconds: float = 30) -> None:
+def _wait_restarted(stack, service, before, seconds=30):
     count = before.attrs["RestartCount"]
     stack.wait(
         f"{service} restarted",
@@ -37,7 +33,7 @@ def _wait_restarted(stack: Stack, service: str, before: Container, seconds: floa
     )
 
 
-async def _drivable(program: Program, robot: str) -> bool:
+async def _drivable(program, robot):
     try:
         async with asyncio.timeout(5), program.connect(robot) as socket:
             await open_echo(socket)
@@ -50,7 +46,7 @@ async def _drivable(program: Program, robot: str) -> bool:
         raise
 
 
-async def _wait_drivable(program: Program, robot: str, seconds: float = 40) -> float:
+async def _wait_drivable(program, robot, seconds=40):
     started = time.monotonic()
     while not await _drivable(program, robot):
         if time.monotonic() - started > seconds:
@@ -60,7 +56,7 @@ async def _wait_drivable(program: Program, robot: str, seconds: float = 40) -> f
     return time.monotonic() - started
 
 
-async def test_services_that_are_killed_come_back(program: Program, stack: Stack) -> None:
+async def test_services_that_are_killed_come_back(program, stack):
     killed = {service: stack.container(service) for service in ("relay", "sshd", "nginx", "web")}
     for container in killed.values():
         # A kill by the engine counts as a stop that was wanted; the process must die by itself to be restarted.
@@ -73,11 +69,11 @@ async def test_services_that_are_killed_come_back(program: Program, stack: Stack
         await _wait_drivable(program, robot)
 
 
-def _signal_all(container: Container, name: str) -> None:
+def _signal_all(container, name):
     run_inside(container, "bash", "-c", f"kill -{name} -1")
 
 
-async def test_health_says_from_outside_what_hangs(program: Program, stack: Stack) -> None:
+async def test_health_says_from_outside_what_hangs(program, stack):
     """Nothing is ended yet: a stopped relay and database go on, and the robot is drivable again."""
     for service in ("relay", "mysql"):
         container = stack.container(service)
@@ -93,17 +89,17 @@ async def test_health_says_from_outside_what_hangs(program: Program, stack: Stac
     await _wait_drivable(program, "sim1")
 
 
-async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) -> None:
+async def test_a_new_key_does_not_end_the_drive(program, stack):
     """A robot makes itself a new key on request while it is driven; restarted, it comes in with that key."""
 
-    def fingerprint() -> str:
+    def fingerprint():
         return str(stack.admin.ask("GET", f"/robots/{RENEWED}")["fingerprint"])
 
-    def shown_by_robot() -> str:
+    def shown_by_robot():
         status = stack.exec(RENEWED, "cat", "/run/robotether-agent/status.json")
         return str(json.loads(status)["fingerprint"])
 
-    def wait_renewed() -> None:
+    def wait_renewed():
         stack.wait("a new key", lambda: fingerprint() != before, RENEWED)
 
     await _wait_drivable(program, RENEWED)
@@ -122,16 +118,16 @@ async def test_a_new_key_does_not_end_the_drive(program: Program, stack: Stack) 
     await _wait_drivable(program, RENEWED)
 
 
-async def test_log_ins_through_443_come_back(stack: Stack) -> None:
+async def test_log_ins_through_443_come_back(stack):
     """The killed master of sshd's nginx leaves no worker that keeps its port from the next one, or carries robots."""
 
-    def master() -> str:
+    def master():
         return stack.exec("sshd", "cat", "/run/robotether/proxy-protocol/nginx.pid").strip()
 
     killed = await asyncio.to_thread(master)
     await asyncio.to_thread(stack.exec, "sshd", "kill", "-KILL", killed)
 
-    def answers() -> bool:
+    def answers():
         # The old worker answers, too, until it is ended.
         if master() in {"", killed}:
             return False
@@ -145,7 +141,7 @@ async def test_log_ins_through_443_come_back(stack: Stack) -> None:
 
 
 @pytest.mark.release
-async def test_services_that_hang_come_back(program: Program, stack: Stack) -> None:
+async def test_services_that_hang_come_back(program, stack):
     hung = {service: stack.container(service) for service in ("relay", "web", "nginx", "mysql")}
     for container in hung.values():
         await asyncio.to_thread(_signal_all, container, "STOP")
@@ -156,9 +152,7 @@ async def test_services_that_hang_come_back(program: Program, stack: Stack) -> N
         await _wait_drivable(program, robot)
 
 
-async def test_driving_goes_on_and_begins_without_the_database(
-    program: Program, stack: Stack
-) -> None:
+async def test_driving_goes_on_and_begins_without_the_database(program, stack):
     """Who drives, or drove shortly before, does not notice; the records outlive a relay that is killed."""
     mysql, relay = stack.container("mysql"), stack.container("relay")
     await _wait_drivable(program, "sim1")

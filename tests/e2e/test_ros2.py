@@ -1,31 +1,26 @@
 """A robot with a real ROS 2 graph: rclpy's nodes behind a rosbridge that is not ours."""
 
-from __future__ import annotations
-
 import asyncio
 import json
 import re
-from collections.abc import Coroutine, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import aiohttp
 import page_holds
 import pytest
-from docker.models.containers import Container
 from image_names import ensure_built, image
 from map_pixels import SCAN, wait_pixels
 from pages import drive_live
-from playwright.sync_api import Page, expect
+from playwright.sync_api import expect
 from programs import Program, echo, open_echo
-from stack import Stack
 
 ROBOT = "ros2"
 
 
 @contextmanager
-def ros2_robot(server: Stack) -> Iterator[Container]:
+def ros2_robot(server):
     """Run it as the service ROBOT of the stack's project; it may not have joined yet."""
     ensure_built("ros2_robot")
     host = f"cloud:{server.https_port}"
@@ -58,7 +53,7 @@ def ros2_robot(server: Stack) -> Iterator[Container]:
         server.robotether("robot", "remove", ROBOT, "--yes")
 
 
-def _option(line: str, name: str) -> str:
+def _option(line, name):
     found = re.search(rf"--{name} (\S+)", line)
     assert found is not None, line
     return found[1]
@@ -72,7 +67,7 @@ Result = TypeVar("Result")
 
 
 @pytest.fixture(scope="module", autouse=True)
-def robot(stack: Stack) -> Iterator[None]:
+def robot(stack):
     """The robot, driven by nobody."""
     if stack.engine.version()["Arch"] != "amd64":
         pytest.skip("there are wheels of ROS 2 for amd64 alone")
@@ -85,27 +80,27 @@ def robot(stack: Stack) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def program(stack: Stack) -> Program:
+def program(stack):
     return Program(stack, stack.token("ros2"))
 
 
-def run(work: Coroutine[Any, Any, Result]) -> Result:
+def run(work):
     """Run it in a thread of its own, as Playwright keeps a loop running in this one."""
     with ThreadPoolExecutor(1) as pool:
         return pool.submit(asyncio.run, work).result()
 
 
-async def first(socket: aiohttp.ClientWebSocketResponse, **wanted: Any) -> dict[str, Any]:
+async def first(socket, **wanted):
     """The first message with these values; others pass."""
     async with asyncio.timeout(ANSWER_S):
         async for frame in socket:
-            message: dict[str, Any] = json.loads(frame.data)
+            message = json.loads(frame.data)
             if wanted.items() <= message.items():
                 return message
     raise AssertionError(f"closed with {socket.close_code} before {wanted}")
 
 
-def test_page_drives_it_and_shows_its_sensors(page: Page, stack: Stack) -> None:
+def test_page_drives_it_and_shows_its_sensors(page, stack):
     """Camera, scan and battery come from its graph; while W is held its odometry says that it drives."""
     drive_live(page, stack, ROBOT)
     camera = page.locator("[data-testid=tile][data-topic='/camera/image_raw']")
@@ -126,10 +121,10 @@ def test_page_drives_it_and_shows_its_sensors(page: Page, stack: Stack) -> None:
     expect(page.get_by_test_id("battery")).to_contain_text("50 %", timeout=40_000)
 
 
-def test_slow_service_delays_no_command(program: Program) -> None:
+def test_slow_service_delays_no_command(program):
     """A calibration answers once the robot has moved, by commands of the connection that waits for the answer."""
 
-    async def calibrate() -> dict[str, Any]:
+    async def calibrate():
         async with program.connect(ROBOT) as socket:
             await socket.send_json({"op": "subscribe", "topic": "/odom"})
             await socket.send_json(
@@ -147,7 +142,7 @@ def test_slow_service_delays_no_command(program: Program) -> None:
     assert answer["values"] == {"success": True, "message": "calibrated"}
 
 
-def test_goal_is_cancelled_while_it_runs(program: Program) -> None:
+def test_goal_is_cancelled_while_it_runs(program):
     """Feedback comes, a cancel ends the goal, and its result says so."""
     goal = {
         "op": "send_action_goal",
@@ -158,7 +153,7 @@ def test_goal_is_cancelled_while_it_runs(program: Program) -> None:
         "feedback": True,
     }
 
-    async def count() -> dict[str, Any]:
+    async def count():
         async with program.connect(ROBOT) as socket:
             await socket.send_json(goal)
             feedback = await first(socket, op="action_feedback", id="count")
@@ -170,11 +165,11 @@ def test_goal_is_cancelled_while_it_runs(program: Program) -> None:
     assert 2 < len(result["values"]["sequence"]) < ENDLESS
 
 
-def test_messages_pass_unchanged(program: Program) -> None:
+def test_messages_pass_unchanged(program):
     """Text with any characters comes back as it was sent, and CBOR as binary frames."""
     text = 'quotes " and \\ and é and 日本 and \u2028' + "x" * 100_000
 
-    async def talk() -> tuple[str, aiohttp.WSMessage]:
+    async def talk():
         async with program.connect(ROBOT) as socket:
             await open_echo(socket)
             echoed = await echo(socket, text)

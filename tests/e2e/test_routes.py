@@ -1,20 +1,15 @@
 """Routes on the whole stack, drawn on the page: sim2 follows sim1, or an app, until something ends that."""
 
-from __future__ import annotations
-
 import re
 import time
-from collections.abc import Iterator
 from contextlib import closing
-from typing import Any
 
 import page_holds
 import pytest
 from page_users import PageUsers, release_all
 from pages import expect_armed
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOTS = ["sim1", "sim2"]
 # A web app in a page with its user's login: it stands still until it is to turn on the spot, and keeps what it gets.
@@ -32,7 +27,7 @@ APP = """async () => {
 
 
 @pytest.fixture(scope="module")
-def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+def page_users(stack, browser):
     """Mia, who manages sim1 and sim2."""
     with closing(PageUsers(stack, browser)) as people:
         for robot in ROBOTS:
@@ -42,7 +37,7 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
 
 
 @pytest.fixture(autouse=True)
-def _no_routes(stack: Stack) -> Iterator[None]:
+def _no_routes(stack):
     """Both robots are free, before and afterwards."""
     for robot in ROBOTS:
         stack.wait_until_drivable(robot)
@@ -53,7 +48,7 @@ def _no_routes(stack: Stack) -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def page(page_users: PageUsers) -> Page:
+def page(page_users):
     """Mia's page of routes, with the topics of both robots."""
     page = page_users.browse("mia")
     page.goto(f"{page_users.stack.url}/routes")
@@ -63,11 +58,11 @@ def page(page_users: PageUsers) -> Page:
     return page
 
 
-def _topic(page: Page, side: str, robot: str, name: str = "/cmd_vel") -> Locator:
+def _topic(page, side, robot, name="/cmd_vel"):
     return page.locator(f'[data-side="{side}"] [data-of="{robot}"][data-topic="{name}"]')
 
 
-def _drag(page: Page, start: Locator, end: Locator) -> None:
+def _drag(page, start, end):
     start.scroll_into_view_if_needed()
     start.hover()
     page.mouse.down()
@@ -76,17 +71,15 @@ def _drag(page: Page, start: Locator, end: Locator) -> None:
     page.mouse.up()
 
 
-def _state(page: Page) -> Locator:
+def _state(page):
     return page.get_by_test_id("routes").locator('[data-part="state"]').first
 
 
-def _driver(stack: Stack) -> Any:
+def _driver(stack):
     return stack.admin.ask("GET", "/robots/sim2/control")["driver"]
 
 
-def test_sim2_follows_sim1_until_somebody_stops_it(
-    page: Page, page_users: PageUsers, stack: Stack
-) -> None:
+def test_sim2_follows_sim1_until_somebody_stops_it(page, page_users, stack):
     """A line that is dragged from topic to topic drives sim2, under the lease of its maker's route."""
     _drag(page, _topic(page, "source", "sim1"), _topic(page, "target", "sim2"))
     expect(_state(page)).to_have_text(re.compile(r"Runs, "))
@@ -110,7 +103,7 @@ def test_sim2_follows_sim1_until_somebody_stops_it(
     ]
 
 
-def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page: Page, stack: Stack) -> None:
+def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page, stack):
     """Within 2 s, though the right comes back at once."""
     _topic(page, "source", "sim1").focus()
     page.keyboard.press("Enter")
@@ -129,9 +122,7 @@ def test_a_route_by_keyboard_ends_with_the_right_of_its_maker(page: Page, stack:
     assert _driver(stack) is None
 
 
-def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(
-    page: Page, stack: Stack
-) -> None:
+def test_an_app_drives_sim2_and_gets_its_odometry_while_it_is_connected(page, stack):
     """It comes into both columns by itself; without it sim2 stands, and is free."""
     app = page.context.new_page()
     app.goto(f"{stack.url}/")

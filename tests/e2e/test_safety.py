@@ -3,32 +3,29 @@
 Which state comes before which, and its words, are unit tests of controlPanel.js.
 """
 
-from __future__ import annotations
-
 import re
 import time
 
 import page_holds
 from page_users import PageUsers
 from pages import drive_live, expect_armed, log_in
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 from sim_service import frozen_cameras
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim1"
 ZERO = {"linear": {"x": 0, "y": 0, "z": 0}, "angular": {"x": 0, "y": 0, "z": 0}}
 FRONT = "[data-testid=tile][data-topic='/camera/image_raw']"
 
 
-def _expect_shown(page: Page, name: str, words: str, seconds: float = 10) -> None:
+def _expect_shown(page, name, words, seconds=10):
     """Wait for a state of the banner, and for what it says."""
     state = page.get_by_test_id("state")
     expect(state).to_have_attribute("data-shown", name, timeout=seconds * 1000)
     expect(state).to_contain_text(words)
 
 
-def _assert_still(page: Page, watch: SimWatch) -> None:
+def _assert_still(page, watch):
     """A key that is still down repeats, and nothing but zero comes to the wheels."""
     since = time.monotonic()
     page.keyboard.down("w")
@@ -36,7 +33,7 @@ def _assert_still(page: Page, watch: SimWatch) -> None:
     assert [seen.msg for seen in watch.commands(since) if seen.msg != ZERO] == []
 
 
-def _press_drive_without_video(page: Page) -> None:
+def _press_drive_without_video(page):
     """A late frame may end the pause once more, and a button that comes back takes no press at first."""
     old = re.compile(r"^([2-9]|[1-9]\d)\d{3} ms$")
     expect(page.get_by_test_id("picture-age")).to_have_text(old)
@@ -45,9 +42,7 @@ def _press_drive_without_video(page: Page) -> None:
     action.press("Enter")
 
 
-def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(
-    page: Page, stack: Stack, browser: Browser
-) -> None:
+def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(page, stack, browser):
     """It is grey with its age, a warning in the diagnostics, and holds nobody who watches."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
@@ -95,7 +90,7 @@ def test_a_frozen_video_holds_driving_until_pressed_anew_or_allowed(
         page_users.close()
 
 
-def test_who_is_logged_out_reads_that_and_nothing_else(page: Page, stack: Stack) -> None:
+def test_who_is_logged_out_reads_that_and_nothing_else(page, stack):
     """No page goes on saying that it drives, or that the server does not answer."""
     # A login of this page's own: the others go on.
     page.context.clear_cookies()

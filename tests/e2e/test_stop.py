@@ -4,27 +4,23 @@ What a page says of a stop in which state, its two ways to the server and how lo
 stopping.js and stopBar.js; which stop a release ends is a rule of the relay.
 """
 
-from __future__ import annotations
-
 import re
 import time
-from collections.abc import Iterator
 from contextlib import closing
 
 import page_holds
 import pytest
 from page_users import PageUsers, release_all
 from pages import expect_armed, expect_mode
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import expect
 from sim_watch import SimWatch
-from stack import Stack
 
 ROBOT = "sim1"
 SIMS = ("sim1", "sim2", "sim3")
 
 
 @pytest.fixture
-def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
+def page_users(stack, browser):
     """Ann, who may drive, and Olga, who may watch; nobody drives yet, and afterwards no robot is stopped."""
     for robot in SIMS:
         stack.wait_until_drivable(robot)
@@ -37,7 +33,7 @@ def page_users(stack: Stack, browser: Browser) -> Iterator[PageUsers]:
         release_all(stack, list(SIMS))
 
 
-def _expect_stopped(page: Page, by: str) -> None:
+def _expect_stopped(page, by):
     bar = page.get_by_test_id("stop-bar")
     expect(bar).to_have_attribute("data-stop", "stopped")
     expect(page.get_by_test_id("stop-text")).to_have_text(
@@ -45,9 +41,7 @@ def _expect_stopped(page: Page, by: str) -> None:
     )
 
 
-def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release(
-    page_users: PageUsers, stack: Stack
-) -> None:
+def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release(page_users, stack):
     """An observer presses; what is held drives no more; the driver's release gives the control back to her."""
     ann, olga = page_users.drive("ann", ROBOT), page_users.open("olga", ROBOT)
     with SimWatch(stack, ROBOT) as watch:
@@ -79,7 +73,7 @@ def test_a_stop_reaches_driver_and_robot_outlives_the_page_and_ends_by_a_release
     expect_mode(ann, "observe")
 
 
-def test_robots_are_stopped_on_the_fleet_page(page_users: PageUsers, stack: Stack) -> None:
+def test_robots_are_stopped_on_the_fleet_page(page_users, stack):
     """Everybody stops one by its card; a manager stops those of a site or all, and reads what became of each."""
     olga = page_users.open_fleet("olga")
     card = olga.get_by_test_id(f"robot-card-{ROBOT}")

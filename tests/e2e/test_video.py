@@ -4,8 +4,6 @@ The simulated robot has two cameras, one in front and one above, and a moment dr
 read from the page's own canvases.
 """
 
-from __future__ import annotations
-
 import re
 from statistics import median
 
@@ -19,16 +17,15 @@ from pages import (
     hide,
     wait_until,
 )
-from playwright.sync_api import Locator, Page, WebSocket, expect
+from playwright.sync_api import expect
 from sim_service import call_sim
-from stack import Stack
 
 ROBOT = "sim1"
 FRONT, REAR, MAP = "/camera/image_raw", "/rear/image_raw", "map:"
 
 
 @pytest.fixture
-def robot(page: Page, stack: Stack) -> Page:
+def robot(page, stack):
     """The robot's page, which drives, with all that it can show found."""
     stack.wait_until_drivable(ROBOT)
     drive_live(page, stack, ROBOT)
@@ -37,26 +34,26 @@ def robot(page: Page, stack: Stack) -> Page:
     return page
 
 
-def _tile(page: Page, topic: str) -> Locator:
+def _tile(page, topic):
     if topic == MAP:
         return page.get_by_test_id("map-tile")
     return page.locator(f"[data-testid=tile][data-topic='{topic}']")
 
 
-def _view(page: Page, source: str) -> Locator:
+def _view(page, source):
     """The button that makes it the main one."""
     return page.get_by_test_id(f"view-{[FRONT, REAR, MAP].index(source) + 1}")
 
 
-def _expect_picture(tile: Locator, state: str, seconds: float = 10) -> None:
+def _expect_picture(tile, state, seconds=10):
     expect(tile).to_have_attribute("data-frame", state, timeout=seconds * 1000)
 
 
-def _expect_main(page: Page, topic: str) -> None:
+def _expect_main(page, topic):
     expect(_tile(page, topic)).to_have_attribute("data-main", "true")
 
 
-def _wait_size(canvas: Locator, width: int, height: int) -> None:
+def _wait_size(canvas, width, height):
     """Wait for a picture of this size: a busy robot makes them smaller for a while."""
     canvas.page.wait_for_function(
         "([canvas, width, height]) => canvas.width === width && canvas.height === height",
@@ -65,7 +62,7 @@ def _wait_size(canvas: Locator, width: int, height: int) -> None:
     )
 
 
-def test_the_picture_says_how_old_it_is(robot: Page) -> None:
+def test_the_picture_says_how_old_it_is(robot):
     """The age is that of the stamp in the picture, the rate the camera's; the parts of the round trip are told."""
     facts = _tile(robot, FRONT).get_by_test_id("tile-facts")
     expect(facts).to_contain_text(re.compile("640.480"))
@@ -86,9 +83,9 @@ def test_the_picture_says_how_old_it_is(robot: Page) -> None:
     assert median(abs(age - real) for age, real in looks) < 500
 
 
-def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> None:
+def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot):
     """The page requests a small picture beside the main one; a choice of the map leaves one to drive by."""
-    sockets: list[WebSocket] = []
+    sockets = []
     robot.on("websocket", lambda item: "/video/frames" in item.url and sockets.append(item))
     robot.reload()
     _expect_picture(_tile(robot, FRONT), "live")
@@ -121,11 +118,11 @@ def test_views_are_swapped_and_only_what_is_shown_has_a_stream(robot: Page) -> N
     wait_until(robot, "closed all", lambda: all(_are_closed(sockets)))
 
 
-def _are_closed(sockets: list[WebSocket]) -> list[bool]:
+def _are_closed(sockets):
     return [socket.is_closed() for socket in sockets]
 
 
-def test_the_map_shows_walls_and_scan(robot: Page, stack: Stack) -> None:
+def test_the_map_shows_walls_and_scan(robot, stack):
     """The map's tile draws the map and the scan; what is switched off stays away."""
     # Not at a wall, to which another test may have driven it; and on a page that does not see it jump from there.
     call_sim(stack, ROBOT, "/reset")
@@ -143,11 +140,11 @@ def test_the_map_shows_walls_and_scan(robot: Page, stack: Stack) -> None:
     _expect_scan_on_walls(robot)
 
 
-def _expect_scan_on_walls(page: Page) -> None:
+def _expect_scan_on_walls(page):
     """The scan of a turned laser off the middle lies on what the map has, within four pixels: a quarter of a metre."""
     canvas = page.get_by_test_id("video")
     shown = {"scan": SCAN, "map": WALL}
-    pixels: dict[str, set[tuple[int, int]]] = {}
+    pixels = {}
     for part, colour in shown.items():
         page.get_by_test_id(f"map-{part}").check()
         wait_pixels(canvas, colour, 50)

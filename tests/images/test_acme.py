@@ -1,23 +1,18 @@
 """Certificates: self-signed at first, from a real ACME authority when there is a domain, the admin's own above all."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal
 import socket
 import ssl
-from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
-from typing import Self
 
 import processes
 import pytest
 from commands import output_of_command
-from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
@@ -32,12 +27,12 @@ AUTHORITY = "authority"
 class AcmeNetwork:
     """nginx, acme and a real authority (pebble), which asks nginx's port 8081: without root there is no port 80."""
 
-    def __init__(self, folder: Path, *, validity_s: int = 3600) -> None:
+    def __init__(self, folder, *, validity_s=3600):
         self._running = ExitStack()
         self._folder = folder
         self._validity_s = validity_s
 
-    def __enter__(self) -> Self:
+    def __enter__(self):
         _build_images()
         self._containers = Containers(self._running)
         self._network = self._containers.network()
@@ -47,20 +42,20 @@ class AcmeNetwork:
         (self._folder / "own").mkdir()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._running.close()
 
     @property
-    def own(self) -> Path:
+    def own(self):
         """The folder in which nginx looks for the admin's own certificate."""
         return self._folder / "own"
 
-    def folder(self, name: str) -> Path:
+    def folder(self, name):
         made = self._folder / name
         made.mkdir(exist_ok=True)
         return made
 
-    def start_nginx(self) -> Container:
+    def start_nginx(self):
         return self._run(
             "nginx",
             DOMAIN,
@@ -72,7 +67,7 @@ class AcmeNetwork:
             },
         )
 
-    def start_acme(self, domain: str = DOMAIN) -> Container:
+    def start_acme(self, domain=DOMAIN):
         return self._run(
             "acme",
             environment={
@@ -92,7 +87,7 @@ class AcmeNetwork:
             tmpfs={"/tmp": ""},
         )
 
-    def revoke(self, acme: Container) -> None:
+    def revoke(self, acme):
         settings = dict(entry.split("=", 1) for entry in acme.attrs["Config"]["Env"])
         command = ["lego", "--email", settings["ACME_EMAIL"], "--server", settings["ACME_SERVER"]]
         command += ["--domains", settings["DOMAIN"], "--path", "/var/lib/acme", "revoke", "--keep"]
@@ -101,7 +96,7 @@ class AcmeNetwork:
         )
         assert done.returncode == 0, done.stderr
 
-    def start_authority(self) -> None:
+    def start_authority(self):
         container = self._run(
             "pebble",
             AUTHORITY,
@@ -109,7 +104,7 @@ class AcmeNetwork:
         )
         self.wait("pebble listens", lambda: b"Listening on" in container.logs(), container)
 
-    def served(self, nginx: Container) -> tuple[str, dict[str, str]]:
+    def served(self, nginx):
         """The issuer of the certificate that serves, and the headers of an answer of nginx's own."""
         with (
             socket.create_connection((address_in(self._network, nginx), 8443), timeout=5) as plain,
@@ -120,24 +115,21 @@ class AcmeNetwork:
         ):
             secure.do_handshake()
             der = secure.getpeercert(binary_form=True)
-            assert der is not None
             request = f"GET /api/v1/robots HTTP/1.1\r\nHost: {DOMAIN}\r\nConnection: close\r\n\r\n"
             secure.sendall(request.encode())
             head = secure.recv(4096).decode().split("\r\n\r\n")[0].splitlines()
         headers = dict(line.lower().split(": ", 1) for line in head[1:])
         return issuer_of(ssl.DER_cert_to_PEM_cert(der)), headers
 
-    def wait_served(
-        self, nginx: Container, issuer: str, *containers: Container, seconds: float = 30
-    ) -> dict[str, str]:
+    def wait_served(self, nginx, issuer, *containers, seconds=30):
         """Wait until a certificate of this issuer serves, and return the headers of that very answer.
 
         The issuer may have wildcards, as in the shell.
         While nginx changes its certificate, the one before may serve once more, and a connection may be cut.
         """
-        headers: dict[str, str] = {}
+        headers = {}
 
-        def serves() -> bool:
+        def serves():
             try:
                 found, served_headers = self.served(nginx)
             except OSError:
@@ -149,20 +141,18 @@ class AcmeNetwork:
         self.wait(f"{issuer}'s certificate", serves, nginx, *containers, seconds=seconds)
         return headers
 
-    def wait(
-        self, what: str, condition: Callable[[], bool], *containers: Container, seconds: float = 30
-    ) -> None:
-        def report() -> str:
+    def wait(self, what, condition, *containers, seconds=30):
+        def report():
             logs = (each.logs(tail=30, timestamps=True).decode() for each in containers)
             return "\n".join([what, *logs])
 
         wait_until(condition, report, seconds, every_s=0.2)
 
-    def _run(self, built: str, *aliases: str, **options: object) -> Container:
+    def _run(self, built, *aliases, **options):
         locked = {"cap_drop": ["ALL"], "read_only": True}
         return self._containers.start(self._network, image(built), *aliases, **locked, **options)
 
-    def _write_authority(self) -> None:
+    def _write_authority(self):
         place = self._folder / "pebble"
         place.mkdir()
         make_certificate(place, AUTHORITY)
@@ -181,13 +171,13 @@ class AcmeNetwork:
 
 
 @cache
-def _build_images() -> None:
+def _build_images():
     ensure_built("nginx", "acme")
     # No site runs it.
     output_of_command(ROOT / "tools" / "build", "pebble", limit_s=900)
 
 
-def make_certificate(folder: Path, name: str, *more: str) -> None:
+def make_certificate(folder, name, *more):
     """Write cert.pem and key.pem for host names, signed by itself, readable by everybody."""
     command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
     command += ["-nodes", "-days", "2", "-subj", f"/CN={name}"]
@@ -197,7 +187,7 @@ def make_certificate(folder: Path, name: str, *more: str) -> None:
     (folder / "key.pem").chmod(0o644)
 
 
-def issuer_of(pem: str) -> str:
+def issuer_of(pem):
     command = ("openssl", "x509", "-noout", "-issuer", "-nameopt", "multiline")
     return output_of_command(*command, input=pem).partition("commonName")[2].strip(" =\n")
 
@@ -210,7 +200,7 @@ ASKED_TO = b"renewal is needed"
 ALIVE = "/usr/lib/robotether/alive"
 
 
-def let_in(folder: Path) -> Path:
+def let_in(folder):
     """Let the containers' users enter a folder."""
     for place in (folder, *folder.parents[:3]):
         place.chmod(place.stat().st_mode | 0o055)
@@ -218,27 +208,27 @@ def let_in(folder: Path) -> Path:
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path):
     """A folder that the containers' users may enter."""
     return let_in(tmp_path)
 
 
 @pytest.fixture
-def network(folder: Path) -> Iterator[AcmeNetwork]:
+def network(folder):
     """nginx, acme and an authority whose certificates last an hour."""
     with AcmeNetwork(folder) as made:
         yield made
 
 
 @pytest.fixture(scope="module")
-def lonely(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AcmeNetwork]:
+def lonely(tmp_path_factory):
     """A network without an authority, for tests that remove what they started."""
     with AcmeNetwork(let_in(tmp_path_factory.mktemp("lonely"))) as made:
         yield made
 
 
 @pytest.mark.release
-def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
+def test_a_certificate_is_got_and_served(network):
     network.start_authority()
     nginx = network.start_nginx()
     assert HSTS not in network.wait_served(nginx, DOMAIN)
@@ -248,7 +238,7 @@ def test_a_certificate_is_got_and_served(network: AcmeNetwork) -> None:
 
 
 @pytest.mark.release
-def test_a_short_lived_certificate_is_renewed_before_it_ends(folder: Path) -> None:
+def test_a_short_lived_certificate_is_renewed_before_it_ends(folder):
     """The next one is there while it still holds, though its life is half a minute."""
     with AcmeNetwork(folder, validity_s=VALIDITY_S) as network:
         network.start_authority()
@@ -266,7 +256,7 @@ def test_a_short_lived_certificate_is_renewed_before_it_ends(folder: Path) -> No
 
 @pytest.mark.release
 @pytest.mark.parametrize("days", [6, 90])
-def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder: Path, days: int) -> None:
+def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder, days):
     """Not while it is new, however short its life is; at once when its renewal window (ARI) has begun."""
     with AcmeNetwork(folder, validity_s=days * 86400) as network:
         network.start_authority()
@@ -287,7 +277,7 @@ def test_a_certificate_is_renewed_when_the_authority_asks_for_it(folder: Path, d
 
 
 @pytest.mark.release
-def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetwork) -> None:
+def test_an_authority_that_is_away_keeps_nothing_from_starting(network):
     """The self-signed certificate serves, the client is unhealthy and says why, and it gets there later."""
     nginx, acme = network.start_nginx(), network.start_acme()
     # lego itself tries for half a minute.
@@ -299,7 +289,7 @@ def test_an_authority_that_is_away_keeps_nothing_from_starting(network: AcmeNetw
 
 
 @pytest.mark.parametrize("domain", ["", "Robots.Example", "localhost", "-x.example", "a b.example"])
-def test_a_wrong_domain_waits_for_a_person(lonely: AcmeNetwork, domain: str) -> None:
+def test_a_wrong_domain_waits_for_a_person(lonely, domain):
     """The sentence names the variable; Docker does not start it again and again."""
     acme = lonely.start_acme(domain)
     try:
@@ -311,7 +301,7 @@ def test_a_wrong_domain_waits_for_a_person(lonely: AcmeNetwork, domain: str) -> 
 
 
 @pytest.mark.release
-def test_client_that_hangs_is_noticed(lonely: AcmeNetwork) -> None:
+def test_client_that_hangs_is_noticed(lonely):
     """Also before it has a certificate; while it waits for the authority it says that it is alive."""
     acme = lonely.start_acme()
     try:
@@ -323,7 +313,7 @@ def test_client_that_hangs_is_noticed(lonely: AcmeNetwork) -> None:
         remove(acme)
 
 
-def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -> None:
+def test_the_admins_own_certificate_wins_and_is_followed(network):
     """A new pair serves within seconds; a wrong one changes nothing, also after a restart, and nginx says why."""
     nginx = network.start_nginx()
     network.wait_served(nginx, DOMAIN)
@@ -339,7 +329,7 @@ def test_the_admins_own_certificate_wins_and_is_followed(network: AcmeNetwork) -
     network.wait_served(nginx, "next.example.test")
 
 
-def test_nginx_speaks_in_problems(lonely: AcmeNetwork) -> None:
+def test_nginx_speaks_in_problems(lonely):
     """Where no program answers, nginx's own answer has the headers of all others."""
     nginx = lonely.start_nginx()
     try:

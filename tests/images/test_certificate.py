@@ -1,8 +1,5 @@
 """A certificate of one's own is tried before it serves: by nginx, and by a client that knows what browsers know."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -26,29 +23,29 @@ class Pairs:
 
     folder: Path
 
-    def __getitem__(self, name: str) -> Path:
+    def __getitem__(self, name):
         return self.folder / name
 
-    def self_signed(self, name: str, *options: str, key: tuple[str, ...] = EC) -> None:
+    def self_signed(self, name, *options, key=EC):
         openssl(
             *("req", "-x509", *key, "-noenc", "-subj", f"/CN={HOST}", *options),
             *("-keyout", str(self[f"{name}.key"]), "-out", str(self[f"{name}.pem"])),
         )
 
-    def sign(self, name: str, by: str, *options: str) -> None:
+    def sign(self, name, by, *options):
         """Write NAME.pem and NAME.key, signed by another pair here."""
         self.self_signed(
             name, *options, "-CA", str(self[f"{by}.pem"]), "-CAkey", str(self[f"{by}.key"])
         )
 
-    def join(self, name: str, *parts: str) -> None:
+    def join(self, name, *parts):
         """Write NAME.pem of certificates in this order."""
         self[f"{name}.pem"].write_bytes(
             b"".join(self[f"{part}.pem"].read_bytes() for part in parts)
         )
 
 
-def names(*given: str) -> tuple[str, ...]:
+def names(*given):
     """Options for a certificate with these names."""
     return ("-addext", "subjectAltName=" + ",".join(given))
 
@@ -59,7 +56,7 @@ MIDDLE = ("-addext", "basicConstraints=critical,CA:TRUE", *AUTHORITY)
 
 
 @pytest.fixture(scope="module")
-def pairs(tmp_path_factory: pytest.TempPathFactory) -> Pairs:
+def pairs(tmp_path_factory):
     """A site's authority with an intermediate one, a good certificate, and those that failed."""
     made = Pairs(tmp_path_factory.mktemp("pairs"))
     made.self_signed("root", "-subj", "/CN=root", *AUTHORITY)
@@ -111,7 +108,7 @@ class Site:
     pairs: Pairs
     container: Container
 
-    def take(self, certificate: str, key: str, host: str = HOST) -> tuple[int, str]:
+    def take(self, certificate, key, host=HOST):
         """Run the service's command with two files of `pairs`; empty: not set. Status, and what it printed."""
         given = [f"/pairs/{name}" if name else "/dev/null" for name in (certificate, key)]
         done = run_inside(
@@ -123,13 +120,13 @@ class Site:
         )
         return done.returncode, done.stdout
 
-    def handed_over(self) -> str:
+    def handed_over(self):
         """The certificate that nginx finds; empty: none."""
         return run_inside(self.container, "cat", "/secrets/nginx/cert.pem").stdout
 
 
 @pytest.fixture(scope="module")
-def site(pairs: Pairs) -> Iterator[Site]:
+def site(pairs):
     """A site whose own certificate serves."""
     ensure_built("nginx")
     container = docker.from_env().containers.run(
@@ -174,7 +171,7 @@ REFUSED = [
 ]  # fmt: skip
 
 
-def test_what_cannot_serve_is_refused_and_changes_nothing(site: Site) -> None:
+def test_what_cannot_serve_is_refused_and_changes_nothing(site):
     for certificate, key, host, why in REFUSED:
         status, said = site.take(certificate, key, host)
         assert status == 1, why
@@ -183,14 +180,14 @@ def test_what_cannot_serve_is_refused_and_changes_nothing(site: Site) -> None:
     assert site.handed_over() == site.pairs["chain.pem"].read_text()
 
 
-def test_what_browsers_accept_is_handed_to_nginx(site: Site) -> None:
+def test_what_browsers_accept_is_handed_to_nginx(site):
     accepted = {"rsa": HOST, "wildcard": HOST, "address": "192.0.2.7", "other": ""}
     for name, host in accepted.items():
         assert site.take(f"{name}.pem", f"{name}.key", host) == (0, "")
         assert site.handed_over() == site.pairs[f"{name}.pem"].read_text()
 
 
-def test_certificate_without_the_one_that_signed_it_serves_with_a_warning(site: Site) -> None:
+def test_certificate_without_the_one_that_signed_it_serves_with_a_warning(site):
     """A file without its chain opens in some browsers alone; a site's own authority may be known everywhere."""
     status, said = site.take("good.pem", "good.key")
     assert status == 0
@@ -198,7 +195,7 @@ def test_certificate_without_the_one_that_signed_it_serves_with_a_warning(site: 
     assert site.handed_over() == site.pairs["good.pem"].read_text()
 
 
-def test_certificate_is_taken_back(site: Site) -> None:
+def test_certificate_is_taken_back(site):
     """Empty settings remove it, also where none is."""
     for _ in range(2):
         assert site.take("", "") == (0, "")

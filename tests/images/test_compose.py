@@ -1,14 +1,11 @@
 """What the running stack's containers are allowed and can reach, asked of the engine and from inside."""
 
-from __future__ import annotations
-
 import socket
 
 import pytest
 from commands import output_of_command
 from image_names import image
 from secret_files import SECRETS_OF
-from stack import Stack
 
 SERVICES = ("nginx", "web", "relay", "recorder", "sshd", "mysql")
 SIMS = ("sim1", "sim2", "sim3")
@@ -21,9 +18,7 @@ CAPABILITIES = {
 SECRETS = {name: SECRETS_OF[name] for name in ("web", "relay", "recorder", "sshd", "mysql")}
 
 
-def reached(
-    stack: Stack, service: str, *addresses: tuple[str, int], seconds: float = 5
-) -> set[tuple[str, int]]:
+def reached(stack, service, *addresses, seconds=5):
     """The addresses at which a TCP connection from inside a service's container opens in time; all at once."""
     script = " ".join(
         f"timeout {seconds:g} bash -c 'exec 3<>/dev/tcp/{host}/{port}' && echo {host} {port} &"
@@ -33,7 +28,7 @@ def reached(
     return {(host, int(port)) for host, port in map(str.split, printed.splitlines())}
 
 
-def address(stack: Stack, service: str, network: str) -> str:
+def address(stack, service, network):
     """A container's address on one of the project's networks."""
     networks = stack.container(service).attrs["NetworkSettings"]["Networks"]
     return next(
@@ -42,7 +37,7 @@ def address(stack: Stack, service: str, network: str) -> str:
 
 
 @pytest.mark.parametrize("service", SERVICES + SIMS + ONE_SHOTS)
-def test_container_is_locked_down(stack: Stack, service: str) -> None:
+def test_container_is_locked_down(stack, service):
     """Read-only, with the capabilities that it needs, bounded in memory and log; two alone are published."""
     host = stack.container(service).attrs["HostConfig"]
     assert host["ReadonlyRootfs"]
@@ -58,12 +53,12 @@ def test_container_is_locked_down(stack: Stack, service: str) -> None:
 
 
 @pytest.mark.parametrize("service", [*(s for s in SERVICES if s != "sshd"), *SIMS])
-def test_container_runs_without_root(stack: Stack, service: str) -> None:
+def test_container_runs_without_root(stack, service):
     """Only sshd, which must change accounts, runs as root."""
     assert stack.exec(service, "id", "-u").strip() != "0"
 
 
-def test_secrets_are_made_out_of_reach(stack: Stack) -> None:
+def test_secrets_are_made_out_of_reach(stack):
     """The one-shot service that runs as root has no network; the others are no root."""
     root = {
         service: stack.container(service).attrs["Config"]["User"] in {"", "0", "0:0"}
@@ -73,7 +68,7 @@ def test_secrets_are_made_out_of_reach(stack: Stack) -> None:
     assert stack.container("secrets").attrs["HostConfig"]["NetworkMode"] == "none"
 
 
-def answers(host: str, port: int) -> bool:
+def answers(host, port):
     """Whether this machine takes a connection to that port at one of its own addresses."""
     try:
         with socket.create_connection((host, port), timeout=5):
@@ -82,14 +77,14 @@ def answers(host: str, port: int) -> bool:
         return False
 
 
-def test_ports_are_published_over_ipv4_only(stack: Stack) -> None:
+def test_ports_are_published_over_ipv4_only(stack):
     """Docker's proxy would show all IPv6 clients as one address, which they would share in every limit."""
     for port in (stack.http_port, stack.https_port, stack.ssh_port):
         assert answers("127.0.0.1", port)
         assert not answers("::1", port)
 
 
-def test_networks_are_as_designed(stack: Stack) -> None:
+def test_networks_are_as_designed(stack):
     """Who shares a network reaches the other, and nobody else does."""
     mysql, web, relay, sshd = ("mysql", 3306), ("web", 8000), ("relay", 8080), ("sshd", 2222)
     for service, reachable in {
@@ -102,7 +97,7 @@ def test_networks_are_as_designed(stack: Stack) -> None:
         assert reached(stack, service, *reachable, *others) == reachable, service
 
 
-def test_robot_reaches_the_published_ports_alone(stack: Stack) -> None:
+def test_robot_reaches_the_published_ports_alone(stack):
     """A simulated robot is outside, as one behind NAT: no service and no other robot answers at its own address."""
     published = {("cloud", stack.ssh_port), ("cloud", stack.https_port)}
     inside = {
@@ -115,11 +110,11 @@ def test_robot_reaches_the_published_ports_alone(stack: Stack) -> None:
     assert reached(stack, "sim1", *published, *inside, seconds=2) == published
 
 
-def secrets_of(stack: Stack, service: str) -> dict[str, str]:
+def secrets_of(stack, service):
     """Name and hash of each secret that a service's container holds."""
     # The only root among them is in sshd, where it may not read what belongs to others.
     users = ("keylookup", "tunnel") if service == "sshd" else ("",)
-    found: dict[str, str] = {}
+    found = {}
     for user in users:
         look = "cd /run/secrets 2>/dev/null && sha256sum -- * 2>/dev/null || true"
         lines = stack.exec(service, "sh", "-c", look, user=user).splitlines()
@@ -128,7 +123,7 @@ def secrets_of(stack: Stack, service: str) -> dict[str, str]:
 
 
 @pytest.mark.parametrize("service", SERVICES + SIMS)
-def test_container_has_its_own_secrets_alone(stack: Stack, service: str) -> None:
+def test_container_has_its_own_secrets_alone(stack, service):
     """No other folder of the volume is mounted, and in sshd each account reads one file."""
     assert set(secrets_of(stack, service)) == SECRETS.get(service, set())
     mounts = stack.container(service).attrs["HostConfig"]["Mounts"] or []
@@ -144,7 +139,7 @@ def test_container_has_its_own_secrets_alone(stack: Stack, service: str) -> None
             assert "Permission denied" in stack.exec("sshd", "sh", "-c", read, user=user)
 
 
-def test_parts_are_good_and_what_needs_prometheus_is_unknown(stack: Stack) -> None:
+def test_parts_are_good_and_what_needs_prometheus_is_unknown(stack):
     health = stack.admin.ask("GET", "/health")
     states = {part["name"]: part["state"] for part in health["parts"]}
     good = dict.fromkeys(("cell main", "recorder of main", "sshd"), "good")
@@ -152,7 +147,7 @@ def test_parts_are_good_and_what_needs_prometheus_is_unknown(stack: Stack) -> No
 
 
 @pytest.mark.release
-def test_second_start_changes_nothing(stack: Stack) -> None:
+def test_second_start_changes_nothing(stack):
     """`tools/up` on a running stack keeps secrets, containers and robots."""
     password = stack.admin_password
     secrets = {service: secrets_of(stack, service) for service in SECRETS}
@@ -164,7 +159,7 @@ def test_second_start_changes_nothing(stack: Stack) -> None:
     assert all(stack.online(sim) for sim in SIMS)
 
 
-def test_no_secret_is_in_an_image() -> None:
+def test_no_secret_is_in_an_image():
     """The images' histories and environments hold no CA bundle and no generated secret."""
     for name in ("mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot"):
         inspect = ("docker", "image", "inspect", image(name), "--format", "{{json .Config}}")
@@ -174,7 +169,7 @@ def test_no_secret_is_in_an_image() -> None:
 
 
 @pytest.mark.release
-def test_a_client_that_dies_in_a_transaction_keeps_no_lock(stack: Stack) -> None:
+def test_a_client_that_dies_in_a_transaction_keeps_no_lock(stack):
     locks = "START TRANSACTION; UPDATE users SET name = name;"
     died = f"(echo '{locks}'; sleep 60) | mariadb robotether"
     stack.container("mysql").exec_run(["sh", "-c", died], detach=True)

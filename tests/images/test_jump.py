@@ -1,37 +1,26 @@
 """What the account `jump` lets people do, asked of the running daemon: reach the shells of their robots, no more."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator
-from pathlib import Path
-
 import pytest
 from commands import run_command
-from jump_people import BANNER, JUMP, Person, ShellRobot, end, ended, lives
+from jump_people import BANNER, JUMP, Person, end, ended, lives
 from robot_key import first_line
-from stack import Stack
 
 REGISTER = "/run/robotether/jump"
 
 
-def registered(stack: Stack) -> list[str]:
+def registered(stack):
     return stack.exec("sshd", "ls", "-A", REGISTER, user="jump:jumpwatch").split()
 
 
 @pytest.fixture(scope="module")
-def manager(
-    stack: Stack,
-    tmp_path_factory: pytest.TempPathFactory,
-    robot: ShellRobot,
-    other: ShellRobot,
-) -> Iterator[Person]:
+def manager(stack, tmp_path_factory, robot, other):
     """Somebody with ann's rights, which no test changes."""
     folder, levels = tmp_path_factory.mktemp("manager"), {robot: "manage", other: "drive"}
     with Person.added(stack, folder, "jumping-manager", levels) as person:
         yield person
 
 
-def test_person_reaches_the_robot(manager: Person, robot: ShellRobot, stack: Stack) -> None:
+def test_person_reaches_the_robot(manager, robot, stack):
     """Who manages the robot gets to the first line of its sshd, also where only 443 is let out."""
     assert manager.reach(robot.shell_port).stdout.encode() == BANNER.replace(b"\r\n", b"\n")
     target = f"127.0.0.1:{robot.shell_port}"
@@ -39,15 +28,13 @@ def test_person_reaches_the_robot(manager: Person, robot: ShellRobot, stack: Sta
     assert done.stdout.encode() == BANNER.replace(b"\r\n", b"\n")
 
 
-def test_less_than_manage_reaches_nothing(ann: Person, robot: ShellRobot) -> None:
+def test_less_than_manage_reaches_nothing(ann, robot):
     for level in ("observe", "drive"):
         ann.grant(robot, level)
         assert "Permission denied" in ann.reach(robot.shell_port).stderr
 
 
-def test_person_reaches_runs_and_opens_nothing_else(
-    manager: Person, robot: ShellRobot, other: ShellRobot
-) -> None:
+def test_person_reaches_runs_and_opens_nothing_else(manager, robot, other):
     """Another robot, any rosbridge and the server's services stay closed; so do commands, files and ports."""
     ros, _ = robot.key.ports()
     targets = ("mysql:3306", "relay:8091", "127.0.0.1:2222", f"localhost:{robot.shell_port}")
@@ -69,17 +56,13 @@ def test_person_reaches_runs_and_opens_nothing_else(
         assert is_refused or arguments not in reaches, arguments
 
 
-def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(
-    manager: Person, robot: ShellRobot
-) -> None:
+def test_persons_key_opens_no_tunnel_and_robots_key_no_jump(manager, robot):
     assert "Permission denied" in manager.key.ssh("tunnel@127.0.0.1", "session").stderr
     done = robot.key.ssh("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
     assert "Permission denied" in done.stderr
 
 
-def test_stranger_with_a_public_key_gets_nothing(
-    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path
-) -> None:
+def test_stranger_with_a_public_key_gets_nothing(ann, robot, stack, tmp_path):
     """Who has only the public half does not get in, leaves nothing behind, and disturbs nobody."""
     stolen = tmp_path / "stolen.pub"
     stolen.write_text(ann.key.public + "\n")
@@ -99,9 +82,7 @@ def test_stranger_with_a_public_key_gets_nothing(
         assert lives(running, "still here")
 
 
-def test_key_that_signs_counts_and_not_one_that_is_shown(
-    ann: Person, bob: Person, robot: ShellRobot
-) -> None:
+def test_key_that_signs_counts_and_not_one_that_is_shown(ann, bob, robot):
     """A connection that offered another person's key first is judged by the key that got in."""
     shown = bob.key.file.with_name("shown.pub")
     shown.write_text(ann.key.public + "\n")
@@ -118,7 +99,7 @@ def test_key_that_signs_counts_and_not_one_that_is_shown(
         end(running)
 
 
-def test_two_people_with_one_key(ann: Person, bob: Person, robot: ShellRobot) -> None:
+def test_two_people_with_one_key(ann, bob, robot):
     """The key opens what either may reach, as long as one of them may."""
     bob.stack.sql(
         f"UPDATE user_ssh_keys SET fingerprint = '{ann.key.fingerprint}', public_key = '{ann.key.public}' "

@@ -1,23 +1,18 @@
 """What ends connections of the account `jump`: a right, a port or a robot that is gone, and the watch that sees it."""
 
-from __future__ import annotations
-
-import subprocess
-from collections.abc import Iterator
 from contextlib import ExitStack
-from pathlib import Path
 
 import pytest
 from jump_people import JUMP, Person, ShellRobot, ended, lives
 from robot_key import first_line
-from stack import Stack, database_away
+from stack import database_away
 
 
-def take_grant(ann: Person, robot: ShellRobot) -> None:
+def take_grant(ann, robot):
     ann.lose_grants()
 
 
-def remove_key(ann: Person, robot: ShellRobot) -> None:
+def remove_key(ann, robot):
     ann.stack.sql(f"DELETE FROM user_ssh_keys WHERE fingerprint = '{ann.key.fingerprint}'")
 
 
@@ -26,7 +21,7 @@ REVOKED = (take_grant, remove_key)
 
 
 @pytest.fixture
-def losers(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[list[Person]]:
+def losers(stack, tmp_path, robot):
     """Managers of the robot, one for each way to lose the right."""
     with ExitStack() as added:
         yield [
@@ -37,9 +32,7 @@ def losers(stack: Stack, tmp_path: Path, robot: ShellRobot) -> Iterator[list[Per
         ]
 
 
-def test_connection_ends_with_its_persons_right(
-    losers: list[Person], bob: Person, robot: ShellRobot
-) -> None:
+def test_connection_ends_with_its_persons_right(losers, bob, robot):
     with bob.connected(robot.shell_port) as his, ExitStack() as connections:
         theirs = [
             connections.enter_context(person.connected(robot.shell_port)) for person in losers
@@ -56,9 +49,7 @@ def test_connection_ends_with_its_persons_right(
 PORT_CHANGES = ("UPDATE robots SET shell = FALSE", "DELETE FROM robots")
 
 
-def test_connection_ends_with_its_robots_port(
-    ann: Person, robot: ShellRobot, stack: Stack, tmp_path: Path
-) -> None:
+def test_connection_ends_with_its_robots_port(ann, robot, stack, tmp_path):
     with ExitStack() as added:
         for number, change in enumerate(PORT_CHANGES):
             name, mac = f"extra{number}", f"00:00:5e:00:53:{number + 0xC0:02x}"
@@ -71,10 +62,10 @@ def test_connection_ends_with_its_robots_port(
 
 
 @pytest.mark.release
-def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: ShellRobot) -> None:
+def test_person_has_32_connections_at_most(ann, bob, robot):
     """One person cannot fill the container; more connections than that end, and other people's do not."""
     target = ("-W", f"127.0.0.1:{robot.shell_port}", JUMP)
-    many: list[subprocess.Popen[str]] = []
+    many = []
     try:
         with bob.connected(robot.shell_port) as his:
             for number in range(34):
@@ -95,7 +86,7 @@ def test_person_has_32_connections_at_most(ann: Person, bob: Person, robot: Shel
 
 
 @pytest.mark.release
-def test_watch_that_hangs_is_replaced(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+def test_watch_that_hangs_is_replaced(ann, robot, stack):
     """The health check ends it, as without a watch nobody new gets in; who is in stays, watched by the next one."""
     restarted = "jump-watch ended with 137; starting it again"
     with ann.connected(robot.shell_port) as running:
@@ -113,7 +104,7 @@ def test_watch_that_hangs_is_replaced(ann: Person, robot: ShellRobot, stack: Sta
         assert ended(running)
 
 
-def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack) -> None:
+def test_watch_that_dies_comes_back(ann, robot, stack):
     """It is started again, and knows the connections that were there before."""
     with ann.connected(robot.shell_port) as running:
         _signal_watch(stack, "KILL")
@@ -122,7 +113,7 @@ def test_watch_that_dies_comes_back(ann: Person, robot: ShellRobot, stack: Stack
     assert "jump-watch ended with 137; starting it again" in stack.logs("sshd")
 
 
-def _signal_watch(stack: Stack, signal: str) -> None:
+def _signal_watch(stack, signal):
     stack.exec(
         "sshd",
         "pkill",
@@ -133,7 +124,7 @@ def _signal_watch(stack: Stack, signal: str) -> None:
     )
 
 
-def test_watch_has_no_rights_beyond_its_account(stack: Stack) -> None:
+def test_watch_has_no_rights_beyond_its_account(stack):
     """It runs without a capability, as an account that may signal its own processes only."""
     find = "pgrep -f '^/bin/bash /usr/lib/robotether/jump-watch' | head -1"
     status = stack.exec("sshd", "bash", "-c", f"cat /proc/$({find})/status")
@@ -144,9 +135,7 @@ def test_watch_has_no_rights_beyond_its_account(stack: Stack) -> None:
     assert int(rows["CapEff"], 16) == int(rows["CapPrm"], 16) == int(rows["CapAmb"], 16) == 0
 
 
-def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(
-    ann: Person, robot: ShellRobot, stack: Stack
-) -> None:
+def test_database_away_leaves_connections_alone_and_lets_nobody_new_in(ann, robot, stack):
     """No cache knows people's keys; who is in stays, and what changed meanwhile counts once the database is back."""
     port = robot.shell_port
     with ann.connected(port) as running:

@@ -1,11 +1,7 @@
 """nginx keeps its connections to other cells, asked of the daemon with stubs in the place of relay and cell."""
 
-from __future__ import annotations
-
 import http.client
-from collections.abc import Iterator
 from contextlib import ExitStack, closing
-from pathlib import Path
 
 import pytest
 from image_names import ensure_built, image
@@ -70,7 +66,7 @@ serve(8080, Relay)
 
 
 @pytest.fixture
-def nginx(tmp_path: Path) -> Iterator[str]:
+def nginx(tmp_path):
     """The address of an nginx whose site has a certificate for its cells."""
     keys = make_peer_keys(tmp_path)
     for file in keys.iterdir():
@@ -92,7 +88,7 @@ def nginx(tmp_path: Path) -> Iterator[str]:
         yield address
 
 
-def forward(address: str, action: str = "control", **headers: str) -> tuple[int, str]:
+def forward(address, action="control", **headers):
     """The answer of the cell: its status, and the port from which nginx's request came."""
     path = "/robots/sim1/ros" if headers else f"/api/v1/robots/sim1/{action}"
     with closing(http.client.HTTPSConnection(address, 8443, context=insecure_tls())) as https:
@@ -101,7 +97,7 @@ def forward(address: str, action: str = "control", **headers: str) -> tuple[int,
         return answer.status, "" if headers else answer.read().decode()
 
 
-def connections(address: str, requests: int) -> int:
+def connections(address, requests):
     """Return over how many connections the cell gets this number of requests; 0: nginx reloads or starts."""
     try:
         answers = {forward(address) for _ in range(requests)}
@@ -110,7 +106,7 @@ def connections(address: str, requests: int) -> int:
     return len(answers) if {status for status, _ in answers} == {200} else 0
 
 
-def test_forwarded_requests_share_kept_connections(nginx: str) -> None:
+def test_forwarded_requests_share_kept_connections(nginx):
     """A TLS handshake for each would take both machines' time from who drives."""
     wait_until(
         lambda: 0 < connections(nginx, REQUESTS) <= WORKERS,

@@ -1,18 +1,14 @@
 """Whom the look-up of robots' keys lets in, asked of the program that sshd runs and of the running daemon."""
 
-from __future__ import annotations
-
 from base64 import b64encode
 from concurrent.futures import ThreadPoolExecutor
 from hashlib import sha256
-from pathlib import Path
-from subprocess import CompletedProcess
 
 import pytest
 from inside import run_inside
 from jump_people import end
 from robot_key import RobotKey, session_line
-from stack import Stack, database_away
+from stack import database_away
 
 USER = "tunnel@127.0.0.1"
 PROGRAM = "/usr/lib/robotether/authorized-keys"
@@ -22,17 +18,17 @@ CONNECTION = "192.0.2.7 50022 192.0.2.1 2222"
 HASH = "SHA256:" + "x/+0" * 10 + "abc"
 
 
-def look_up(stack: Stack, *arguments: str) -> CompletedProcess[str]:
+def look_up(stack, *arguments):
     return run_inside(stack.container("sshd"), PROGRAM, *arguments, user="keylookup")
 
 
-def line_of(key: RobotKey) -> str:
+def line_of(key):
     done = look_up(key.stack, "tunnel", key.fingerprint, CONNECTION)
     assert done.returncode == 0
     return done.stdout
 
 
-def refused(stack: Stack, fingerprint: str) -> list[list[str]]:
+def refused(stack, fingerprint):
     return stack.sql(
         "SELECT address FROM audit_events WHERE kind = 'key_refused' "
         f"AND JSON_VALUE(details, '$.fingerprint') = '{fingerprint}'"
@@ -40,9 +36,7 @@ def refused(stack: Stack, fingerprint: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize("shell", ["FALSE", "TRUE"])
-def test_line_lets_the_key_listen_on_its_ports_and_run_its_session(
-    key: RobotKey, stack: Stack, shell: str
-) -> None:
+def test_line_lets_the_key_listen_on_its_ports_and_run_its_session(key, stack, shell):
     """The line is this one, byte for byte, with the shell's port while the robot has one."""
     stack.sql(f"UPDATE robots SET shell = {shell} WHERE name = 'thief'")
     columns = "id, ros_port, video_port, IFNULL(shell_port, '')"
@@ -55,7 +49,7 @@ def test_line_lets_the_key_listen_on_its_ports_and_run_its_session(
     assert line_of(key) == f"{options} {' '.join(key.public.split()[:2])}\n"
 
 
-def test_odd_question_finds_nothing(key: RobotKey, stack: Stack) -> None:
+def test_odd_question_finds_nothing(key, stack):
     """It ends and prints nothing; no statement, no audit line and no file's name is made of it."""
     count = "SELECT COUNT(*) FROM audit_events WHERE kind = 'key_refused'"
     before = stack.sql(count)
@@ -71,7 +65,7 @@ def test_odd_question_finds_nothing(key: RobotKey, stack: Stack) -> None:
     assert stack.sql(count) == before
 
 
-def test_refused_key_is_recorded_with_an_address_or_none(stack: Stack) -> None:
+def test_refused_key_is_recorded_with_an_address_or_none(stack):
     """Nothing but an address reaches the audit."""
     recorded = {
         CONNECTION: "192.0.2.7",
@@ -90,7 +84,7 @@ def test_refused_key_is_recorded_with_an_address_or_none(stack: Stack) -> None:
         assert lines == [[address]]
 
 
-def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None:
+def test_unknown_key_leaves_one_audit_line(stack, tmp_path):
     stranger = RobotKey(stack, tmp_path, "stranger")
     for _ in range(3):
         assert "Permission denied" in stranger.ssh(USER, "session").stderr
@@ -99,20 +93,20 @@ def test_unknown_key_leaves_one_audit_line(stack: Stack, tmp_path: Path) -> None
     assert rows[0][0] not in ("", "NULL")
 
 
-def cached_names(stack: Stack) -> list[str]:
+def cached_names(stack):
     return stack.exec("sshd", "find", CACHE, "-type", "f", user="keylookup").split()
 
 
-def cached(key: RobotKey) -> bool:
+def cached(key):
     return file_of(key) in cached_names(key.stack)
 
 
-def file_of(key: RobotKey) -> str:
+def file_of(key):
     """The key's in the cache; a slash would be a folder."""
     return f"{CACHE}/{key.fingerprint.removeprefix('SHA256:').replace('/', '_')}"
 
 
-def test_disabled_robots_key_is_refused_and_the_cache_follows(stack: Stack, key: RobotKey) -> None:
+def test_disabled_robots_key_is_refused_and_the_cache_follows(stack, key):
     """A key that never came here is in it, as with a robot whose cell dies, and one that is no longer good is not."""
     stack.exec("sshd", "rm", "-f", file_of(key), user="keylookup")
     stack.exec("sshd", PROGRAM, "cache", user="keylookup")
@@ -135,7 +129,7 @@ def test_disabled_robots_key_is_refused_and_the_cache_follows(stack: Stack, key:
         stack.wait_for_changes("sim1")
 
 
-def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: RobotKey) -> None:
+def test_database_that_answers_with_an_error_lets_nobody_in(stack, key):
     """Although the key is in the cache: whoever can bring an error about shall not open it."""
     line_of(key)
     stack.sql("ALTER USER 'keylookup'@'%' ACCOUNT LOCK")
@@ -149,24 +143,22 @@ def test_database_that_answers_with_an_error_lets_nobody_in(stack: Stack, key: R
     assert (done.returncode, done.stdout) == (1, "")
 
 
-def end_database_connections(stack: Stack) -> None:
+def end_database_connections(stack):
     """Those of the look-ups, as a database does that is restarted."""
     stack.sql("KILL USER 'keylookup'@'%'")
 
 
-def test_look_up_connects_again_when_the_database_has_ended_the_connection(
-    stack: Stack, key: RobotKey
-) -> None:
+def test_look_up_connects_again_when_the_database_has_ended_the_connection(stack, key):
     known = line_of(key)
     end_database_connections(stack)
     assert line_of(key) == known
 
 
-def signal_lookups(stack: Stack, signal: str) -> None:
+def signal_lookups(stack, signal):
     stack.exec("sshd", "pkill", f"-{signal}", "-x", "key-lookups", user="keylookup")
 
 
-def test_log_in_waits_for_look_ups_that_died(stack: Stack, key: RobotKey) -> None:
+def test_log_in_waits_for_look_ups_that_died(stack, key):
     """They are started again, and no robot hears that its key is refused, nor one whose question they had."""
     known = line_of(key)
     signal_lookups(stack, "STOP")
@@ -181,7 +173,7 @@ def test_log_in_waits_for_look_ups_that_died(stack: Stack, key: RobotKey) -> Non
 
 
 @pytest.mark.release
-def test_look_ups_that_hang_let_nobody_in(stack: Stack, key: RobotKey) -> None:
+def test_look_ups_that_hang_let_nobody_in(stack, key):
     """The container is not healthy then, and its check has them started again."""
     signal_lookups(stack, "STOP")
     try:
@@ -198,9 +190,7 @@ def test_look_ups_that_hang_let_nobody_in(stack: Stack, key: RobotKey) -> None:
     line_of(key)
 
 
-def test_known_key_works_while_the_database_is_away(
-    key: RobotKey, stack: Stack, tmp_path: Path
-) -> None:
+def test_known_key_works_while_the_database_is_away(key, stack, tmp_path):
     """With mysql stopped a key that worked within 24 hours still opens its session, and no other one does."""
     known = line_of(key)
     with database_away(stack):

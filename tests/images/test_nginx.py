@@ -1,24 +1,20 @@
 """What nginx passes on, asked of the running daemon."""
 
-from __future__ import annotations
-
 import gzip
 import http.client
 import json
 import socket
 import ssl
-from pathlib import Path
 
 import pytest
 from commands import run_command
 from cryptography import x509
 from cryptography.x509.oid import ExtendedKeyUsageOID
 from local_network import insecure_tls
-from stack import Stack
 
 
 @pytest.mark.parametrize("host", ["robots.example", "robots.example:80", "[2001:db8::1]"])
-def test_plain_http_is_redirected(stack: Stack, host: str) -> None:
+def test_plain_http_is_redirected(stack, host):
     connection = http.client.HTTPConnection("localhost", stack.http_port, timeout=5)
     connection.request("GET", "/robots/sim1?x=1", headers={"Host": host})
     answer = connection.getresponse()
@@ -28,7 +24,7 @@ def test_plain_http_is_redirected(stack: Stack, host: str) -> None:
     assert answer.getheader("Location") == f"https://{there}/robots/sim1?x=1"
 
 
-def test_tls_1_2_and_1_3_are_offered_and_older_ones_refused(stack: Stack) -> None:
+def test_tls_1_2_and_1_3_are_offered_and_older_ones_refused(stack):
     for version in (ssl.TLSVersion.TLSv1_2, ssl.TLSVersion.TLSv1_3):
         context = insecure_tls()
         context.minimum_version = context.maximum_version = version
@@ -57,7 +53,7 @@ WEAK = [
 
 
 @pytest.mark.parametrize("cipher", WEAK)
-def test_weak_ciphers_of_tls_1_2_are_refused(stack: Stack, cipher: str) -> None:
+def test_weak_ciphers_of_tls_1_2_are_refused(stack, cipher):
     """CBC, SHA-1 and key exchanges without ephemeral keys are refused."""
     context = insecure_tls()
     context.maximum_version = ssl.TLSVersion.TLSv1_2
@@ -70,14 +66,14 @@ def test_weak_ciphers_of_tls_1_2_are_refused(stack: Stack, cipher: str) -> None:
 
 
 @pytest.fixture
-def self_signed(stack: Stack, tmp_path: Path) -> Path:
+def self_signed(stack, tmp_path):
     """The file of the certificate that serves, for those who trust it alone."""
     file = tmp_path / "cert.pem"
     file.write_text(stack.exec("nginx", "cat", "/etc/nginx/tls/cert.pem"))
     return file
 
 
-def test_self_signed_certificate_is_no_authority(self_signed: Path) -> None:
+def test_self_signed_certificate_is_no_authority(self_signed):
     """Who trusts it trusts this server, and nothing that its key might sign."""
     made = x509.load_pem_x509_certificate(self_signed.read_bytes()).extensions
     constraints = made.get_extension_for_class(x509.BasicConstraints)
@@ -90,7 +86,7 @@ def test_self_signed_certificate_is_no_authority(self_signed: Path) -> None:
     assert "localhost" in names.get_values_for_type(x509.DNSName)
 
 
-def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_signed: Path) -> None:
+def test_self_signed_certificate_is_its_own_trust_anchor(stack, self_signed):
     context = ssl.create_default_context(cafile=self_signed)
     context.verify_flags |= ssl.VERIFY_X509_STRICT
     with (
@@ -113,9 +109,7 @@ def test_self_signed_certificate_is_its_own_trust_anchor(stack: Stack, self_sign
     ],
     ids=lambda value: str(value)[:10],
 )
-def test_requests_that_nobody_can_read_are_problems(
-    stack: Stack, path: str, cookie: str, status: int
-) -> None:
+def test_requests_that_nobody_can_read_are_problems(stack, path, cookie, status):
     connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=5, context=insecure_tls()
     )
@@ -162,13 +156,13 @@ print(len(again))
 """
 
 
-def test_one_address_has_1000_connections_and_gets_them_back(stack: Stack) -> None:
+def test_one_address_has_1000_connections_and_gets_them_back(stack):
     """The next one is closed without an answer."""
     printed = stack.exec("web", "python3", "-c", HOLD_PLACES, "1000")
     assert printed.split() == ["1000", "False", "1000"]
 
 
-def test_one_address_cannot_take_all_connections_by_port_80(stack: Stack) -> None:
+def test_one_address_cannot_take_all_connections_by_port_80(stack):
     """Requests that never end hold 100 places, and nobody else's."""
     begun = []
     try:
@@ -183,7 +177,7 @@ def test_one_address_cannot_take_all_connections_by_port_80(stack: Stack) -> Non
             connection.close()
 
 
-def _is_closed(connection: socket.socket) -> bool:
+def _is_closed(connection):
     try:
         return connection.recv(1) == b""
     except BlockingIOError:
@@ -217,7 +211,7 @@ asyncio.run(main())
 
 
 @pytest.mark.parametrize("path", ["control", "control?ticket=any"])
-def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack: Stack, path: str) -> None:
+def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack, path):
     """Beyond its burst an address gets 429, while a stop from there reaches the relay, which does not know who asks.
 
     A ticket where none is read changes nothing.
@@ -230,7 +224,7 @@ def test_a_flood_of_strangers_is_cut_and_leaves_stops_their_places(stack: Stack,
     ("path", "encoding"),
     [("/static/dist/drive.js", "gzip"), ("/static/drive.css", "gzip"), ("/login", None)],
 )
-def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: str | None) -> None:
+def test_scripts_and_styles_are_compressed(stack, path, encoding):
     connection = http.client.HTTPSConnection(
         "localhost", stack.https_port, timeout=5, context=insecure_tls()
     )
@@ -246,20 +240,20 @@ def test_scripts_and_styles_are_compressed(stack: Stack, path: str, encoding: st
         assert len(sent) < len(plain) / 2
 
 
-def test_log_keeps_no_tickets(stack: Stack) -> None:
+def test_log_keeps_no_tickets(stack):
     stack.request("GET", "/robots/sim1/ros?ticket=SECRET-TICKET")
     stack.wait("the request in nginx's log", lambda: "/robots/sim1/ros 4" in stack.logs("nginx"))
     assert "SECRET-TICKET" not in stack.logs("nginx", "relay", "web", lines=400)
 
 
 @pytest.mark.parametrize("path", ["/metrics", "/relay-metrics", "/api/v1/metrics", "/healthz"])
-def test_inside_pages_stay_inside(stack: Stack, path: str) -> None:
+def test_inside_pages_stay_inside(stack, path):
     """The relay's metrics are not to be had from outside without an admin's token."""
     _, body = stack.request("GET", path)
     assert "robotether_relay" not in str(body)
 
 
-def test_an_admins_token_reads_the_relays_numbers(stack: Stack) -> None:
+def test_an_admins_token_reads_the_relays_numbers(stack):
     """The relay never gets the token, and an address may not ask for ever."""
     headers = {"Authorization": f"Bearer {stack.token('metrics')}"}
     answers = [stack.request("GET", "/api/v1/metrics", headers=headers) for _ in range(20)]

@@ -1,7 +1,5 @@
 """nginx's log as JSON, of an nginx alone: nothing of a request ends its line or gets out of its place."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
@@ -16,7 +14,7 @@ PATH = "/robots/x%0a%7b%22level%22%3a%22info%22%7d%0d%e2%80%a8%22%5c/ros?ticket=
 HEADERS = {"Cookie": "__Host-robotether_login=SECRET-LOGIN", "X-Request-ID": 'f" \\forged'}
 
 
-def ask(address: str) -> int:
+def ask(address):
     """The status of the answer; 0: nginx starts."""
     try:
         with closing(http.client.HTTPSConnection(address, 8443, context=insecure_tls())) as https:
@@ -26,7 +24,7 @@ def ask(address: str) -> int:
         return 0
 
 
-def test_a_request_is_one_json_line_without_its_query() -> None:
+def test_a_request_is_one_json_line_without_its_query():
     ensure_built("nginx")
     with ExitStack() as running:
         containers = Containers(running)

@@ -1,7 +1,5 @@
 """`docker compose up` in a fresh copy of the repository, with Docker alone: no tool, no file made before."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
@@ -9,11 +7,8 @@ import shutil
 import ssl
 import urllib.error
 import uuid
-from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from subprocess import CompletedProcess
-from typing import Any
 
 import pytest
 from commands import output_of_command, run_command
@@ -30,12 +25,12 @@ PASSWORD = re.compile(r"password  (\S+)")
 class PlainCompose:
     """A copy of this checkout, with a name and ports of its own, and images of a tag that nothing else has."""
 
-    def __init__(self, folder: Path, ports_of: PlainCompose | None = None) -> None:
+    def __init__(self, folder, ports_of=None):
         """Take the place of the stack `ports_of`, if there is one, with its images and address."""
         self._folder = folder / "robotether"
         self._name = f"robotether-test-{uuid.uuid4().hex[:8]}"
         self._programs = folder / "programs"
-        self.settings: dict[str, object] = {
+        self.settings = {
             "COMPOSE_PROJECT_NAME": self._name,
             "TAG": self._name,
             "HTTP_PORT": free_port(),
@@ -49,25 +44,25 @@ class PlainCompose:
         self._copy()
 
     @property
-    def compose_folder(self) -> Path:
+    def compose_folder(self):
         return self._folder / "compose"
 
     @property
-    def url(self) -> str:
+    def url(self):
         return f"https://localhost:{self.settings['HTTPS_PORT']}/"
 
-    def run(self, *arguments: str, timeout: float = 600) -> CompletedProcess[str]:
+    def run(self, *arguments, timeout=600):
         environment = {name: str(value) for name, value in self.settings.items()}
         environment |= {"PATH": str(self._programs), "HOME": os.environ["HOME"]}
         words = ("docker", "compose", *arguments)
         return run_command(*words, cwd=self.compose_folder, env=environment, limit_s=timeout)
 
-    def tool(self, name: str, *arguments: str) -> str:
+    def tool(self, name, *arguments):
         settings = {name: str(value) for name, value in self.settings.items()}
         environ = os.environ | settings
         return output_of_command(self._folder / name, *arguments, env=environ, limit_s=600)
 
-    def compose(self, *arguments: str) -> str:
+    def compose(self, *arguments):
         done = self.run(*arguments)
         if done.returncode != 0:
             raise AssertionError(
@@ -76,7 +71,7 @@ class PlainCompose:
             )
         return done.stdout
 
-    def states(self) -> dict[str, str]:
+    def states(self):
         """Service -> `healthy`, `exited 0` or whatever else its container is."""
         listed = self.compose("ps", "--all", "--format", "{{json .}}").splitlines()
         found = {row["Service"]: row for row in map(json.loads, listed)}
@@ -85,21 +80,19 @@ class PlainCompose:
             for name, item in found.items()
         }
 
-    def log(self, service: str) -> str:
+    def log(self, service):
         return self.compose("logs", "--no-log-prefix", service)
 
-    def robots(self) -> dict[str, dict[str, Any]]:
+    def robots(self):
         listed = self.compose("exec", "-T", "web", "robotether", "robot", "list", "--json")
         return {row["name"]: row for row in json.loads(listed)}
 
-    def wait(
-        self, what: str, condition: Callable[[], object], *services: str, seconds: float = 60
-    ) -> None:
+    def wait(self, what, condition, *services, seconds=60):
         wait_until(
             condition, lambda: f"{what}\n{self.compose('logs', *services)}", seconds, every_s=0.5
         )
 
-    def accepts_login(self, password: str) -> bool:
+    def accepts_login(self, password):
         """Whether the log-in form takes this password for admin, and then shows who is logged in."""
         try:
             login = Login(self.url.rstrip("/"), "admin", password)
@@ -108,12 +101,12 @@ class PlainCompose:
             return False
         return login.is_in and "admin" in login.page
 
-    def down(self, *, images: bool = True) -> None:
+    def down(self, *, images=True):
         """Remove containers, networks and volumes, and images unless another stack has them."""
         also = ["--rmi", "all"] if images else []
         self.run("--profile", "*", "down", "--volumes", "--timeout", "5", *also)
 
-    def _copy(self) -> None:
+    def _copy(self):
         """Copy what git has or would take, and make a folder of programs that has docker alone."""
         for path in tracked():
             copy = self._folder / path.relative_to(ROOT)
@@ -121,7 +114,6 @@ class PlainCompose:
             shutil.copy(path, copy)
         self._programs.mkdir()
         docker = shutil.which("docker")
-        assert docker is not None
         (self._programs / "docker").symlink_to(docker)
 
 
@@ -137,7 +129,7 @@ pytestmark = pytest.mark.release
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlainCompose]:
+def site(tmp_path_factory):
     """What the first start made; the images too are built by it."""
     plain = PlainCompose(tmp_path_factory.mktemp("plain"))
     try:
@@ -149,7 +141,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[PlainCompose]:
         plain.down()
 
 
-def test_stack_is_healthy_and_lets_the_first_admin_in(site: PlainCompose) -> None:
+def test_stack_is_healthy_and_lets_the_first_admin_in(site):
     """Nobody else runs, and the log of web has address, name and password once."""
     assert site.states() == SERVICES | ONE_SHOTS
     log = site.log("web")
@@ -160,7 +152,7 @@ def test_stack_is_healthy_and_lets_the_first_admin_in(site: PlainCompose) -> Non
     assert not site.accepts_login(f"{password}x")
 
 
-def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
+def test_nothing_secret_is_printed_again(site):
     [password] = PASSWORD.findall(site.log("web"))
     site.compose("up", "--detach", "--wait")
     assert site.log("web").count(password) == 1
@@ -169,7 +161,7 @@ def test_nothing_secret_is_printed_again(site: PlainCompose) -> None:
     assert site.accepts_login(password)
 
 
-def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
+def test_simulated_robots_join_by_themselves(site):
     site.settings["COMPOSE_PROFILES"] = "demo,demo-more"
     site.compose("up", "--detach", "--wait")
     site.wait("online", lambda: all(robot["online"] for robot in site.robots().values()), *SIMS)
@@ -194,12 +186,12 @@ def test_simulated_robots_join_by_themselves(site: PlainCompose) -> None:
     )
 
 
-def served(site: PlainCompose) -> str:
+def served(site):
     port = int(site.url.rstrip("/").rpartition(":")[2])
     return ssl.get_server_certificate(("localhost", port))
 
 
-def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompose) -> None:
+def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site):
     """The files are beside compose.yaml. `up` says that one is wrong, and all other services run on, new ones too."""
     now = datetime.now(UTC)
     both = make_certificate(site.compose_folder, now - timedelta(days=1), now + timedelta(days=9))
@@ -226,7 +218,7 @@ def test_own_certificate_serves_and_a_wrong_one_changes_nothing(site: PlainCompo
     site.wait("taken back", lambda: served(site).strip() not in good, "nginx")
 
 
-def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
+def test_open_ports_need_a_list_of_sources(site):
     """The profile alone opens nothing; relay and robots hear of it when there is a list."""
     first = free_port()
     site.settings |= {
@@ -247,16 +239,14 @@ def test_open_ports_need_a_list_of_sources(site: PlainCompose) -> None:
     assert "DIRECT_PORTS=yes\n" in site.compose("exec", "relay", "robotether", "show-settings")
 
 
-def backup_ages(site: PlainCompose) -> list[str]:
+def backup_ages(site):
     """What the metrics say of the last backup and its copy."""
     script = "from urllib.request import urlopen; print(urlopen('http://127.0.0.1:9100/metrics').read().decode())"
     metrics = site.compose("exec", "-T", "relay", "python3", "-c", script)
     return re.findall(r"^robotether_relay_backup_\w+ (\S+)$", metrics, re.MULTILINE)
 
 
-def test_backup_alone_makes_the_server_on_another_machine(
-    site: PlainCompose, tmp_path: Path
-) -> None:
+def test_backup_alone_makes_the_server_on_another_machine(site, tmp_path):
     """Robots that run on find the same server there, and an admin logs in; it has made no backup itself."""
     site.settings |= {
         "COMPOSE_PROFILES": "demo",

@@ -1,9 +1,6 @@
 """Prometheus' rules, as the image's own promtool reads them, and the image's programs without a site around them."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,7 +15,7 @@ LOCKED_DOWN = ("--read-only", "--cap-drop", "ALL", "--network", "none")
 START_WITHIN_S = 60
 
 
-def run(*arguments: str) -> str:
+def run(*arguments):
     return output_of_command("docker", *arguments, limit_s=120).strip()
 
 
@@ -30,12 +27,12 @@ def run(*arguments: str) -> str:
         ("test", "rules", "/etc/prometheus/prometheus_times.yml"),
     ],
 )
-def test_promtool_is_content(arguments: tuple[str, ...]) -> None:
+def test_promtool_is_content(arguments):
     """Each alert comes from its fault, in time, and from nothing else."""
     promtool(TESTS / Path(arguments[-1]).name, *arguments)
 
 
-def promtool(file: Path, *arguments: str) -> None:
+def promtool(file, *arguments):
     """Have promtool read the rules, and a file of ours beside them if there is one of that name."""
     mount = f"type=bind,source={file},target=/etc/prometheus/{file.name},readonly"
     more = ("--mount", mount) if file.exists() else ()
@@ -44,7 +41,7 @@ def promtool(file: Path, *arguments: str) -> None:
     run("run", *options, image("prometheus"), *arguments)
 
 
-def test_promtool_reads_the_queries_of_the_dashboard(tmp_path: Path) -> None:
+def test_promtool_reads_the_queries_of_the_dashboard(tmp_path):
     panels = json.loads(DASHBOARD.read_text())["panels"]
     queries = [target["expr"] for panel in panels for target in panel.get("targets", ())]
     rules = [
@@ -60,7 +57,7 @@ def test_promtool_reads_the_queries_of_the_dashboard(tmp_path: Path) -> None:
 
 
 @contextmanager
-def running(*options: str, port: int) -> Iterator[str]:
+def running(*options, port):
     container = run("run", "--detach", *LOCKED_DOWN, *options, image("prometheus"))
     try:
         check = ("docker", "exec", container, "/usr/lib/robotether/healthy", str(port))
@@ -74,7 +71,7 @@ def running(*options: str, port: int) -> Iterator[str]:
         run("rm", "--force", "--volumes", container)
 
 
-def test_it_starts_without_a_relay_and_without_rights() -> None:
+def test_it_starts_without_a_relay_and_without_rights():
     with running(port=9090):
         pass
 
@@ -93,11 +90,11 @@ MAIL = {
 TIMED_OUT = 124
 
 
-def environment(settings: Mapping[str, str]) -> list[str]:
+def environment(settings):
     return [part for name, text in settings.items() for part in ("--env", f"{name}={text}")]
 
 
-def test_alertmanager_sends_where_the_settings_say_and_else_nowhere(tmp_path: Path) -> None:
+def test_alertmanager_sends_where_the_settings_say_and_else_nowhere(tmp_path):
     tmp_path.chmod(0o755)
     (tmp_path / "alert_smtp_password").write_text("x" * 12)
     (tmp_path / "alert_webhook_url").write_text("https://hooks.lab.example/abc")
@@ -121,7 +118,7 @@ def test_alertmanager_sends_where_the_settings_say_and_else_nowhere(tmp_path: Pa
         ({}, "alert_smtp_password is not there"),
     ],
 )
-def test_alertmanager_says_what_is_wrong(changes: Mapping[str, str], reason: str) -> None:
+def test_alertmanager_says_what_is_wrong(changes, reason):
     start = ["docker", "run", "--rm", *LOCKED_DOWN, "--entrypoint", "timeout", *ALERTMANAGER[2:]]
     start += [*environment(MAIL | changes), image("prometheus")]
     # It waits for a person.

@@ -1,11 +1,8 @@
 """What the built images say of themselves, and the lists of what is in them; asked of the engine and of the images."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
-from pathlib import Path
 
 import pytest
 import robotether_server
@@ -18,20 +15,20 @@ BUILT = ("mysql", "sshd", "nginx", "acme", "prometheus", "server", "sim_robot")
 OCI = "org.opencontainers.image."
 
 
-def bake(*arguments: str, **variables: str) -> str:
+def bake(*arguments, **variables):
     """Run the build description with these variables; return what it prints."""
     environment = {**os.environ, "CA_BUNDLE": os.environ.get("SSL_CERT_FILE", ""), **variables}
     command = ("docker", "buildx", "bake", *arguments)
     return output_of_command(*command, cwd=ROOT, env=environment, limit_s=600)
 
 
-def in_image(image: str, *command: str) -> str:
+def in_image(image, *command):
     run = ("docker", "run", "--rm", "--network", "none", "--entrypoint", command[0])
     return output_of_command(*run, name_of(image), *command[1:])
 
 
 @pytest.mark.parametrize("image", BUILT)
-def test_image_says_what_it_is(image: str) -> None:
+def test_image_says_what_it_is(image):
     said = output_of_command("docker", "image", "inspect", name_of(image))
     labels = json.loads(said)[0]["Config"]["Labels"]
     assert labels[f"{OCI}title"] == f"Robotether: {image}"
@@ -44,14 +41,14 @@ def test_image_says_what_it_is(image: str) -> None:
     assert labels[f"{OCI}created"] == committed.strip()
 
 
-def listed(file: Path) -> set[tuple[str, str]]:
+def listed(file):
     sbom = json.loads(file.read_text())
     assert sbom["bomFormat"] == "CycloneDX"
     return {(each["name"], each["version"]) for each in sbom["components"]}
 
 
 @pytest.mark.release
-def test_sbom_lists_what_is_in_the_image(tmp_path: Path) -> None:
+def test_sbom_lists_what_is_in_the_image(tmp_path):
     bake("sbom_server", "--set", f"*.output=type=local,dest={tmp_path}")
     packages = in_image(
         "server", "dpkg-query", "--show", "--showformat", "${Package} ${Version}\\n"

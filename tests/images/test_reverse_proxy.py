@@ -1,13 +1,9 @@
 """The files of docs/howto/reverse-proxy.md as readers have them, each in front of our nginx alone."""
 
-from __future__ import annotations
-
 import http.client
 import json
 import re
 import socket
-import ssl
-from collections.abc import Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
@@ -15,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from commands import output_of_command
-from docker.models.containers import Container
 from image_names import ensure_built, image
 from inside import run_inside
 from local_network import insecure_tls
@@ -67,7 +62,7 @@ ThreadingHTTPServer(("", 8000), Handler).serve_forever()
 """
 
 
-def of_page(language: str) -> str:
+def of_page(language):
     [file] = re.findall(rf"```{language}\n(.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL)
     return str(file)
 
@@ -79,7 +74,7 @@ class Site:
     folder: Path
     containers: Containers
 
-    def __post_init__(self) -> None:
+    def __post_init__(self):
         self.people, self.inside = self.containers.network(), self.containers.network()
         [config] = self.inside.attrs["IPAM"]["Config"]
         self.stack = self.containers.start(
@@ -96,19 +91,19 @@ class Site:
         (self.folder / "robotether.pem").write_text(shown)
 
     @property
-    def visitor(self) -> str:
+    def visitor(self):
         [config] = self.people.attrs["IPAM"]["Config"]
         return str(config["Gateway"])
 
-    def address(self, container: Container) -> str:
+    def address(self, container):
         return address_in(self.people, container)
 
-    def file(self, name: str, text: str) -> Path:
+    def file(self, name, text):
         made = self.folder / name
         made.write_text(text)
         return made
 
-    def start_nginx(self) -> Container:
+    def start_nginx(self):
         openssl(
             *("req", "-x509", "-newkey", "rsa:2048", "-noenc", "-subj", f"/CN={HOST}"),
             *("-keyout", str(self.folder / "key"), "-out", str(self.folder / "cert")),
@@ -128,7 +123,7 @@ class Site:
             user="0:0",
         )
 
-    def start_caddy(self) -> Container:
+    def start_caddy(self):
         """The page's Caddy, with a certificate of its own authority as there is no public one here."""
         recipe = "FROM debian:trixie-slim\nRUN apt-get update && apt-get install -y --no-install-recommends caddy\n"
         build = ("docker", "build", "--quiet", "--tag", "local.invalid/robotether/caddy_test", "-")
@@ -143,9 +138,7 @@ class Site:
             entrypoint=["caddy", "run", "--config", "/etc/caddy/Caddyfile"],
         )
 
-    def proxy(
-        self, name: str, files: dict[Path, str], entrypoint: list[str], user: str = ""
-    ) -> Container:
+    def proxy(self, name, files, entrypoint, user=""):
         mounts = {str(file): {"bind": place, "mode": "ro"} for file, place in files.items()}
         made = self.containers.start(
             self.inside, name, volumes=mounts, entrypoint=entrypoint, user=user
@@ -155,7 +148,7 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def site(tmp_path_factory):
     """Our nginx with stubs behind it."""
     ensure_built("nginx", "server")
     with ExitStack() as running:
@@ -163,11 +156,11 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
 
 
 @pytest.fixture(scope="module", params=["nginx", pytest.param("caddy", marks=pytest.mark.release)])
-def proxy(site: Site, request: pytest.FixtureRequest) -> str:
+def proxy(site, request):
     container = site.start_nginx() if request.param == "nginx" else site.start_caddy()
     address = site.address(container)
 
-    def answers() -> bool:
+    def answers():
         try:
             return status(address, "/") == HTTPStatus.OK
         except OSError:
@@ -177,14 +170,14 @@ def proxy(site: Site, request: pytest.FixtureRequest) -> str:
     return address
 
 
-def connect(address: str, port: int = 443) -> ssl.SSLSocket:
+def connect(address, port=443):
     return insecure_tls().wrap_socket(
         socket.create_connection((address, port), timeout=10), server_hostname=HOST
     )
 
 
 @contextmanager
-def asked(address: str, path: str, port: int = 443) -> Iterator[http.client.HTTPResponse]:
+def asked(address, path, port=443):
     """The answer to who asks for a page and claims another address; nothing of its body is read yet."""
     connection = http.client.HTTPConnection(HOST)
     connection.sock = connect(address, port)
@@ -193,43 +186,42 @@ def asked(address: str, path: str, port: int = 443) -> Iterator[http.client.HTTP
         yield answer
 
 
-def status(address: str, path: str) -> int:
+def status(address, path):
     with asked(address, path) as answer:
         return answer.status
 
 
-def seen(address: str, port: int = 443) -> list[str]:
+def seen(address, port=443):
     """Who asks whom, as web and relay hear it."""
     with asked(address, "/", port) as answer:
-        heard: list[str] = json.load(answer)
-    return heard
+        return json.load(answer)
 
 
-def test_people_behind_the_proxy_have_their_own_addresses(site: Site, proxy: str) -> None:
+def test_people_behind_the_proxy_have_their_own_addresses(site, proxy):
     """Nobody can claim another address, and Host comes through as the browser sent it."""
     assert seen(proxy) == [site.visitor, HOST]
 
 
-def test_stranger_beside_the_proxy_cannot_claim_an_address(site: Site) -> None:
+def test_stranger_beside_the_proxy_cannot_claim_an_address(site):
     """The header counts from a trusted proxy alone."""
     assert seen(site.address(site.stack), 8443) == [site.visitor, HOST]
 
 
-def test_one_person_uses_up_no_limit_of_another(site: Site, proxy: str) -> None:
+def test_one_person_uses_up_no_limit_of_another(site, proxy):
     wait_until(lambda: status(proxy, "/login") == HTTPStatus.TOO_MANY_REQUESTS, lambda: "refused")
     other = ["curl", "--silent", "--insecure", "--resolve", f"{HOST}:443:{proxy}"]
     heard = run_inside(site.stack, *other, f"https://{HOST}/login").stdout
     assert json.loads(heard) == [site.address(site.stack), HOST]
 
 
-def test_stream_is_passed_on_at_once(proxy: str) -> None:
+def test_stream_is_passed_on_at_once(proxy):
     with asked(proxy, "/robots/sim1/video/stream") as stream:
         assert stream.read(5) == b"first"
         assert status(proxy, "/more") == HTTPStatus.OK
         assert stream.read() == b"again"
 
 
-def test_websocket_comes_through(proxy: str) -> None:
+def test_websocket_comes_through(proxy):
     with connect(proxy) as browser:
         browser.sendall(
             f"GET /robots/sim1/ros HTTP/1.1\r\nHost: {HOST}\r\nConnection: Upgrade\r\n"

@@ -1,19 +1,15 @@
 """What the one-shot service `secrets` makes of the files that a site has, and of none."""
 
-from __future__ import annotations
-
 import base64
 import io
 import json
 import os
 import tarfile
-from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any
 
 import docker
 import pytest
@@ -45,7 +41,7 @@ print(json.dumps({
 
 
 @pytest.fixture(scope="module", autouse=True)
-def built() -> None:
+def built():
     """The image, as it is in this checkout."""
     ensure_built("server")
 
@@ -57,14 +53,14 @@ class Site:
     container: Container
     own: Path
 
-    def make(self, database: str = "mysql") -> tuple[int, str]:
+    def make(self, database="mysql"):
         """Run the service's command, with the host of the database; status and what it printed."""
         done = run_inside(
             self.container, "make-secrets", environment={"DB_HOST": database}, merged=True
         )
         return done.returncode, done.stdout
 
-    def export(self) -> dict[str, str]:
+    def export(self):
         """The secrets that the next machine gets: name -> text."""
         done = run_inside(self.container, "sh", "-c", "make-secrets export | base64")
         assert done.returncode == 0, done.stderr
@@ -75,13 +71,12 @@ class Site:
                 if (file := archive.extractfile(member)) is not None
             }
 
-    def files(self) -> dict[str, dict[str, list[Any]]]:
+    def files(self):
         """What is in the volume: folder -> name -> owner, mode, text."""
         done = run_inside(self.container, "python3", stdin=LOOK)
-        found: dict[str, dict[str, list[Any]]] = json.loads(done.stdout)
-        return found
+        return json.loads(done.stdout)
 
-    def texts(self) -> dict[str, dict[str, str]]:
+    def texts(self):
         """What each service finds: folder -> name -> text."""
         return {
             folder: {name: text for name, (_, _, text) in files.items()}
@@ -91,7 +86,7 @@ class Site:
 
 
 @contextmanager
-def site_in(folder: Path) -> Iterator[Site]:
+def site_in(folder):
     own = folder / "own"
     own.mkdir(mode=0o700)
     container = docker.from_env().containers.run(
@@ -106,13 +101,13 @@ def site_in(folder: Path) -> Iterator[Site]:
 
 
 @pytest.fixture
-def site(tmp_path: Path) -> Iterator[Site]:
+def site(tmp_path):
     """A site that was never started."""
     with site_in(tmp_path) as made:
         yield made
 
 
-def test_each_service_gets_its_own_secrets(site: Site) -> None:
+def test_each_service_gets_its_own_secrets(site):
     """They are long, shared where needed, readable by one account, and unprinted; later starts keep them."""
     status, said = site.make()
     assert status == 0, said
@@ -137,7 +132,7 @@ def test_each_service_gets_its_own_secrets(site: Site) -> None:
     assert site.files() == before
 
 
-def test_files_of_ones_own_win(site: Site) -> None:
+def test_files_of_ones_own_win(site):
     """As a site has them from before; what is missing or empty among them is made."""
     site.make()
     for name, text in (
@@ -154,13 +149,13 @@ def test_files_of_ones_own_win(site: Site) -> None:
     assert len(texts["relay"]["session_key"]) > 40
 
 
-def names_in(certificate: str) -> set[str]:
+def names_in(certificate):
     read = x509.load_pem_x509_certificate(certificate.encode())
     found = read.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return {str(item.value) for item in found}
 
 
-def test_database_has_a_certificate_for_its_host(site: Site) -> None:
+def test_database_has_a_certificate_for_its_host(site):
     """Which the authority that all others get has signed; another host makes another one, of the same authority."""
     site.make()
     before = site.texts()
@@ -179,7 +174,7 @@ def test_database_has_a_certificate_for_its_host(site: Site) -> None:
     assert "db1.example" in names_in(site.texts()["mysql"]["database_cert.pem"])
 
 
-def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path) -> None:
+def test_next_machine_of_a_site_gets_the_same_secrets(site, tmp_path):
     """All but the first admin's password and the database's certificate, which it makes of the same authority."""
     (site.own / "ticket_key").write_text("t" * 40)
     site.make()
@@ -199,10 +194,10 @@ def test_next_machine_of_a_site_gets_the_same_secrets(site: Site, tmp_path: Path
         assert following.export() == shared
 
 
-def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
+def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path):
     """Swarm and Kubernetes get all that any service reads; a second run keeps each file."""
     folder = tmp_path / "site"
-    made: list[dict[str, bytes]] = []
+    made = []
     for _ in range(2):
         environ = {**os.environ, "ENV_FILE": "none"}
         output_of_command(ROOT / "tools" / "site_secrets", "--new", folder, env=environ)
@@ -216,7 +211,7 @@ def test_a_site_that_nothing_runs_gets_its_secrets(tmp_path: Path) -> None:
     assert {file.stat().st_mode & 0o777 for file in folder.iterdir()} == {0o600}
 
 
-def test_database_elsewhere_has_its_own_certificate(site: Site) -> None:
+def test_database_elsewhere_has_its_own_certificate(site):
     """Of its authority there is no key: nothing is made of it, and what was made before is gone."""
     site.make()
     authority = site.texts()["web"]["database_ca.pem"]
@@ -228,7 +223,7 @@ def test_database_elsewhere_has_its_own_certificate(site: Site) -> None:
     assert "database_ca_key.pem" not in site.export()
 
 
-def test_half_a_pair_stops_the_start(site: Site) -> None:
+def test_half_a_pair_stops_the_start(site):
     """The other half, which was made, would not fit."""
     site.make()
     halves = {"peer_key.pem": "peer_cert.pem", "database_cert.pem": "database_key.pem"}
@@ -241,7 +236,7 @@ def test_half_a_pair_stops_the_start(site: Site) -> None:
 
 
 @pytest.fixture
-def pair(tmp_path: Path) -> tuple[str, str]:
+def pair(tmp_path):
     """A certificate for localhost that is good for a day, and its key."""
     now = datetime.now(UTC)
     both = make_certificate(tmp_path, now - timedelta(days=1), now + timedelta(days=1)).read_text()
@@ -249,7 +244,7 @@ def pair(tmp_path: Path) -> tuple[str, str]:
     return certificate, begin + key
 
 
-def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, str]) -> None:
+def test_own_pair_is_tried_before_anything_is_made(site, pair):
     """MariaDB would not start with a wrong one, for ever."""
     certificate, key = pair
     good = {"cert": certificate, "key": key, "ca": certificate}
@@ -271,7 +266,7 @@ def test_own_pair_is_tried_before_anything_is_made(site: Site, pair: tuple[str, 
         assert (site.texts() == {}) == bool(wrong)
 
 
-def test_wrong_secrets_of_ones_own_stop_the_start(site: Site, pair: tuple[str, str]) -> None:
+def test_wrong_secrets_of_ones_own_stop_the_start(site, pair):
     """Their services would start again and again, and say why in a log of their own at best."""
     certificate, key = pair
     named = ("-noenc", "-subj", "/CN=x", "-addext", "subjectAltName=DNS:robotether-peer")

@@ -1,33 +1,28 @@
 """What the sshd image lets a robot's key do, asked of the running daemon."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import re
 import socket
-import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 from commands import run_command
 from jump_people import RobotSshd, end, heartbeat
-from robot_key import RobotKey, session_line
-from stack import Stack
+from robot_key import session_line
 
 USER = "tunnel@127.0.0.1"
 
 
-def _free_port(key: RobotKey) -> int:
+def _free_port(key):
     """The robot's rosbridge port, when nobody holds it: sshd hears a moment later that a test has ended its client."""
     ros, _ = key.ports()
     key.stack.wait("the port free", lambda: not _listens(key.stack, ros), "sshd")
     return ros
 
 
-def _listens(stack: Stack, port: int) -> bool:
+def _listens(stack, port):
     """Whether somebody answers at a port of sshd's container."""
     connect = ["bash", "-c", f"exec 3<>/dev/tcp/127.0.0.1/{port}"]
     return stack.container("sshd").exec_run(connect).exit_code == 0
@@ -89,14 +84,14 @@ IN_FORCE = {
 
 
 @pytest.mark.parametrize("account", IN_FORCE)
-def test_sshd_runs_for_an_account_with_our_settings(stack: Stack, account: str) -> None:
+def test_sshd_runs_for_an_account_with_our_settings(stack, account):
     who = f"user={account},host=somewhere,addr=192.0.2.1"
     found = stack.exec("sshd", "/usr/sbin/sshd", "-T", "-C", who).splitlines()
     wanted = set(map(str.strip, IN_FORCE[account].strip().splitlines()))
     assert wanted - set(found) == set()
 
 
-def test_an_audit_finds_no_weak_algorithm(stack: Stack) -> None:
+def test_an_audit_finds_no_weak_algorithm(stack):
     """ssh-audit fails none of what sshd offers, nor does it know of a weakness of the whole."""
     port = stack.ssh_port
     audit = (sys.executable, "-m", "ssh_audit", "--json", "--skip-rate-test")
@@ -108,14 +103,14 @@ def test_an_audit_finds_no_weak_algorithm(stack: Stack) -> None:
     assert found["cves"] == []
 
 
-def test_robots_with_older_openssh_log_in(key: RobotKey) -> None:
+def test_robots_with_older_openssh_log_in(key):
     """With the best that OpenSSH 8.2 (Ubuntu 20.04) and 8.4 (Debian 11) have in common with this server."""
     best = ("KexAlgorithms=curve25519-sha256", "MACs=hmac-sha2-256-etm@openssh.com")
     options = [word for option in (*best, "Ciphers=aes128-ctr") for word in ("-o", option)]
     assert "Authenticated to" in key.ssh("-v", *options, USER, "id").stderr
 
 
-def _sandboxes(stack: Stack, program: str) -> list[tuple[str, int]]:
+def _sandboxes(stack, program):
     """The user, and how many filters of system calls there are, of each process of a program in sshd's container."""
     statuses = f"cat $(pgrep -x {program} | sed 's|.*|/proc/&/status|')"
     printed = stack.exec("sshd", "bash", "-c", statuses)
@@ -125,7 +120,7 @@ def _sandboxes(stack: Stack, program: str) -> list[tuple[str, int]]:
     return [(user, int(count)) for user, count in found]
 
 
-def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
+def test_stranger_talks_to_a_process_in_a_sandbox(stack):
     """Before a log-in it is an account without rights, behind a filter of sshd's own beside the container's."""
     user = stack.exec("sshd", "id", "--user", "sshd").strip()
     [(_, of_container)] = _sandboxes(stack, "sshd")
@@ -141,11 +136,11 @@ def test_stranger_talks_to_a_process_in_a_sandbox(stack: Stack) -> None:
         assert nice == [{"0"}, {"10"}, {"19"}]
 
 
-def _nice(stack: Stack, program: str) -> set[str]:
+def _nice(stack, program):
     return set(stack.exec("sshd", "ps", "-C", program, "-o", "ni=").split())
 
 
-def test_programs_of_a_log_in_load_no_library(stack: Stack) -> None:
+def test_programs_of_a_log_in_load_no_library(stack):
     """They would make most of its cost: each is static, at a random address all the same."""
     ours = ("authorized-keys", "key-lookups", "session", "sshd-auth")
     for program in (
@@ -156,7 +151,7 @@ def test_programs_of_a_log_in_load_no_library(stack: Stack) -> None:
         assert "statically linked" in stack.exec("sshd", "ldd", program), program
 
 
-def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: Path) -> None:
+def test_robot_listens_on_its_own_ports(key, stack, tmp_path):
     """Both ports, added to the live connection as an agent does, listen inside the tunnel network."""
     control = str(tmp_path / "control")
     running = key.start("-M", "-S", control, USER, "session")
@@ -173,11 +168,11 @@ def test_robot_listens_on_its_own_ports(key: RobotKey, stack: Stack, tmp_path: P
         end(running)
 
 
-def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
+def test_robot_gets_nothing_but_its_sessions(key):
     """Whatever the key asks for: no shell, no command, no file transfer, no terminal, no socket file, no port."""
     ros, _ = key.ports()
     refused = "remote port forwarding failed"
-    attempts: tuple[tuple[tuple[str, ...], str], ...] = (
+    attempts = (
         *(((USER, command), "") for command in ("sh", "session; id", "session x", "internal-sftp")),
         *(((USER, command), "") for command in ("session\nid", "$(id)", "media --robot 1")),
         ((USER,), ""),
@@ -200,14 +195,14 @@ def test_robot_gets_nothing_but_its_sessions(key: RobotKey) -> None:
         assert done.stdout == "", arguments
 
 
-def test_key_opens_no_other_account(key: RobotKey) -> None:
+def test_key_opens_no_other_account(key):
     for account in ("root", "keylookup", "jump"):
         assert "Permission denied" in key.ssh(f"{account}@127.0.0.1", "session").stderr
 
 
-def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> None:
+def test_newer_session_takes_the_ports_over(key, tmp_path):
     ros = _free_port(key)
-    running: list[subprocess.Popen[str]] = []
+    running = []
     try:
         for control in (str(tmp_path / "first"), str(tmp_path / "second")):
             running.append(key.start("-M", "-S", control, USER, "session"))
@@ -223,7 +218,7 @@ def test_newer_session_takes_the_ports_over(key: RobotKey, tmp_path: Path) -> No
 
 
 @pytest.mark.release
-def test_connection_without_a_session_ends(key: RobotKey, stack: Stack) -> None:
+def test_connection_without_a_session_ends(key, stack):
     """A connection that only holds ports is ended, since the relay could not; nor does a client of a port keep it."""
     ros, video = _free_port(key), key.ports()[1]
     with RobotSshd.running() as target:
@@ -240,12 +235,11 @@ def test_connection_without_a_session_ends(key: RobotKey, stack: Stack) -> None:
             end(unused)
 
 
-def test_robot_that_reads_nothing_loses_its_session(key: RobotKey, stack: Stack) -> None:
+def test_robot_that_reads_nothing_loses_its_session(key, stack):
     """A robot that stops reading cannot keep the connection, and its ports, that the relay has ended."""
     running = key.start(USER, "session")
     try:
         session_line(running)
-        assert running.stdin is not None
         # Answers of 4000 digits fill every buffer on the way back, which nobody reads; fewer than 200 lines a second,
         # as the relay ends a robot that sends more for that alone; many at once, so that more has to be written
         # than a pipe's free page takes.

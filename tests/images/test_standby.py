@@ -1,25 +1,20 @@
 """A standby of the database: the commands of docs/howto/standby.md, on its two machines and one more that is a cell."""
 
-from __future__ import annotations
-
 import json
 import os
 import re
 import ssl
 import threading
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from functools import cached_property
-from pathlib import Path
-from typing import Any
 
 import pymysql
 import pytest
 from cells import first_cell, second_cell
 from commands import path_with, write_programs
 from image_names import ensure_built
-from stack import ROOT, Stack
+from stack import ROOT
 
 pytestmark = pytest.mark.release
 PAGE = ROOT / "docs" / "howto" / "standby.md"
@@ -37,7 +32,7 @@ MAKE = """#!/bin/sh
 SERVICES = ("mysql", "nginx", "web", "relay", "sshd")
 
 
-def blocks(heading: str) -> list[str]:
+def blocks(heading):
     section = PAGE.read_text().split(f"\n## {heading}\n")[1].split("\n## ")[0]
     return re.findall(r"^```sh\n(.*?)^```$", section, re.MULTILINE | re.DOTALL)
 
@@ -45,11 +40,10 @@ def blocks(heading: str) -> list[str]:
 class Site:
     """Machine a with the database, b with its standby, and the cell c."""
 
-    def __init__(self, folder: Path, first: Stack) -> None:
+    def __init__(self, folder, first):
         self._folder = folder
         self.a = first
         self.b = first_cell(folder / "b", "b")
-        self.c: Stack
         programs = folder / "programs"
         write_programs(programs, {"ssh": SSH, "make": MAKE})
         for machine in (self.a, self.b):
@@ -57,7 +51,7 @@ class Site:
             (folder / f"{name}.env_file").write_text(os.path.relpath(machine.env_file, ROOT))
             machine.variables |= {**path_with(programs), "SITE": str(folder)}
 
-    def _here(self, text: str) -> str:
+    def _here(self, text):
         """What the page says, with the addresses of this test's machines, which differ in their ports."""
         for number, machine in ((1, self.a), (2, self.b)):
             address, own = f"192.0.2.{number}", machine.settings
@@ -66,24 +60,24 @@ class Site:
             text = text.replace(address, str(self.c.settings["DB_HOST"]))
         return text
 
-    def set(self, machine: Stack, block: str) -> None:
+    def set(self, machine, block):
         machine.settings |= dict(line.split("=", 1) for line in self._here(block).splitlines())
         machine.write_settings()
 
-    def run(self, machine: Stack, block: str) -> str:
+    def run(self, machine, block):
         """Run a block on a machine. Its images are built."""
         lines = [line for line in block.splitlines() if not line.startswith("tools/build ")]
         script = "set -e\n" + "\n".join(lines).replace("compose exec", "compose exec -T")
         return machine.tool("bash", "-c", script, timeout=400)
 
     @cached_property
-    def secrets(self) -> Path:
+    def secrets(self):
         folder = self._folder / "b" / "secrets"
         self.a.tool("tools/site_secrets", str(folder))
         return folder
 
     @contextmanager
-    def connection(self, machine: Stack) -> Iterator[pymysql.cursors.Cursor]:
+    def connection(self, machine):
         """A cursor at a machine's database, reached as by other machines."""
         host, port = str(machine.settings["DB_PUBLISH"]).split(":")
         connection = pymysql.connect(
@@ -98,7 +92,7 @@ class Site:
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+def site(tmp_path_factory):
     """All three; the standby follows."""
     ensure_built("default")
     folder = tmp_path_factory.mktemp("site")
@@ -118,17 +112,17 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield made
 
 
-def semi_sync(site: Site, machine: Stack) -> dict[str, str]:
+def semi_sync(site, machine):
     printed = site.run(machine, blocks("See that it works")[0])
     return dict(line.split("\t") for line in printed.splitlines()[1:])
 
 
-def replica(site: Site, machine: Stack) -> dict[str, str]:
+def replica(site, machine):
     printed = site.run(machine, blocks("See that it works")[1])
     return dict(re.findall(r"^ *(\w+): (.*)$", printed, re.MULTILINE))
 
 
-def wait_for_sync(site: Site, machine: Stack, status: str) -> None:
+def wait_for_sync(site, machine, status):
     machine.wait(
         f"semi-sync {status}",
         lambda: semi_sync(site, machine)["Rpl_semi_sync_master_status"] == status,
@@ -137,7 +131,7 @@ def wait_for_sync(site: Site, machine: Stack, status: str) -> None:
     )
 
 
-def test_standby_is_waited_for(site: Site) -> None:
+def test_standby_is_waited_for(site):
     """It follows over TLS, with a right to read alone, and takes records of nobody else."""
     shown = semi_sync(site, site.a)
     assert shown["Rpl_semi_sync_master_status"] == "ON"
@@ -152,7 +146,7 @@ def test_standby_is_waited_for(site: Site) -> None:
         cursor.execute("CREATE TABLE numbers (number INT PRIMARY KEY)")
 
 
-def test_site_goes_on_without_its_standby(site: Site) -> None:
+def test_site_goes_on_without_its_standby(site):
     """Records are confirmed alone, which shows, until the standby has them all."""
     standby = site.b.container("mysql")
     with site.connection(site.a) as cursor:
@@ -169,12 +163,12 @@ def test_site_goes_on_without_its_standby(site: Site) -> None:
 class Numbers(threading.Thread):
     """Writes rows 1, 2, 3, ... until the database is gone; `confirmed` is the last that it confirmed."""
 
-    def __init__(self, site: Site, machine: Stack) -> None:
+    def __init__(self, site, machine):
         super().__init__()
         self._connection = site.connection(machine)
         self.confirmed = 0
 
-    def run(self) -> None:
+    def run(self):
         with self._connection as cursor:
             try:
                 while True:
@@ -184,19 +178,19 @@ class Numbers(threading.Thread):
                 return
 
 
-def numbers_at(site: Site, machine: Stack) -> list[int]:
+def numbers_at(site, machine):
     with site.connection(machine) as cursor:
         cursor.execute("SELECT number FROM numbers ORDER BY number")
         return [int(number) for (number,) in cursor.fetchall()]
 
 
-def alive(cell: Stack) -> set[str]:
+def alive(cell):
     """The cells that one sees, as the site's database and the relays have them."""
-    listed: list[dict[str, Any]] = json.loads(cell.robotether("cell", "list", "--json"))
+    listed = json.loads(cell.robotether("cell", "list", "--json"))
     return {row["name"] for row in listed if row["is_alive"]}
 
 
-def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
+def test_promoted_standby_has_all_that_was_confirmed(site):
     site.c.robotether("user", "add", "ann")
     numbers = Numbers(site, site.a)
     # However busy the machine of the test is, nothing is confirmed without the standby.
@@ -238,7 +232,7 @@ def test_promoted_standby_has_all_that_was_confirmed(site: Site) -> None:
     assert "ben" in site.b.robotether("user", "list")
 
 
-def test_promoted_database_has_what_migrations_need(site: Site) -> None:
+def test_promoted_database_has_what_migrations_need(site):
     [[state]] = site.b.sql(
         "SELECT status FROM information_schema.events WHERE event_name = 'prune_history'"
     )
@@ -250,7 +244,7 @@ def test_promoted_database_has_what_migrations_need(site: Site) -> None:
         assert (first.fetchall(), second.fetchall()) == (((1,),), ((0,),))
 
 
-def test_old_database_comes_back_as_standby_alone(site: Site) -> None:
+def test_old_database_comes_back_as_standby_alone(site):
     """With its old data it does not start; as the page says it follows the one that was promoted."""
     old = site.a.container("mysql")
     old.start()

@@ -1,7 +1,5 @@
 """A site on Docker Swarm: a node with the database, and two cells; as docs/howto/swarm.md says."""
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -11,13 +9,12 @@ import ssl
 import tarfile
 import urllib.request
 import uuid
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
-from typing import Self, TypeVar
+from typing import TypeVar
 
 import docker
 import pytest
@@ -40,23 +37,23 @@ class Node:
     container: Container
 
     @property
-    def address(self) -> str:
+    def address(self):
         self.container.reload()
         return address_of(self.container)
 
-    def run(self, command: str, **environment: str) -> str:
+    def run(self, command, **environment):
         wanted = ("bash", "-ec", command)
         done = run_inside(self.container, *wanted, environment=environment, merged=True)
         assert done.returncode == 0, f"{command!r} on {self.name}: {done.stdout[-4000:]}"
         return done.stdout
 
-    def succeeds(self, command: str) -> bool:
+    def succeeds(self, command):
         return run_inside(self.container, "bash", "-c", command).returncode == 0
 
-    def inside(self, service: str, command: str) -> str:
+    def inside(self, service, command):
         return self.run(f"docker exec $(docker ps --quiet --filter name={service}) {command}")
 
-    def load(self, archive: Path) -> None:
+    def load(self, archive):
         inside = ("docker", "exec", "--interactive", str(self.container.id))
         with archive.open("rb") as stream:
             output_of_command(*inside, "docker", "load", "--quiet", stdin=stream, limit_s=300)
@@ -72,7 +69,7 @@ class Swarm:
     engine: docker.DockerClient = field(default_factory=docker.from_env)
     nodes: dict[str, Node] = field(default_factory=dict)
 
-    def __enter__(self) -> Self:
+    def __enter__(self):
         output_of_command(BUILD, "docker_host", limit_s=300)
         self.prefix = f"swarm-test-{uuid.uuid4().hex[:8]}"
         self.network = self.engine.networks.create(self.prefix, driver="bridge")
@@ -87,20 +84,20 @@ class Swarm:
             raise
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *_):
         self._remove()
 
     @property
-    def manager(self) -> Node:
+    def manager(self):
         return self.nodes[self.names[0]]
 
-    def hand_over(self, node: str, *names: str) -> None:
+    def hand_over(self, node, *names):
         archive = self.folder / "images.tar"
         output_of_command("docker", "save", "--output", archive, *map(image, names), limit_s=300)
         self.nodes[node].load(archive)
         archive.unlink()
 
-    def deploy(self, stack: str, *files: str, **settings: str) -> None:
+    def deploy(self, stack, *files, **settings):
         tag = image("server").partition(":")[2]
         named = " ".join(f"--compose-file /deploy/swarm/{file}" for file in files)
         # The engines would look for newer images in a registry.
@@ -110,23 +107,23 @@ class Swarm:
             **settings,
         )
 
-    def states(self, stack: str) -> dict[str, str]:
+    def states(self, stack):
         """Service -> what Swarm says of its replicas, such as 1/1."""
         listed = self.manager.run(
             f"docker stack services --format '{{{{.Name}}}} {{{{.Replicas}}}}' {stack}"
         )
         return dict(line.split(maxsplit=1) for line in listed.splitlines())
 
-    def is_up(self, stack: str) -> bool:
+    def is_up(self, stack):
         states = self.states(stack)
         return bool(states) and all(
             state.startswith(("1/1", "0/1 (1/1 completed)")) for state in states.values()
         )
 
-    def wait(self, what: str, condition: Callable[[], T], seconds: float = 60) -> T:
+    def wait(self, what, condition, seconds=60):
         return wait_until(condition, lambda: f"{what}\n{self._report()}", seconds, every_s=0.5)
 
-    def _report(self) -> str:
+    def _report(self):
         if not self.nodes:
             return ""
         command = (
@@ -137,7 +134,7 @@ class Swarm:
         done = run_inside(self.manager.container, "bash", "-c", command, merged=True)
         return done.stdout[-12000:]
 
-    def _boot(self, name: str) -> None:
+    def _boot(self, name):
         mounts = [
             Mount("/var/lib/docker", None, type="volume"),
             Mount("/deploy", str(ROOT / "deploy"), type="bind", read_only=True),
@@ -151,7 +148,7 @@ class Swarm:
         )  # fmt: skip
         self.nodes[name] = Node(name, container)
 
-    def _join(self) -> None:
+    def _join(self):
         self.manager.run("docker swarm init --advertise-addr eth0")
         token = self.manager.run("docker swarm join-token --quiet worker").strip()
         for name in self.names[1:]:
@@ -159,7 +156,7 @@ class Swarm:
                 f"docker swarm join --token {shlex.quote(token)} {self.manager.address}:2377"
             )
 
-    def _remove(self) -> None:
+    def _remove(self):
         for node in self.nodes.values():
             node.container.remove(force=True, v=True)
         self.network.remove()
@@ -171,7 +168,7 @@ CELLS = ("a", "b")
 
 
 @pytest.fixture(scope="module")
-def swarm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swarm]:
+def swarm(tmp_path_factory):
     """The whole site, without robots."""
     ensure_built("demo")
     folder = tmp_path_factory.mktemp("swarm")
@@ -195,13 +192,13 @@ def swarm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Swarm]:
         yield running
 
 
-def deploy_cell(swarm: Swarm, cell: str) -> None:
+def deploy_cell(swarm, cell):
     swarm.deploy(
         f"robotether_{cell}", "cell.yaml", CELL=cell, PUBLIC_HOST=swarm.nodes[cell].address
     )
 
 
-def ask(swarm: Swarm, cell: str, path: str, token: str) -> bytes:
+def ask(swarm, cell, path, token):
     url = f"https://{swarm.nodes[cell].address}{path}"
     request = urllib.request.Request(url, headers={"Authorization": f"Bearer {token}"})
     try:
@@ -211,13 +208,13 @@ def ask(swarm: Swarm, cell: str, path: str, token: str) -> bytes:
         return b""
 
 
-def is_online(swarm: Swarm, cell: str, token: str) -> bool:
+def is_online(swarm, cell, token):
     answer = ask(swarm, cell, "/api/v1/robots/sim1", token)
     return bool(answer) and bool(json.loads(answer)["online"])
 
 
 @contextmanager
-def robot(swarm: Swarm, cell: str, join_token: str) -> Iterator[Container]:
+def robot(swarm, cell, join_token):
     """A simulated robot that joins at a cell."""
     address = swarm.nodes[cell].address
     certificate = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((address, 443)))
@@ -250,14 +247,14 @@ def robot(swarm: Swarm, cell: str, join_token: str) -> Iterator[Container]:
         container.remove(force=True, v=True)
 
 
-def test_parts_of_a_cell_find_each_other(swarm: Swarm) -> None:
+def test_parts_of_a_cell_find_each_other(swarm):
     for cell in CELLS:
         address = swarm.nodes[cell].inside(f"robotether_{cell}_sshd", "hostname -i").split()
         found = swarm.nodes[cell].inside(f"robotether_{cell}_relay", "getent ahostsv4 sshd")
         assert {line.split()[0] for line in found.splitlines()} < set(address)
 
 
-def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
+def test_robot_goes_to_the_next_cell(swarm):
     web = partial(swarm.nodes["a"].inside, "robotether_a_web")
     token = web("robotether token create --user admin --name test").split()[-1]
     line = web("robotether robot invite --uses 1 --hours 1 --host cloud")
@@ -277,7 +274,7 @@ def test_robot_goes_to_the_next_cell(swarm: Swarm) -> None:
         assert "session" in sshd
 
 
-def test_node_comes_back_by_itself(swarm: Swarm) -> None:
+def test_node_comes_back_by_itself(swarm):
     """After a power cut of the machine of a cell, its services find each other again."""
     node = swarm.nodes["b"]
     node.container.kill()

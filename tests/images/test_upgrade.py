@@ -3,25 +3,18 @@
 The stack before is made by that release's own sources, images and tools, with robots, people and tokens.
 """
 
-from __future__ import annotations
-
 import asyncio
 import os
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 from urllib.request import urlopen
 
 import docker
 import pytest
 from attackers import Person
 from commands import output_of_command
-from docker.models.containers import Container
 from image_names import image
 from local_network import free_port
 from openssh_server import wait_until
 from program_driver import TWIST as FORWARD
-from programs import Program
 from sim_watch import SimWatch
 from stack import PROJECT, ROOT, Stack, wait_until_back
 
@@ -35,11 +28,11 @@ UP_WITHIN_S = 600
 pytestmark = pytest.mark.release
 
 
-def run(*command: str | Path, cwd: Path = ROOT) -> str:
+def run(*command, cwd=ROOT):
     return output_of_command(*command, cwd=cwd, limit_s=UP_WITHIN_S)
 
 
-def answers(url: str) -> bool:
+def answers(url):
     try:
         urlopen(url, timeout=1).close()
     except OSError:
@@ -47,19 +40,19 @@ def answers(url: str) -> bool:
     return True
 
 
-def release_before() -> str:
+def release_before():
     """The newest tag before this commit."""
     found = run("git", "tag", "--list", "v*", "--merged", "HEAD^", "--sort=-creatordate")
     return next(iter(found.split()), FIRST)
 
 
 @pytest.fixture
-def registry() -> Iterator[str]:
+def registry():
     """A registry on this machine alone, with the images of these sources as `next`, which the engine no longer has."""
     run("tools/build", "registry")
     port = free_port()
     engine = docker.from_env()
-    container: Container = engine.containers.run(
+    container = engine.containers.run(
         image("registry"), detach=True, read_only=True, cap_drop=["ALL"], init=True,
         ports={"5000/tcp": ("127.0.0.1", port)}, volumes=["/var/lib/registry"],
     )  # fmt: skip
@@ -78,7 +71,7 @@ def registry() -> Iterator[str]:
 
 
 @pytest.fixture
-def old_stack(tmp_path: Path) -> Iterator[Stack]:
+def old_stack(tmp_path):
     """The release before, running, with three robots."""
     sources = tmp_path / "sources"
     sources.mkdir()
@@ -99,7 +92,7 @@ def old_stack(tmp_path: Path) -> Iterator[Stack]:
         run("docker", "image", "rm", *(name for name in names if name.endswith(f":{tag}")))
 
 
-def identity(stack: Stack) -> dict[str, Any]:
+def identity(stack):
     """What must be the same afterwards: the server's keys and the robots' rows."""
     kept = ("name", "mac", "state", "ros_port", "video_port", "shell_port", "settings")
     robots = stack.admin.ask("GET", "/robots")["robots"]
@@ -112,7 +105,7 @@ def identity(stack: Stack) -> dict[str, Any]:
     }
 
 
-async def drive(program: Program) -> None:
+async def drive(program):
     async with program.connect("sim1") as socket:
         await socket.send_json(
             {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
@@ -122,7 +115,7 @@ async def drive(program: Program) -> None:
             await asyncio.sleep(0.05)
 
 
-def test_pull_and_up_upgrade_the_release_before(old_stack: Stack, registry: str) -> None:
+def test_pull_and_up_upgrade_the_release_before(old_stack, registry):
     """Pulled images take over data, keys and secrets; people, tokens and robots go on, and a robot can be driven."""
     stack = old_stack
     ann = Person(stack, "ann", ("sim1", "drive"))

@@ -1,7 +1,5 @@
 """What agent and server agree on at a join."""
 
-from __future__ import annotations
-
 from robotether_common.join import ROTATION_NAMESPACE, rotation_message
 
 

@@ -1,10 +1,7 @@
 """Which texts are names of ROS, which of them match a pattern, and that a look never takes long."""
 
-from __future__ import annotations
-
 import itertools
 import re
-from collections.abc import Iterator
 
 import pytest
 from robotether_common.ros import MAX_GLOB_LENGTH, Globs, full_name, is_glob
@@ -15,7 +12,7 @@ from robotether_common.ros import MAX_GLOB_LENGTH, Globs, full_name, is_glob
     ["", "/", "~cmd_vel", "//cmd_vel", "/cmd_vel/", "/a//b", "/cmd-vel", "/cmd_vel\n", "/\u0441md", " /a", "/a.b",
      None, 3, ["/cmd_vel"], "/" + "a" * 255, "/cmd_vel\u0000", "/\u0663"],
 )  # fmt: skip
-def test_any_other_spelling_is_no_name(name: object) -> None:
+def test_any_other_spelling_is_no_name(name):
     assert full_name(name) is None
 
 
@@ -37,7 +34,7 @@ def test_it_matches_as_the_textbook_says():
         assert matching == list(filter(wanted.fullmatch, names)), pattern
 
 
-def texts(letters: str) -> Iterator[str]:
+def texts(letters):
     """All of up to five of these letters."""
     for length in range(6):
         yield from map("".join, itertools.product(letters, repeat=length))

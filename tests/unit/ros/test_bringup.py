@@ -1,7 +1,5 @@
 """What starts a robot's ROS for the agent, as far as it can be read where ROS 2 is not: packages and launch files."""
 
-from __future__ import annotations
-
 import json
 import os
 import shutil
@@ -21,14 +19,14 @@ PACKAGE = ROS / "robotether_bringup"
 ROS_1, ROS_2 = ROS / "robotether.launch", PACKAGE / "launch" / "robotether.launch.xml"
 
 
-def test_package_is_what_ros_2_takes() -> None:
+def test_package_is_what_ros_2_takes():
     """ROS's own build tools accept the package."""
     package = parse_package(str(PACKAGE))
     package.validate()
     assert (package.version, package.get_build_type()) == (__version__, "ament_python")
 
 
-def test_installs_where_ros_2_launch_looks(tmp_path: Path) -> None:
+def test_installs_where_ros_2_launch_looks(tmp_path):
     shutil.copytree(PACKAGE, tmp_path / "package")
     subprocess.run(
         [sys.executable, "setup.py", "-q", "install_data", f"--install-dir={tmp_path}/to"],
@@ -41,10 +39,10 @@ def test_installs_where_ros_2_launch_looks(tmp_path: Path) -> None:
     assert (share / "robotether_bringup" / "package.xml").is_file()
 
 
-def test_ros_1_starts_these_nodes() -> None:
+def test_ros_1_starts_these_nodes():
     """The file is read by roslaunch itself."""
 
-    def nodes(*arguments: str) -> list[str]:
+    def nodes(*arguments):
         command = ["roslaunch", "--nodes", str(ROS_1), *arguments]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
 
@@ -53,7 +51,7 @@ def test_ros_1_starts_these_nodes() -> None:
 
 
 @pytest.mark.parametrize("file", [ROS_1, ROS_2])
-def test_serves_this_machine_alone_where_the_agent_looks(file: Path) -> None:
+def test_serves_this_machine_alone_where_the_agent_looks(file):
     root = ElementTree.parse(file).getroot()
     given = [
         (element.get("name"), element.get("value"))
@@ -67,7 +65,7 @@ def test_serves_this_machine_alone_where_the_agent_looks(file: Path) -> None:
     assert defaults["video_port"] == str(urlsplit(agent.video_url).port)
 
 
-def test_compose_file_runs_this_checkout_and_gives_the_agent_only_the_network() -> None:
+def test_compose_file_runs_this_checkout_and_gives_the_agent_only_the_network():
     """Docker reads the compose file."""
     command = ["docker", "compose", "-f", str(ROS / "compose.yaml"), "config", "--format", "json"]
     environ = os.environ | {"SERVER": "robots.example.com"}

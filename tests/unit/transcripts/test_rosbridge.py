@@ -263,7 +263,6 @@ async def _ends_by_messages(ends):
 async def set_guard(ends, guard):
     """Have the agent say so, and wait until the relay knows."""
     registry = ends.world.relay.relay.registry
-    assert ends.robot is not None
     ends.robot.session.send(type="hello", hostname="turtle", agent_version="0.1.0", guard=guard)
     await until(lambda: registry.presence(7).guard_mode == guard, f"the guard is {guard}", WAIT_S)
 
@@ -293,7 +292,7 @@ async def _ends_by_rights(ends):
     database.down = False
     await set_guard(ends, "on")
     await relay.fleet.poll()
-    database.next_fence = broken  # type: ignore[assignment,method-assign]
+    database.next_fence = broken
     await ends.add_refused("a defect of the relay")
     del database.next_fence
     async with world.connect() as socket:
@@ -311,7 +310,6 @@ async def _ends_by_rights(ends):
 
 async def _ends_by_robot(ends):
     robot, relay = ends.robot, ends.world.relay.relay
-    assert robot is not None
     await ends.add("rosbridge ends", lambda _: next(iter(robot.clients)).close())
     await ends.add("rosbridge breaks", lambda _: next(iter(robot.clients))._req.transport.abort())
     robot.mode = "port_taken"
