@@ -11,6 +11,7 @@ from robotether_server.api.auth import Caller, check_admin
 from robotether_server.api.exports import USUAL_LIMIT, ListQuery
 from robotether_server.api.operations import operation
 from robotether_server.contract.audit import AuditEvent
+from robotether_server.contract.control import RobotQuery
 from robotether_server.db import Transaction, audit, controllers
 from robotether_server.db.audit import AuditSearch
 from robotether_server.db.controllers import Controller
@@ -61,7 +62,7 @@ def list_audit_events(caller: Caller, query: AuditQuery) -> AuditEventList | Res
     )
 
 
-class ControllerQuery(Struct, forbid_unknown_fields=True):
+class ControllerQuery(RobotQuery, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """At which time."""
 
     at: GivenTimestamp

@@ -10,22 +10,27 @@ import { driverText, healthText, presenceText } from "./cards.js";
 
 const KEYS = [..."1234567890qwertyuiop"]; // two rows of the keyboard, and so the maximum number of robots on the wall
 
-// The open request of each robot that is first in line, by name; `requests` come the most urgent first, then the oldest.
+// The open request of each robot that is first in line, by MAC, as the events may know of a new name earlier or later; `requests`
+// come the most urgent first, then the oldest.
 export function requestsByRobot(requests) {
   const byRobot = new Map();
-  for (const request of requests) if (!byRobot.has(request.robot)) byRobot.set(request.robot, request);
+  for (const request of requests) if (!byRobot.has(request.mac)) byRobot.set(request.mac, request);
   return byRobot;
 }
 
 // The names on the wall, `most` of them: robots that ask for help as their requests come, then those online; `robots` come in the
 // order of names.
 export function wallNames(robots, byRobot, most = KEYS.length) {
-  const names = new Set(robots.map(({ name }) => name));
-  const asking = [...byRobot.keys()].filter((name) => names.has(name));
-  const others = robots.filter(({ name }) => !byRobot.has(name));
+  const others = robots.filter(({ mac }) => !byRobot.has(mac));
   const online = others.filter((robot) => robot.online);
   const offline = others.filter((robot) => !robot.online);
-  return [...asking, ...[...online, ...offline].map(({ name }) => name)].slice(0, most);
+  return [...namesOf(byRobot, robots), ...[...online, ...offline].map(({ name }) => name)].slice(0, most);
+}
+
+// The names of the robots that ask for help, as their requests come.
+export function namesOf(byRobot, robots) {
+  const names = new Map([...robots].map(({ mac, name }) => [mac, name]));
+  return [...byRobot.keys()].flatMap((mac) => names.get(mac) ?? []);
 }
 
 // A robot keeps its key while it is on the wall, wherever it moves: a press must meet the robot that it was meant for.

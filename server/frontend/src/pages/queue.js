@@ -144,15 +144,23 @@ function drive({ robot, mac }) {
   location.assign(`/robots/${encodeURIComponent(robot)}`);
 }
 
+// Another request takes neither the note nor a press that was meant for the one before.
 function showCurrent(request) {
   currentPanel.hidden = !request;
-  if (request) fillRequest(currentPanel, request);
+  if (!request) return;
+  const id = String(request.id);
+  if (currentPanel.dataset.request !== id) {
+    byTestId(main, "close-note").value = "";
+    for (const button of currentPanel.querySelectorAll("button")) markNew(button);
+  }
+  currentPanel.dataset.request = id;
+  fillRequest(currentPanel, request);
 }
 
 async function close(event) {
   event.preventDefault();
   const { current } = view ?? {};
-  if (!current) return;
+  if (!current || isNew(byTestId(main, "close-request"))) return;
   const note = byTestId(main, "close-note");
   const { ok, detail } = await api.post(`/api/v1/requests/${current.id}/close`, { note: note.value.trim() });
   setText(byTestId(main, "close-outcome"), ok ? texts.closed(current.robot) : texts.refused(detail));

@@ -8,7 +8,7 @@ import { offerDrive } from "../fleet/cards.js";
 import { filterOf, fromQuery, inNameOrder, toQuery } from "../fleet/filters.js";
 import { RobotList, throttled } from "../fleet/list.js";
 import { Thumbs } from "../fleet/thumbs.js";
-import { fillTile, heirs, keyOfPress, keysFor, MovingHand, newTile, requestsByRobot, wallNames } from "../fleet/wall.js";
+import { fillTile, heirs, keyOfPress, keysFor, MovingHand, namesOf, newTile, requestsByRobot, wallNames } from "../fleet/wall.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
 import { feed as feedTexts } from "../texts/common.js";
 import { data as dataTexts, wall as texts } from "../texts/queue.js";
@@ -34,7 +34,7 @@ const list = new RobotList({
   template: document.getElementById("wall-tile"),
   make: newTile,
   fill: (tile, robot) =>
-    fillTile(tile, robot, { request: byRobot.get(robot.name), key: keys.get(robot.name), mayDrive: mayDrive(robot.name) }),
+    fillTile(tile, robot, { request: byRobot.get(robot.mac), key: keys.get(robot.name), mayDrive: mayDrive(robot.name) }),
   onNew: (tile, name) => {
     tile.dataset.camera = facts[name]?.camera ?? "";
     thumbs.add(tile, name);
@@ -65,15 +65,14 @@ function show(searched = false) {
   for (const name of names) list.fill(robots.get(name), true);
   list.arrange(names, shown);
   markHeirs(searched ? { places: [], keys: [] } : heirs(names, keys, before));
-  const asking = [...byRobot.keys()].filter((name) => robots.has(name));
-  setText(byTestId(main, "wall-asking"), texts.asking(asking));
-  count(names.length, all.length);
+  setText(byTestId(main, "wall-asking"), texts.asking(namesOf(byRobot, robots.values())));
+  count(names.length, fitting.length, all.length);
 }
 
 // Before the feed has come, nobody knows that there are none.
-function count(shown, all) {
+function count(shown, fitting, all) {
   const isLive = feedState.dataset.feed === "live";
-  setText(byTestId(main, "wall-count"), robots.size > 0 || isLive ? texts.count(shown, all, most) : "");
+  setText(byTestId(main, "wall-count"), robots.size > 0 || isLive ? texts.count(shown, fitting, all, most) : "");
   byTestId(main, "wall-empty").hidden = shown > 0 || !isLive;
 }
 

@@ -113,9 +113,11 @@ export const wall = {
     if (names.length === 0) return "";
     return names.length === 1 ? `${names[0]} asks for help.` : `${names.length} robots ask for help: ${names.join(", ")}.`;
   },
-  count: (shown, all, most) => {
-    if (shown === all) return `${all} ${all === 1 ? "robot" : "robots"}`;
-    return `${shown} of ${all} robots${shown < most ? "" : `, ${most} at most; search to see others`}`;
+  // `fitting`: of `all` those that a search or filter leaves.
+  count: (shown, fitting, all, most) => {
+    if (shown < fitting && fitting < all) return `${shown} of the ${fitting} robots found, ${most} at most; search for less to see others`;
+    if (shown < fitting) return `${shown} of ${all} robots, ${most} at most; search to see others`;
+    return shown === all ? `${all} ${all === 1 ? "robot" : "robots"}` : `${shown} of ${all} robots`;
   },
   stopped: (name) => `Stopped by ${name}`,
   drive: "Drive",

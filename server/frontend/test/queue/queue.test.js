@@ -1,14 +1,14 @@
 import assert from "node:assert/strict";
 import { beforeEach, describe, test } from "node:test";
 
-import { part } from "../../src/dom/page.js";
+import { byTestId, part } from "../../src/dom/page.js";
 import { Alerts } from "../../src/queue/alerts.js";
 import { AskForHelp } from "../../src/queue/askForHelp.js";
 import { Availability } from "../../src/queue/availability.js";
 import { Poller, startTicking } from "../../src/queue/poller.js";
 import { requestFacts, stateText } from "../../src/queue/requestRows.js";
 import { figureTexts, operatorFacts, periodWords } from "../../src/queue/supervision.js";
-import { FakeElement } from "../fakes.js";
+import { FakeElement, settle } from "../fakes.js";
 
 test("an offer sounds at once and every two seconds, and its name and the page's take turns in the title", () => {
   const page = { title: "Queue" };
@@ -223,4 +223,37 @@ describe("questions to the server", () => {
     t.mock.timers.tick(1000);
     assert.equal(ticks, 6);
   });
+});
+
+test("another request gets neither the note nor a press that was meant for the one before", async (context) => {
+  context.mock.timers.enable({ apis: ["setTimeout", "setInterval", "Date"] });
+  const page = new FakeElement();
+  const main = page.querySelector("main");
+  const of = { document: globalThis.document, window: globalThis.window };
+  Object.assign(globalThis, { document: Object.assign(page, { ...of.document, body: page, hidden: false }), window: new EventTarget() });
+  let id = 7;
+  const closed = [];
+  context.mock.method(globalThis, "fetch", async (path) => {
+    if (path.endsWith("/close")) closed.push(path);
+    return Response.json({ state: "busy", current: { id, robot: "sim1" }, waiting: [] });
+  });
+  const buttons = part(main, "current").querySelectorAll();
+  part(main, "current").querySelectorAll = () => buttons;
+  buttons.push(byTestId(main, "close-request"));
+  const close = () => part(main, "close").dispatchEvent(new Event("submit"));
+  const next = async (ms) => (context.mock.timers.tick(ms), settle());
+  await import("../../src/pages/queue.js");
+  await next(1500);
+  byTestId(main, "close-note").value = "lost on the ramp";
+  await next(1000);
+  assert.equal(byTestId(main, "close-note").value, "lost on the ramp");
+  id = 8;
+  await next(1000);
+  assert.equal(byTestId(main, "close-note").value, "");
+  close();
+  assert.deepEqual(closed, []);
+  await next(1500);
+  close();
+  assert.deepEqual(closed, ["/api/v1/requests/8/close"]);
+  Object.assign(globalThis, of);
 });

@@ -39,6 +39,7 @@ def test_query_has_each_name_once_and_no_other(root):
         ("PATCH", "", {"state": "disabled"}),
         ("DELETE", "", None),
         ("GET", "/sessions", None),
+        ("GET", "/controller", None),
     ],
 )
 def test_nothing_is_done_to_a_robot_that_has_got_the_name(root, method, path, body):
