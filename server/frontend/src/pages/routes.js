@@ -4,7 +4,7 @@ import { api } from "../dom/calls.js";
 import { freshPage, make, part, setText, withoutTokens } from "../dom/page.js";
 import { askOnce } from "../dom/presses.js";
 import { Poller, tickWhileSeen } from "../queue/poller.js";
-import { data as dataTexts } from "../texts/queue.js";
+import { showDataState } from "../queue/requestRows.js";
 import { routes as texts } from "../texts/routes.js";
 import { RouteDiagram, isApp } from "../topics/routeDiagram.js";
 
@@ -152,9 +152,9 @@ class RoutesPage {
     this.poller = new Poller({
       ask: () => api.get("/api/v1/routes/live"),
       onAnswer: (body) => this.receive(body),
-      onState: ({ name }) => {
-        if (name !== "live") this.showLive([]);
-        if (name === "login") this.say(dataTexts.login());
+      onState: (state) => {
+        if (state.name !== "live") this.showLive([]);
+        showDataState(root, part(root, "feed"), state);
       },
     });
   }
