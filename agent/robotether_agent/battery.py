@@ -178,13 +178,16 @@ class Vitals:
 
     @property
     def battery(self) -> Battery | None:
-        """The battery as it was last reported; None: unknown."""
+        """The battery as it was last reported; None: unknown, as while nothing reports it."""
         return self._battery
 
     async def report(self, send: Send, settings: Callable[[], BatterySettings]) -> None:
         """Report each change, the newest once in 5 s at most; runs until it is cancelled."""
-        self._battery = None
-        await first_of(self._keep_listening(settings), self._keep_reporting(send))
+        try:
+            await first_of(self._keep_listening(settings), self._keep_reporting(send))
+        finally:
+            # What comes meanwhile is not read.
+            self._battery = None
 
     async def _keep_reporting(self, send: Send) -> None:
         # A new session knows of none.

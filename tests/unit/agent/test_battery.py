@@ -124,6 +124,19 @@ async def test_a_battery_that_shows_as_another_robots_is_left(vitals_of, spawn, 
         await eventually(lambda: reported[2:] == [line(20)], lambda: str(reported))
 
 
+async def test_without_a_session_nothing_is_known(vitals_of):
+    """The rules for help go on, and what was charged meanwhile must not ask."""
+    async with FakeRosbridge(TOPICS) as robot:
+        vitals = vitals_of(robot.url)
+        task = asyncio.ensure_future(vitals.report(lambda _: None, BatterySettings))
+        await robot.subscription("/battery_state")
+        await robot.publish("/battery_state", state(0.5))
+        await eventually(lambda: vitals.battery is not None, lambda: "it is read")
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+        assert vitals.battery is None
+
+
 async def test_a_hung_rosbridge_does_not_hold_up_the_sessions_end(tmp_path):
     """The guard is told of a lost session after this has ended."""
     async with FakeRosbridge(mode="slow_reader") as robot:
