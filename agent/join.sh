@@ -533,7 +533,7 @@ tell_how_to_approve() {
 uninstall() {
   [ "$(id -u)" = 0 ] || fail 'cannot uninstall as an ordinary user: run it with sudo'
   # dpkg would go on to know files that are gone.
-  if dpkg-query --show --showformat '${db:Status-Status}\n' robotether-agent 2>/dev/null | grep -qx installed; then
+  if dpkg-query --show --showformat '${db:Status-Status}\n' robotether-agent 2>/dev/null | grep -qvxE 'not-installed|config-files'; then
     fail 'cannot remove what a Debian package has installed: run apt purge robotether-agent, which removes the key too'
   fi
   found=''

@@ -138,9 +138,10 @@ def test_uninstall_removes_an_upgrade_that_was_cut_short(robot):
     assert systemctl_calls(robot)[0] == f"--quiet disable --now {PENDING_NAME}"
 
 
-def test_uninstall_leaves_a_package_to_apt(robot):
-    """Its files go with apt alone, and apt would install them anew with the next upgrade."""
-    write_programs(robot.place / "bin", {"dpkg-query": "echo installed"})
+@pytest.mark.parametrize("status", ["installed", "half-configured"])
+def test_uninstall_leaves_a_package_to_apt(robot, status):
+    """Its files go with apt alone, and apt would install them anew with the next upgrade, or with the next package."""
+    write_programs(robot.place / "bin", {"dpkg-query": f"echo {status}"})
     doubles = "id() { [ x$1 = x-u ] && echo 0; }; rm() { echo rm $*; }; fail() { echo $*; exit 0; }"
     said = robot.run(f"{doubles}; yes=1; uninstall")
     assert "apt purge robotether-agent" in said
