@@ -136,9 +136,10 @@ class LevelTrend:
     ) -> Unit | None:
         """Return the unit that the levels up to this one show beyond doubt; `before` is what the topic has shown."""
         unit, steady_unit = unit_shown(message), self._steady_unit(message, now_s)
+        level = number_in(message, "percentage")
         self._percents = self._percents + 1 if unit == "percent" else 0
-        if unit == "percent":
-            self._was_nearly_empty = message["percentage"] <= NEARLY_EMPTY
+        if level is not None and level > MAX_FRACTION:
+            self._was_nearly_empty = level <= NEARLY_EMPTY
         return None if 0 < self._percents < PERCENT_MESSAGES else unit or before or steady_unit
 
     def is_doubtful(self, message: JsonObject) -> bool:
