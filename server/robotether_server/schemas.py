@@ -9,7 +9,7 @@ names the field and says what it must be. Pure.
 
 import datetime as dt
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, get_type_hints
 
@@ -228,12 +228,16 @@ def read(raw: Mapping[str, object], kind: type[S], path: str = "", *, of: str = 
     return kind(**values)
 
 
-def read_query(raw: Mapping[str, str], kind: type[S]) -> S:
+def read_query(raw: Iterable[tuple[str, str]], kind: type[S]) -> S:
     """Return the Struct of a query, whose numbers are written in decimal digits; raise FieldInvalidError."""
     fields = {field.name: field for field in _fields(kind).values()}
-    plain: dict[str, object] = {
-        name: _number(text, fields[name]) if name in fields else text for name, text in raw.items()
-    }
+    plain: dict[str, object] = {}
+    for name, text in raw:
+        if name in plain:
+            raise FieldInvalidError(
+                f"cannot use {name[:40]!r}: it appears in the query more than once"
+            )
+        plain[name] = _number(text, fields[name]) if name in fields else text
     return read(plain, kind)
 
 

@@ -188,11 +188,11 @@ def _arguments(api_operation: ApiOperation, *, any_type: bool) -> dict[str, obje
     arguments: dict[str, object] = {}
     if api_operation.body is not None:
         arguments["body"] = schemas.read_body(_body(any_type=any_type), api_operation.body)
-    query, kind = _query(), api_operation.parameters
+    kind, query = api_operation.parameters, request.args
     if kind is None and query:
         name = next(iter(query))[:40]
         raise FieldInvalidError(f"cannot use {name!r}: this request takes nothing in its query")
-    parameters = None if kind is None else schemas.read_query(query, kind)
+    parameters = None if kind is None else schemas.read_query(query.items(multi=True), kind)
     return arguments if api_operation.query is None else {**arguments, "query": parameters}
 
 
@@ -209,15 +209,6 @@ def _body(*, any_type: bool) -> dict[str, object]:
     if not isinstance(body, dict):
         raise FieldInvalidError("cannot read the body: it must be one JSON object")
     return body
-
-
-def _query() -> dict[str, str]:
-    for name, values in request.args.lists():
-        if len(values) > 1:
-            raise FieldInvalidError(
-                f"cannot use {name[:40]!r}: it appears in the query more than once"
-            )
-    return dict(request.args.items())
 
 
 def respond(result: object) -> Response:

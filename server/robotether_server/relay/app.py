@@ -99,7 +99,7 @@ def public_app(
             )
             return problem_answer(problem)
         except web.HTTPException as exc:
-            return problem_answer(HttpError(exc.status, f"cannot serve {request.path[:200]}"))
+            return problem_answer(_refusal(request, exc))
         except Exception:
             log.exception("%r failed", request.path[:200])
             return problem_answer(HttpError(500, "cannot answer: see the log of the relay"))
@@ -111,6 +111,16 @@ def public_app(
     app.add_routes(routes)
     app.on_response_prepare.append(cors.mark)
     return app
+
+
+def _refusal(request: web.Request, refusal: web.HTTPException) -> HttpError:
+    """Return why aiohttp refuses a request, and what it would take."""
+    what = f"cannot serve {request.path[:200]}"
+    if isinstance(refusal, web.HTTPMethodNotAllowed):
+        what += f": send {' or '.join(sorted(refusal.allowed_methods))}, not {request.method[:20]}"
+    elif isinstance(refusal, web.HTTPRequestEntityTooLarge):
+        what += f": {refusal.text}"
+    return HttpError(refusal.status, what)
 
 
 def _logger(request_log: RequestLog) -> Middleware:

@@ -8,7 +8,7 @@ from http import HTTPStatus
 
 from flask import Flask, Response, g, json, make_response, render_template, request
 from flask_wtf.csrf import CSRFError  # type: ignore[import-untyped] # it has no types
-from werkzeug.exceptions import BadHost, HTTPException
+from werkzeug.exceptions import BadHost, HTTPException, MethodNotAllowed
 
 from robotether_server.api import auth
 from robotether_server.api.context import context
@@ -103,6 +103,10 @@ def _answer_http(error: HTTPException) -> Response:
     detail = error.description or "there are no details"
     if error.code == HTTPStatus.NOT_FOUND:
         detail = "There is no page at this address."
+        if request.path.startswith(API_PATH):
+            detail = f"cannot find this address: GET {API_PATH}openapi.json lists all"
+    if isinstance(error, MethodNotAllowed) and error.valid_methods:
+        detail = f"cannot use {request.method}: send {' or '.join(sorted(error.valid_methods))}"
     response = answer(HttpError(error.code, detail))
     for name, value in error.get_headers():
         if name.lower() not in {"content-type", "content-length"}:

@@ -122,9 +122,9 @@ def test_refusal_says_where_the_field_stands(given, sentence):
 @pytest.mark.parametrize("value", ["0", "11", "1.0", "+5", "5_0", "\u0665", "x", "", "9" * 5000])
 def test_number_in_a_query_is_plain_digits(value):
     """Python takes more for a number than people mean."""
-    assert schemas.read_query({"name": "7", "uses": "7"}, Thing) == Thing(name="7", uses=7)
+    assert schemas.read_query([("name", "7"), ("uses", "7")], Thing) == Thing(name="7", uses=7)
     with pytest.raises(FieldInvalidError, match="uses: it must be a whole number from 1 to 10"):
-        schemas.read_query({"name": "x", "uses": value}, Thing)
+        schemas.read_query([("name", "x"), ("uses", value)], Thing)
 
 
 @pytest.mark.parametrize("name", ["", " ", "a ", "a\tb", "a\x1b[2J", "x" * 64])

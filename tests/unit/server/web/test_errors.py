@@ -17,6 +17,15 @@ def test_a_file_that_is_not_there_is_no_page(browser):
     assert "csrf" not in answer.text
 
 
+def test_a_program_learns_what_the_api_would_take(browser):
+    for method, path, status, why in (
+        ("GET", "/api/v1/robot", 404, "openapi.json lists all"),
+        ("POST", "/api/v1/me", 405, "cannot use POST: send GET"),
+    ):
+        answer = browser.ask(method, path)
+        assert (answer.status_code, why in answer.json["detail"]) == (status, True)
+
+
 @pytest.mark.parametrize(
     ("path", "mimetype"),
     [

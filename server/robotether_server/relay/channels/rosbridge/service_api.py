@@ -79,7 +79,7 @@ class ServiceApi:
         """Call the service, and answer with what it answers."""
         access, name = self.calls.context.access, request.match_info["name"]
         permit = await access.for_service(request_of(request), name)
-        query = schemas.read_query(request.query, ServiceQuery)
+        query = schemas.read_query(request.query.items(), ServiceQuery)
         service = request.match_info["service"]
         call = _allowed_call(request, permit, service, query, await _args(request))
         self.calls.context.registry.online_presence(permit.robot)

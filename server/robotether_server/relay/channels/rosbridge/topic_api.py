@@ -94,7 +94,7 @@ class TopicApi:
         """Answer with the newest message; 204 when none comes in time."""
         access, name = self.calls.context.access, request.match_info["name"]
         permit = await access.for_topic(request_of(request), name)
-        query = schemas.read_query(request.query, TopicQuery)
+        query = schemas.read_query(request.query.items(), TopicQuery)
         message = {
             "op": "subscribe",
             "topic": request.match_info["topic"],

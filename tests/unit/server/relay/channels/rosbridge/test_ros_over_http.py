@@ -312,16 +312,22 @@ async def test_what_is_no_request_of_a_service_reaches_no_robot(
 ):
     """A page of another site reaches none by a login, either."""
     url, as_json = f"{relay.url}{SERVICES}/a", {"Content-Type": "application/json"}
-    for headers, data, status in (
-        (as_json, b"{", 400),
-        (as_json, b'{"a": 1}, "op": "publish"', 400),
-        (as_json, b"[1]", 400),
-        ({"Content-Type": "text/plain"}, b"{}", 415),
-        (as_json, b'{"a": "%s"}' % (b"x" * 70_000), 413),
+    for headers, data, status, why in (
+        (as_json, b"{", 400, "truncated"),
+        (as_json, b'{"a": 1}, "op": "publish"', 400, "trailing"),
+        (as_json, b"[1]", 400, "it is not an object"),
+        ({"Content-Type": "text/plain"}, b"{}", 415, "application/json"),
+        (as_json, b'{"a": "%s"}' % (b"x" * 70_000), 413, "body size 65536 exceeded"),
     ):
         async with http.post(url, data=data, headers=headers | people["ann"]) as answer:
             assert answer.status == status
-            assert answer.content_type == "application/problem+json"
+            assert why in (await answer.json(content_type="application/problem+json"))["detail"]
+    for method, query, status, why in (
+        ("GET", "", 405, "send POST, not GET"),
+        ("POST", "?timeout_s=1&timeout_s=2", 422, "more than once"),
+    ):
+        async with http.request(method, url + query, headers=people["ann"]) as answer:
+            assert (answer.status, why in (await answer.json())["detail"]) == (status, True)
     for headers in ({}, {"Origin": "https://evil.example"}, {"Origin": "https://lab.example"}):
         async with http.post(url, headers=login | headers) as answer:
             assert answer.status in {401, 403}
