@@ -39,8 +39,8 @@ class Cell:
     """A machine of the site. `host` None: robots are not sent there. `robots`: how many are online there.
 
     `clock_ahead_s`: how far its clock is ahead of the database's, in seconds; None: unknown, or its tickets expired.
-    `disk_free`: part of the disk with the relay's volume that is free, from 0 to 1; `recordings_free`: of the one with
-    the recordings; `recorders`: how many are connected there; None: unknown.
+    `disk_free`: part of the disk with the relay's volume that is free, from 0 to 1; `recordings_free`: of the room for
+    recordings, of their disk or RECORDINGS_MAX_GB; `recorders`: how many are connected there; None: unknown.
     """
 
     name: str

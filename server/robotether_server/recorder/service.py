@@ -79,7 +79,8 @@ class RecorderService:
         self.repairs: set[asyncio.Task[None]] = set()
         # The code of why nothing more is recorded; None: it may be.
         self._full: str | None = None
-        self._bytes_elsewhere = 0
+        # Of all recordings of the site, and of those of its other cells.
+        self._bytes = self._bytes_elsewhere = 0
         self._is_disk_low = False
         self._measured_at = float("-inf")
         # Until when nothing is begun by robots' settings, after a file that could not be.
@@ -152,8 +153,8 @@ class RecorderService:
         now = time.monotonic()
         if now - self._measured_at >= MEASURE_EVERY_S:
             self._measured_at = now
-            used = used_bytes(self._folder) + self._bytes_elsewhere
-            if used >= self._settings.max_bytes:
+            self._bytes = used_bytes(self._folder) + self._bytes_elsewhere
+            if self._bytes >= self._settings.max_bytes:
                 self._full = "quota_reached"
             else:
                 self._full = "disk_full" if self._is_disk_low else None
@@ -415,7 +416,8 @@ class RecorderService:
         else:
             least = min(space.size * MIN_FREE_PART, MAX_MIN_FREE_BYTES)
             self._is_disk_low = space.free < least
-            await self._store.write_disk(space.free_part)
+            quota_left = max(1 - self._bytes / self._settings.max_bytes, 0.0)
+            await self._store.write_room(min(space.free_part, quota_left))
 
     async def _delete_old(self) -> None:
         now = time.monotonic()

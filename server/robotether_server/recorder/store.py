@@ -102,8 +102,8 @@ class RecorderStore:
         if progress:
             await self._ask(write)
 
-    async def write_disk(self, free_part: float) -> None:
-        """Write which part of the disk with the recordings is free."""
+    async def write_room(self, free_part: float) -> None:
+        """Write which part of the room for recordings is free."""
         await self._ask(lambda tx: cells.write_recordings_free(tx, self._cell, free_part))
 
     async def read_bytes_elsewhere(self, before: int) -> int:

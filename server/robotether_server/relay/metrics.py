@@ -136,7 +136,7 @@ class Metrics:
         database_record: Path,
         backup_record: Path,
     ) -> None:
-        """Add how full the disks are of the relay's folder, and of what other parts keep; None: unknown."""
+        """Add how full the disks of relay, database and backups are, and what room recordings have; None: unknown."""
 
         def read() -> Iterator[GaugeMetricFamily]:
             spaces = {
@@ -144,7 +144,12 @@ class Metrics:
                 "database": recorded_space(database_record, DATABASE_CURRENT_S),
                 "backups": recorded_space(backup_record / "disk"),
             }
-            yield _disks(spaces, recordings_free())
+            yield _disks(spaces)
+            meaning = "Free part of the room for recordings, from 0 to 1: of their disk, or of RECORDINGS_MAX_GB"
+            room = GaugeMetricFamily("robotether_relay_recordings_free_ratio", meaning)
+            if (free := recordings_free()) is not None:
+                room.add_metric([], free)
+            yield room
 
         self._registry.register(_Collector(read))
 
@@ -277,18 +282,13 @@ def _read_database(database: RelayDatabase) -> Iterator[GaugeMetricFamily]:
     yield from (used, limit)
 
 
-def _disks(
-    spaces: Mapping[str, DiskSpace | None], recordings_free: float | None
-) -> GaugeMetricFamily:
+def _disks(spaces: Mapping[str, DiskSpace | None]) -> GaugeMetricFamily:
     meaning = "Free part of the disk of a volume, from 0 to 1; of backups when the last was made"
     labels = ["volume", "device"]
     family = GaugeMetricFamily("robotether_relay_disk_free_ratio", meaning, labels=labels)
     for volume, space in spaces.items():
         if space is not None:
             family.add_metric([volume, space.device], space.free_part)
-    if recordings_free is not None:
-        # Its recorder does not say of which device.
-        family.add_metric(["recordings", ""], recordings_free)
     return family
 
 

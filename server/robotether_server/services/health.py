@@ -226,10 +226,10 @@ def _disk(cell: Cell) -> PartHealth:
 def _recordings(cell: Cell) -> PartHealth:
     name = f"recordings of {cell.name}"
     if cell.recordings_free is None:
-        words = "The cell's recorder does not say how full their disk is."
+        words = "The cell's recorder does not say how much room they have."
         return PartHealth(name, "unknown", words, ASK_RECORDER)
-    words = f"{cell.recordings_free:.0%} of their disk is free."
-    advice = "Delete recordings, or lower RECORDINGS_MAX_GB."
+    words = f"{cell.recordings_free:.0%} of their room is free: of RECORDINGS_MAX_GB, or of their disk if that is less."
+    advice = "Delete recordings, or lower RECORDINGS_DAYS."
     return _judge_free(name, cell.recordings_free, words, advice)
 
 

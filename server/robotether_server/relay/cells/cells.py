@@ -87,7 +87,7 @@ class Cells:
 
     @property
     def recordings_free(self) -> float | None:
-        """Part of the disk with this cell's recordings that is free, as its recorder wrote; None: unknown."""
+        """Part of the room for this cell's recordings that is free, as its recorder wrote; None: unknown."""
         own_cell, now = self._cells.get(self.name), asyncio.get_running_loop().time()
         is_current = now - self._read_at <= DISK_CURRENT_S
         return own_cell.recordings_free if own_cell is not None and is_current else None

@@ -69,7 +69,7 @@ class MemoryStore:
 
     async def write_progress(self, _progress): ...
 
-    async def write_disk(self, free_part):
+    async def write_room(self, free_part):
         self.free_part = free_part
 
     async def read_bytes_elsewhere(self, _before):
@@ -373,6 +373,8 @@ async def test_a_recording_leaves_some_of_the_disk_free(recorder, store, monkeyp
 async def test_a_quota_of_the_site_that_is_reached_ends_the_recording(recorder, store, settings):
     store.ask()
     await until(lambda: store.rows[1].started_at, "it began")
+    store.bytes_elsewhere = settings.max_bytes - 10**7
+    await until(lambda: 0 < store.free_part < 0.02, "little is left of the quota")
     store.bytes_elsewhere = settings.max_bytes
     await until(lambda: store.code() == "quota_reached", "it ended")
     store.ask(2)
