@@ -64,7 +64,9 @@ async def subscribe(request: Mapping[str, Any], newest: NewestFrame) -> None:
 
 
 def raw_frames(maker: FrameMaker, message: JsonObject) -> list[Any]:
-    """Return what makes the frame of a message of a raw image, where that is wanted."""
+    """Return what makes the frame of a message of a raw image, where that is wanted; nothing of an empty one."""
+    if message.get("data") == "":
+        return []
     return [partial(maker.frame, RawImage.of(message))]
 
 

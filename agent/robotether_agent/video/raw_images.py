@@ -24,6 +24,10 @@ FORMATS = {
     "bgra8": ("bgra", 4),
     "mono8": ("gray", 1),
     "mono16": ("gray16", 2),
+    # As OpenCV orders them, whose bridge calls images so where nobody names an encoding.
+    "8UC1": ("gray", 1),
+    "8UC3": ("bgr24", 3),
+    "8UC4": ("bgra", 4),
     "16UC1": ("", 2),
     "32FC1": ("", 4),
 }

@@ -569,8 +569,11 @@ def _no_raw_images(name: str, topics: Mapping[str, str]) -> SourceDownError | No
     return None
 
 
-def _image_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFrame:
+def _image_frame(message: JsonObject, topic: str, clock: FrameClock) -> CameraFrame | None:
+    """Return the frame of a message of a compressed image, nothing for an empty one: some drivers begin with it."""
     data = message.get("data")
+    if data == "":
+        return None
     try:
         jpeg = base64.b64decode(data, validate=True) if isinstance(data, str) else b""
     except (binascii.Error, ValueError):

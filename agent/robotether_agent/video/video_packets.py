@@ -27,6 +27,8 @@ def h264_of(message: JsonObject) -> tuple[bytes, AccessUnit] | None:
     encoding = encoding.partition(";")[0].lower().replace(".", "")
     if not any(name in encoding for name in H264_NAMES):
         raise NotShownError(f"its video has the format {printable(encoding, 40)}, not H.264")
+    if message.get("data") == "":
+        return None
     try:
         data = binascii.a2b_base64(message.get("data", ""))  # type: ignore[arg-type]
     except (TypeError, ValueError) as error:

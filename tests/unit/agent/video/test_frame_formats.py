@@ -100,6 +100,9 @@ def shown(image: Mapping[str, Any]) -> Picture:
         ("rgba8", (*ORANGE, 9), ORANGE),
         ("bgra8", (*ORANGE[::-1], 9), ORANGE),
         ("mono8", 77, (77, 77, 77)),
+        ("8UC1", 77, (77, 77, 77)),
+        ("8UC3", ORANGE[::-1], ORANGE),
+        ("8UC4", (*ORANGE[::-1], 9), ORANGE),
     ],
 )
 def test_colours_are_shown_as_they_are(encoding, pixel, colour, padding):
