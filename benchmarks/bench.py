@@ -51,6 +51,7 @@ EXPERIMENTS: Mapping[str, Callable[[Demo, bool], Section]] = {
     "networks": lambda _, quick: video.measure_networks(3 if quick else video.SECONDS),
     "seen_age": lambda demo, quick: seen_age.measure(demo, 5 if quick else seen_age.SECONDS),
     "closed_loop": lambda _, quick: seen_age.measure_loop(5 if quick else seen_age.SECONDS),
+    "operators": lambda _, quick: seen_age.measure_operators(*((3, seen_age.PAPERS_NETWORKS[2:3]) if quick else ())),
     "viewers": lambda demo, quick: video.measure_viewers(demo, 3 if quick else video.VIEWERS_SECONDS),
     "fan_out": lambda demo, quick: fan_out.measure(demo, 6 if quick else fan_out.SECONDS),
     "beside_clouds": lambda demo, quick: fan_out.measure_beside(demo, 5 if quick else fan_out.DRIVEN_S),

@@ -12,8 +12,8 @@ import os
 import shutil
 import signal
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import AsyncExitStack, asynccontextmanager, contextmanager, suppress
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from contextlib import AsyncExitStack, ExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
@@ -22,6 +22,7 @@ import aiohttp
 from link import Link, Shape, why_not_here
 from namespaces import Namespace
 from openssh_server import OpenSshServer
+from paper.costs import trees_cpu_s
 from paper.programs import Program
 from paper.world import environment
 from relay_server import SESSION_KEY, MemoryDatabase, RelayServer, running_relay
@@ -99,6 +100,12 @@ class Subject:
         assert self._agent is not None
         os.kill(self._agent.pid, number)
 
+    def cpu_s(self) -> float:
+        """Processor time of the agent and all that it started."""
+        assert self._agent is not None
+        [cpu_s] = trees_cpu_s([self._agent.pid])
+        return cpu_s
+
     def kill_agent(self) -> None:
         if self._agent is not None:
             self._agent.kill()
@@ -160,26 +167,49 @@ async def start_subject(
 @contextmanager
 def emulated(up: Shape = UP, down: Shape = DOWN) -> Iterator[Link]:
     """A link, on whose robot's side TCP is cubic; this thread is in the server's namespace meanwhile."""
+    with emulated_links(1, up, down) as [link]:
+        yield link
+
+
+@contextmanager
+def emulated_links(count: int, up: Shape, down: Shape) -> Iterator[list[Link]]:
+    """Links to one server, each with a robot's network of its own."""
     if why := why_not_here():
         raise RuntimeError(f"cannot measure over a link: {why}")
-    with Link(up=up, down=down) as link:
-        link.robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
-        with link.server.entered():
-            yield link
+    with ExitStack() as stack:
+        links: list[Link] = []
+        for _ in range(count):
+            beside = links[-1] if links else None
+            links.append(stack.enter_context(Link(up=up, down=down, beside=beside)))
+            links[-1].robot.sysctl("net.ipv4.tcp_congestion_control", "cubic")
+        stack.enter_context(links[0].server.entered())
+        yield links
 
 
 @asynccontextmanager
 async def linked_robot(link: Link, camera_fps: int = FPS) -> AsyncIterator[tuple[Site, Subject]]:
-    """Real relay and sshd at the server's end of the link, real agent and the simulator at the robot's."""
+    async with linked_robots([link], camera_fps) as (site, [subject]):
+        yield site, subject
+
+
+@asynccontextmanager
+async def linked_robots(
+    links: Sequence[Link], camera_fps: int = FPS
+) -> AsyncIterator[tuple[Site, list[Subject]]]:
+    """Real relay and sshd at the server's end of the links, a real agent and a simulator at the robot's of each."""
+    server = links[0].server.address
     async with AsyncExitStack() as stack:
-        site, [robot] = await start_site(stack, 1, link.server.address)
-        folder = Path(stack.enter_context(TemporaryDirectory(prefix="rt-sim-")))
-        given = {
-            "SIM_NAME": robot.name,
-            "SIM_BIND_ADDRESS": "127.0.0.1",
-            "SIM_CAMERA_FPS": str(camera_fps),
-            "SIM_LOG_LEVEL": "error",
-        }
-        simulator = Program(link.robot, ("sim_robot",), folder / "log", given)
-        stack.callback(simulator.end)
-        yield site, await start_subject(stack, site, link.server.address, link.robot, robot)
+        site, robots = await start_site(stack, len(links), server)
+        subjects = []
+        for link, robot in zip(links, robots, strict=True):
+            folder = Path(stack.enter_context(TemporaryDirectory(prefix="rt-sim-")))
+            given = {
+                "SIM_NAME": robot.name,
+                "SIM_BIND_ADDRESS": "127.0.0.1",
+                "SIM_CAMERA_FPS": str(camera_fps),
+                "SIM_LOG_LEVEL": "error",
+            }
+            simulator = Program(link.robot, ("sim_robot",), folder / "log", given)
+            stack.callback(simulator.end)
+            subjects.append(await start_subject(stack, site, server, link.robot, robot))
+        yield site, subjects

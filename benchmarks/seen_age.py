@@ -11,29 +11,51 @@ import random
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import Any
 
 import aiohttp
+from bare_tunnel import bare_forward
 from demo import Demo
 from link import Link, Shape
-from linked_robot import DOWN, FPS, UP, UP_MBIT_S, Address, emulated, linked_robot
-from local_network import insecure_tls
+from linked_robot import (
+    DOWN,
+    FPS,
+    UP,
+    UP_MBIT_S,
+    VIDEO_PORT,
+    Address,
+    Site,
+    Subject,
+    emulated,
+    emulated_links,
+    linked_robot,
+    linked_robots,
+)
+from local_network import free_port, insecure_tls
 from relay_server import until
 from report import Row, Section, quantiles
 from video import (
     CAMERA,
     CODECS_VIEWED,
     FAST_CAMERA,
+    PLAIN_QUALITIES,
     STARTS_WITHIN_S,
     Frame,
+    OnFrame,
     demo_address,
+    frames_row,
     frames_url,
+    plain_viewed,
+    shape_of,
     until_seen,
     view_frames,
 )
+from video import NETWORKS as PAPERS_NETWORKS
 
 SECONDS = 60.0
+OPERATORS, OPERATED_S = 3, 20.0
 # Interval between commands: the guard reports twice a second, so that each report is of one command.
 COMMAND_EVERY_S = 0.7
 REPORTED_WITHIN_S = 3.0
@@ -116,14 +138,23 @@ async def drive(
     return seen
 
 
-async def run(address: Address, seconds: float, view: DriverView, **how: Any) -> list[Seen]:
+async def run(
+    address: Address,
+    seconds: float,
+    view: DriverView,
+    on_frame: OnFrame = lambda _: None,
+    **how: Any,
+) -> list[Seen]:
     """Have somebody drive who views the robot's camera; `how` goes to ws_connect."""
     url = frames_url(address, view.camera)
     frames = deque[Frame](maxlen=FRAMES)
+
+    def note(frame: Frame) -> None:
+        frames.append(frame)
+        on_frame(frame)
+
     async with aiohttp.ClientSession() as http, asyncio.TaskGroup() as group:
-        viewing = group.create_task(
-            view_frames(http, frames.append, url, view.stream_request, **how)
-        )
+        viewing = group.create_task(view_frames(http, note, url, view.stream_request, **how))
         await until(lambda: len(frames) == FRAMES, f"{FRAMES} frames", STARTS_WITHIN_S)
         async with http.ws_connect(address("ros?", "drive"), compress=0, **how) as socket:
             driver = Driver(socket, view.camera)
@@ -208,3 +239,74 @@ def measure_loop(seconds: float = SECONDS) -> Section:
     )
     rows = [loop_row(*pair) for pair in zip(views, loops, strict=True)]
     return Section("From a frame to the command that it leads to", text, rows)
+
+
+async def operate(
+    addresses: Sequence[Address], subjects: Sequence[Subject], seconds: float, view: DriverView
+) -> Row:
+    """Have each robot driven by an operator of its own, all at once; frames of the last `seconds` count."""
+    seen: list[list[Frame]] = [[] for _ in addresses]
+    began_s, robots_s, server_s = time.monotonic(), cpu_s(subjects), time.process_time()
+    pairs = zip(addresses, seen, strict=True)
+    loops = await asyncio.gather(*(run(each, seconds, view, own.append) for each, own in pairs))
+    used = {
+        "agent, % of a core": (cpu_s(subjects) - robots_s) / len(subjects),
+        "relay and operators, % of a core": time.process_time() - server_s,
+    }
+    from_s, lasted_s = time.time() - seconds, time.monotonic() - began_s
+    frames = [[frame for frame in own if frame.received_at >= from_s] for own in seen]
+    ages_ms = [command.guards_ms for loop in loops for command in loop]
+    return {
+        # In a thread: the relay, in this process, has heartbeats to answer.
+        **await asyncio.to_thread(frames_row, frames, seconds),
+        **{f"loop {name}": ms for name, ms in quantiles(ages_ms, 0.5, 0.99, unit="ms").items()},
+        **{name: used_s / lasted_s * 100 for name, used_s in used.items()},
+    }
+
+
+def cpu_s(subjects: Sequence[Subject]) -> float:
+    return sum(subject.cpu_s() for subject in subjects)
+
+
+async def plain(links: Sequence[Link], site: Site, where: str, seconds: float, camera: str) -> Row:
+    """What the operators see by plain MJPEG, through a bare `ssh -R` a robot, all at once."""
+    with ExitStack() as stack:
+        ports = [free_port() for _ in links]
+        for number, (link, port) in enumerate(zip(links, ports, strict=True), len(links) + 1):
+            to, host = {port: f"127.0.0.1:{VIDEO_PORT}"}, site.sshd.address
+            stack.enter_context(bare_forward(site.sshd, number, to, host=host, inside=link.robot))
+        return await plain_viewed(where, ports, PLAIN_QUALITIES[1], seconds, camera)
+
+
+async def operators_on(links: Sequence[Link], where: str, seconds: float) -> list[Row]:
+    rows: list[Row] = []
+    async with linked_robots(links) as (site, subjects):
+        for subject in subjects:
+            await subject.until_drivable()
+        addresses = [site.address_of(subject.robot) for subject in subjects]
+        for camera in (CAMERA, FAST_CAMERA):
+            for codec in CODECS_VIEWED:
+                view = DriverView({"codecs": [codec]}, camera, by_newest=True)
+                row = await operate(addresses, subjects, seconds, view)
+                rows.append({"where": where, "camera": camera, "route": "Robotether", **row})
+            rows.append(await plain(links, site, where, seconds, camera))
+    return rows
+
+
+def measure_operators(
+    seconds: float = OPERATED_S, networks: Sequence[tuple[float, float, float]] = PAPERS_NETWORKS
+) -> Section:
+    rows: list[Row] = []
+    for down, up, delay_ms in networks:
+        shapes = shape_of(up, delay_ms), shape_of(down, delay_ms)
+        with emulated_links(OPERATORS, *shapes) as links:
+            where = f"{down:g}/{up:g} Mbit/s, {delay_ms:g} ms"
+            rows += asyncio.run(operators_on(links, where, seconds))
+    text = (
+        f"Each of {OPERATORS} operators drives a robot by the newest frame of its camera, all at once, {seconds:g} s a "
+        "row: 640x480 at 15 frames a second, and a network of its own for each robot. Frames are of all, rates of one. "
+        "The loop is from a frame's capture to the command at the guard, by the guard. Beside plain MJPEG nobody "
+        "drives. An agent's processor time includes its encoder; relay, operators and their decoders are one "
+        "process.\n\nAim: on no network older than plain MJPEG."
+    )
+    return Section("Three operators at once on the paper's networks", text, rows)

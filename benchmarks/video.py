@@ -195,29 +195,34 @@ async def looking(
 
 
 async def viewed(
-    where: str, transport: str, view: View, seconds: float, camera: str = CAMERA
+    where: str, transport: str, views: Sequence[View], seconds: float, camera: str = CAMERA
 ) -> Row:
-    """Look for so long, after a while in which whatever fills up may fill up."""
-    async with looking([view], f"a frame: {where}, {transport}") as [seen]:
+    """Look for so long, all at once, after a while in which whatever fills up may fill up."""
+    async with looking(views, f"a frame: {where}, {transport}") as seen:
         await asyncio.sleep(SETTLE_S)
-        seen.clear()
+        for own in seen:
+            own.clear()
         await asyncio.sleep(seconds)
-        frames = list(seen)
-    if len(frames) < 2:
-        raise RuntimeError(f"cannot measure {transport}, {where}: {len(frames)} frames came")
-    size = sum(len(frame.data) for frame in frames)
+        frames = [list(own) for own in seen]
+    if min(map(len, frames)) < 2:
+        raise RuntimeError(f"cannot measure {transport}, {where}: too few frames came")
+    row = await asyncio.to_thread(frames_row, frames, seconds)
+    return {"where": where, "camera": camera, "route": transport, **row}
+
+
+def frames_row(frames: Sequence[Sequence[Frame]], seconds: float) -> Row:
+    """What viewers saw in so many seconds; rates are of one."""
+    together = [frame for own in frames for frame in own]
+    size, viewed_s = sum(len(frame.data) for frame in together), len(frames) * seconds
     return {
-        "where": where,
-        "camera": camera,
-        "route": transport,
         # What came, whatever was requested.
-        "codec": ", ".join(sorted({frame.codec.name for frame in frames})),
-        "frames": len(frames),
-        **quantiles([frame.age_ms for frame in frames], 0.5, 0.95, 1, unit="ms"),
-        "frames/s": len(frames) / seconds,
-        "pixels wide": sum(frame.width for frame in frames) / len(frames),
-        "KB a frame": size / len(frames) / 1000,
-        "Mbit/s": size * 8 / seconds / 1e6,
+        "codec": ", ".join(sorted({frame.codec.name for frame in together})),
+        "frames": len(together),
+        **quantiles([frame.age_ms for frame in together], 0.5, 0.95, 1, unit="ms"),
+        "frames/s": len(together) / viewed_s,
+        "pixels wide": sum(frame.width for frame in together) / len(together),
+        "KB a frame": size / len(together) / 1000,
+        "Mbit/s": size * 8 / viewed_s / 1e6,
     }
 
 
@@ -232,13 +237,16 @@ async def on_loopback(demo: Demo, seconds: float) -> list[Row]:
     where, both = "loopback", (CAMERA, FAST_CAMERA)
     rows = await ours_viewed(where, demo_address(demo), seconds, {}, both, ssl=insecure_tls())
     with bare_tunnel(f"{demo.address_of(ROBOT)}:{VIDEO_PORT}") as port:
-        return [*rows, await plain_viewed(where, port, PLAIN_QUALITIES[0], seconds)]
+        return [*rows, await plain_viewed(where, [port], PLAIN_QUALITIES[0], seconds)]
 
 
-async def plain_viewed(where: str, port: int, quality: int, seconds: float) -> Row:
-    url = f"http://127.0.0.1:{port}/stream?topic={CAMERA}&quality={quality}"
+async def plain_viewed(
+    where: str, ports: Sequence[int], quality: int, seconds: float, camera: str = CAMERA
+) -> Row:
+    path = f"stream?topic={camera}&quality={quality}"
+    views = [partial(view_stream, url=f"http://127.0.0.1:{port}/{path}") for port in ports]
     name = f"plain MJPEG, quality {quality}, bare ssh -R"
-    return await viewed(where, name, partial(view_stream, url=url), seconds)
+    return await viewed(where, name, views, seconds, camera)
 
 
 async def ours_viewed(
@@ -260,14 +268,14 @@ async def ours_viewed(
 
     await until_seen(frames_view(CAMERA, CODECS_VIEWED[0]))
     rows = [
-        await viewed(where, "Robotether, frames", frames_view(camera, codec), seconds, camera)
+        await viewed(where, "Robotether, frames", [frames_view(camera, codec)], seconds, camera)
         for camera in cameras
         for codec in CODECS_VIEWED
     ]
     if not request:
         stream = address(f"video/stream?topic={CAMERA}&", "observe")
         view = partial(view_stream, url=stream, **how)
-        rows.append(await viewed(where, "Robotether, multipart stream", view, seconds))
+        rows.append(await viewed(where, "Robotether, multipart stream", [view], seconds))
     return rows
 
 
@@ -288,7 +296,7 @@ async def over_link(
             port = free_port()
             forward = {port: f"127.0.0.1:{VIDEO_PORT}"}
             with bare_forward(site.sshd, 2, forward, host=site.sshd.address, inside=link.robot):
-                rows.append(await plain_viewed(where, port, quality, seconds))
+                rows.append(await plain_viewed(where, [port], quality, seconds))
         return rows
 
 

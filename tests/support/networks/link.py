@@ -81,7 +81,7 @@ class Direction:
 
 TUNSETIFF = 0x400454CA
 IFF_TUN, IFF_NO_PI = 0x0001, 0x1000
-DEVICE = "link0"
+DEVICE = "link{}"
 PACKET_LIMIT = 65536
 # How much too late a wait ends on a machine that is awake: it is asked to end before, and the rest is waited in a loop.
 EARLY_S = 0.00006
@@ -91,10 +91,10 @@ NO_SLEEP = "/dev/cpu_dma_latency"
 BATCH = 32
 
 
-def open_tun(namespace: str) -> int:
+def open_tun(namespace: str, device: str) -> int:
     namespaces.enter(namespace)
     descriptor = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
-    fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH22x", DEVICE.encode(), IFF_TUN | IFF_NO_PI))
+    fcntl.ioctl(descriptor, TUNSETIFF, struct.pack("16sH22x", device.encode(), IFF_TUN | IFF_NO_PI))
     return descriptor
 
 
@@ -149,14 +149,14 @@ def put(way_out: int, packet: bytes) -> None:
 
 
 def main() -> None:
-    """Carry packets, given the names of both namespaces and the shapes of both ways as JSON, until the input ends.
+    """Carry packets, given a device, the names of both namespaces and both ways' shapes as JSON, until the input ends.
 
     That comes also when the owner is killed; both namespaces are removed then.
     """
-    robot, server, *shapes = sys.argv[1:]
+    device, robot, server, *shapes = sys.argv[1:]
     up, down = (Shape(**json.loads(shape)) for shape in shapes)
     try:
-        worker = Worker(open_tun(robot), open_tun(server), up, down)
+        worker = Worker(open_tun(robot, device), open_tun(server, device), up, down)
         be_punctual()
         sys.stdout.write("ready\n")
         sys.stdout.flush()
@@ -166,7 +166,7 @@ def main() -> None:
             namespaces.remove(name)
 
 
-ROBOT_ADDRESS, SERVER_ADDRESS, PREFIX_LENGTH = "10.77.0.1", "10.77.0.2", 30
+ROBOT_ADDRESS, SERVER_ADDRESS, PREFIX_LENGTH = "10.77.{}.1", "10.77.{}.2", 30
 WAIT_S = 30.0
 
 
@@ -178,22 +178,31 @@ def why_not_here() -> str:
 
 
 class Link:
-    """A running link; its namespaces are there inside `with` only."""
+    """A running link; its namespaces are there inside `with` only. One that is `beside` another has the same server."""
 
-    def __init__(self, *, up: Shape, down: Shape) -> None:
+    def __init__(self, *, up: Shape, down: Shape, beside: Link | None = None) -> None:
         self.robot: Namespace
         self.server: Namespace
+        self._beside = beside
+        self._number: int = 0 if beside is None else beside._number + 1
+        self._device = DEVICE.format(self._number)
         self._shapes = [json.dumps(asdict(shape)) for shape in (up, down)]
         self._made = ExitStack()
 
     def __enter__(self) -> Link:
         namespaces.sweep()
+        robot, server = (each.format(self._number) for each in (ROBOT_ADDRESS, SERVER_ADDRESS))
         with ExitStack() as made:
-            self.robot = namespaces.make(made, "robot", ROBOT_ADDRESS)
-            self.server = namespaces.make(made, "server", SERVER_ADDRESS)
+            self.robot = namespaces.make(made, "robot", robot)
+            if self._beside is None:
+                self.server = namespaces.make(made, "server", server)
+            else:
+                self.server = Namespace(self._beside.server.name, server)
             self._start_worker(made)
             for end in (self.robot, self.server):
                 self._give_address(end)
+            # The server's other addresses.
+            ip("-n", self.robot.name, "route", "add", "default", "via", server)
             self._made = made.pop_all()
         return self
 
@@ -204,7 +213,7 @@ class Link:
         worker = subprocess.Popen(
             [
                 *(sys.executable, "-E", "-s", __file__),
-                *(self.robot.name, self.server.name, *self._shapes),
+                *(self._device, self.robot.name, self.server.name, *self._shapes),
             ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
@@ -222,9 +231,9 @@ class Link:
 
     def _give_address(self, end: Namespace) -> None:
         here = ("-n", end.name)
-        ip(*here, "link", "set", DEVICE, "addrgenmode", "none")
-        ip(*here, "address", "add", f"{end.address}/{PREFIX_LENGTH}", "dev", DEVICE)
-        ip(*here, "link", "set", DEVICE, "up")
+        ip(*here, "link", "set", self._device, "addrgenmode", "none")
+        ip(*here, "address", "add", f"{end.address}/{PREFIX_LENGTH}", "dev", self._device)
+        ip(*here, "link", "set", self._device, "up")
 
 
 def _end(worker: subprocess.Popen[bytes]) -> None:
