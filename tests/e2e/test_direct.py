@@ -1,20 +1,17 @@
 """The paper's open ports (the service `direct`): for the listed networks only, and still through the robot's guard."""
 
-import asyncio
-import json
 import select
 import socket
 from contextlib import ExitStack
 
-import aiohttp
 import pytest
+from program_driver import ProgramDriver
 from sim_watch import SimWatch
 from stack import wait_until_back
 
 PORTS = (20000, 20005)
 # limit_conn of images/nginx/direct.conf.
 MOST_OF_AN_ADDRESS = 40
-FORWARD = {"linear": {"x": 0.3, "y": 0.0, "z": 0.0}, "angular": {"x": 0.0, "y": 0.0, "z": 0.0}}
 UP_WITHIN_S = 300
 
 
@@ -53,19 +50,6 @@ def answers(port):
         return False
 
 
-async def drive(port):
-    """Drive for a moment as a program of the paper's time does, without a word to the server."""
-    async with (
-        aiohttp.ClientSession() as http,
-        http.ws_connect(f"ws://127.0.0.1:{port}/") as socket_,
-    ):
-        for _ in range(10):
-            await socket_.send_str(
-                json.dumps({"op": "publish", "topic": "/cmd_vel", "msg": FORWARD})
-            )
-            await asyncio.sleep(0.05)
-
-
 def cut_at_once(port, count):
     """How many of so many connections that say nothing are ended without a wait."""
     with ExitStack() as opened:
@@ -86,8 +70,8 @@ def test_ports_are_open_to_the_listed_networks_only(stack, open_to):
     open_to("192.0.2.0/24,172.16.0.0/12,192.168.0.0/16,10.0.0.0/8")
     stack.wait("rosbridge behind the open port", lambda: answers(port), "direct", "relay")
     with SimWatch(stack, "sim1") as watch:
-        asyncio.run(drive(port))
-        watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)
+        with ProgramDriver(f"ws://127.0.0.1:{port}/"):
+            watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)
         watch.wait_pose("standing", lambda pose: pose["linear_velocity"] == 0.0)
         assert watch.commands()[-1].msg["linear"]["x"] == 0
     assert cut_at_once(port, MOST_OF_AN_ADDRESS - 5) == 0

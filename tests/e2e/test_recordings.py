@@ -1,16 +1,17 @@
 """Recordings of a simulated robot's drives: asked for by a driver, written by the service, downloaded by a manager."""
 
+import json
 import time
 import urllib.request
 
 import page_holds
 import pytest
+from attackers import Person
 from local_network import insecure_tls
 from mcap.reader import make_reader
 from pages import drive_live, open_drawer
 from playwright.sync_api import expect
 from program_driver import ProgramDriver
-from programs import Program
 from robotether_server.lerobot.export import ExportOptions, export
 from rosbags.highlevel import AnyReader
 from sim_watch import SimWatch
@@ -30,72 +31,71 @@ PIXELS = """(canvas) => {
 }"""
 
 
-class People:
-    """Programs of rhea, who drives sim1, and mark, who manages it."""
+@pytest.fixture
+def person(stack, request):
+    """Makes somebody with a level at sim1, which is there and which nobody drives."""
+    stack.wait_until_drivable(ROBOT)
 
-    def __init__(self, stack):
-        self._stack = stack
-        self._tokens = {name: stack.token("recordings", name) for name in ("rhea", "mark")}
+    def make(name, level):
+        request.addfinalizer(lambda: stack.admin.remove("users", name))
+        return Person(stack, name, (ROBOT, level))
 
-    def ask(self, name, method, path):
-        bearer = {"Authorization": f"Bearer {self._tokens[name]}"}
-        return self._stack.request(method, f"/api/v1{path}", headers=bearer)
-
-    def file(self, name, number, piece=""):
-        headers = {"Authorization": f"Bearer {self._tokens[name]}"}
-        if piece:
-            headers["Range"] = f"bytes={piece}"
-        request = urllib.request.Request(
-            f"{self._stack.url}/api/v1/recordings/{number}/file", headers=headers
-        )
-        with urllib.request.urlopen(request, context=insecure_tls(), timeout=30) as answer:
-            return answer.status, answer.read()
-
-    def state(self, number):
-        return str(self.ask("rhea", "GET", f"/recordings/{number}")[1]["state"])
-
-    def start(self):
-        status, recording = self.ask("rhea", "POST", f"/robots/{ROBOT}/recordings")
-        assert status == 201, recording
-        number = int(recording["id"])
-        self._stack.wait("it records", lambda: self.state(number) == "recording", "recorder")
-        return number
+    return make
 
 
 @pytest.fixture
-def people(stack):
-    stack.wait_until_drivable(ROBOT)
-    levels = {"rhea": "drive", "mark": "manage"}
-    try:
-        for name, level in levels.items():
-            stack.admin.add_user(name)
-            stack.admin.grant(name, ROBOT, level)
-            stack.wait_for_right(name, ROBOT)
-        yield People(stack)
-    finally:
-        for name in levels:
-            stack.admin.remove("users", name)
+def rhea(person):
+    return person("rhea", "drive")
 
 
-def test_a_drive_is_recorded_played_back_and_read_by_rosbags(page, stack, people, tmp_path):
+@pytest.fixture
+def mark(person):
+    return person("mark", "manage")
+
+
+def file_of(person, number, piece=""):
+    request = urllib.request.Request(
+        f"{person.stack.url}/api/v1/recordings/{number}/file",
+        headers=person.bearer | ({"Range": f"bytes={piece}"} if piece else {}),
+    )
+    with urllib.request.urlopen(request, context=insecure_tls(), timeout=30) as answer:
+        return answer.status, answer.read()
+
+
+def ask(person, method, path, status=200):
+    answer = person.ask(method, f"/api/v1{path}")
+    assert answer.status == status, answer
+    return json.loads(answer.body or "null")
+
+
+def wait_for_state(person, number, state):
+    person.stack.wait(
+        f"it is {state}",
+        lambda: ask(person, "GET", f"/recordings/{number}")["state"] == state,
+        "recorder",
+        seconds=60,
+    )
+
+
+def test_a_drive_is_recorded_played_back_and_read_by_rosbags(page, stack, rhea, mark, tmp_path):
     """The page records and replays by keyboard; a driver gets no file, of which training data can be made."""
-    number = _record(page, stack, people)
+    number = _record(page, stack, mark)
     _replay(page, stack, number)
     lines = (
         "SELECT kind FROM audit_events WHERE kind IN ('recording_viewed', 'recording_downloaded')"
     )
     rows = stack.sql(f"{lines} AND JSON_VALUE(details, '$.recording') = {number}")
     assert [row[0] for row in rows] == ["recording_viewed"]
-    assert people.ask("rhea", "GET", f"/recordings/{number}/file")[0] == 404
-    status, data = people.file("mark", number)
+    ask(rhea, "GET", f"/recordings/{number}/file", 404)
+    status, data = file_of(mark, number)
     assert status == 200
-    assert people.file("mark", number, "8-107") == (206, data[8:108])
+    assert file_of(mark, number, "8-107") == (206, data[8:108])
     file = tmp_path / "drive.mcap"
     file.write_bytes(data)
     _expect_drive(file)
     # It refuses a recording of which no episode is left.
     export([file], tmp_path / "dataset", ExportOptions(None, (), "Drive."))
-    assert people.ask("mark", "DELETE", f"/recordings/{number}")[0] == 204
+    ask(mark, "DELETE", f"/recordings/{number}", 204)
     folder = "/var/lib/robotether/recordings"
     stack.wait(
         "the file is gone",
@@ -104,7 +104,7 @@ def test_a_drive_is_recorded_played_back_and_read_by_rosbags(page, stack, people
     )
 
 
-def _record(page, stack, people):
+def _record(page, stack, mark):
     drive_live(page, stack, ROBOT)
     open_drawer(page)
     record = page.get_by_test_id("record")
@@ -123,8 +123,8 @@ def _record(page, stack, people):
     open_drawer(page)
     record.click()
     expect(record).to_have_text("Record", timeout=10_000)
-    number = int(people.ask("mark", "GET", f"/recordings?robot={ROBOT}")[1]["recordings"][0]["id"])
-    stack.wait("it ended", lambda: people.state(number) == "ended", "recorder")
+    number = int(ask(mark, "GET", f"/recordings?robot={ROBOT}")["recordings"][0]["id"])
+    wait_for_state(mark, number, "ended")
     expect(page.get_by_test_id("recording")).to_be_empty()
     return number
 
@@ -178,19 +178,19 @@ def _expect_drive(file):
     assert any(command.seen_frames.size for command in moving)
 
 
-def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(stack, people, tmp_path):
+def test_a_killed_recorder_loses_a_recording_no_more_than_a_second(stack, rhea, mark, tmp_path):
     """Its file is whole when the recorder is back, and the drive does not notice."""
-    number = people.start()
-    ticket = Program(stack, stack.token("driver of a recording")).ticket(ROBOT)
-    with ProgramDriver(f"{stack.url}/robots/{ROBOT}/ros?ticket={ticket}") as driver:
+    number = int(ask(rhea, "POST", f"/robots/{ROBOT}/recordings", status=201)["id"])
+    wait_for_state(rhea, number, "recording")
+    with ProgramDriver(rhea.program.url(ROBOT)) as driver:
         time.sleep(3)  # of which all but the last second must be there
         killed_s = time.time()
         stack.container("recorder").kill()
         stack.container("recorder").start()
-        stack.wait("it ended", lambda: people.state(number) == "ended", "recorder", seconds=60)
+        wait_for_state(rhea, number, "ended")
         assert driver.close_code is None
     file = tmp_path / "killed.mcap"
-    file.write_bytes(people.file("mark", number)[1])
+    file.write_bytes(file_of(mark, number)[1])
     with AnyReader([file]) as bag:
         assert "/odom" in bag.topics
         # It was killed after this time, and the bag's end is the next nanosecond.

@@ -18,6 +18,7 @@ from inside import run_inside
 from local_network import insecure_tls
 from nginx_alone import Containers, address_in, remove
 from openssh_server import wait_until
+from tls_front import make_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 DOMAIN = "robots.example.test"
@@ -179,11 +180,8 @@ def _build_images():
 
 def make_certificate(folder, name, *more):
     """Write cert.pem and key.pem for host names, signed by itself, readable by everybody."""
-    command = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256"]
-    command += ["-nodes", "-days", "2", "-subj", f"/CN={name}"]
-    command += ["-addext", "subjectAltName=" + ",".join(f"DNS:{each}" for each in (name, *more))]
-    command += ["-keyout", str(folder / "key.pem"), "-out", str(folder / "cert.pem")]
-    output_of_command(*command)
+    names = "subjectAltName=" + ",".join(f"DNS:{each}" for each in (name, *more))
+    make_pair(folder / "cert.pem", folder / "key.pem", name, "-addext", names)
     (folder / "key.pem").chmod(0o644)
 
 

@@ -16,7 +16,7 @@ from inside import run_inside
 from local_network import insecure_tls
 from nginx_alone import Containers, address_in
 from openssh_server import wait_until
-from tls_front import openssl
+from tls_front import make_pair
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "howto" / "reverse-proxy.md"
@@ -104,10 +104,7 @@ class Site:
         return made
 
     def start_nginx(self):
-        openssl(
-            *("req", "-x509", "-newkey", "rsa:2048", "-noenc", "-subj", f"/CN={HOST}"),
-            *("-keyout", str(self.folder / "key"), "-out", str(self.folder / "cert")),
-        )
+        make_pair(self.folder / "cert", self.folder / "key", HOST)
         (self.folder / "key").chmod(0o444)
         frame = "user www-data; pid /run/nginx/pid; error_log stderr; events {} http { include /site.conf; }"
         return self.proxy(

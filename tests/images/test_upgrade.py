@@ -3,7 +3,6 @@
 The stack before is made by that release's own sources, images and tools, with robots, people and tokens.
 """
 
-import asyncio
 import os
 from urllib.request import urlopen
 
@@ -14,7 +13,7 @@ from commands import output_of_command
 from image_names import image
 from local_network import free_port
 from openssh_server import wait_until
-from program_driver import TWIST as FORWARD
+from program_driver import ProgramDriver
 from sim_watch import SimWatch
 from stack import PROJECT, ROOT, Stack, wait_until_back
 
@@ -105,16 +104,6 @@ def identity(stack):
     }
 
 
-async def drive(program):
-    async with program.connect("sim1") as socket:
-        await socket.send_json(
-            {"op": "advertise", "topic": "/cmd_vel", "type": "geometry_msgs/Twist"}
-        )
-        for _ in range(20):
-            await socket.send_json({"op": "publish", "topic": "/cmd_vel", "msg": FORWARD})
-            await asyncio.sleep(0.05)
-
-
 def test_pull_and_up_upgrade_the_release_before(old_stack, registry):
     """Pulled images take over data, keys and secrets; people, tokens and robots go on, and a robot can be driven."""
     stack = old_stack
@@ -136,6 +125,5 @@ def test_pull_and_up_upgrade_the_release_before(old_stack, registry):
     applied = {name for [name] in stack.sql("SELECT name FROM schema_migrations")}
     assert applied == {file.stem for file in (ROOT / "sql").glob("*.sql")}
     assert ann.cookie
-    with SimWatch(stack, "sim1") as watch:
-        asyncio.run(drive(ann.program))
+    with SimWatch(stack, "sim1") as watch, ProgramDriver(ann.program.url("sim1")):
         watch.wait_seen("driven", lambda pose: pose["linear_velocity"] > 0, since=0)

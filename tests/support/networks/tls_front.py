@@ -26,6 +26,15 @@ def openssl(*arguments: str, stdin: bytes = b"") -> bytes:
     return done.stdout
 
 
+def make_pair(certificate: Path, key: Path, name: str, *options: str) -> None:
+    """Make a key, and a certificate that it signs itself."""
+    openssl(
+        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-noenc"),
+        *("-days", "2", "-subj", f"/CN={name}", *options),
+        *("-keyout", str(key), "-out", str(certificate)),
+    )
+
+
 @contextmanager
 def running(folder: Path) -> Iterator[TlsFront]:
     certificate = make_certificate(folder)

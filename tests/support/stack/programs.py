@@ -31,12 +31,16 @@ class Program:
         assert status == 201, answer
         return str(answer["ticket"])
 
+    def url(self, robot: str, ticket: str | None = None) -> str:
+        """A robot's rosbridge, with a ticket, by default one to drive it."""
+        return f"{self.stack.url}/robots/{robot}/ros?ticket={ticket or self.ticket(robot)}"
+
     @asynccontextmanager
     async def connect(
         self, robot: str, mode: str = "drive", ticket: str | None = None, **options: Any
     ) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
         ticket = ticket or await asyncio.to_thread(self.ticket, robot, mode)
-        url = f"{self.stack.url}/robots/{robot}/ros?ticket={ticket}"
+        url = self.url(robot, ticket)
         async with (
             aiohttp.ClientSession() as http,
             http.ws_connect(url, ssl=insecure_tls(), max_msg_size=0, **options) as socket,

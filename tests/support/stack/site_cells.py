@@ -27,17 +27,13 @@ from robotether_server.db.fleet import RelayRobot
 from robotether_server.relay.cells.keys import CERTIFICATE, KEY, PROOF_HEADER, PeerKeys
 from robotether_server.relay.wiring import Relay
 from tcp_service import TcpService
-from tls_front import openssl
+from tls_front import make_pair
 
 
 def make_peer_keys(folder: Path) -> Path:
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", "/CN=robotether-peer"),
-        *("-keyout", str(folder / KEY), "-out", str(folder / CERTIFICATE)),
-        *("-addext", "subjectAltName=DNS:robotether-peer"),
-        *("-addext", "basicConstraints=critical,CA:FALSE"),
-    )
+    names, usage = "subjectAltName=DNS:robotether-peer", "basicConstraints=critical,CA:FALSE"
+    certificate, key = folder / CERTIFICATE, folder / KEY
+    make_pair(certificate, key, "robotether-peer", "-addext", names, "-addext", usage)
     return folder
 
 

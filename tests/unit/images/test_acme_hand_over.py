@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from commands import path_with, run_command, write_programs
-from tls_front import openssl
+from tls_front import make_pair
 
 ENTRYPOINT = Path(__file__).resolve().parents[3] / "images" / "acme" / "entrypoint.sh"
 DOMAIN = "robots.example.org"
@@ -20,12 +20,7 @@ def test_full_disk_leaves_nginx_the_old_certificate(tmp_path):
     state, out = tmp_path / "state", tmp_path / "out"
     certificates = state / "certificates"
     certificates.mkdir(parents=True)
-    openssl(
-        *("req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:P-256", "-nodes"),
-        *("-days", "2", "-subj", f"/CN={DOMAIN}"),
-        *("-keyout", str(certificates / f"{DOMAIN}.key")),
-        *("-out", str(certificates / f"{DOMAIN}.crt")),
-    )
+    make_pair(certificates / f"{DOMAIN}.crt", certificates / f"{DOMAIN}.key", DOMAIN)
     (out / "pair-1").mkdir(parents=True)
     (out / "pair-1" / "cert.pem").write_text("the old one")
     (out / "current").symlink_to("pair-1")
