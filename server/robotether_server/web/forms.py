@@ -14,6 +14,7 @@ from werkzeug.wrappers import Response as AnyResponse
 
 from robotether_server.api.context import context
 from robotether_server.db import Transaction, robots
+from robotether_server.db.robots import RobotRow
 from robotether_server.problems import (
     FieldInvalidError,
     RecordExistsError,
@@ -154,9 +155,26 @@ def meant_mac(mac: str) -> str:
 def check_meant(name: str, meant: str) -> None:
     """Raise RecordMissingError if the form is of what had this name when it was opened, and has it no longer."""
     if request.form.get("meant", meant) != meant:
-        raise RecordMissingError(
-            f"cannot change {name}: what has this name now is another one; go back and open this page anew"
-        )
+        raise _another(name)
+
+
+def robot_option(robot: RobotRow) -> str:
+    """Return the value of an option that is a robot, which `chosen_robot` reads."""
+    return f"{robot.name} {robot.mac}"
+
+
+def chosen_robot(tx: Transaction, option: str) -> str:
+    """Return the name of the robot that is chosen; raise RecordMissingError if another one has got it meanwhile."""
+    name, _, mac = option.partition(" ")
+    if mac and robots.get(tx, name).mac != mac:
+        raise _another(name)
+    return name
+
+
+def _another(name: str) -> RecordMissingError:
+    return RecordMissingError(
+        f"cannot change {name}: what has this name now is another one; go back and open this page anew"
+    )
 
 
 def secret(name: str) -> str:

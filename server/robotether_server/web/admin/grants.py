@@ -15,7 +15,7 @@ from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, LEVELS, SITES, Grant
 from robotether_server.db.robots import RobotRow
 from robotether_server.db.users import User
-from robotether_server.problems import FieldInvalidError
+from robotether_server.problems import FieldInvalidError, RecordMissingError
 from robotether_server.services import grants
 from robotether_server.services.grants import ALL, Grantee, Scope
 from robotether_server.web import confirmation, forms
@@ -25,7 +25,8 @@ from robotether_server.web.page_texts import time_element
 
 blueprint = Blueprint("grants", __name__)
 
-MAX_CHOICE_LENGTH = 80
+MAX_CHOICE_LENGTH = 100
+MAX_GRANT = 2**32 - 1
 # How long a grant for several robots holds: hours, and words.
 ENDS = (("", "no end"), ("1", "1 hour"), ("24", "1 day"), ("168", "7 days"))
 # What a field of time sends without the page's script.
@@ -92,10 +93,10 @@ def holders(tx: Transaction) -> Choices:
 
 def scopes(tx: Transaction) -> Choices:
     """Return what a grant may be for."""
-    robots = [seen.robot.name for seen in seen_robots.list_all(tx)]
+    robots = [seen.robot for seen in seen_robots.list_all(tx)]
     sites = SITES.names(tx)
     return [
-        ("Robots", [(f"robot:{name}", name) for name in robots]),
+        ("Robots", [(f"robot:{forms.robot_option(robot)}", robot.name) for robot in robots]),
         ("Sites", [(f"site:{name}", f"site {name}") for name in sites]),
         ("Everything", [("all", "all robots, also future ones")]),
     ]
@@ -119,11 +120,21 @@ def register_form(
 
 def _give(tx: Transaction, source: Source) -> str:
     """Add the form's grant; return what is said of it."""
-    to, scope = grantee(), chosen_scope()
+    to, scope = grantee(), chosen_scope(tx)
+    if (number := forms.optional_number("grant", "Grant", 1, MAX_GRANT)) is not None:
+        _check_scope(db_grants.get(tx, number), scope)
     level = forms.choice("level", "May", LEVELS)
     grant, _ = grants.give(tx, source, to, scope, level, ends_at=_ends_at())
     words = f"{grant.holder_words} may {level} {grant.scope_words}"
     return Markup("{}{}.").format(words[0].upper() + words[1:], _end_words(grant.ends_at))
+
+
+def _check_scope(grant: Grant, scope: Scope) -> None:
+    """Raise RecordMissingError if what a row of the list names is no longer what its grant is for."""
+    if (grant.robot or grant.site or "") != scope.name:
+        raise RecordMissingError(
+            f"cannot change the grant: it is for {grant.scope_words}, which has another name now; open this page anew"
+        )
 
 
 def _ends_at() -> dt.datetime | None:
@@ -153,13 +164,13 @@ def usual_end(tx: Transaction) -> dt.datetime | None:
     return tx.now() + dt.timedelta(hours=int(hours)) if hours else None
 
 
-def chosen_scope() -> Scope:
+def chosen_scope(tx: Transaction) -> Scope:
     """Return what the form's field `scope` chooses; raise FieldInvalidError."""
     kind, _, name = forms.text("scope", "What", MAX_CHOICE_LENGTH).partition(":")
     if kind == "all" and not name:
         return ALL
     if kind == "robot" and name:
-        return Scope("robot", name)
+        return Scope("robot", forms.chosen_robot(tx, name))
     if kind == "site" and name:
         return Scope("site", name)
     raise FieldInvalidError("cannot use What: choose a robot, a site or all robots", "scope")

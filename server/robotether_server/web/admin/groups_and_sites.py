@@ -11,7 +11,7 @@ from typing import Generic
 from flask import Blueprint, render_template, request
 
 from robotether_server.api.context import context
-from robotether_server.db import Transaction, join_tokens, seen_robots, users
+from robotether_server.db import Transaction, join_tokens, robots, seen_robots, users
 from robotether_server.db.audit import Source
 from robotether_server.db.grants import GROUPS, LEVELS, SITES, Collection, Grant, Group, R, Site
 from robotether_server.db.join_tokens import Place
@@ -104,7 +104,9 @@ class CollectionPages(Generic[R]):
 
     def put(self, tx: Transaction, source: Source, name: str) -> Saved:
         """Make a user a member, or put a robot at this site."""
-        member = forms.text(self.member, self.member.capitalize(), MAX_NAME_LENGTH)
+        member = forms.text(self.member, self.member.capitalize(), grants.MAX_CHOICE_LENGTH)
+        if self.member == "robot":
+            member = forms.chosen_robot(tx, member)
         self.add_member(tx, source, name, member)
         return self.page_of(name), self.added.format(name=name, member=member)
 
@@ -116,10 +118,15 @@ class CollectionPages(Generic[R]):
         """Return what the texts of actions name; raise RecordMissingError."""
         with context().database.transaction() as tx:
             record = self.collection.get(tx, name)
+            meant = [str(record.id)]
+            if "user" in member:
+                meant.append(str(users.get(tx, member["user"]).id))
+            elif "robot" in member:
+                meant.append(robots.get(tx, member["robot"]).mac)
             tokens = ", ".join(join_tokens.names_for(tx, Place(**{self.collection.kind: name})))
         return {
             "name": name,
-            "meant": record.id,
+            "meant": " ".join(meant),
             **member,
             "members": ", ".join(record.members) or "none",
             "tokens": tokens
@@ -135,7 +142,10 @@ def _other_users(tx: Transaction, group: Group) -> list[tuple[str, str]]:
 def _other_robots(tx: Transaction, site: Site) -> list[tuple[str, str]]:
     robots = [seen.robot for seen in seen_robots.list_all(tx) if seen.robot.site != site.name]
     return [
-        (robot.name, f"{robot.name} (now at {robot.site})" if robot.site else robot.name)
+        (
+            forms.robot_option(robot),
+            f"{robot.name} (now at {robot.site})" if robot.site else robot.name,
+        )
         for robot in robots
     ]
 

@@ -23,10 +23,11 @@ blueprint = Blueprint("selected_robots", __name__, url_prefix="/selected-robots"
 
 def _words() -> Words:
     with context().database.transaction() as tx:
-        for name in ROBOTS.names():
-            find(tx, name)
+        macs = [find(tx, name).robot.mac for name in ROBOTS.names()]
     site, holder = request.values.get("site", ""), request.values.get("holder", "")
     return {
+        "name": ", ".join(ROBOTS.names()),
+        "meant": " ".join(macs),
         "site": site,
         "where": f"at site {site}" if site else "at no site",
         "holder": holder,

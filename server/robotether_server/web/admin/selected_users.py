@@ -26,16 +26,21 @@ blueprint = Blueprint("selected_users", __name__, url_prefix="/selected-users")
 def _words() -> Words:
     names = USERS.names()
     with context().database.transaction() as tx:
-        admins = ", ".join(name for name in names if users.get(tx, name).is_admin)
+        chosen = [users.get(tx, name) for name in names]
+    admins = ", ".join(user.name for user in chosen if user.is_admin)
     is_among_them = current_user.get().name in names
     tokens_left = f"Join tokens of {admins} are deleted; the robots that they admitted stay."
     scope = request.values.get("scope", "")
     return {
+        "name": ", ".join(names),
+        "meant": " ".join(str(user.id) for user in chosen),
         "you": "You are one of them." if is_among_them else "",
         "tokens_left": tokens_left if admins else "",
         "group": request.values.get("group", ""),
         "scope": scope,
-        "what": "all robots" if scope == "all" else scope.replace("robot:", "").replace(":", " "),
+        "what": "all robots"
+        if scope == "all"
+        else scope.partition(" ")[0].replace("robot:", "").replace(":", " "),
     }
 
 
@@ -45,7 +50,7 @@ def _add_to_group(tx: Transaction, source: Source, name: str) -> None:
 
 
 def _give(tx: Transaction, source: Source) -> None:
-    scope, level = grants.chosen_scope(), forms.choice("level", "May", LEVELS)
+    scope, level = grants.chosen_scope(tx), forms.choice("level", "May", LEVELS)
     ends_at = grants.usual_end(tx)
     for name in USERS.names():
         grant_service.give(tx, source, Grantee("user", name), scope, level, ends_at=ends_at)

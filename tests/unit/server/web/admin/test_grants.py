@@ -1,6 +1,7 @@
 """Grants on the pages of robots, users, groups and sites: which each shows, given and removed."""
 
 import datetime as dt
+import re
 
 import pytest
 from admin_visitor import send
@@ -138,3 +139,36 @@ def test_a_grant_is_taken_away_after_a_question(
     assert (who, what, level) in all_grants(database)
     assert send(admin, path).location == onward
     assert (who, what, level) not in all_grants(database)
+
+
+def test_a_page_from_before_changes_no_robot_that_has_got_the_name(admin, database):
+    """Neither what was chosen there nor the answer to a question."""
+    questions = (
+        "/admin/sites/lab/robots/sim2/take-out",
+        "/admin/selected-robots/disable?robot=sim1",
+    )
+    pages = [
+        admin.ask("GET", path).text for path in ("/admin/users/ann", "/admin/sites/lab", *questions)
+    ]
+    [scope], [robot], [taken], [disabled] = (
+        re.findall(pattern, page)
+        for pattern, page in zip(
+            ('value="(robot:sim2 [^"]+)"', 'value="(sim1 [^"]+)"', *2 * ['"meant" value="(.+)"']),
+            pages,
+            strict=True,
+        )
+    )
+    with database.transaction() as tx:
+        for was, name in (("sim1", "x"), ("sim2", "sim1"), ("x", "sim2")):
+            tx.change("UPDATE robots SET name = %s WHERE name = %s", (name, was))
+    before = all_grants(database), audit_kinds(database)
+    number = number_of(database, "user ann", "robot sim2")
+    for path, form in (
+        ("/admin/users/ann/grants", FORM | {"scope": scope}),
+        ("/admin/users/ann/grants", FORM | {"scope": "robot:sim1", "grant": str(number)}),
+        ("/admin/sites/lab/robots", {"robot": robot}),
+        (questions[0], {"meant": taken}),
+        (questions[1], {"meant": disabled, "robots": "sim1"}),
+    ):
+        assert send(admin, path, **form).status_code == 404, path
+    assert (all_grants(database), audit_kinds(database)) == before
